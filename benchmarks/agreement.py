@@ -23,8 +23,8 @@ from moireaug import Scene, capture
 from moireaug.evaluation.statistics import wilson
 from moireaug.mixtures import Mixture, sample_one
 from moireaug.synthesis import without_moire
-from training import models
 from training.calibration.pairs import Shown
+from training.models import classifiers as models
 
 CLASSES = 1000  # of ImageNet
 

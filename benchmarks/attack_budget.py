@@ -15,6 +15,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from training.runs import trained
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
 import torch
@@ -28,9 +30,8 @@ from moireaug.evaluation.autoattack import SquareAttacker, TargetedApgd
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Batches, Runner, jobs_of
 from moireaug.scenes import Scene
-from training import saved
-from training.attacking import protocol_of
-from training.data import load
+from training.attack.protocol import protocol_of
+from training.data.load import load
 
 STEPS = (1, 2, 5, 10, 20, 50)
 FULL: dict[str, Any] = {"steps": STEPS, "n": 96}
@@ -121,7 +122,7 @@ def models_of(folders: list[str], n: int) -> dict[str, tuple[nn.Module, Batches,
     """Return, by their folders, the runs' models with their test images and scene."""
     found: dict[str, tuple[nn.Module, Batches, Scene]] = {}
     for folder in folders:
-        run = saved.read(Path(folder))
+        run = trained.read(Path(folder))
         run.cfg.reattack.n = n
         protocol = protocol_of(run.cfg, load(run.cfg.data))
         found[folder] = (run.model(), protocol.batches, protocol.scene)

@@ -43,9 +43,9 @@ from benchmarks import agreement, cleaned, measure, told_apart
 from moireaug import Scene
 from moireaug.evaluation.report.terminal import plain
 from moireaug.synthesis.tone import ColourMap
-from training import scenes
 from training.calibration.compare import distance, lines, measured, said
 from training.calibration.pairs import Crops, cut, find_pairs, photographed, read_pairs
+from training.config import scenes
 
 FULL: dict[str, Any] = {
     "side": 384,

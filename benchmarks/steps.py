@@ -14,7 +14,7 @@ from benchmarks import training_steps
 from benchmarks.measure import timed_together
 from benchmarks.rows import Row, Size, in_ms
 from moireaug import attacks
-from training.schema import register
+from training import fit  # noqa: F401  # registers its settings with Hydra
 
 
 def attack_step(size: Size) -> Iterator[Row]:
@@ -52,7 +52,6 @@ def step(attack: attacks.Attack, images: Tensor, labels: Tensor) -> Callable[[],
 
 def training(size: Size) -> Iterator[Row]:
     """Yield a step of adversarial training through the camera beside one on pixels."""
-    register()
     batch, side = size.training
     with initialize(version_base="1.3", config_path=None), torch.enable_grad():
         calls = {}

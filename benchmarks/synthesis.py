@@ -27,7 +27,7 @@ import torch
 from benchmarks import measure
 from benchmarks.measure import Timing
 from moireaug.synthesis import Pairs
-from training.pair_files import EncodedPair, encode_pair, write_tar
+from training.pairs.files import EncodedPair, encode_pair, write_tar
 
 FULL: dict[str, Any] = {"sizes": (256, 512), "pairs": 24}
 QUICK: dict[str, Any] = {"sizes": (16,), "pairs": 2}

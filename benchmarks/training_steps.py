@@ -2,11 +2,11 @@
 
     python benchmarks/training_steps.py
 
-A step is forward, backward and update of `training.classifier.Classifier` on the CPU, on one batch
-of photographs: attention_convnet at 48 px, beside which the camera weighs something, and resnet18
-at 224 px, beside which it does not. The small one takes steps of Muon, the large one of SGD, as
-fine-tuning does. Loading is the DataLoader of `training.batches` over a folder of JPEG files, made
-for the purpose: each pass decodes the files, which the system's cache holds, or, as from the second
+A step is forward, backward and update of the recipes' classifier on the CPU, on one batch of
+photographs: attention_convnet at 48 px, beside which the camera weighs something, and resnet18 at
+224 px, beside which it does not. The small one takes steps of Muon, the large one of SGD, as
+fine-tuning does. Loading is the recipes' own over a folder of JPEG files, made for the purpose:
+each pass decodes the files, which the system's cache holds, or, as from the second
 epoch on without workers, reads the images that are kept in memory. Prints three tables and writes
 results/training_steps.json.
 """
@@ -29,13 +29,13 @@ from torch.utils.data import DataLoader
 
 from benchmarks import measure
 from benchmarks.problems import images
-from training import machine
-from training.adversaries import passes
-from training.batches import Batches
-from training.data import load
-from training.schema import RECIPES, Config, as_config, register
-from training.train import classifier_of
-from training.tuning import make_optimizer, tuning
+from training.classifier.adversaries import passes
+from training.classifier.train import classifier_of
+from training.classifier.tuning import make_optimizer, tuning
+from training.config.schema import RECIPES, Config, as_config
+from training.data.batches import Batches
+from training.data.load import load
+from training.system import machine
 
 # models: name, batch, side of its images
 FULL = {
@@ -69,7 +69,6 @@ def main() -> None:
     torch.set_num_threads(args.threads)
     facts, settings = measure.metadata(), QUICK if args.quick else FULL
     print(measure.told(facts), end="\n\n")
-    register()
     with initialize(version_base="1.3", config_path=None):
         found = {
             "recipes": recipes(settings),
@@ -152,7 +151,7 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 def configure(*overrides: str) -> Config:
     """Return the settings that these overrides of fit.py give on the CPU, where steps are taken."""
-    return as_config(compose("root", ["trainer.accelerator=cpu", *overrides]))
+    return as_config(compose("fit", ["trainer.accelerator=cpu", *overrides]))
 
 
 def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:

@@ -18,7 +18,7 @@ from moireaug import Scene, capture
 from moireaug.defenses import demoire
 from moireaug.evaluation.visibility import psnr
 from moireaug.synthesis import without_moire
-from training import signs
+from training.data import signs
 
 SIGN = 9
 SCENES = ("screen_photo", "phone_at_phone", "webcam_at_phone", "phone_at_led_wall")

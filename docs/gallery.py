@@ -24,7 +24,7 @@ from torchvision.transforms.v2.functional import pil_to_tensor, to_pil_image
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View
 from moireaug.scene.layout import LAYOUTS
 from moireaug.scene.presets import PRESETS
-from training import signs
+from training.data import signs
 
 SIZE = 160  # of the effects' picture
 LARGE, DETAIL = 288, 72  # of the presets' pictures, and of the part that is shown magnified

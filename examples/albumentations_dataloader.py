@@ -28,7 +28,7 @@ from moireaug.transforms.albumentations import RandomMoire, seed_worker
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
 
-from training import signs
+from training.data import signs
 
 preset = Scene.preset("phone_at_monitor")
 SCENE = replace(

@@ -24,7 +24,7 @@ from moireaug import Scene, attacks, capture
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
 
-from training import signs
+from training.data import signs
 
 MEAN, STD = (0.5, 0.5, 0.5), (0.25, 0.25, 0.25)
 

@@ -28,7 +28,8 @@ from moireaug.transforms import RandomMoire
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
 
-from training import calibrate, scenes
+from training import calibrate
+from training.config import scenes
 
 START = "screen_photo"
 SHOWN = ("astronaut", "chelsea", "coffee", "rocket")  # pictures of scikit-image

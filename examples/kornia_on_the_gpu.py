@@ -23,7 +23,7 @@ from moireaug.transforms.kornia import RandomMoire
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
 
-from training import signs
+from training.data import signs
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ from moireaug.transforms import RandomMoire
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
 
-from training import signs
+from training.data import signs
 
 
 class Signs(Dataset):

@@ -23,7 +23,7 @@ from moireaug import Develop, Lens, Panel, Scene, Sensor, View
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
 
-from training import signs
+from training.data import signs
 
 BITS, STRENGTH, SIDE = 16, 0.06, 32
 SCENE = Scene(

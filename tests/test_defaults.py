@@ -30,7 +30,9 @@ from moireaug.transforms import AdversarialMoire, RandomMoire
 from moireaug.transforms import albumentations as for_albumentations
 from moireaug.transforms import kornia as for_kornia
 from tests.defaults import DTYPES, defaults
-from training import models, results, signs, splits
+from training.attack import results
+from training.data import signs, splits
+from training.models import classifiers as models
 
 SIZE = (16, 20)
 IMAGES = torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(1))

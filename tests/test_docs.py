@@ -1,8 +1,8 @@
 """The pages' commands have settings that exist, their links lead somewhere, and the site builds."""
 
-import dataclasses
 import importlib.util
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -10,18 +10,21 @@ from pathlib import Path
 
 import pytest
 
-from training import calibrate, demoire, synthesise
-from training.command_line import check_keys
-from training.demoireing import schema as demoireing
-from training.schema import Config, ReattackConfig
+from training import calibrate, synthesise
+from training.config.command_line import check_keys
+from training.config.schema import Config, ReattackConfig
+from training.config.settings import settings_of
+from training.demoireing import clean
+from training.demoireing.schema import DemoireConfig
 
 ROOT = Path(__file__).parents[1]
 PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 }
-COMMAND = re.compile(r"(?:python|torchrun[^`\n]*) training/(\w+)\.py([^`\n]*)")
-OTHERS = {"synthesise": synthesise, "calibrate": calibrate, "demoire": demoire}
+COMMAND = re.compile(r"(?:python|torchrun[^`\n]*) training/(\w+)\.py( train| clean)?([^`\n]*)")
+SCHEMAS = {"fit": Config, "reattack": ReattackConfig, "demoire train": DemoireConfig}
+OTHERS = {"synthesise": synthesise, "calibrate": calibrate, "demoire clean": clean}
 
 
 def commands(text):
@@ -30,9 +33,9 @@ def commands(text):
     own = {f"recipe={name}" for name in re.findall(r"`recipes/(\w+)\.yaml`", text)}
     found = []
     text = re.sub(r"\$\w+", "0", text.replace("\\\n", " "))  # a shell's variables
-    for script, rest in COMMAND.findall(text):
+    for script, verb, rest in COMMAND.findall(text):
         words = [word.strip("'\";") for word in rest.partition(" #")[0].split()]
-        found.append((script, [word for word in words if "=" in word and word not in own]))
+        found.append((script + verb, [word for word in words if "=" in word and word not in own]))
     return found
 
 
@@ -45,14 +48,12 @@ def check(script, settings):
     Raises:
         SystemExit, AssertionError: with its name.
     """
-    if script == "fit":
-        kind = demoireing.DemoireConfig if demoireing.asked_for(settings) else Config
-        check_keys(settings, kind)
-    elif script == "reattack":
-        check_keys(settings, ReattackConfig)
+    if script in SCHEMAS:
+        check_keys(settings, SCHEMAS[script])
     elif script in OTHERS:
-        fields = {f.name.rstrip("_") for f in dataclasses.fields(OTHERS[script].Config)}
-        assert {word.partition("=")[0] for word in settings} <= fields
+        assert {word.partition("=")[0] for word in settings} <= set(
+            settings_of(OTHERS[script].Config)
+        )
     else:
         assert script in ("frontier", "explore") and not settings
 
@@ -79,7 +80,13 @@ def test_a_setting_that_does_not_exist_is_noticed(script, setting):
 
 def test_commands_of_every_script_are_found():
     scripts = {script for _, script, _ in COMMANDS}
-    assert scripts == {"fit", "reattack", "frontier", "explore", *OTHERS}
+    assert scripts - {"demoire"} == {"frontier", "explore", *SCHEMAS, *OTHERS}
+
+
+def test_the_page_of_settings_is_as_they_are_declared():
+    """`python docs/settings.py` writes it anew."""
+    written = runpy.run_path(str(ROOT / "docs/settings.py"))["page"]()
+    assert PAGES["docs/settings.md"] == written
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -4,11 +4,11 @@ import ast
 import functools
 from pathlib import Path
 
-import moireaug
+import pytest
 
-PACKAGE = Path(moireaug.__file__).parent
+ROOT = Path(__file__).resolve().parents[1]
 # from the ground up: a file imports those of its own floor and of floors before it
-FLOORS = (
+LIBRARY = (
     ("numeric", "printing", "files", "extras", "object_graph", "networks", "weights"),
     ("scene",),
     ("panel", "geometry", "exposure.base"),
@@ -27,41 +27,55 @@ FLOORS = (
     ("transforms",),
     ("evaluation",),
 )
+APPLICATION = (
+    ("system",),
+    ("config",),
+    ("data", "models"),
+    ("runs",),
+    ("trainer",),
+    ("classifier",),
+    ("attack",),
+    ("calibration", "comparison", "pairs"),
+    ("demoireing", "explorer", "recipe"),
+    ("fit", "reattack", "frontier", "synthesise", "calibrate", "demoire", "explore"),
+)
+FLOORS = {"moireaug": LIBRARY, "training": APPLICATION}
+each_package = pytest.mark.parametrize("package", FLOORS)
 
 
-def name_of(file):
+def name_of(file, package):
     """Return a file's module, without the package's name: "" of the package itself."""
-    parts = file.relative_to(PACKAGE).with_suffix("").parts
+    parts = file.relative_to(ROOT / package).with_suffix("").parts
     return ".".join(part for part in parts if part != "__init__")
 
 
 @functools.cache
-def imports():
-    """Return each module's imports of the package, anywhere in its file: {module: {module}}."""
-    files = {name_of(file): file for file in PACKAGE.rglob("*.py")}
-    found = {}
+def imports(package):
+    """Return each module's imports of its package, anywhere in its file: {module: {module}}."""
+    files = {name_of(file, package): file for file in (ROOT / package).rglob("*.py")}
+    below = {}
     for name, file in files.items():
-        found[name] = set()
-        for node in ast.walk(ast.parse(file.read_text())):
+        below[name] = set()
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             named = []
             if isinstance(node, ast.Import):
                 named = [alias.name for alias in node.names]
             elif isinstance(node, ast.ImportFrom):
                 whole = [f"{node.module}.{alias.name}" for alias in node.names]
-                known = [one for one in whole if one.removeprefix("moireaug.") in files]
-                package = [node.module] if node.module != "moireaug" else []
-                named = [*known, *package] if known else [node.module]
+                known = [one for one in whole if one.removeprefix(f"{package}.") in files]
+                parent = [node.module] if node.module != package else []
+                named = [*known, *parent] if known else [node.module]
             for one in named:
-                if one.split(".")[0] == "moireaug":
-                    found[name].add(one.removeprefix("moireaug").removeprefix("."))
-        found[name].discard(name)  # a package that names its own files
-    return found
+                if one.split(".")[0] == package:
+                    below[name].add(one.removeprefix(package).removeprefix("."))
+        below[name].discard(name)  # a package that names its own files
+    return below
 
 
-def floor_of(module):
+def floor_of(module, package):
     """Return the floor whose longest name begins the module's."""
     matches = []
-    for floor, names in enumerate(FLOORS):
+    for floor, names in enumerate(FLOORS[package]):
         for one in names:
             if module == one or module.startswith(f"{one}."):
                 matches.append((len(one), floor))
@@ -79,30 +93,41 @@ def circle(graph):
             del left[module]
 
 
-def test_no_files_import_each_other_in_a_circle():
-    assert circle(imports()) == []
+@each_package
+def test_no_files_import_each_other_in_a_circle(package):
+    assert circle(imports(package)) == []
 
 
 def test_a_circle_of_imports_is_found():
     assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": set()}) == ["a", "b", "c"]
 
 
-def test_every_module_stands_on_a_floor():
-    for module in imports():
-        assert not module or floor_of(module) >= 0
+@each_package
+def test_every_module_stands_on_a_floor(package):
+    for module in imports(package):
+        assert not module or floor_of(module, package) >= 0
 
 
-def test_imports_point_down():
+@each_package
+def test_imports_point_down(package):
     above = []
-    for module, below in imports().items():
-        if module:  # not the package itself, which names what users import
-            above += [(module, one) for one in below if one and floor_of(one) > floor_of(module)]
+    for module, below in imports(package).items():
+        if not module:  # the package itself, which names what users import
+            continue
+        floor = floor_of(module, package)
+        above += [(module, one) for one in below if one and floor_of(one, package) > floor]
     assert above == []
 
 
+def test_no_command_imports_another():
+    commands = APPLICATION[-1]
+    for command in commands:
+        assert imports("training")[command].isdisjoint(commands)
+
+
 def test_the_library_never_imports_its_application():
-    for file in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
+    for file in (ROOT / "moireaug").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 assert "training" not in {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom):

@@ -26,26 +26,21 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
     sys.path[: not sys.flags.safe_path] = [str(Path(__file__).resolve().parents[1])]
 
 import os
-import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import pandas as pd
-import torch
 import yaml
 
 from moireaug import Scene
-from moireaug.evaluation.report.page import environment, uri
 from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
 from moireaug.synthesis.pairs import check_aligned
 from moireaug.synthesis.statistics import MIN_CROP_SIDE
-from training import runs, scenes, settings
 from training.calibration import fit
-from training.calibration.compare import Line, distance, lines, measured, number, said, shown
+from training.calibration.compare import Line, lines, measured, said
+from training.calibration.page import blocks, by_crop, page
 from training.calibration.pairs import (
-    Crops,
     Shown,
     cut,
     find_images,
@@ -56,28 +51,30 @@ from training.calibration.pairs import (
     registered,
 )
 from training.calibration.plot import draw
+from training.config import scenes
+from training.config.plain import parse
+from training.config.settings import setting
+from training.runs.run import fingerprint_of
+from training.system.files import free_name, make_folder
 
 EXAMPLE = "python training/calibrate.py pairs=FILE.csv scene=screen_photo"
-TEMPLATE = Path(__file__).parent / "calibration" / "report.html.j2"
-PICTURE = 300  # pixels of a crop that the page shows
-MOST_SHOWN = 6  # crops
 
 
 @dataclass
 class Config:
     """All settings of the command."""
 
-    pairs: str | None = None  # a CSV file or a folder
-    photos: str | None = None  # a folder of photos of one picture, or of unknown ones
-    picture: str | None = None  # the file that was on the screen in all of `photos`
-    scene: str = "screen_photo"  # a preset's name, or a YAML file of a scene
-    out: str | None = None
-    size: int = 384  # side of the crops, pixels
-    crops: int = 6  # of each picture
-    seed: int = 0
-    fit: bool = False
-    evaluations: int = 400  # of the fit, at most
-    seconds: float = 900.0  # of the fit, at most
+    pairs: str | None = setting(None, "a CSV file or a folder")
+    photos: str | None = setting(None, "a folder of photos of one picture, or of unknown ones")
+    picture: str | None = setting(None, "the file that was on the screen in all of the photos")
+    scene: str = setting("screen_photo", "a preset's name, or a YAML file of a scene")
+    out: str | None = setting(None, "the folder of what is written; null: see above")
+    size: int = setting(384, "side of the crops, in pixels", bounds=(MIN_CROP_SIDE, None))
+    crops: int = setting(6, "crops of each picture", bounds=(1, None))
+    seed: int = setting(0, "of the shots and the search", bounds=(0, None))
+    fit: bool = setting(False, "whether to search the scene's ranges")
+    evaluations: int = setting(400, "of the fit, at most", bounds=(1, None))
+    seconds: float = setting(900.0, "of the fit, at most", bounds=(0, None))
 
 
 def calibrate(cfg: Config) -> list[Line]:
@@ -91,7 +88,7 @@ def calibrate(cfg: Config) -> list[Line]:
     if cfg.pairs or cfg.picture:
         check_aligned(scene)
     out = Path(cfg.out) if cfg.out else folder_of(cfg, scene)
-    runs.make(out, "out=DIR")
+    make_folder(out, "out=DIR")
     crops = cut(pictures_of(cfg), cfg.size, cfg.crops, cfg.seed)
     real = measured(crops.photos, crops.originals)
     fitted = None
@@ -125,7 +122,7 @@ def folder_of(cfg: Config, scene: Scene) -> Path:
     photos = Path(str(cfg.pairs or cfg.photos)).resolve()
     picture = str(Path(cfg.picture).resolve()) if cfg.picture else None
     told = {"photos": str(photos), "picture": picture, "scene": scene.to_dict()}
-    name = f"{photos.name}-{Path(cfg.scene).stem}-{runs.fingerprint(told)[:6]}"
+    name = f"{photos.name}-{Path(cfg.scene).stem}-{fingerprint_of(told)[:6]}"
     return Path("runs") / "calibrate" / name
 
 
@@ -145,15 +142,6 @@ def check(cfg: Config) -> None:
         raise ValueError(
             "fit=true needs to know what was on the screen: pass picture=FILE, or pairs="
         )
-    for key, least in (
-        ("size", MIN_CROP_SIDE),
-        ("crops", 1),
-        ("seed", 0),
-        ("evaluations", 1),
-        ("seconds", 0),
-    ):
-        if getattr(cfg, key) < least:
-            raise ValueError(f"{key} must be at least {least}; got {getattr(cfg, key)}.")
 
 
 def pictures_of(cfg: Config) -> Iterator[Shown]:
@@ -174,102 +162,17 @@ def pictures_of(cfg: Config) -> Iterator[Shown]:
 def write_scene(path: Path, scene: Scene) -> None:
     """Write a fitted scene; that of an earlier fit is kept beside it under another name."""
     if path.exists():
-        earlier = runs.free_name(path)
+        earlier = free_name(path)
         os.replace(path, earlier)
         print(f"{path} held an earlier fit; it is now {earlier}")
     write_text(path, yaml.safe_dump(scene.to_dict(), sort_keys=False))
     print(f"Written: {path}")
 
 
-def by_crop(
-    crops: Crops, real: list[dict[str, float]], simulated: list[dict[str, float]] | None
-) -> pd.DataFrame:
-    """Return one row per crop, real ones first."""
-    tables = []
-    for kind, rows in (("real", real), ("simulated", simulated)):
-        if rows is not None:
-            table = pd.DataFrame(rows)
-            table.insert(0, "picture", [crops.names[int(i)] for i in crops.picture])
-            table.insert(0, "photos", kind)
-            tables.append(table)
-    return pd.concat(tables)
-
-
-def blocks(crops: Crops, simulated: torch.Tensor | None, name: str) -> list[dict[str, Any]]:
-    """Return the pictures of the page: a crop of each of the first pictures, side by side."""
-    found = []
-    for index, label in list(enumerate(crops.names))[:MOST_SHOWN]:
-        row = int((crops.picture == index).nonzero()[0])
-        sides = {"real photo": crops.photos, name: simulated, "original": crops.originals}
-        cells = []
-        for title, pictures in sides.items():
-            if pictures is not None:
-                cells.append({"title": title, "image": _middle(pictures[row])})
-        found.append({"label": label, "cells": cells})
-    return found
-
-
-def _middle(picture: torch.Tensor) -> Any:
-    top, left = (max(0, (length - PICTURE) // 2) for length in picture.shape[1:])
-    middle = picture[:, top : top + PICTURE, left : left + PICTURE]
-    return middle.permute(1, 2, 0).contiguous().numpy()
-
-
-def page(
-    found: Sequence[Line],
-    crops: Crops,
-    scene: Scene,
-    name: str,
-    plot: bytes,
-    examples: list[dict[str, Any]],
-    fitted: fit.Fitted | None,
-) -> str:
-    """Return the report as a self-contained page."""
-    paired = crops.originals is not None
-    rows = []
-    for line in found:
-        apart = "" if line.distance is None else number(line.distance)
-        rows.append(
-            {
-                "title": line.statistic.title,
-                "unit": line.statistic.unit,
-                "real": shown(line.real),
-                "simulated": shown(line.simulated),
-                "apart": apart,
-            }
-        )
-    n = f"{len(crops.photos)} crops of {crops.photos.shape[-1]} px from {len(crops.names)} photos"
-    lead = f"{n}, without their originals: nothing is simulated."
-    title = "Real photos of screens, measured"
-    if paired:
-        title = f"{name} beside real photos of screens"
-        apart = f"{distance(found):.3f} (0.7 is a factor of two)"
-        lead = f"{n}. Mean distance of the statistics: {apart}."
-    run: dict[str, Any] = dict.fromkeys(("environment", "config", "scene"))
-    run["command"] = shlex.join(["python", *sys.argv])
-    run["plan"] = str(scene.plan()) if paired else None
-    run["scene_name"] = name
-    template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
-    return template.render(
-        title=title,
-        lead=lead,
-        facts={"photos": len(crops.names), "crops": len(crops.photos)},
-        plot=uri(plot, "image/png"),
-        rows=rows,
-        scene=name,
-        simulated=paired,
-        paired=paired,
-        fit=None if fitted is None else fitted.view(),
-        examples=examples,
-        alt=f"Plot of {len(found)} statistics: medians and spans, as in the table below",
-        metrics=run,
-    )
-
-
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
     try:
-        calibrate(settings.parse(argv, Config, EXAMPLE, __doc__))
+        calibrate(parse(argv, Config, EXAMPLE, __doc__))
     except KeyboardInterrupt:
         print("\nInterrupted before the report was written.", file=sys.stderr)
         raise SystemExit(130) from None

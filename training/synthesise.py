@@ -23,31 +23,23 @@ from pathlib import Path
 if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
     sys.path[: not sys.flags.safe_path] = [str(Path(__file__).resolve().parents[1])]
 
-import itertools
 import json
-import os
-import shutil
-import time
-import uuid
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import torch
-from omegaconf import MISSING
-from torch.utils.data import DataLoader
-from tqdm import tqdm
 
-from moireaug.files import remove, unfinished
-from moireaug.scene.fields import one_of
+from moireaug.files import remove
 from moireaug.synthesis import Pairs
 from moireaug.synthesis.pictures import NoPictureError
-from training import scenes
-from training.locks import locked
-from training.messages import counted, sentence
-from training.pair_files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
-from training.pair_sets import PairSet, Share, claim, release, share_of
-from training.settings import parse
+from training.config import scenes
+from training.config.plain import parse
+from training.pairs.files import FORMATS
+from training.pairs.make import make
+from training.pairs.schema import Config
+from training.pairs.sets import PairSet, Share, claim, release, share_of
+from training.system.locks import locked
+from training.system.messages import counted, sentence
 
 EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
 
@@ -55,25 +47,6 @@ LOST = (
     "a worker process was lost: it was killed, or ran out of memory. Every whole file is kept, and "
     "the same command continues; with fewer workers=N it needs less memory."
 )
-
-
-@dataclass
-class Config:
-    """All settings of the command."""
-
-    images: str = MISSING  # a folder of pictures
-    out: str = MISSING
-    n: int = MISSING  # pairs, of all commands together
-    scene: str = "screen_photo"  # a preset's name, or a YAML file of a scene or a list of them
-    size: int = 512  # side of the crops, pixels
-    twin: bool = False  # whether to add the same shot without moiré
-    format: str = "webdataset"  # or imagefolder
-    encoding: str = "png"  # or webp, jpeg
-    quality: int | None = None  # 1 to 100 of webp and jpeg; null is lossless, and 95 for jpeg
-    seed: int = 0
-    per_shard: int = 1000  # pairs a tar, or a folder
-    shard: str = "0/1"  # which of how many commands this is, counted from 0
-    workers: int | None = None  # processes; 0 is none but this one, null is one for each core
 
 
 def configure(argv: Sequence[str]) -> Config:
@@ -93,16 +66,8 @@ def check(cfg: Config) -> None:
     Raises:
         ValueError: with what was got and what is allowed.
     """
-    one_of("format", cfg.format, FORMATS)
-    one_of("encoding", cfg.encoding, SUFFIXES)
     if cfg.encoding == "png" and cfg.quality is not None:
         raise ValueError("quality= is for encoding=webp and jpeg; PNG is lossless: leave it out.")
-    if cfg.quality is not None and not 1 <= cfg.quality <= 100:
-        raise ValueError(f"quality must be in [1, 100]; got {cfg.quality}.")
-    if cfg.per_shard < 1:
-        raise ValueError(f"per_shard must be at least 1; got {cfg.per_shard}.")
-    if cfg.workers is not None and not 0 <= cfg.workers <= 1024:
-        raise ValueError(f"workers must be in [0, 1024]; got {cfg.workers}.")
     images, out = Path(cfg.images).resolve(), Path(cfg.out).resolve()
     if out.is_relative_to(images):
         raise ValueError(
@@ -164,79 +129,6 @@ def synthesise(cfg: Config) -> None:
     else:
         total = counted(pairs_there, "pair")
         print(f"{found.folder} is complete: {total} in {counted(whole, 'file')}.")
-
-
-def make(cfg: Config, pairs: Pairs, found: PairSet, share: Share) -> None:
-    """Write the files of a share that are missing, and say how long it took."""
-    missing = found.missing(share)
-    total = sum(len(found.pairs(number)) for number in missing)
-    if not total:
-        return
-    skipped: set[str] = set()
-    began = time.perf_counter()
-    encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality)
-    wanted = itertools.chain.from_iterable(map(found.pairs, missing))
-    with tqdm(total=total, unit="pair", disable=None) as bar:
-        made = _noted(loader(encoded, wanted, min(workers_of(cfg), total)), bar, skipped)
-        for number, group in itertools.groupby(made, lambda pair: pair.index // cfg.per_shard):
-            write(found.path(number), group, cfg.format, share)
-    seconds = time.perf_counter() - began
-    if skipped:
-        print(f"{len(skipped)} pictures were skipped, see above; others were drawn instead.")
-    print(f"{total} pairs in {seconds:.1f} s: {total / seconds:.1f} pairs per second.")
-
-
-def loader(encoded: EncodedPairs, wanted: Iterable[int], workers: int) -> DataLoader:
-    """Return a loader of pairs in the order of their numbers, from single-threaded processes."""
-    return DataLoader(
-        encoded,
-        batch_size=None,
-        sampler=wanted,
-        num_workers=workers,
-        collate_fn=_as_it_is,  # type: ignore[arg-type]  # without batches it gets a pair
-        multiprocessing_context="spawn" if workers else None,  # threads do not survive a fork
-    )
-
-
-def _as_it_is(pair: EncodedPair) -> EncodedPair:
-    return pair
-
-
-def _noted(pairs: Iterable[EncodedPair], bar: tqdm, skipped: set[str]) -> Iterator[EncodedPair]:
-    """Pass pairs on, count them, and say which pictures were skipped, each once."""
-    for pair in pairs:
-        for reason in pair.skipped:
-            if reason not in skipped:  # every process finds the same ones
-                skipped.add(reason)
-                bar.write(f"skipped: {reason}", file=sys.stderr)
-        bar.update()
-        yield pair
-
-
-def write(path: Path, pairs: Iterable[EncodedPair], form: str, share: Share) -> None:
-    """Write one file of pairs, whole or not at all.
-
-    Raises:
-        OSError: the disk is full or not writable; says how many MB are free.
-    """
-    try:
-        with unfinished(path, f"{share.mark}.{uuid.uuid4().hex[:8]}") as beside:
-            FORMATS[form].write(beside, pairs)
-    except OSError as error:
-        free = shutil.disk_usage(path.parent).free / 1e6
-        raise OSError(
-            f"{path} could not be written ({error.strerror or error}), and {free:.1f} MB are free. "
-            "Every whole file is kept. Make room, and run the same command again."
-        ) from error
-
-
-def workers_of(cfg: Config) -> int:
-    """Return how many processes are asked for; 0 is this one alone."""
-    if cfg.workers is not None:
-        return cfg.workers
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))  # of a job that was given some of a machine's cores
-    return os.cpu_count() or 1
 
 
 def _some(names: Sequence[str]) -> str:

@@ -232,7 +232,7 @@ def test_two_runs_of_a_recipe_are_two_models(monkeypatch):
         cfg = SimpleNamespace(recipe="clean", data=None, reattack=SimpleNamespace(n=0))
         return SimpleNamespace(cfg=cfg, model=lambda: folder)
 
-    monkeypatch.setattr(attack_budget.saved, "read", read)
+    monkeypatch.setattr(attack_budget.trained, "read", read)
     monkeypatch.setattr(attack_budget, "load", lambda data: None)
     protocol = SimpleNamespace(batches=[], scene=None)
     monkeypatch.setattr(attack_budget, "protocol_of", lambda cfg, splits: protocol)

@@ -6,13 +6,12 @@ from hydra import initialize
 
 from benchmarks import training_steps
 from moireaug import images
-from training import image_sets, machine
-from training.schema import register
+from training.data import image_sets
+from training.system import machine
 
 
 @pytest.fixture(autouse=True)
 def _hydra():
-    register()
     with initialize(version_base="1.3", config_path=None):
         yield
 

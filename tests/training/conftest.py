@@ -8,10 +8,12 @@ import torch
 
 from tests.training.frontier_runs import put
 from tests.training.tiny_suites import configured
-from training import attacking, models, reattack
-from training.attacking import protocol_of
-from training.data import load
-from training.schema import as_config
+from training import reattack
+from training.attack import protocol as attacking
+from training.attack.protocol import protocol_of
+from training.config.schema import as_config
+from training.data.load import load
+from training.models import classifiers as models
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ ALONE = {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONPATH": str
 LONG = 240  # seconds, for a busy machine
 
 _forks = multiprocessing.get_context("forkserver")
-_forks.set_forkserver_preload(["training.train", "training.fit", "training.reattack"])
+_forks.set_forkserver_preload(["training.classifier.train", "training.fit", "training.reattack"])
 
 
 class Command:

@@ -16,12 +16,14 @@ from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 
 from tests.training.forked import ALONE, LONG, ROOT
-from training import commands, fit, reattack, runs
-from training.data import load
-from training.files import read_checkpoint
-from training.schema import Config, ReattackConfig, as_config
-from training.splits import Splits
-from training.train import train_model
+from training import fit, reattack
+from training.classifier.train import train_model
+from training.config import commands
+from training.config.schema import Config, ReattackConfig, as_config
+from training.data.load import load
+from training.data.splits import Splits
+from training.runs.run import Run, baseline_of, start_of
+from training.system.files import read_checkpoint
 
 NO_DATA = Splits(None, None, None, {}, 0)
 TINY = ["data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2"]
@@ -80,7 +82,7 @@ def wait(process, last, at_least):
         time.sleep(0.02)
 
 
-def configured(*overrides, name="root"):
+def configured(*overrides, name="fit"):
     """The typed settings of a command line, composed once for all folders of runs."""
     folders = [given for given in overrides if given.startswith(("run=", "runs="))]
     others = tuple(given for given in overrides if given not in folders)
@@ -98,6 +100,16 @@ def _composed(overrides, name):
         return as_config(compose(name, list(overrides)))
 
 
+def start_config(cfg):
+    run = start_of(Run(cfg))
+    return run and run.config
+
+
+def baseline_config(cfg):
+    run = baseline_of(Run(cfg))
+    return run and run.config
+
+
 def train(tmp_path, name, *overrides):
     """Three epochs of one recipe, without its baseline and re-attack: the run's folder, and what it
     cost."""
@@ -109,9 +121,9 @@ def train(tmp_path, name, *overrides):
         f"runs={tmp_path / name}",
         *overrides,
     )
-    runs.run_of(cfg).prepare()
-    out = runs.folder(cfg)
-    _, found = train_model(cfg, load(cfg.data))
+    Run(cfg).prepare()
+    out = Run(cfg).folder
+    _, found = train_model(Run(cfg), load(cfg.data))
     return out, found
 
 

@@ -4,8 +4,11 @@ import torch
 from omegaconf import OmegaConf
 
 from tests.training.small import TINY, configured
-from training import models, reattack, runs, signs
-from training.schema import as_values
+from training import reattack
+from training.config.schema import as_values
+from training.data import signs
+from training.models import classifiers as models
+from training.runs.run import Run
 
 
 def put(root, *overrides, classes=signs.CLASSES, edit=None):
@@ -15,7 +18,7 @@ def put(root, *overrides, classes=signs.CLASSES, edit=None):
         classes: of the model. edit: changes the settings' text.
     """
     cfg = configured("recipe=clean", *TINY, f"runs={root}", *overrides)
-    folder = runs.folder(cfg)
+    folder = Run(cfg).folder
     folder.mkdir(parents=True)
     text = OmegaConf.to_yaml(OmegaConf.create(as_values(cfg)))
     (folder / "config.yaml").write_text(edit(text) if edit else text)

@@ -6,10 +6,10 @@ from torch import nn
 
 from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
-from training.adversaries import Adversaries, check, passes
-from training.classifier import Classifier
-from training.schema import RECIPES, Adversary
-from training.train import classifier_of
+from training.classifier.adversaries import Adversaries, check, passes
+from training.classifier.module import Classifier
+from training.classifier.train import classifier_of
+from training.config.schema import RECIPES, Adversary
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -132,7 +132,6 @@ def test_a_batch_has_its_parts(recipe, share, natural):
 
 
 REFUSED = [
-    ({"kind": "pdg"}, "Did you mean 'pgd'?"),
     ({"share": 0.5}, "the kind none attacks none: use moire_attack or pgd"),
     ({"kind": "pgd", "share": 0.75, "natural": 0.5, "steps": 2, "eps": 0.02}, "must not add up to"),
     ({"kind": "pgd", "steps": 2, "eps": 0.02}, "needs a share, steps and eps above 0; got 0.0, 2"),

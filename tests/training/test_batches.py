@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.utils.data import TensorDataset
 
-from training.batches import Batches
+from training.data.batches import Batches
 
 N = 60
 

@@ -1,31 +1,31 @@
 """Numbers that no training or attack can use are refused before anything is spent."""
 
 import contextlib
-import dataclasses
 
 import pytest
-from omegaconf import OmegaConf
 
 from tests.training.small import configured
-from training import bounds, fit
-from training.schema import Config, as_values
+from training import fit
+from training.config.checks import check_classifier, check_run
+from training.config.schema import Config, ReattackConfig
+from training.config.settings import settings_of, with_values
+from training.demoireing.schema import DemoireConfig
 
-NUMBERS = ("int", "float")
-
-
-def numeric_fields(schema):
-    found = []
-    for outer in dataclasses.fields(schema):
-        if dataclasses.is_dataclass(outer.default_factory):
-            inner = dataclasses.fields(outer.default_factory)
-            found += [f"{outer.name}.{f.name}" for f in inner if f.type.split(" | ")[0] in NUMBERS]
-        elif outer.type.split(" | ")[0] in NUMBERS:
-            found.append(outer.name)
-    return found
+SCHEMAS = (ReattackConfig, DemoireConfig)
+BOUNDED = [key for key, one in settings_of(Config).items() if one.facts.bounds]
+UNBOUNDED = {"demoire.width"}  # the networks check it
 
 
-def test_every_number_of_the_schema_has_bounds():
-    assert sorted(numeric_fields(Config)) == sorted(bounds.BOUNDS)
+def test_every_number_of_the_settings_has_bounds():
+    for schema in SCHEMAS:
+        for key, one in settings_of(schema).items():
+            is_number = one.type in (int, float, int | None, float | None)
+            assert is_number == bool(one.facts.bounds) or key in UNBOUNDED, key
+
+
+def test_every_setting_says_what_it_is():
+    for schema in SCHEMAS:
+        assert all(one.facts.help for one in settings_of(schema).values())
 
 
 def test_every_default_and_recipe_is_within_them():
@@ -35,22 +35,15 @@ def test_every_default_and_recipe_is_within_them():
         assert fit.check(configured("recipe=moire_at", f"data={data}")) is None
 
 
-@pytest.fixture(scope="module")
-def untyped():
-    return as_values(configured())
-
-
-@pytest.mark.parametrize("key", bounds.BOUNDS)
-def test_a_number_beyond_its_bounds_is_refused(key, untyped):
-    low, high = bounds.BOUNDS[key]
+@pytest.mark.parametrize("key", BOUNDED)
+def test_a_number_beyond_its_bounds_is_refused(key):
+    low, high = settings_of(Config)[key].facts.bounds
     tried = [low - 1, float("nan"), float("inf")] + ([] if high is None else [high * 1.01 + 1])
     for value in tried:
-        loose = OmegaConf.create(untyped)
-        OmegaConf.update(loose, key, value)
         with pytest.raises(
             ValueError, match=rf"{key} must be (at least {low}|in \[{low}, {high}\]); got"
         ):
-            bounds.check(loose)
+            check_classifier(with_values(configured(), {key: value}))
 
 
 @pytest.mark.parametrize(
@@ -64,6 +57,7 @@ def test_a_number_beyond_its_bounds_is_refused(key, untyped):
         ("trainer.precision=64", "trainer.precision must be one of"),
         ("reattack.eps=[nan]", "eps must be a number"),
         ("adversary.natural=0.9", "parts of one batch"),
+        ("adversary.kind=pdg", "Did you mean 'pgd'"),
         ("train.init=cleen", "Did you mean 'clean'"),
         ("data.augment=flip", "data.augment must be one of"),
     ],
@@ -82,9 +76,8 @@ def test_nothing_is_begun(override, message, tmp_path):
         *[(-1, 0), (0, 0), (1.5, 0), (None, 0), ([0], 0), ("0,1", 0), ("abc", 0)],
     ],
 )
-def test_devices_that_are_there_are_taken(devices, fine, untyped):
-    cfg = OmegaConf.create(untyped)
-    OmegaConf.update(cfg, "trainer", {"accelerator": "cpu", "devices": devices})
+def test_devices_that_are_there_are_taken(devices, fine):
+    cfg = with_values(configured(), {"trainer.accelerator": "cpu", "trainer.devices": devices})
     refused = pytest.raises(ValueError, match=r"trainer\.devices must be 1 to")
     with contextlib.nullcontext() if fine else refused:
-        bounds.check(cfg)
+        check_run(cfg)

@@ -10,9 +10,10 @@ from PIL import Image
 from moireaug import Develop, Scene, Sensor, View
 from moireaug.synthesis.statistics import STATISTICS
 from tests.training.screens import PLAIN, picture
-from training import calibrate, scenes
+from training import calibrate
 from training.calibration.compare import distance, lines, measured
 from training.calibration.pairs import cut, find_pairs, photographed, read_pairs
+from training.config import scenes
 
 
 def photo_of(scene, shown, seed):
@@ -87,7 +88,7 @@ def test_photos_of_one_picture_are_registered_first(tmp_path, capsys):
     found = {
         line.name: line
         for line in calibrate.calibrate(
-            calibrate.settings.parse(given, calibrate.Config, calibrate.EXAMPLE, "")
+            calibrate.parse(given, calibrate.Config, calibrate.EXAMPLE, "")
         )
     }
     assert found["psnr_mapped"].real[1] > 22  # the photo lies on its picture

@@ -8,11 +8,12 @@ import torch
 
 from moireaug import Lens, Panel, Scene, Sensor
 from tests.training.screens import PLAIN, picture
-from training import calibrate, scenes
+from training import calibrate
 from training.calibration import fit as fitting
 from training.calibration.compare import distance, lines, measured
 from training.calibration.fit import Searched, fit
 from training.calibration.pairs import Crops, photographed
+from training.config import scenes
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,12 @@ import torch
 from PIL import Image
 
 from tests.training.small import TINY, configured, inside
-from training import fit, models, runs, saved
-from training.data import load
-from training.train import train_model
+from training import fit
+from training.classifier.train import train_model
+from training.data.load import load
+from training.models import classifiers as models
+from training.runs import resume
+from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -47,30 +50,30 @@ def test_no_run_resumes_from_an_overwritten_weights_file(tmp_path, settings):
     torch.save(models.build("small_resnet", 2).state_dict(), weights)
     given = [*settings, f"weights={weights}"]
     cfg = configured("recipe=clean", *given, f"runs={tmp_path / 'runs'}")
-    train_model(cfg, load(cfg.data))
-    run = runs.run_of(cfg)
-    assert saved.other_weights(run, cfg.weights) is None
+    train_model(Run(cfg), load(cfg.data))
+    run = Run(cfg)
+    assert resume.other_weights(run) is None
     torch.save(models.build("small_resnet", 2).state_dict(), weights)
     with pytest.raises(ValueError, match=r"weights\.pt no longer holds the weights that it began"):
         fit.fit(cfg)
     done = inside("fit.py", "recipe=baseline", *given, cwd=tmp_path)
     assert done.returncode == 0 and "The start cannot be reused" in done.stdout, done.stderr
     weights.unlink()  # a finished run needs it no more
-    assert saved.other_weights(run, cfg.weights) is None
+    assert resume.other_weights(run) is None
 
 
 def test_no_run_goes_on_with_other_classes_or_files(tmp_path, settings):
     """Its logits would mean others, or it would be validated on what it was trained on."""
     images = tmp_path / "images"
     cfg = configured("recipe=clean", *settings, f"runs={tmp_path / 'runs'}")
-    train_model(cfg, load(cfg.data))
-    run = runs.run_of(cfg)
-    assert saved.other_data(run, load(cfg.data)) is None
+    train_model(Run(cfg), load(cfg.data))
+    run = Run(cfg)
+    assert resume.other_data(run, load(cfg.data)) is None
     (images / "train/red/0.png").rename(images / "train/red/24.png")
     with pytest.raises(ValueError, match="cannot go on: the files that it was trained on are not"):
         fit.fit(cfg)
     (images / "train/red/24.png").rename(images / "train/red/0.png")
-    assert saved.other_data(run, load(cfg.data)) is None
+    assert resume.other_data(run, load(cfg.data)) is None
     for half in ("train", "test"):
         (images / half / "blue").rename(images / half / "green")
     with pytest.raises(ValueError, match="cannot go on: it was trained on other classes"):

@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 
 from tests.training.small import configured
-from training import demoire, settings
-from training.command_line import check_keys, quoted
-from training.schema import Config, ReattackConfig
+from training.config.command_line import check_keys, quoted
+from training.config.plain import parse
+from training.config.schema import Config, ReattackConfig
+from training.demoireing import clean
 
 PLAIN = ("2024_11", "1e5", "true", "josé", "Photos (1)", "it's", "a=b", "a&b", "#1", "a;b", "!")
 PLAIN += ("a,b", "{a}", "[a", "a:b", "runs/moire_at", "a b", " a ")
@@ -18,19 +19,19 @@ PATHS = dict(zip(PLAIN, PLAIN, strict=True)) | OTHERS
 
 @pytest.mark.parametrize("given", PATHS)
 def test_a_path_comes_through_hydras_grammar(given):
-    override = quoted([f"data.root={given}"])
-    assert quoted(override) == override, "further processes of a run get it again"
+    override = quoted([f"data.root={given}"], Config)
+    assert quoted(override, Config) == override, "further processes of a run get it again"
     assert configured("recipe=clean", *override).data.root == PATHS[given]
 
 
 def test_a_sweep_of_paths_stays_one():
     sweep = ["weights=a.pt,b.pt", "runs=runs/${seed}", "-m"]
-    assert quoted(sweep) == sweep
-    assert quoted(["runs=2024_11", *sweep])[0] == "runs='2024_11'"
+    assert quoted(sweep, Config) == sweep
+    assert quoted(["runs=2024_11", *sweep], Config)[0] == "runs='2024_11'"
 
 
 def test_the_scripts_expand_a_home_too():
-    cfg = settings.parse(["in=~/a", "out=b", "weights=c"], demoire.Config, "", "")
+    cfg = parse(["in=~/a", "out=b", "weights=c"], clean.Config, "", "")
     assert (cfg.in_, cfg.out) == (str(Path.home() / "a"), "b")
 
 
@@ -69,7 +70,10 @@ def test_what_hydra_takes_is_taken():
         "scene=screen_photo",
         "data=folder",
     ]
-    check_keys([*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr"], Config)
+    check_keys(
+        [*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr", "--cfg", "job"],
+        Config,
+    )
 
 
 def test_a_recipe_is_not_given_to_an_attack():

@@ -20,21 +20,12 @@ from tqdm import tqdm
 from moireaug.synthesis.pictures import NoPictureError
 from tests.training.small import TINY, configured, inside
 from tests.training.strangers import put
-from training import (
-    calibrate,
-    commands,
-    demoire,
-    fit,
-    frontier,
-    machine,
-    messages,
-    processes,
-    reattack,
-    suites,
-    synthesise,
-)
-from training.messages import sentence
-from training.schema import Config
+from training import calibrate, demoire, fit, frontier, reattack, synthesise
+from training.attack import suites
+from training.config import commands
+from training.config.schema import Config
+from training.system import machine, messages, processes
+from training.system.messages import sentence
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -81,7 +72,7 @@ LIGHT = [
     ("training.frontier", ("torchvision", "lightning")),
     ("training.calibrate", ("torchvision", "lightning", "cma")),
     ("training.fit", ("torchvision", "lightning")),
-    ("training.train", ()),
+    ("training.classifier.train", ()),
 ]
 
 

@@ -9,10 +9,11 @@ import torch
 from PIL import Image
 
 from tests.training.small import configured
-from training import fit, image_sets, signs
-from training.data import load, require_training_images
-from training.locks import locked
-from training.schema import Data
+from training import fit
+from training.config.schema import Data
+from training.data import image_sets, signs
+from training.data.load import load, require_training_images
+from training.system.locks import locked
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from PIL import Image, ImageOps
 
 from moireaug.defenses import demoire
 from tests.training.small import command
-from training import demoire as cleaning
+from training.demoireing import clean as cleaning
 from training.demoireing.starting import start_as_identity
 
 
@@ -55,7 +55,7 @@ def pixels(path):
 
 def test_the_command_cleans_readable_photos_and_names_the_rest(photos, weights, tmp_path):
     given = [f"in={photos}", f"out={tmp_path / 'out'}", f"weights={weights}", "tile=256"]
-    done = command("demoire.py", *given, cwd=tmp_path)
+    done = command("demoire.py", "clean", *given, cwd=tmp_path)
     assert done.returncode == 1
     assert "torn.png could not be read" in done.stderr
     assert done.stderr.splitlines()[-1] == (

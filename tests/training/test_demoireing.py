@@ -17,7 +17,6 @@ from moireaug.synthesis.pictures import Pictures
 from tests.synthesis.folders import put
 from tests.training.forked import Command
 from tests.training.small import configured, same
-from training import runs
 from training.demoireing import fit as demoireing
 from training.demoireing import testing
 from training.demoireing.batches import Numbers
@@ -26,11 +25,12 @@ from training.demoireing.module import Demoireing
 from training.demoireing.pairs import SimulatedPairs, toned
 from training.demoireing.starting import start_as_identity
 from training.demoireing.testing import clean
-from training.files import read_checkpoint
+from training.runs.run import Run
+from training.system.files import read_checkpoint, read_metrics
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
-FEW = ["recipe=demoire", "scene=[screen_photo]", "test.unseen=[dashcam_at_led_sign]"]
+FEW = ["scene=[screen_photo]", "test.unseen=[dashcam_at_led_sign]"]
 FEW += ["data.size=32", "data.val=2", "data.test=2", "test.size=48", "demoire.width=0.25"]
 FEW += ["train.steps=4", "train.check_every=1", "train.batch_size=2", "trainer.accelerator=cpu"]
 FILES = {"report.html", "metrics.json", "scores.csv", "config.yaml"}
@@ -61,7 +61,7 @@ def real(tmp_path_factory):
 def whole(tmp_path_factory, real):
     """One run of the real command."""
     cwd = tmp_path_factory.mktemp("whole")
-    process = Command("fit.py", *FEW, f"pairs={real}", cwd=cwd)
+    process = Command("demoire.py", "train", *FEW, f"pairs={real}", cwd=cwd)
     out, err = process.communicate()
     assert process.returncode == 0, err
     return cwd / "runs/esdnet/demoire/seed0", out, err
@@ -118,7 +118,7 @@ def test_a_photo_of_another_tone_matches_after_the_map(whole):
 def test_a_resumed_run_equals_an_uninterrupted_one(whole, tmp_path, real, monkeypatch, capsys):
     torch.set_num_threads(1)  # as the command
     cfg = configure(f"pairs={real}", f"runs={tmp_path}")
-    folder = runs.folder(cfg)
+    folder = Run(cfg).folder
     step = Demoireing.training_step
 
     def lost(module, batch, index):
@@ -130,11 +130,11 @@ def test_a_resumed_run_equals_an_uninterrupted_one(whole, tmp_path, real, monkey
         patch.setattr(Demoireing, "training_step", lost)
         demoireing.fit(cfg)
     kept = read_checkpoint(folder / "last.ckpt")["history"]
-    assert len(kept) == 2 and runs.run_of(cfg).stage() == "begun"
+    assert len(kept) == 2 and Run(cfg).stage() == "begun"
     found = demoireing.fit(cfg)
     assert "Resuming" in capsys.readouterr().out and same(folder, whole[0])
     assert found["train"]["history"][:2] == kept
-    known = runs.read_metrics(whole[0])
+    known = read_metrics(whole[0])
     for ours, theirs in zip(found["test"], known["test"], strict=True):
         assert ours | {"milliseconds": 0} == theirs | {"milliseconds": 0}
 
@@ -152,7 +152,7 @@ def test_a_finished_run_is_shown_and_tested_on_other_pairs(
     assert (folder / "weights.pt").stat().st_mtime_ns == before, "trained again"
     assert found["train"] == known["train"]
     assert {r["n"] for r in found["test"] if r["kind"] == "real"} == {1}
-    assert runs.read_metrics(folder) == found
+    assert read_metrics(folder) == found
     with (tmp_path / "pairs.csv").open("a") as table:  # of the same name
         table.write(f"\n{real}/b.png,{real}/b_shown.png")
     monkeypatch.setattr(testing, "MOST_SHOWN", 1)

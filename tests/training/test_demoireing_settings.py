@@ -7,13 +7,12 @@ from PIL import Image
 
 from moireaug.defenses import demoire
 from tests.training.small import configured
-from tests.training.test_bounds import numeric_fields
-from training import runs
-from training.command_line import check_keys
+from training.config.command_line import check_keys
 from training.demoireing import fit as demoireing
-from training.demoireing.schema import PICTURES
+from training.runs.run import Run
+from training.system import machine
 
-FEW = ["recipe=demoire", "train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
+FEW = ["train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
 
 
 def put_uneven(folder):
@@ -28,16 +27,12 @@ def put_uneven(folder):
 
 
 SENTENCES = [
-    (["data=cifar10"], "data must be one of 'signs', 'folder'; got 'cifar10'"),
-    (["data=folder"], "needs data.root=DIR"),
-    (["data=folder", "data.root=nowhere"], "nowhere is not a folder"),
+    (["data.root=nowhere"], "nowhere is not a folder"),
     (["model=esdnett"], "Did you mean 'esdnet'?"),
     (["demoire.target=twins"], "Did you mean 'twin'?"),
     (["demoire.width=0"], "width"),
-    (["data.train=100"], "data.train= has no effect on a demoiréing network"),
     (["train.check_every=3"], "must be a multiple of train.check_every"),
     (["train.lr=-1"], "train.lr must be in [1e-08, 10]; got -1.0"),
-    (["data.val=null"], "data.val must be a number of pairs; got null"),
     (["trainer.precision=bf16-true"], "trainer.precision must be one of '32-true'"),
     (["trainer.strategy=foo"], "foo"),
     (["demoire.vgg=missing.pth"], "missing.pth"),
@@ -58,7 +53,7 @@ def test_wrong_settings_get_a_sentence(given, sentence, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     put_uneven(tmp_path)
     cfg = configured(*FEW, *given, f"runs={tmp_path}", name="demoire")
-    run = runs.folder(cfg)
+    run = Run(cfg).folder
     run.mkdir(parents=True)
     (run / "best.ckpt").write_bytes(b"of a run with other settings")
     with pytest.raises((ValueError, TypeError, MisconfigurationException)) as error:
@@ -67,39 +62,27 @@ def test_wrong_settings_get_a_sentence(given, sentence, tmp_path, monkeypatch):
     assert list(tmp_path.rglob("*.ckpt")) == [run / "best.ckpt"], "it is not moved aside"
 
 
-@pytest.mark.parametrize("name", PICTURES)
-def test_every_data_set_of_pictures_has_settings(name):
-    cfg = configured("recipe=demoire", f"data={name}", name="demoire")
-    assert cfg.data.name == name and cfg.train.steps == demoireing.DemoireConfig().train.steps
-
-
-def test_every_number_has_bounds():
-    elsewhere = {"data.train", "demoire.width"}  # of no effect; `demoire.build` checks it
-    assert set(numeric_fields(demoireing.DemoireConfig)) - elsewhere == set(demoireing.BOUNDS)
-
-
 def test_the_test_runs_where_it_is_said_to(tmp_path, monkeypatch):
     """Lightning leaves a trained network on the CPU."""
     cfg = configured(*FEW, f"runs={tmp_path}", name="demoire")
     network, devices = demoire.build("esdnet", width=0.25), []
-    monkeypatch.setattr(demoireing, "device", lambda trainer: torch.device("meta"))
+    monkeypatch.setattr(machine, "device", lambda accelerator: torch.device("meta"))
     monkeypatch.setattr(demoireing, "test", lambda net, *_: devices.append(net) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        demoireing.tested(cfg, network, {}, None)
+        demoireing.test_and_report(Run(cfg), network, {}, None)
     assert next(devices[0].parameters()).device.type == "meta"
 
 
 def test_a_finished_run_is_shown_without_its_start_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(runs.Run, "stage", lambda run: "finished")
-    monkeypatch.setattr(demoireing, "finished", lambda cfg: "shown")
+    monkeypatch.setattr(Run, "stage", lambda run: "finished")
+    monkeypatch.setattr(demoireing, "report_finished", lambda run: "shown")
     given = ["weights=gone.pt", "demoire.vgg=gone.pth", f"runs={tmp_path}"]
     assert demoireing.fit(configured(*FEW, *given, name="demoire")) == "shown"
 
 
-def test_recipes_of_two_kinds_go_to_two_commands():
-    assert demoireing.asked_for(["seed=1", "recipe=demoire"])
-    assert not demoireing.asked_for(["recipe=moire_at"]) and not demoireing.asked_for([])
-    with pytest.raises(SystemExit, match="Use two commands"):
-        demoireing.asked_for(["-m", "recipe=demoire,moire_at"])
+def test_settings_of_classifiers_are_refused():
+    for given in ("data.augment=shift", "data=folder", "adversary.share=0.5"):
+        with pytest.raises(SystemExit, match=r"must be one of|settings of its own: data\.root"):
+            check_keys([given], demoireing.DemoireConfig)
     with pytest.raises(SystemExit, match="Did you mean 'check_every'"):
         check_keys(["train.chekc_every=2"], demoireing.DemoireConfig)

@@ -7,11 +7,25 @@ import shutil
 import pytest
 
 from moireaug.evaluation.identity import identity
-from tests.training.small import BRIEF, TINY, command, configured, inside
-from training import fit, machine, runs, saved, signs
-from training.data import load
-from training.results import compare
-from training.train import train_model
+from tests.training.small import (
+    BRIEF,
+    TINY,
+    baseline_config,
+    command,
+    configured,
+    inside,
+    start_config,
+)
+from training import fit
+from training.attack.results import compare
+from training.classifier.train import train_model
+from training.data import signs
+from training.data.load import load
+from training.recipe import phases
+from training.runs import resume, trained
+from training.runs.run import Run
+from training.system import machine
+from training.system.files import read_metrics
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -41,7 +55,7 @@ def test_a_run_leaves_what_it_promises(whole):
     assert m["train"]["epochs"] == 2
     assert m["train"]["seconds"] > 0 and m["train"]["images_per_second"] > 0
     assert m["train"]["passes"] == 2.875 and len(m["train"]["history"]) == 2
-    run = saved.read(folder)
+    run = trained.read(folder)
     assert m["identity"] == identity(run.model())  # as a later re-attack says it
     assert run.classes == dict(enumerate(signs.CLASSES))
     rows = "clean dimmed no_moire moire random_8 ma_2 ma_4 ma_8 ma_4_targeted pgd_4 worst_4"
@@ -91,19 +105,19 @@ def test_the_baseline_trains_as_long_as_the_run(whole):
 def test_a_plain_run_is_attacked_once_it_is_asked_for(whole, tmp_path, monkeypatch):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     folder = tmp_path / "runs/baseline/seed0"
-    before = runs.read_metrics(folder)
+    before = read_metrics(folder)
     assert "reattack" not in before and set(before["time"]) == {"train"}
-    assert "trust" in runs.read_metrics(tmp_path / "runs/moire_at/seed0")
+    assert "trust" in read_metrics(tmp_path / "runs/moire_at/seed0")
     monkeypatch.setattr(fit, "one_run", lambda *args, **options: pytest.fail("trained again"))
     found = fit.fit(configured("recipe=baseline", *TINY, f"runs={tmp_path / 'runs'}"))
     assert found["trust"] and found["time"]["checks"] > 0 and found["time"]["re-attack"] > 0
     assert (folder / "report.html").is_file()
-    kept = runs.read_metrics(folder)
+    kept = read_metrics(folder)
     for metrics in (found, kept):
         for name in ("train", "start", "config"):
             assert metrics[name] == before[name]
     assert kept["trust"] == found["trust"] and kept["reattack"] == found["reattack"]
-    beside = runs.read_metrics(tmp_path / "runs/moire_at/seed0")["baseline"]
+    beside = read_metrics(tmp_path / "runs/moire_at/seed0")["baseline"]
     assert kept["reattack"] == beside["reattack"], "what the other run has computed is read"
 
 
@@ -118,12 +132,12 @@ def test_a_plain_run_may_be_attacked_in_another_way(whole, tmp_path, monkeypatch
     assert (folder / "best.ckpt").read_bytes() == weights
     assert first["reattack"][0]["n"] == first["config"]["reattack"]["n"] == 6
     assert first["command"] == "this command"
-    assert runs.run_of(given).stage() == "finished"
-    assert runs.read_metrics(folder)["reattack"] == first["reattack"]
-    start = runs.start_config(given)
-    assert fit.unreported(start) and not fit.unreported(given)
-    (runs.folder(start) / "best.ckpt").unlink()
-    assert not fit.unreported(start), "it must be trained again"
+    assert Run(given).stage() == "finished"
+    assert read_metrics(folder)["reattack"] == first["reattack"]
+    start = start_config(given)
+    assert resume.is_unreported(Run(start)) and not resume.is_unreported(Run(given))
+    (Run(start).folder / "best.ckpt").unlink()
+    assert not resume.is_unreported(Run(start)), "it must be trained again"
 
 
 def test_a_re_attack_takes_what_the_run_has_computed(whole, tmp_path):
@@ -159,16 +173,16 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}")
     folders = [cwd / f"runs/{recipe}/seed0" for recipe in ("clean", "baseline")]
     before = [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders]
-    start, baseline = fit.plain_runs(cfg, load(cfg.data))
+    start, baseline = phases.plain_runs(Run(cfg), load(cfg.data))
     assert (start["recipe"], baseline["recipe"]) == ("clean", "baseline")
     assert [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders] == before
     said = capsys.readouterr().out
     assert f"The start is reused from {folders[0]}" in said
     assert f"The baseline is reused from {folders[1]}" in said
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
-    for wanted in (runs.start_config(other), runs.baseline_config(other)):
-        assert fit.trained_before(wanted) is None, "its settings are others"
-        assert runs.run_of(wanted).stage() == "other"
+    for wanted in (start_config(other), baseline_config(other)):
+        assert resume.metrics_of_trained(Run(wanted)) is None, "its settings are others"
+        assert Run(wanted).stage() == "other"
 
 
 def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
@@ -177,17 +191,17 @@ def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
         "recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1"
     )
     path = cwd / "runs/baseline/seed0"
-    known = fit.trained_before(runs.baseline_config(cfg))
-    assert known == runs.read_metrics(path) and known["train"]["epochs"] == 2
+    known = resume.metrics_of_trained(Run(baseline_config(cfg)))
+    assert known == read_metrics(path) and known["train"]["epochs"] == 2
 
 
 def test_a_baseline_of_other_settings_is_not_attacked(whole, tmp_path, capsys):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
-    run = saved.read(tmp_path / "runs/moire_at/seed0")
-    assert saved.baseline_of(run).cfg.recipe == "baseline"
+    run = trained.read(tmp_path / "runs/moire_at/seed0")
+    assert resume.baseline_beside(run).cfg.recipe == "baseline"
     path = tmp_path / "runs/baseline/seed0/config.yaml"
     path.write_text(path.read_text().replace("epochs: 2", "epochs: 3"))
-    assert saved.baseline_of(run) is None
+    assert resume.baseline_beside(run) is None
     assert "no baseline is attacked beside this run" in capsys.readouterr().out
 
 
@@ -207,9 +221,9 @@ def test_reattack_of_a_run(whole):
 
 def test_an_interrupted_start_is_resumed_and_then_its_recipe_begins(tmp_path, capsys):
     cfg = configured("recipe=moire_aug", *TINY, *BRIEF, "train.epochs=1", f"runs={tmp_path}")
-    start = runs.start_config(cfg)
-    runs.run_of(start).prepare()
-    train_model(start, load(start.data))
+    start = start_config(cfg)
+    Run(start).prepare()
+    train_model(Run(start), load(start.data))
     cfg.resume = True
     metrics = fit.fit(cfg)
     assert "Training is complete: the weights are read from" in capsys.readouterr().out
@@ -227,4 +241,4 @@ def test_a_damaged_checkpoint_gets_a_sentence(damage, whole, tmp_path):
     else:
         best.write_bytes(best.read_bytes()[: 5000 if damage == "cut" else 0] + b"\x00" * 64)
     with pytest.raises(ValueError, match=r"is not a run's folder|could not be read"):
-        saved.read(run)
+        trained.read(run)

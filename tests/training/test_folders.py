@@ -3,13 +3,17 @@
 import pytest
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 
-from tests.training.small import TINY, configured
+from tests.training.small import TINY, baseline_config, configured, start_config
 from tests.training.strangers import put
 from tests.training.test_frontier import put as put_point
-from training import fit, overrides, runs, saved
-from training.data import load
-from training.points import read
-from training.train import train_model
+from training import fit
+from training.classifier.train import train_model
+from training.comparison.points import read
+from training.config import overrides
+from training.data.load import load
+from training.recipe import phases
+from training.runs import resume
+from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -29,9 +33,9 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 )
 def test_models_and_data_do_not_share_a_folder(given, path):
     cfg = configured(*given)
-    assert str(runs.folder(cfg)) == path
-    for other in (runs.start_config(cfg), runs.baseline_config(cfg)):
-        assert other is None or runs.folder(other).parent.parent == runs.folder(cfg).parent.parent
+    assert str(Run(cfg).folder) == path
+    for other in (start_config(cfg), baseline_config(cfg)):
+        assert other is None or Run(other).folder.parent.parent == Run(cfg).folder.parent.parent
 
 
 def test_a_frontier_is_of_one_group_of_runs(tmp_path):
@@ -57,21 +61,21 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
     folder = put(tmp_path, f"recipe={recipe}")
     (folder / "metrics.json").write_text('{"config": {}}')
     (folder / "last.ckpt").write_bytes((folder / "best.ckpt").read_bytes())
-    assert saved.damage(runs.run_of(wanted)) is None
+    assert resume.damage(Run(wanted)) is None
     if torn != "nothing":
         path = folder / torn
         path.write_bytes(path.read_bytes()[:40])
-    trained = []
+    runs = []
     done = {"wall_seconds": 1.0}
-    monkeypatch.setattr(fit, "train_run", lambda cfg, *rest: trained.append(cfg) or (None, done))
-    fit.plain_run(wanted, load(wanted.data), None, role=role)
-    assert len(trained) == 1
+    monkeypatch.setattr(phases, "train_run", lambda run, *rest: runs.append(run) or (None, done))
+    phases.plain_run(Run(wanted), load(wanted.data), None, role=role)
+    assert len(runs) == 1
     if torn == "nothing":
-        assert trained[0].resume is None
+        assert runs[0].config.resume is None
         return
     assert f"The {role} cannot be reused and is trained again: " in capsys.readouterr().out
-    assert trained[0].resume is False and trained[0].recipe == recipe
-    runs.run_of(trained[0]).prepare()
+    assert runs[0].config.resume is False and runs[0].config.recipe == recipe
+    runs[0].prepare()
     assert not any(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 1, (
         "nothing is lost"
     )
@@ -120,10 +124,10 @@ def test_a_start_that_another_command_has_replaced_is_not_taken(there, whole, ta
     put(tmp_path, "recipe=clean", *there)
     (tmp_path / "clean/seed0/metrics.json").write_text("{}" if whole else "")
     cfg = configured("recipe=baseline", *TINY, "train.epochs=2", f"runs={tmp_path}")
-    runs.run_of(cfg).prepare()
+    Run(cfg).prepare()
     if taken:
-        saved.finished(runs.start_config(cfg))
-        train_model(cfg, load(cfg.data))
+        resume.trained_run(Run(start_config(cfg)))
+        train_model(Run(cfg), load(cfg.data))
         return
     with pytest.raises(ValueError, match="no longer holds the run that was trained there"):
-        train_model(cfg, load(cfg.data))
+        train_model(Run(cfg), load(cfg.data))

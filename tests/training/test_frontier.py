@@ -11,10 +11,10 @@ from scipy import stats
 
 from tests.training.frontier_runs import put
 from training import frontier as command
-from training.costs import steady_seconds
-from training.frontier_plot import draw, figure
-from training.points import read
-from training.summaries import pareto, rate, summarise
+from training.comparison.plot import draw, figure
+from training.comparison.points import read
+from training.comparison.summaries import pareto, rate, summarise
+from training.runs.costs import steady_seconds
 
 
 def test_the_figures_of_the_table(root):

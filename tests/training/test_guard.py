@@ -7,12 +7,12 @@ import torch
 from torch import nn
 
 from tests.training.small import TINY, configured
-from training import guard
-from training.batches import Batches
-from training.classifier import Classifier, collapsed
-from training.models import build
-from training.schema import Config
-from training.train import classifier_of
+from training.classifier import guard
+from training.classifier.module import Classifier, collapsed
+from training.classifier.train import classifier_of
+from training.config.schema import Config
+from training.data.batches import Batches
+from training.models.classifiers import build
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -53,7 +53,7 @@ def trained(tmp_path, monkeypatch, accuracies, *overrides):
     """Train for three epochs with these accuracies in validation."""
     from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint
 
-    from training.data import load
+    from training.data.load import load
 
     def validated(self, batch, index):
         for name, accuracy in zip(self._hits, accuracies[self.current_epoch], strict=True):

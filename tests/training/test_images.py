@@ -11,8 +11,8 @@ import pytest
 from PIL import Image, ImageOps
 
 from moireaug.images import read_picture, size_of
-from training.data import load
-from training.schema import Data
+from training.config.schema import Data
+from training.data.load import load
 
 SIDE = 8
 RAMP = np.arange(SIDE * SIDE).reshape(SIDE, SIDE) * 4 + 1  # grey, 1 to 253

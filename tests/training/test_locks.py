@@ -10,15 +10,15 @@ import pytest
 from filelock import FileLock
 
 from tests.training.small import LONG, ROOT
-from training import messages, runs
+from training.runs.run import locked_folder
+from training.system import messages
 
 HOLDER = """
 import sys, time
 from pathlib import Path
 import torch
 from torch.utils.data import DataLoader, TensorDataset
-from training import runs
-with runs.held(Path(sys.argv[1])):
+with locked_folder(Path(sys.argv[1])):
     data = TensorDataset(torch.zeros(8))
     loader = DataLoader(
         data, 1, num_workers=1, persistent_workers=True, multiprocessing_context="fork"
@@ -39,11 +39,11 @@ def test_a_killed_command_frees_its_folder_though_workers_live_on(tmp_path):
     )
     assert process.stdout.readline() == b"held\n"
     workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    with pytest.raises(ValueError, match="another command is at work"), runs.held(folder):
+    with pytest.raises(ValueError, match="another command is at work"), locked_folder(folder):
         pass
     process.kill()
     process.wait(LONG)
-    with runs.held(folder):
+    with locked_folder(folder):
         alive = [pid for pid in workers if Path(f"/proc/{pid}").exists()]
     assert alive, "the worker ended before the folder was taken: this shows nothing"
     process.stdout.close()
@@ -57,10 +57,10 @@ def test_a_disk_without_locks_is_worked_on_without_one(tmp_path, monkeypatch):
         monkeypatch.setattr(FileLock, "_acquire", acquire)
 
     refuse(errno.ENOLCK)
-    with runs.held(tmp_path / "seed0"):
+    with locked_folder(tmp_path / "seed0"):
         pass
     refuse(errno.EROFS)
-    with pytest.raises(OSError, match="Read-only"), runs.held(tmp_path / "seed0"):
+    with pytest.raises(OSError, match="Read-only"), locked_folder(tmp_path / "seed0"):
         pass
 
 

@@ -5,10 +5,10 @@ import torch
 from torch import nn
 
 from moireaug.attacks import Normalized
-from training import models
-from training.pooling import AttentionPooling
-from training.small_convnet import AttentionConvNet
-from training.small_resnet import SmallResNet
+from training.models import classifiers as models
+from training.models.pooling import AttentionPooling
+from training.models.small_convnet import AttentionConvNet
+from training.models.small_resnet import SmallResNet
 
 SMALL = {
     "resnet": lambda classes: SmallResNet(classes, 4),

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from training.muon import CUBIC, ITERATIONS, LINEAR, QUINTIC, SGD_LR, Muon, orthogonal
+from training.classifier.muon import CUBIC, ITERATIONS, LINEAR, QUINTIC, SGD_LR, Muon, orthogonal
 
 SHAPES = [(1, 9), (8, 8), (16, 144), (144, 16), (128, 1152)]
 

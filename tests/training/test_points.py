@@ -6,8 +6,8 @@ import pytest
 from moireaug import Scene
 from tests.training.frontier_runs import attack_of, cell, metrics_in, put, write
 from training import frontier as command
-from training.points import read
-from training.summaries import summarise
+from training.comparison.points import read
+from training.comparison.summaries import summarise
 
 
 def test_a_run_without_attack_is_left_out_with_its_command(root):

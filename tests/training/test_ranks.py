@@ -14,12 +14,14 @@ from lightning.pytorch.strategies import DDPStrategy
 
 from tests.training.forked import Command
 from tests.training.small import BRIEF, NO_DATA, TINY, configured, wait
-from training import fit, ranks, runs
-from training.data import load
+from training import fit
+from training.classifier.train import classifier_of, train_model, trainer_of
+from training.classifier.tuning import tuning
+from training.data.load import load
 from training.demoireing.train import module_of
-from training.processes import WAIT
-from training.train import classifier_of, train_model, trainer_of
-from training.tuning import tuning
+from training.runs.run import Run
+from training.system.processes import WAIT
+from training.trainer import ranks
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -59,9 +61,9 @@ def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
             os.kill(os.getpid(), signal.SIGKILL)
 
     cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
-    runs.run_of(cfg).prepare()
+    Run(cfg).prepare()
     with pytest.raises(ConnectionError, match=r"another process of this run was lost"):
-        train_model(cfg, load(cfg.data)._replace(train=Fatal()))
+        train_model(Run(cfg), load(cfg.data)._replace(train=Fatal()))
 
 
 @pytest.mark.parametrize("code", [-9, 1])
@@ -142,7 +144,7 @@ def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
 @pytest.mark.parametrize("recipe", ["clean", "demoire"])
 def test_an_epochs_loss_is_that_of_all_processes(recipe, monkeypatch):
     if recipe == "demoire":
-        module = module_of(configured(f"recipe={recipe}", name="demoire"))
+        module = module_of(configured(name="demoire"))
         module._losses = [torch.tensor(1.0)]
     else:
         module = classifier_of(configured(f"recipe={recipe}", *TINY), 4)

@@ -29,13 +29,17 @@ from tests.training.small import (
     wait,
     weights,
 )
-from training import checkpoints, fit, runs
-from training import train as training
-from training.classifier import Classifier
-from training.data import load
-from training.train import train_model
-from training.trainers import EpochLines
-from training.tuning import tuning
+from training import fit
+from training.classifier import train as training
+from training.classifier.module import Classifier
+from training.classifier.train import train_model
+from training.classifier.tuning import tuning
+from training.data.load import load
+from training.recipe import phases
+from training.runs import resume
+from training.runs.run import Run, fingerprint_of, result_settings
+from training.trainer import checkpoints
+from training.trainer.make import EpochLines
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -81,9 +85,9 @@ def test_a_stopped_and_killed_command_resumes_to_the_same_weights(tmp_path):
     found = json.loads((folder / "metrics.json").read_text())
     assert [h["epoch"] for h in found["train"]["history"]] == list(range(24))
     whole = configured(*given, f"runs={tmp_path / 'whole'}")
-    runs.run_of(whole).prepare()
-    train_model(whole, load(whole.data))
-    assert same(folder, runs.folder(whole))
+    Run(whole).prepare()
+    train_model(Run(whole), load(whole.data))
+    assert same(folder, Run(whole).folder)
 
 
 def test_an_epoch_whose_line_is_printed_has_been_kept(tmp_path):
@@ -172,23 +176,23 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
 
 def test_only_an_interrupted_re_attack_is_done_again(tmp_path, monkeypatch, capsys):
     cfg = configured("recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}")
-    folder, attack = runs.folder(cfg), fit.attack
+    folder, attack = Run(cfg).folder, phases.attack
 
     def interrupt(*args, **settings):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(fit, "attack", interrupt)
+    monkeypatch.setattr(phases, "attack", interrupt)
     with pytest.raises(KeyboardInterrupt):
         fit.fit(cfg)
     train_json = json.loads((folder / "train.json").read_text())
-    assert runs.run_of(cfg).stage() == "trained"
-    monkeypatch.setattr(fit, "attack", attack)
-    monkeypatch.setattr(training.ranks, "fit", lambda *args: pytest.fail("trained again"))
+    assert Run(cfg).stage() == "trained"
+    monkeypatch.setattr(phases, "attack", attack)
+    monkeypatch.setattr(training.trainer.ranks, "fit", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
     assert done["train"] == train_json and done["time"]["train"] == train_json["wall_seconds"]
     assert not (folder / "train.json").exists()
 
-    monkeypatch.setattr(fit, "attack", interrupt)
+    monkeypatch.setattr(phases, "attack", interrupt)
     again = configured(
         "recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}", "data.workers=1", "resume=true"
     )
@@ -203,20 +207,20 @@ def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
     asides = []
     for _ in range(2):
         kept = (folder / "best.ckpt").read_bytes()
-        runs.run_of(cfg).prepare()
+        Run(cfg).prepare()
         (aside,) = [p for p in folder.parent.glob("seed0-*") if p not in asides]
         assert (aside / "best.ckpt").read_bytes() == kept and not list(folder.iterdir())
         assert f"{folder} held this run; it is now {aside}" in capsys.readouterr().out
         shutil.copytree(aside, folder, dirs_exist_ok=True)
         asides.append(aside)
     cfg.resume = None
-    runs.run_of(cfg).prepare()
-    assert runs.run_of(cfg).can_resume() and len(list(folder.parent.glob("seed0*"))) == 3
+    Run(cfg).prepare()
+    assert Run(cfg).can_resume() and len(list(folder.parent.glob("seed0*"))) == 3
     (folder / "config.yaml").write_text("recipe: [")
-    runs.run_of(cfg).prepare()
+    Run(cfg).prepare()
     assert (folder.parent / "seed0-damaged/best.ckpt").is_file()
     shutil.copytree(straight[0], folder, dirs_exist_ok=True)
-    runs.run_of(configured(*given, "train.lr=0.05")).prepare()  # a run with other settings
+    Run(configured(*given, "train.lr=0.05")).prepare()  # a run with other settings
     assert not list(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 4
 
 
@@ -224,11 +228,11 @@ def test_resume_true_requires_something_to_resume(tmp_path, straight):
     shutil.copytree(straight[0], tmp_path / "moire_at/seed0")
     given = ["recipe=moire_at", *TINY, "train.epochs=3", "train.init=random", "resume=true"]
     given.append(f"runs={tmp_path}")
-    runs.require_resumable(runs.run_of(configured(*given)))
+    resume.require_resumable(Run(configured(*given)))
     with pytest.raises(ValueError, match="was made with other settings"):
-        runs.require_resumable(runs.run_of(configured(*given, "train.lr=0.05")))
+        resume.require_resumable(Run(configured(*given, "train.lr=0.05")))
     with pytest.raises(ValueError, match="does not exist: leave it out"):
-        runs.require_resumable(runs.run_of(configured(*given, "seed=1")))
+        resume.require_resumable(Run(configured(*given, "seed=1")))
 
 
 def test_a_torn_checkpoint_gets_a_sentence(tmp_path, straight):
@@ -263,7 +267,7 @@ def test_a_moved_folder_knows_its_best_score(tmp_path):
 
 def test_settings_without_effect_do_not_tell_runs_apart():
     def mark(*given):
-        return runs.fingerprint(runs.settings(configured(*given)))
+        return fingerprint_of(result_settings(configured(*given)))
 
     assert mark() == mark("data.workers=2", "data.download=true", "runs=there", "resume=true")
     assert mark() != mark("data.train=7")

@@ -6,10 +6,14 @@ import torch
 from moireaug import Scene
 from moireaug.mixtures import as_scenes
 from tests.training.small import TINY, configured
-from training import comparable, fit, reattack, results, saved, scenes
-from training.adversaries import Adversaries
-from training.overrides import command_line
-from training.schema import Adversary, scene_of
+from training import fit, reattack
+from training.attack import results, subject
+from training.classifier.adversaries import Adversaries
+from training.comparison import comparable
+from training.config import scenes
+from training.config.overrides import command_line
+from training.config.schema import Adversary, scene_of
+from training.runs import trained
 
 TEXT = "preset: phone_at_monitor\npanel: {lit: [0.6, 0.9]}\nview: {roll: [-3, 3]}\n"
 WANTED = {
@@ -90,9 +94,9 @@ def test_a_runs_settings_name_no_file_to_read(file, tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text(f"recipe: clean\nscene: {file}\ndata: {{name: signs}}\n")
     with pytest.raises(ValueError, match="file is for the commands"):
-        saved.read_config(config)
+        trained.read_config(config)
     config.write_text("recipe: clean\nscene: screen_photo\ndata: {name: signs}\n")
-    assert saved.read_config(config).scene == "screen_photo"
+    assert trained.read_config(config).scene == "screen_photo"
 
 
 LISTED = ["phone_at_monitor", "dashcam_at_led_sign"]
@@ -119,7 +123,7 @@ def test_a_command_takes_a_list_and_repeats_it():
     assert "scene=['phone_at_monitor','dashcam_at_led_sign']" in command_line(cfg)
     assert results.scene_title(LISTED) == "phone_at_monitor, dashcam_at_led_sign"
     assert results.scene_title([LISTED[0], WANTED]) == results.scene_title(WANTED) == "custom"
-    names = {reattack.scene_name(scene) for scene in (LISTED, LISTED[::-1], [*LISTED, "paper"])}
+    names = {subject.scene_name(scene) for scene in (LISTED, LISTED[::-1], [*LISTED, "paper"])}
     assert len(names) == 3 and all(name.startswith("custom-") for name in names)
 
 

@@ -4,20 +4,22 @@ import pytest
 import torch
 from PIL import Image
 
-from tests.training.small import NO_DATA, TINY, configured
-from training import fit, machine, reattack, runs
-from training.augmentation import augment
-from training.classifier import Classifier
-from training.data import load
-from training.overrides import command_line
-from training.schema import (
+from tests.training.small import NO_DATA, TINY, baseline_config, configured, start_config
+from training import fit, reattack
+from training.classifier.module import Classifier
+from training.classifier.train import classifier_of, draws, trainer_of
+from training.classifier.tuning import tuning
+from training.config.overrides import command_line
+from training.config.schema import (
     Data,
     Train,
     Trainer,
-    absolute,
 )
-from training.train import classifier_of, draws, trainer_of
-from training.tuning import tuning
+from training.config.settings import with_absolute_paths
+from training.data.augmentation import augment
+from training.data.load import load
+from training.runs.run import Run, result_settings
+from training.system import machine
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -40,11 +42,13 @@ PLANS = [
 )
 def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
     cfg = configured(*given, *TINY[:4])
-    for other, recipe in ((runs.start_config(cfg), start), (runs.baseline_config(cfg), baseline)):
+    for other, recipe in ((start_config(cfg), start), (baseline_config(cfg), baseline)):
         if recipe is None:
             assert other is None
             continue
-        ours, theirs, own = (runs.settings(c) for c in (cfg, other, configured(f"recipe={recipe}")))
+        ours, theirs, own = (
+            result_settings(c) for c in (cfg, other, configured(f"recipe={recipe}"))
+        )
         assert theirs["recipe"] == recipe and theirs["adversary"] == own["adversary"]
         init = own["train"]["init"] if recipe == start else ours["train"]["init"]
         length = own["train"]["length"]
@@ -187,7 +191,7 @@ def test_precision_follows_the_hardware_unless_it_is_given(
 def test_recipes_may_be_shorter_than_their_baseline(given, length):
     cfg = configured("recipe=moire_fast", *given)
     assert cfg.train.length == length
-    start, baseline = runs.start_config(cfg), runs.baseline_config(cfg)
+    start, baseline = start_config(cfg), baseline_config(cfg)
     assert (start.train.length, baseline.train.length) == (0.4, 1.0)
     assert start.train.epochs == baseline.train.epochs == cfg.train.epochs
 
@@ -210,9 +214,9 @@ def test_a_data_set_brings_its_epochs(given, epochs):
 
 def test_a_recipe_does_not_repeat_the_draws_of_its_start():
     cfg = configured("recipe=moire_at", *TINY)
-    assert draws(cfg) == draws(runs.baseline_config(cfg))
+    assert draws(cfg) == draws(baseline_config(cfg))
     epochs = 1000  # the order of images in epoch e is that of draws + e
-    assert abs(draws(cfg) - draws(runs.start_config(cfg))) > epochs
+    assert abs(draws(cfg) - draws(start_config(cfg))) > epochs
     assert abs(draws(cfg) - draws(configured("recipe=moire_at", "seed=1"))) > epochs
 
 
@@ -223,7 +227,7 @@ def test_one_path_in_two_projects_is_two_data_sets(tmp_path, monkeypatch):
         for place, path in (("one", "a.b"), ("two", "a.b"), ("one", "a.b/")):
             (tmp_path / place).mkdir(exist_ok=True)
             monkeypatch.chdir(tmp_path / place)
-            cfg = absolute(configured("recipe=clean", "data=folder", f"{key}={path}"))
-            marks.append(runs.run_of(cfg).mark)
+            cfg = with_absolute_paths(configured("recipe=clean", "data=folder", f"{key}={path}"))
+            marks.append(Run(cfg).fingerprint)
         assert marks[0] != marks[1] and marks[0] == marks[2], key
-    assert absolute(configured("weights=IMAGENET1K_V1")).weights == "IMAGENET1K_V1"
+    assert with_absolute_paths(configured("weights=IMAGENET1K_V1")).weights == "IMAGENET1K_V1"

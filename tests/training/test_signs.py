@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from training import sign_backgrounds, signs
+from training.data import sign_backgrounds, signs
 
 CLASS_COUNT = len(signs.CLASSES)
 

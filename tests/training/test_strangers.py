@@ -11,7 +11,9 @@ import yaml
 from tests.training.forked import Command
 from tests.training.small import TINY, configured
 from tests.training.strangers import attack, put
-from training import overrides, runs, saved
+from training.config import overrides
+from training.runs import resume, trained
+from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -87,8 +89,8 @@ def test_options_that_act_come_from_the_command_line_alone(tmp_path):
     own = ["trainer.devices=64", "trainer.strategy=ddp", "data.download=true", "data.workers=9"]
     folder = put(tmp_path, *own)
     given = [f"run={folder}", "suite=defences", "demoire=torch:relu", "reattack.n=3"]
-    assert saved.read(folder).cfg.data.download is False  # as the explorer reads it
-    cfg = overrides.onto(saved.read(folder).cfg, configured(*given, name="reattack"), given)
+    assert trained.read(folder).cfg.data.download is False  # as the explorer reads it
+    cfg = overrides.onto(trained.read(folder).cfg, configured(*given, name="reattack"), given)
     assert (cfg.demoire, cfg.suite, cfg.targets) == ("torch:relu", "defences", None)
     assert (cfg.trainer.devices, cfg.trainer.strategy) == (1, "auto")
     assert (cfg.data.download, cfg.data.workers, cfg.reattack.n) == (False, 0, 3)
@@ -120,7 +122,7 @@ def test_a_checkpoint_is_tensors_alone(kind, where, tmp_path, capsys):
     }[kind]
     torch.save(content, bad / "best.ckpt")
     if where == "baseline":
-        assert saved.baseline_of(saved.read(run)) is None
+        assert resume.baseline_beside(trained.read(run)) is None
         said = capsys.readouterr().out
         assert "no baseline is attacked beside this run" in said
         again = f"python training/fit.py recipe={recipe} 'runs='\"'\"'{tmp_path}'\"'\"''"
@@ -145,7 +147,7 @@ def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
     folder = put(tmp_path)
     for text in (json.dumps({"train": train}), "[1]", '"a"', "{", "[" * 10**5):
         (folder / "metrics.json").write_text(text)
-        assert saved.trained(folder) is None
+        assert trained.training_cost(folder) is None
     good = {
         "seconds": 1.0,
         "init": "random",
@@ -153,13 +155,13 @@ def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
         "collapsed_at": None,
     }
     (folder / "metrics.json").write_text(json.dumps({"train": good}))
-    assert saved.trained(folder)["seconds"] == 1.0
+    assert trained.training_cost(folder)["seconds"] == 1.0
 
 
 def test_a_strangers_run_is_attacked_with_its_own_settings(tmp_path):
     own = ["scene={preset: screen_photo, view: {roll: [-3, 3]}}", "train.lr=1e-5", "data.val=null"]
     folder = put(tmp_path, *own)
-    assert saved.read(folder).cfg == configured("recipe=clean", *TINY, f"runs={tmp_path}", *own)
+    assert trained.read(folder).cfg == configured("recipe=clean", *TINY, f"runs={tmp_path}", *own)
     (folder / "metrics.json").write_text(json.dumps({"train": {"seconds": "<script>"}}))
     given = ["reattack.n=2", "reattack.eps=[0.01]", "reattack.steps=1", "data.val=16"]
     found = attack(folder, *given, "scene=paper_code")
@@ -173,6 +175,6 @@ def test_settings_in_our_own_runs_are_not_resolved_either(tmp_path, monkeypatch)
     monkeypatch.setenv("SECRET", "swordfish")
     folder = put(tmp_path, edit=lambda t: t.replace("weights: null", "weights: ${oc.env:SECRET}"))
     cfg = configured("recipe=clean", *TINY, f"runs={tmp_path}", "weights=swordfish")
-    assert runs.run_of(cfg).stage() == "other", "else the variable was read"
+    assert Run(cfg).stage() == "other", "else the variable was read"
     assert yaml.safe_load((folder / "config.yaml").read_text())["weights"] == "${oc.env:SECRET}"
     assert "stranger" not in sys.modules

@@ -15,12 +15,12 @@ import torch
 from moireaug.defenses import demoire
 from tests.training.forked import Command
 from tests.training.tiny_suites import TINY, cells, folder_of, records_of, suite
-from training.command_line import check_keys
-from training.eval_batches import EvalBatches
-from training.processes import WAIT
-from training.schema import Reattack, ReattackConfig, Trainer
-from training.splits import Splits
-from training.suites import fabric_of, networks_of
+from training.attack.suites import fabric_of, networks_of
+from training.config.command_line import check_keys
+from training.config.schema import Reattack, ReattackConfig, Trainer
+from training.data.eval_batches import EvalBatches
+from training.data.splits import Splits
+from training.system.processes import WAIT
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 

@@ -13,10 +13,11 @@ from moireaug.evaluation.frame import read_published
 from moireaug.evaluation.report.suite_view import CONTROL_COLUMNS
 from moireaug.evaluation.suites.scenes import other_scenes
 from tests.training.tiny_suites import cells, configured, folder_of, records_of, suite
-from training import attacking, models
-from training.attacking import Plan, protocol_of
-from training.data import load
-from training.schema import as_config
+from training.attack import protocol as attacking
+from training.attack.protocol import Plan, protocol_of
+from training.config.schema import as_config
+from training.data.load import load
+from training.models import classifiers as models
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 

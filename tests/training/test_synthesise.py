@@ -22,7 +22,8 @@ from moireaug import Shot, capture
 from tests.synthesis.folders import put, spoil
 from tests.training.forked import LONG, Command
 from tests.training.pairs import FEW, hashes, made
-from training import pair_files, synthesise
+from training import synthesise
+from training.pairs import files as pair_files
 
 
 @pytest.fixture(autouse=True)

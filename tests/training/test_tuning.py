@@ -7,13 +7,14 @@ import torch.nn.functional as F
 from torch.utils.data import TensorDataset
 
 from tests.training.small import configured
-from training import models, runs
-from training.classifier import Classifier
-from training.files import read_checkpoint
-from training.schema import Train
-from training.splits import Splits
-from training.train import classifier_of, train_model
-from training.tuning import Tuning, averaging, tuning
+from training.classifier.module import Classifier
+from training.classifier.train import classifier_of, train_model
+from training.classifier.tuning import Tuning, averaging, tuning
+from training.config.schema import Train
+from training.data.splits import Splits
+from training.models import classifiers as models
+from training.runs.run import Run
+from training.system.files import read_checkpoint
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -76,10 +77,10 @@ def tuned(tmp_path, name, batch, size, *more):
     )
     data = learnt(16, size)
     before = loss_of(classifier_of(cfg, 2), data)
-    runs.run_of(cfg).prepare()
-    model, _ = train_model(cfg, Splits(data, data, data, {}, 2))
+    Run(cfg).prepare()
+    model, _ = train_model(Run(cfg), Splits(data, data, data, {}, 2))
     last = classifier_of(cfg, 2)
-    last.load_state_dict(read_checkpoint(runs.folder(cfg) / "last.ckpt")["state_dict"])
+    last.load_state_dict(read_checkpoint(Run(cfg).folder / "last.ckpt")["state_dict"])
     return before, loss_of(last, data), model.history
 
 

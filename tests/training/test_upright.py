@@ -10,9 +10,9 @@ from moireaug.images import read_picture, size_of
 from moireaug.synthesis import Pairs
 from training import demoire as cleaning
 from training.calibration.pairs import Pair, read_codes, read_pairs, require_one_size
+from training.data.image_sets import Photos
 from training.demoireing.starting import start_as_identity
 from training.explorer import photo
-from training.image_sets import Photos
 
 SIDE = 16
 ORIENTATION = 0x0112

@@ -8,8 +8,8 @@ import torch
 import torchvision
 
 from moireaug import extras
-from training import models
-from training.small_resnet import SmallResNet
+from training.models import classifiers as models
+from training.models.small_resnet import SmallResNet
 
 
 def saved(model, path):

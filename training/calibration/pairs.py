@@ -17,7 +17,7 @@ from moireaug import Scene, capture
 from moireaug.images import read_picture, size_of
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from moireaug.synthesis.registration import register
-from training.files import read_table
+from training.system.files import read_table
 
 TABLE = "pairs.csv"  # of a folder
 BATCH = 8  # crops that are photographed at a time

@@ -1,1 +1,1 @@
-"""Demoiréing networks, trained on simulated pairs alone: `fit.py recipe=demoire`."""
+"""Demoiréing networks, trained on simulated pairs alone: `python training/demoire.py`."""

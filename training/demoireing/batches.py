@@ -75,6 +75,6 @@ class PairBatches(L.LightningDataModule):
 
     def val_dataloader(self) -> DataLoader:
         pairs = self._pairs(self.splits.val, VAL_SEED)
-        made = [pairs[k] for k in range(self.cfg.data.val or 0)]
+        made = [pairs[k] for k in range(self.cfg.data.val)]
         photos, targets = (torch.stack(side) for side in zip(*made, strict=True))
         return DataLoader(TensorDataset(photos, targets), VAL_BATCH)

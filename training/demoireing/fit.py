@@ -1,21 +1,19 @@
 """Train a demoiréing network on simulated pairs alone, test it, and report what it cleans.
 
-    python training/fit.py recipe=demoire                                   # on drawn signs
-    python training/fit.py recipe=demoire model=esdnet data=folder data.root=DIR pairs=PAIRS.csv
-    python training/fit.py recipe=demoire scene=phone_at_monitor demoire.target=original
+    python training/demoire.py train                                   # on drawn signs
+    python training/demoire.py train data.root=DIR model=esdnet pairs=PAIRS.csv
+    python training/demoire.py train scene=phone_at_monitor demoire.target=original
 
-DIR holds pictures at any depth, of which a tenth validates and a tenth tests, or the folders train
-and test. `pairs` names real photos and what was on the screen, for the report alone; with other
-pairs, a finished run is only tested again. Settings: training/demoireing/schema.py. Writes
-weights.pt (for training/demoire.py and moireaug.defenses.demoire.load), report.html, scores.csv
-(the figures of each pair), metrics.json, best.ckpt, last.ckpt and config.yaml into
-runs/[<data>-]<model>/demoire/seed<k>/. The same command resumes an interrupted run.
+`pairs` names real photos and what was on the screen, for the report alone; with other pairs, a
+finished run is only tested again. Writes weights.pt (for training/demoire.py clean and
+moireaug.defenses.demoire.load), report.html, scores.csv (the figures of each pair), metrics.json,
+best.ckpt, last.ckpt and config.yaml into runs/[<data>-]<model>/demoire/seed<k>/. The same command
+resumes an interrupted run.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -30,38 +28,24 @@ from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scenes import as_scene
-from moireaug.synthesis.pairs import SIZE_RANGE, check_aligned
-from training import commands, machine, runs, scenes
-from training.attacking import device
-from training.bounds import SEEDS, Bounds, check_run
+from moireaug.synthesis.pairs import check_aligned
 from training.calibration.pairs import find_pairs, fingerprint, require_one_size
+from training.config import commands, scenes
+from training.config.checks import check_run
+from training.config.compose import register
+from training.config.schema import as_config
+from training.config.settings import with_absolute_paths
 from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
-from training.demoireing.schema import DemoireConfig as DemoireConfig
-from training.demoireing.schema import asked_for as asked_for
-from training.demoireing.schema import register as register
+from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summary, test
-from training.processes import is_first
-from training.schema import absolute, as_config
+from training.runs.resume import require_resumable
+from training.runs.run import Run
+from training.system import machine
+from training.system.files import read_metrics
+from training.system.processes import is_first
 
 Metrics = dict[str, Any]
-TARGETS = ("twin", "original", "toned")
-BOUNDS: dict[str, Bounds] = {
-    "seed": (0, SEEDS),
-    "data.size": SIZE_RANGE,
-    "data.val": (1, None),
-    "data.test": (1, None),
-    "data.workers": (0, 1024),
-    "train.steps": (1, None),
-    "train.check_every": (1, None),
-    "train.batch_size": (1, None),
-    "train.lr": (1e-8, 10),
-    "train.warmup": (0, None),
-    "train.ema": (0, 0.999999),
-    "test.size": SIZE_RANGE,
-    "trainer.num_nodes": (1, 100_000),
-}
-UNUSED = {"train": None, "class_index": None, "augment": "none", "download": False}  # of `data`
 
 
 def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
@@ -71,20 +55,16 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_network`.
     """
-    cfg = absolute(as_config(cfg))
+    cfg = with_absolute_paths(as_config(cfg))
     cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
-    if cfg.demoire.vgg:
-        cfg = replace(cfg, demoire=replace(cfg.demoire, vgg=os.path.abspath(cfg.demoire.vgg)))
     check(cfg)
-    run = runs.run_of(cfg)
-    if is_first():
-        runs.make(run.folder)
-    with runs.held(run.folder):
+    run = Run(cfg)
+    with run.locked():
         if cfg.resume is not False and run.stage() == "finished":
-            return finished(cfg)
+            return report_finished(run)
         if cfg.resume and is_first():
-            runs.require_resumable(run)
-        return one_run(cfg)
+            require_resumable(run)
+        return complete(run)
 
 
 def check(cfg: DemoireConfig) -> None:
@@ -94,12 +74,12 @@ def check(cfg: DemoireConfig) -> None:
         TypeError, ValueError: with what was got and what is allowed.
     """
     one_of("model", cfg.model, demoire.NETWORKS)
-    one_of("demoire.target", cfg.demoire.target, TARGETS)
-    one_of("data", cfg.data.name, pictures.PICTURES)
-    for key, usual in UNUSED.items():
-        if getattr(cfg.data, key) != usual:
-            raise ValueError(f"data.{key}= has no effect on a demoiréing network: leave it out.")
-    _check_numbers(cfg)
+    check_run(cfg)
+    if cfg.train.steps % cfg.train.check_every:
+        raise ValueError(
+            f"train.steps must be a multiple of train.check_every, so that the last weights are "
+            f"validated; got {cfg.train.steps} and {cfg.train.check_every}."
+        )
     if cfg.demoire.vgg and cfg.model in NETWORKS_WITHOUT_FEATURES:
         raise ValueError(
             f"demoire.vgg= has no effect on {cfg.model}, whose published loss compares no "
@@ -117,71 +97,57 @@ def check(cfg: DemoireConfig) -> None:
             require_one_size(pair)
 
 
-def _check_numbers(cfg: DemoireConfig) -> None:
-    check_run(cfg, BOUNDS)
-    for name in ("val", "test"):
-        if getattr(cfg.data, name) is None:
-            raise ValueError(f"data.{name} must be a number of pairs; got null.")
-    if cfg.train.steps % cfg.train.check_every:
-        raise ValueError(
-            f"train.steps must be a multiple of train.check_every, so that the last weights are "
-            f"validated; got {cfg.train.steps} and {cfg.train.check_every}."
-        )
-
-
-def finished(cfg: DemoireConfig) -> Metrics:
+def report_finished(run: Run[DemoireConfig]) -> Metrics:
     """Print the figures of a finished run and return its metrics; test it again where other real
     pairs are given."""
-    folder = runs.folder(cfg)
-    known = runs.read_metrics(folder) or {}
+    cfg, folder = run.config, run.folder
+    known = read_metrics(folder) or {}
     if not is_first():
         return known
     if cfg.pairs and fingerprint(find_pairs(Path(cfg.pairs))) != known.get("pairs_fingerprint"):
         splits = pictures.load(cfg)
         pictures.require_same(folder, splits)
         network = demoire.load(folder / "weights.pt")
-        return tested(cfg, network, known["train"], splits)
+        return test_and_report(run, network, known["train"], splits)
     show(report.said(known))
     print(f"{folder} is already finished; resume=false trains it again.")
     return known
 
 
-def one_run(cfg: DemoireConfig) -> Metrics:
+def complete(run: Run[DemoireConfig]) -> Metrics:
     """Train, test and report; returns the metrics, {} in all but one process."""
     # Lightning takes seconds to import
     from training.demoireing.train import train_network, try_out
 
-    try_out(cfg)
-    run = runs.run_of(cfg)
-    splits = pictures.load(cfg)
+    try_out(run)
+    splits = pictures.load(run.config)
     pictures.require_usable(splits)
     if is_first():
         if run.can_resume():
             pictures.require_same(run.folder, splits)
         run.prepare()
         pictures.keep(run.folder, splits)
-    network, train = train_network(cfg, splits)
+    network, train = train_network(run, splits)
     if not is_first():
         return {}
     demoire.save(network, run.folder / "weights.pt")
-    metrics = tested(cfg, network, train, splits)
+    metrics = test_and_report(run, network, train, splits)
     (run.folder / "train.json").unlink(missing_ok=True)  # metrics.json holds it
     return metrics
 
 
-def tested(
-    cfg: DemoireConfig,
+def test_and_report(
+    run: Run[DemoireConfig],
     network: demoire.DemoireNet,
     train: Metrics,
     splits: pictures.Splits,
 ) -> Metrics:
     """Test a trained network, and write scores.csv, report.html and then metrics.json; returns the
     metrics."""
-    folder = runs.folder(cfg)
-    network.to(device(cfg.trainer))  # training leaves it on the CPU
+    cfg, folder = run.config, run.folder
+    network.to(machine.device(cfg.trainer.accelerator))  # training leaves it on the CPU
     began = time.perf_counter()
     found = test(network, cfg, splits)
-    settings = runs.settings(cfg)
     metrics = {
         "recipe": cfg.recipe,
         "seed": cfg.seed,
@@ -195,8 +161,8 @@ def tested(
         "test": summary(found.scores),
         "time": {"train": train["wall_seconds"], "test": time.perf_counter() - began},
         "scenes": {name: scene.to_dict() for name, scene in scenes_of(cfg).items()},
-        "config": settings,
-        "fingerprint": runs.fingerprint(settings),
+        "config": run.settings,
+        "fingerprint": run.fingerprint,
         "environment": machine.environment(cfg.trainer.accelerator),
         "command": machine.command(),
     }
@@ -214,3 +180,6 @@ def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.sentences(kept="What was validated is kept"):
         fit(cfg)
+
+
+register("demoire", DemoireConfig, (), __doc__)

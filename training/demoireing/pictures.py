@@ -10,13 +10,12 @@ import numpy as np
 from PIL import Image
 
 from moireaug.files import write_text
-from moireaug.scene.fields import one_of
 from moireaug.synthesis.pictures import Pictures, Source
-from training import signs
-from training.demoireing.schema import PICTURES, DemoireConfig
-from training.files import read_json
-from training.messages import counted
-from training.splits import has_parts, shuffled
+from training.data import signs
+from training.data.splits import has_parts, shuffled
+from training.demoireing.schema import DemoireConfig
+from training.system.files import read_json
+from training.system.messages import counted
 
 NAMES = "pictures.json"  # of a run: the names of each split's pictures
 HELD_OUT = 10  # one picture in ten validates, and one in ten tests
@@ -50,15 +49,12 @@ def load(cfg: DemoireConfig) -> Splits:
     """Find the pictures of a run's data set.
 
     Raises:
-        ValueError: an unsuitable data set, no folder, or too few pictures in it.
+        ValueError: no folder, or too few pictures in it.
     """
-    one_of("data", cfg.data.name, PICTURES)
     side, test_side = cfg.data.size, cfg.test.size
-    if cfg.data.name == "signs":
+    if not cfg.data.root:
         drawn = DrawnSigns(side)
         return Splits(drawn, drawn, DrawnSigns(test_side))
-    if not cfg.data.root:
-        raise ValueError("data=folder needs data.root=DIR, a folder with pictures inside it.")
     root = Path(cfg.data.root)
     if has_parts(root):
         train, val = _parts(Pictures(root / "train", side), 2)

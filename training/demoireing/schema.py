@@ -1,108 +1,116 @@
-"""Every setting of a run that trains a demoiréing network; its recipes are in
-`recipes/demoireing/`.
+"""Every setting of a run that trains a demoiréing network.
 
 Durations are in steps, sizes in pixels.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-from hydra.core.config_store import ConfigStore
-
-from training.schema import QUIET, RECIPES, SILENT, RunConfig, help_of, store_recipes
-
-OWN = RECIPES / "demoireing"
-PICTURES = ("signs", "folder")  # data sets that come in any size
+from moireaug.synthesis.pairs import SIZE_RANGE
+from training.config.schema import DEFAULT_DATA, RunConfig
+from training.config.settings import section, setting
 
 # what phones in front of LCDs and OLEDs take
-SEEN = ("screen_photo", "phone_at_monitor", "phone_at_laptop", "phone_at_phone")
-UNSEEN = ("phone_at_television", "webcam_at_phone", "phone_at_led_wall")
+TRAINED_SCENES = ("screen_photo", "phone_at_monitor", "phone_at_laptop", "phone_at_phone")
+UNSEEN_SCENES = ("phone_at_television", "webcam_at_phone", "phone_at_led_wall")
+
+
+@dataclass
+class Pictures:
+    """What is photographed."""
+
+    root: str | None = setting(
+        None,
+        "a folder of pictures at any depth, of which a tenth validates and a tenth tests, or with "
+        "the folders train and test; null: drawn signs",
+        is_path=True,
+    )
+    size: int = setting(128, "side of the training crops", bounds=SIZE_RANGE)
+    val: int = setting(32, "validation pairs", bounds=(1, None))
+    test: int = setting(16, "test pairs of each scene", bounds=(1, None))
+    workers: int = setting(0, "processes that make pairs", bounds=(0, 1024), changes_result=False)
+
+    @property
+    def name(self) -> str:
+        """The data set: a folder, or the drawn signs."""
+        return "folder" if self.root else DEFAULT_DATA
 
 
 @dataclass
 class Demoire:
     """What the network is, and what it learns."""
 
-    # "twin": the same shot without moiré. "original": what the screen showed. "toned": the original
-    # under the linear colour map that brings it closest to the photo, so that the exposure stays
-    target: str = "twin"
-    width: float = 0.25  # factor of the published numbers of channels
-    # a state_dict of torchvision's vgg16, for the perceptual part of a published loss; null: none
-    vgg: str | None = None
+    target: str = setting(
+        "twin",
+        "the same shot without moiré (twin), what the screen showed (original), or the original "
+        "under the linear colour map that brings it closest to the photo, so that the exposure "
+        "stays (toned)",
+        choices=("twin", "original", "toned"),
+    )
+    width: float = setting(0.25, "factor of the published numbers of channels")
+    vgg: str | None = setting(
+        None,
+        "a state_dict of torchvision's vgg16, for the perceptual part of a published loss; null: "
+        "none",
+        is_path=True,
+    )
 
 
 @dataclass
 class Train:
     """How the weights are trained."""
 
-    steps: int = 600
-    check_every: int = 50  # steps from one validation to the next; each can be resumed from
-    batch_size: int = 4  # of all devices together
-    lr: float = 1e-3  # the peak; falls to 0 along half a cosine
-    warmup: int = 50  # steps over which it rises
-    ema: float = 0.99  # decay per step of the averaged weights, which are validated and kept
-    channels_last: bool = True
+    steps: int = setting(600, "in all", bounds=(1, None))
+    check_every: int = setting(
+        50, "steps from one validation to the next; each can be resumed from", bounds=(1, None)
+    )
+    batch_size: int = setting(4, "of all devices together", bounds=(1, None))
+    lr: float = setting(1e-3, "the peak; falls to 0 along half a cosine", bounds=(1e-8, 10))
+    warmup: int = setting(50, "steps over which it rises", bounds=(0, None))
+    ema: float = setting(
+        0.99,
+        "decay per step of the averaged weights, which are validated and kept",
+        bounds=(0, 0.999999),
+    )
+    channels_last: bool = setting(True, "memory layout in which CPUs and GPUs convolve faster")
 
 
 @dataclass
 class HeldOut:
     """What the trained network is tested on."""
 
-    size: int = 256  # side of the pairs
-    unseen: list[str] = field(default_factory=lambda: list(UNSEEN))  # scenes not trained in
+    size: int = setting(256, "side of the pairs", bounds=SIZE_RANGE)
+    unseen: list[str] = setting(
+        lambda: list(UNSEEN_SCENES),
+        "scenes that are not trained in",
+        example="[phone_at_television]",
+    )
 
 
 @dataclass
 class DemoireConfig(RunConfig):
-    """All settings of a run. In `data`, `size` is the side of the training crops, `val` the number
-    of validation pairs, and `test` the number of test pairs per scene."""
+    """All settings of a run."""
 
-    # one scene, or several that take turns: as in `Config`, or a list of them
-    scene: Any = field(default_factory=lambda: list(SEEN))
-    model: str = "esdnet"  # or any of moireaug.defenses.demoire.NETWORKS
-    # `weights`: a file of moireaug.defenses.demoire.save to start from
-    demoire: Demoire = field(default_factory=Demoire)
-    train: Train = field(default_factory=Train)
-    test: HeldOut = field(default_factory=HeldOut)
-    # real photos and what was on the screen, for the report: as training/calibrate.py takes them
-    pairs: str | None = None
-
-
-def names() -> list[str]:
-    """Return the recipes that train a demoiréing network."""
-    return sorted(path.stem for path in OWN.glob("*.yaml"))
-
-
-def asked_for(overrides: Sequence[str]) -> bool:
-    """Return whether a command line names such a recipe.
-
-    Raises:
-        SystemExit: it also names recipes of classifiers.
-    """
-    given: list[str] = []
-    for override in overrides:
-        key, _, value = override.partition("=")
-        if key == "recipe":
-            given = value.split(",")
-    ours = [name for name in given if name in names()]
-    if ours and len(ours) < len(given):
-        raise SystemExit(
-            f"error: recipe={','.join(given)} mixes recipes of two kinds: {', '.join(ours)} trains "
-            "a demoiréing network. Use two commands."
-        )
-    return bool(ours)
-
-
-def register() -> None:
-    """Register the schema and the recipes with Hydra."""
-    store = ConfigStore.instance()
-    store.store(name="demoire_schema", node=DemoireConfig)
-    store_recipes(OWN)
-    defaults = ["demoire_schema", {"data": PICTURES[0]}, {"recipe": "demoire"}, "_self_"]
-    store.store(
-        name="demoire",
-        node={"defaults": [*defaults, *SILENT], "hydra": QUIET | help_of("demoireing/fit.py")},
+    recipe: str = setting("demoire", "a name for the run's folder")
+    scene: Any = setting(
+        lambda: list(TRAINED_SCENES),
+        "one scene, or several that take turns: presets' names, mappings of Scene's fields with an "
+        "optional `preset`, or YAML files of such a mapping or list",
+    )
+    model: str = setting("esdnet", "one of moireaug.defenses.demoire.NETWORKS")
+    weights: str | None = setting(
+        None, "a file of moireaug.defenses.demoire.save to start from", is_path=True
+    )
+    data: Pictures = section(Pictures)
+    demoire: Demoire = section(Demoire)
+    train: Train = section(Train)
+    test: HeldOut = section(HeldOut)
+    pairs: str | None = setting(
+        None,
+        "real photos and what was on the screen, for the report: as training/calibrate.py takes "
+        "them",
+        is_path=True,
+        changes_result=False,
     )

@@ -62,7 +62,7 @@ def simulated(cfg: DemoireConfig, splits: Splits) -> Iterator[GroupedPair]:
     """Make the simulated pairs of every scene that the network is tested on."""
     for name, pairs in test_pairs(cfg, splits).items():
         kind = "unseen" if name in cfg.test.unseen else "seen"
-        for k in range(cfg.data.test or 0):
+        for k in range(cfg.data.test):
             pair = pairs.pair(k)
             yield GroupedPair(name, kind, pair.picture, pair.photo, pair.original, pair.twin)
 

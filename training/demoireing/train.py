@@ -9,23 +9,22 @@ from typing import Any
 
 import lightning as L
 from lightning.pytorch.callbacks import EMAWeightAveraging
-from omegaconf import OmegaConf
 
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.files import write_text
-from training import ranks, runs
-from training.batches import require_even
-from training.checkpoints import RunCheckpoint
+from training.data.batches import require_even
 from training.demoireing.batches import PairBatches
 from training.demoireing.module import Demoireing
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.starting import start_as_identity
-from training.files import read_checkpoint, read_json
-from training.processes import is_first, say
-from training.schema import as_values
-from training.trainers import make_trainer
+from training.runs.run import Run
+from training.system.files import read_checkpoint, read_json
+from training.system.processes import is_first, say
+from training.trainer import ranks
+from training.trainer.checkpoints import RunCheckpoint
+from training.trainer.make import make_trainer
 
 
 def module_of(cfg: DemoireConfig) -> Demoireing:
@@ -40,21 +39,22 @@ def module_of(cfg: DemoireConfig) -> Demoireing:
     return Demoireing(network, cfg.demoire, cfg.train)
 
 
-def try_out(cfg: DemoireConfig) -> None:
+def try_out(run: Run[DemoireConfig]) -> None:
     """Make the network and the trainer once, before any run is moved or any time is spent.
 
     Raises:
         ValueError: as `module_of`; or a trainer's setting or a size of a batch that cannot be used.
     """
-    module_of(cfg)
-    require_even(cfg.train.batch_size, trainer_of(cfg, runs.folder(cfg)).world_size)
+    module_of(run.config)
+    trainer = trainer_of(run.config, run.folder)
+    require_even(run.config.train.batch_size, trainer.world_size)
 
 
-def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[str, Any]]:
+def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, dict[str, Any]]:
     """Train, and return the averaged weights that did best on validation, with what it cost.
 
     Args:
-        cfg: the run's settings. splits: its pictures.
+        run: its settings and folder. splits: its pictures.
 
     Raises:
         ValueError: a checkpoint that is missing or damaged, or pictures that cannot be used.
@@ -63,8 +63,8 @@ def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[
         OSError: a disk that is full or not writable.
         KeyboardInterrupt: Ctrl-C or SIGTERM; what was validated is kept.
     """
+    cfg = run.config
     L.seed_everything(cfg.seed, verbose=False)
-    run = runs.run_of(cfg)
     out, resumed = run.folder, run.can_resume()
     last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
     module = module_of(cfg)
@@ -75,7 +75,7 @@ def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[
         return network.eval(), train
     done = read_checkpoint(last)["history"] if resumed else []
     if is_first():
-        write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
+        run.write_settings()
     millions = sum(weights.numel() for weights in network.parameters()) / 1e6
     say(
         f"Training {cfg.model} of width {cfg.demoire.width:g} ({millions:.2f} million weights) on "

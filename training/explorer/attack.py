@@ -16,8 +16,9 @@ from moireaug.evaluation.report.page import embedded_picture, title_of
 from moireaug.evaluation.suites.ladder import ladder_conditions
 from moireaug.evaluation.tables import SuiteConfig
 from moireaug.scenes import Scene
-from training import data, saved
+from training.data import load as data
 from training.explorer.photo import Picture, as_picture
+from training.runs.trained import read
 
 IMAGES = 24  # how many of a run's test images there are to choose from
 
@@ -55,7 +56,7 @@ def open_run(folder: str) -> Run:
     """
     if not folder.strip():
         raise ValueError("name the folder of a run, such as runs/moire_at/seed0.")
-    found = saved.read(Path(folder.strip()))
+    found = read(Path(folder.strip()))
     wanted = replace(found.cfg.data, train=1, val=1, test=IMAGES)
     splits = data.load(wanted)
     found.check_classes(splits, wanted)

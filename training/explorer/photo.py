@@ -19,7 +19,7 @@ from moireaug.capture import capture
 from moireaug.effects.base import WithinExposure
 from moireaug.pipeline import DEVELOP, EXPOSE
 from moireaug.scenes import Scene, Shot
-from training import signs
+from training.data import signs
 
 Picture = NDArray[np.uint8]  # (H, W, 3)
 

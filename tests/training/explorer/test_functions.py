@@ -18,7 +18,8 @@ from moireaug.pipeline import EXPOSE
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS, Lens
 from moireaug.scene.presets import PRESETS
-from training import explore, scenes
+from training import explore
+from training.config import scenes
 from training.explorer import attack, photo, words
 from training.explorer.controls import CONTROLS, documented, scene_of, shown
 

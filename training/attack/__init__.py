@@ -1,0 +1,1 @@
+"""Attacks on a trained classifier: the protocol, and what suites need besides."""

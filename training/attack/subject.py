@@ -1,0 +1,136 @@
+"""A trained classifier to attack: a run's, or one with given weights."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from torch import nn
+
+from moireaug.evaluation.visibility import LPIPS
+from moireaug.mixtures import as_scenes
+from training.attack.protocol import Protocol, protocol_of
+from training.config.schema import Config, Reattack, ReattackConfig
+from training.data.load import load
+from training.data.splits import Splits
+from training.models.classifiers import as_model, check_side, class_names
+from training.runs.run import fingerprint_of, group_of, result_settings
+from training.runs.trained import TrainedRun
+from training.system.files import make_folder
+
+
+class Subject(NamedTuple):
+    """A classifier to attack.
+
+    Args:
+        name: of its results. model: [0, 1] images to logits. splits: the data.
+        protocol: how it is attacked. records: folder of the finished pieces.
+        folder: where the results go. seconds: spent so far, by phase.
+    """
+
+    name: str
+    model: nn.Module
+    splits: Splits
+    protocol: Protocol
+    records: Path
+    folder: Path
+    seconds: dict[str, float]
+
+
+def subject_of_run(cfg: ReattackConfig, run: TrainedRun) -> Subject:
+    """Return the best checkpoint of a run.
+
+    Raises:
+        ValueError: classes or images that are not the run's; a folder that cannot be written.
+    """
+    lpips = lpips_of(cfg)
+    make_folder(run.folder / "reattack")
+    if not (run.folder / "metrics.json").is_file():
+        print(
+            f"note: the run in {run.folder} is not finished; its best checkpoint so far is "
+            "attacked."
+        )
+    start = time.perf_counter()
+    splits = load(cfg.data)
+    run.check_classes(splits, cfg.data)
+    model = run.model()
+    protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
+    same_data = result_settings(cfg)["data"] == result_settings(run.cfg)["data"]
+    name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
+    folder = run.folder / "reattack" / name / cfg.suite
+    seconds = {"data": time.perf_counter() - start}
+    return Subject(cfg.recipe, model, splits, protocol, run.folder / "records", folder, seconds)
+
+
+def subject_of_weights(cfg: ReattackConfig) -> Subject:
+    """Return a named model with given weights.
+
+    Raises:
+        ValueError: no weights, or some that do not fit; images of another size than the model's.
+    """
+    if cfg.weights is None:
+        raise ValueError(
+            "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE "
+            "(or torchvision's name of weights, such as DEFAULT)."
+        )
+    lpips = lpips_of(cfg)
+    home = Path(cfg.runs) / "reattack" / cfg.model
+    make_folder(home)
+    start = time.perf_counter()
+    splits = load(cfg.data)
+    model = as_model(cfg.model, splits.num_classes, cfg.weights, whole=True)
+    check_side(model, cfg.model, cfg.data.size)
+    if cfg.data.class_index:
+        splits = splits._replace(classes=class_names(cfg.model) or splits.classes)
+    protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
+    folder = home / protocol_name(cfg, protocol.batches.n, with_data=True) / cfg.suite
+    seconds = {"data": time.perf_counter() - start}
+    return Subject(cfg.model, model, splits, protocol, home / "records", folder, seconds)
+
+
+def lpips_of(cfg: ReattackConfig) -> LPIPS | None:
+    """Return what measures LPIPS; None where no weights are given for it.
+
+    Raises:
+        ValueError: a file of other weights, or images that are too small for them.
+    """
+    if cfg.lpips is None:
+        return None
+    lpips = LPIPS(cfg.lpips)
+    lpips.require_side(cfg.data.size)
+    return lpips
+
+
+def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
+    """Return the name of a folder for all attacks with these settings.
+
+    Args:
+        n: images. with_data: whether the name includes the data set and the weights.
+    """
+    parts = [scene_name(cfg.scene), f"n{n}", f"steps{cfg.reattack.steps}"]
+    own, usual = cfg.reattack, Reattack()
+    odd: dict[str, Any] = {}
+    for name in ("eps", "seed", "batch_size"):
+        if getattr(own, name) != getattr(usual, name):
+            odd[name] = getattr(own, name)
+    for name in ("targets", "networks", "demoire", "lpips"):
+        if getattr(cfg, name):
+            odd[name] = getattr(cfg, name)
+    if with_data:
+        parts.insert(0, group_of(cfg.data, Config.model) or cfg.data.name)
+        odd |= {"data": result_settings(cfg)["data"], "weights": cfg.weights}
+    if odd:
+        parts.append(fingerprint_of(odd)[:6])
+    return "-".join(parts)
+
+
+def scene_name(scene: Any) -> str:
+    """Return a preset's name, or one that changes with any field.
+
+    Args:
+        scene: as in the schema.
+    """
+    if isinstance(scene, str):
+        return scene
+    return f"custom-{fingerprint_of(as_scenes(scene).to_dict())[:6]}"

@@ -1,0 +1,209 @@
+"""What a suite needs besides the model: processes to share it, targets to transfer to, and learned
+defences."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import nn
+from torch.utils.data import Subset
+
+from moireaug.defenses import Quilting, demoire
+from moireaug.defenses.demoire import Demoire
+from moireaug.evaluation import SuiteConfig
+from moireaug.evaluation.conditions import Defence
+from moireaug.evaluation.identity import require_identity
+from moireaug.evaluation.suites import OPTION_SUITES
+from training.attack.protocol import Attacked, Plan
+from training.attack.subject import Subject
+from training.config.schema import Data, ReattackConfig, Trainer
+from training.data.splits import Splits
+from training.models.classifiers import as_model, names
+from training.runs.run import fingerprint_of, result_settings
+from training.runs.trained import read
+
+if TYPE_CHECKING:
+    from lightning import Fabric
+
+PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
+RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
+BANK, DONORS = 50_000, 500  # patches of the image quilting, and images that they are drawn from
+
+
+def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> Attacked | None:
+    """Attack a classifier by `cfg.suite`, shared among the processes that the trainer's settings
+    ask for; return the results in the first of them."""
+    fabric = fabric_of(cfg.trainer)
+    config = suite_config(cfg, subject, fabric)
+    plan = Plan(subject.model, cfg.suite, subject.protocol, subject.records, config)
+    plan.run(cfg.suite, fabric.global_rank, fabric.world_size)
+    fabric.barrier()
+    return None if fabric.global_rank else plan.results()
+
+
+def fabric_of(trainer: Trainer) -> Fabric:
+    """Launch the processes that share the work: Lightning's own, with the same settings as in
+    training."""
+    from lightning import Fabric  # takes seconds to import
+
+    from training.trainer import ranks
+
+    kind = trainer.accelerator
+    if kind == "auto" and not torch.cuda.is_available():
+        kind = "cpu"
+    fabric = Fabric(
+        accelerator=kind,
+        devices=trainer.devices,
+        num_nodes=trainer.num_nodes,
+        strategy=trainer.strategy,
+    )
+    ranks.launch(fabric)
+    return fabric
+
+
+def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> SuiteConfig:
+    """Return what the suite of these settings is built from.
+
+    Raises:
+        ValueError: a target or defence that cannot be loaded.
+    """
+    splits, protocol = subject.splits, subject.protocol
+    targets: Mapping[str, nn.Module | None] = {}
+    if cfg.suite in OPTION_SUITES["targets"]:
+        targets = targets_of(cfg.targets, cfg.data, splits, fabric.device)
+    config = dataclasses.replace(protocol.config(), targets=targets)
+    defences = dict(config.defences)
+    without = {}
+    networks: dict[str, Defence] = {}
+    if cfg.networks:  # before a patch bank is made
+        networks = networks_of(cfg.networks, fabric.device)
+    if cfg.demoire:
+        own = Demoire(callable_of(cfg.demoire, fabric.device))
+        (networks if cfg.suite == "demoireing" else defences)[cfg.demoire] = own
+    if cfg.suite == "demoireing" and not networks:
+        raise ValueError(
+            "suite=demoireing needs demoiréing networks: pass networks=DIR with their weights, or "
+            "demoire=package.module:callable."
+        )
+    if cfg.suite in ("defences", "paper"):
+        donors = protocol.batches.others(splits)
+        if len(donors):
+            cache = subject.records / f"quilting-{fingerprint_of(result_settings(cfg)['data'])}.npz"
+            with fabric.rank_zero_first():  # the others read the bank that it makes
+                defences["quilting"] = quilting(donors, cache)
+        else:
+            without["quilting"] = "there are no images for its patch bank besides those attacked"
+    return dataclasses.replace(config, defences=defences, networks=networks, without=without)
+
+
+def targets_of(
+    given: Any, data: Data, splits: Splits, device: torch.device
+) -> dict[str, nn.Module | None]:
+    """Return the models to transfer to: those given, by a file of weights or a run's folder; and
+    the paper's, None where no weights are given.
+
+    Raises:
+        ValueError: a target that is neither a model's name with weights nor a run.
+    """
+    if given is not None and not isinstance(given, Mapping):
+        raise ValueError(
+            f"targets={given!r} must be names with weights, as in targets='{{resnet18: FILE}}'."
+        )
+    found: dict[str, nn.Module | None] = {}
+    for name, weights in (given or {}).items():
+        if isinstance(weights, str) and (Path(weights) / "best.ckpt").is_file():
+            run = read(Path(weights))
+            run.check_classes(splits, data)
+            found[name] = run.model().to(device)
+        elif name in names():
+            found[name] = None
+            if weights:
+                model = as_model(name, splits.num_classes, weights, whole=True)
+                found[name] = model.to(device).eval()
+        else:
+            raise ValueError(
+                f"targets.{name}={weights!r} is neither a run's folder with best.ckpt nor a "
+                f"model's name with weights. "
+                "Pass targets='{NAME: DIR}', or targets='{resnet18: FILE}'."
+            )
+    if data.class_index:
+        for name in PAPER_TARGETS:
+            found.setdefault(name, None)
+    return found
+
+
+def quilting(images: Subset, cache: Path) -> Quilting:
+    """Return an image quilting with patches from these images; its bank is cached in a file."""
+    some = []
+    for i in range(min(len(images), DONORS)):
+        some.append(images[i][0])
+    stack = torch.stack(some).float() / 255
+    cache.parent.mkdir(parents=True, exist_ok=True)
+    return Quilting.from_images(stack, patches=BANK, seed=0, cache=cache)
+
+
+def networks_of(given: Any, device: torch.device) -> dict[str, Defence]:
+    """Return demoiréing networks by name: those of the files FILE.pt of a folder, by the files'
+    names, or those named, by a file of weights or a run's folder.
+
+    Raises:
+        ValueError: no such file or folder, a file that is damaged or holds no network, or one
+            that is named after a network other than the one it holds.
+    """
+    places = given
+    if isinstance(given, str):
+        places = {file.stem: file for file in sorted(Path(given).glob("*.pt"))}
+    if not isinstance(places, Mapping) or not places:
+        raise ValueError(
+            f"networks={given!r} has no weights of demoiréing networks. Pass a folder with files "
+            "of demoire.save, such as mopnet.pt, or networks='{mopnet: FILE}'."
+        )
+    found: dict[str, Defence] = {}
+    for name, place in places.items():
+        file = Path(place) / RUN_WEIGHTS if Path(place).is_dir() else Path(place)
+        network = demoire.load(file)
+        if name == Path(RUN_WEIGHTS).stem:  # of a run's own folder
+            name = network.name
+        if name in demoire.NETWORKS and name != network.name:
+            raise ValueError(
+                f"networks: {name!r} names another network than {str(file)!r} holds, "
+                f"{network.name}: its row would show that network's published figures. Rename it."
+            )
+        found[name] = Demoire(network.to(device))
+    return found
+
+
+def callable_of(name: str, device: torch.device) -> Defence:
+    """Import what `package.module:name` names, as `python -c` in the working folder would.
+
+    The working folder stays the first that is searched: a function may import more once it is
+    called.
+
+    Raises:
+        ValueError: nothing of that name, or nothing that can be called.
+    """
+    module, _, attribute = name.partition(":")
+    working_folder = os.getcwd()
+    if sys.path[0] != working_folder:
+        sys.path.insert(0, working_folder)
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(
+            f"demoire={name!r} could not be imported ({error}): {working_folder!r} was searched, "
+            "then PYTHONPATH and the installed packages. Pass package.module:callable."
+        ) from error
+    if not callable(found) or isinstance(found, type):
+        raise ValueError(
+            f"demoire={name!r} is a {type(found).__name__}, not a callable on (B, 3, H, W) in "
+            f"[0, 1]."
+        )
+    require_identity(f"demoire={name!r}", found)
+    return found.eval().to(device) if isinstance(found, nn.Module) else found

@@ -1,0 +1,91 @@
+"""Adversaries of training by name: what each does to the images, and what it costs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from torch import Tensor, nn
+
+from moireaug.attacks import PGD, Attack, MoireAttack
+from moireaug.capture import capture
+from moireaug.mixtures import Mixture
+from moireaug.scenes import Scene
+from training.config.schema import Adversary
+
+STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
+
+
+class Adversaries:
+    """Photographs or attacks training images, as `adversary.*` says.
+
+    Args:
+        model: the model in training.
+        scene: the scene of the shots, or a mixture.
+        cfg: the settings.
+
+    Raises:
+        ValueError: settings that do not go together.
+    """
+
+    def __init__(self, model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> None:
+        check(cfg)
+        self.scene, self.cfg = scene, cfg
+        self.attack = _attack(model, scene, cfg)
+
+    def __call__(self, images: Tensor, labels: Tensor, strength: float = 1.0) -> Tensor:
+        """Return images (B, 3, H, W) in [0, 1] under attack, without gradient; where the kind is
+        "none", photographed.
+
+        Args:
+            labels: (B,) int64. strength: share of eps that is in force, in [0, 1].
+        """
+        if self.attack is None:
+            return self.photograph(images)
+        return replace(self.attack, eps=strength * self.cfg.eps).last(images, labels)
+
+    def photograph(self, images: Tensor) -> Tensor:
+        """Return photos of images (B, 3, H, W) in [0, 1], each by a random shot, unattacked."""
+        size = images.shape[-2], images.shape[-1]
+        return capture(images, self.scene.sample(len(images), size))
+
+
+def _attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack | None:
+    if cfg.kind == "moire_attack":
+        return MoireAttack(model, scene=scene, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
+    if cfg.kind == "pgd":
+        return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
+    return None
+
+
+def check(cfg: Adversary) -> None:
+    """Refuse settings that do not go together.
+
+    Raises:
+        ValueError: with what was got, what is allowed and what to do.
+    """
+    if cfg.kind == "none" and cfg.share:
+        raise ValueError(
+            f"adversary.share={cfg.share} is the share of images that are attacked, and the kind "
+            "none attacks none: use moire_attack or pgd, or adversary.natural for photos without "
+            "an attack."
+        )
+    if cfg.kind != "none" and not (cfg.share and cfg.steps and cfg.eps):
+        raise ValueError(
+            f"adversary.kind={cfg.kind} needs a share, steps and eps above 0; got "
+            f"{cfg.share}, {cfg.steps} and {cfg.eps}. Without an attack, the kind is none."
+        )
+    if cfg.share + cfg.natural > 1:
+        raise ValueError(
+            "adversary.share and adversary.natural are parts of one batch and must not add up to "
+            f"more than 1; got {cfg.share} and {cfg.natural}."
+        )
+
+
+def strengthened(cfg: Adversary) -> Adversary:
+    """Return the same adversary with at least three steps."""
+    return replace(cfg, steps=max(cfg.steps, STRONG))
+
+
+def passes(cfg: Adversary) -> float:
+    """Return the forward and backward passes per image in a training step."""
+    return 1 + cfg.share * cfg.steps

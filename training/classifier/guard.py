@@ -1,0 +1,73 @@
+"""Catastrophic overfitting of few-step adversarial training: detected on validation, undone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+from lightning.pytorch.callbacks import WeightAveraging
+
+from training.classifier.module import Classifier, collapsed
+from training.system.files import read_checkpoint
+from training.system.processes import say
+
+
+class Guard(L.Callback):
+    """Restores the best epoch of a collapsed model, and continues with three steps.
+
+    A model that learns against one step may learn to defeat that step alone (catastrophic
+    overfitting, Wong et al., 2020): within an epoch its accuracy under more steps falls to nothing.
+    The event is printed and kept in the run's history; the schedule of the learning rate continues.
+
+    Args:
+        best: the best checkpoint's file.
+    """
+
+    def __init__(self, best: Path) -> None:
+        self.best = best
+
+    def on_train_epoch_start(  # type: ignore[override]
+        self, trainer: L.Trainer, module: Classifier
+    ) -> None:
+        if not _fell(module):
+            return
+        good = read_checkpoint(self.best)
+        restore(trainer, module, good)
+        module.harden(int(module.history[-1]["epoch"]))
+        _say(module, f"Back to epoch {good['epoch'] + 1}, and training continues with three steps.")
+
+    def on_train_end(  # type: ignore[override]
+        self, trainer: L.Trainer, module: Classifier
+    ) -> None:
+        if _fell(module):
+            module.collapsed_at = int(module.history[-1]["epoch"])
+            _say(module, "It was the last epoch: an earlier one is kept.")
+
+
+def _fell(module: Classifier) -> bool:
+    """Return whether the model has collapsed in the last epoch of its history."""
+    history = [row["perturbed"] for row in module.history if "perturbed" in row]
+    return module.few_steps and not module.hardened and bool(history) and collapsed(history)
+
+
+def _say(module: Classifier, then: str) -> None:
+    *before, now = [row["perturbed"] for row in module.history]
+    epoch = int(module.collapsed_at or 0) + 1
+    say(
+        f"\nCatastrophic overfitting in epoch {epoch}: accuracy under three steps fell to "
+        f"{now:.0%} from {max(before):.0%}. {then}"
+    )
+
+
+def restore(trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
+    """Restore weights, their average and momentum; epoch, learning rate and draws continue."""
+    module.load_state_dict(checkpoint["state_dict"])
+    for callback in trainer.callbacks:  # type: ignore[attr-defined]
+        if isinstance(callback, WeightAveraging):
+            callback.on_load_checkpoint(trainer, module, checkpoint)
+    for optimizer, state in zip(trainer.optimizers, checkpoint["optimizer_states"], strict=True):
+        rates = [(g["lr"], g["momentum"]) for g in optimizer.param_groups]
+        optimizer.load_state_dict(state)
+        for group, (lr, momentum) in zip(optimizer.param_groups, rates, strict=True):
+            group["lr"], group["momentum"] = lr, momentum

@@ -1,0 +1,241 @@
+"""The Lightning module that trains a classifier against its adversary."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import lightning as L
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from moireaug.attacks import NoAnswerError, predicted
+from moireaug.evaluation.statistics import mix_seeds
+from moireaug.mixtures import Mixture
+from moireaug.scenes import Scene
+from training.classifier.adversaries import STRONG, Adversaries, strengthened
+from training.classifier.tuning import make_optimizer, tuning
+from training.config.schema import Adversary, Train
+from training.data.augmentation import augment
+
+FLOOR = 0.2  # accuracy below which a model has nothing to lose yet
+FALL = 0.5  # share of the best accuracy that counts as a collapse
+
+
+def collapsed(perturbed: list[float]) -> bool:
+    """Return whether accuracy in the last epoch has fallen below half of the best before it.
+
+    Args:
+        perturbed: accuracy of each epoch under an attack of at least three steps, in [0, 1].
+    """
+    *before, now = perturbed
+    return bool(before) and max(before) > FLOOR and now < FALL * max(before)
+
+
+class Classifier(L.LightningModule):
+    """Trains a model on images that an adversary has photographed or attacked.
+
+    Validation scores the mean of clean accuracy and accuracy under the recipe's own adversary, on
+    draws that are the same in every epoch; an adversary of fewer than three steps is validated with
+    three, so that a model that only defeats single steps (catastrophic overfitting) is noticed.
+    `guard.Guard` acts on it.
+
+    Args:
+        model: takes [0, 1] images (B, 3, H, W) and returns logits.
+        train: how it is trained.
+        adversary: what is done to the training images.
+        scene: where they are photographed.
+        seed: of all random draws.
+        augment: of the clean images, one of `augmentation.AUGMENT`.
+        fine: whether given weights are fine-tuned.
+
+    Raises:
+        ValueError: invalid settings of the adversary.
+    """
+
+    def __init__(
+        self,
+        model: nn.Module,
+        train: Train,
+        adversary: Adversary,
+        scene: Scene | Mixture,
+        *,
+        seed: int,
+        augment: str = "none",
+        fine: bool = False,
+    ) -> None:
+        super().__init__()
+        self.model, self.scene, self.seed = model, scene, seed
+        self.settings, self.threat, self.augment = train, adversary, augment
+        if not train.channels_last:
+            self.model.to(memory_format=torch.contiguous_format)
+        if train.compile:
+            self.model.compile()
+        self.adversary = Adversaries(model, scene, adversary)
+        self.validation_adversary = Adversaries(model, scene, strengthened(adversary))
+        self.tuning = tuning(train, fine=fine)
+        self.history: list[dict[str, float]] = []
+        self.collapsed_at: int | None = None
+        self._loss: list[Tensor] = []
+        self._hits: dict[str, list[Tensor]] = {}
+        self._began, self._trained = time.perf_counter(), 0.0
+        own_statistics = not fine if train.batch_statistics is None else train.batch_statistics
+        normalisations = [
+            m for m in model.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)
+        ]
+        self._fixed = [] if own_statistics else normalisations
+        self.train()
+
+    def train(self, mode: bool = True) -> Classifier:
+        """Switch the mode of all but batch normalisation with fixed statistics.
+
+        Fine-tuning keeps the statistics of the given weights: few images give no better ones, and
+        published weights may have theirs folded into the convolutions.
+        """
+        super().train(mode)
+        for module in self._fixed:
+            module.eval()
+        return self
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Return the logits of [0, 1] images (B, 3, H, W)."""
+        return self.model(images)
+
+    @property
+    def few_steps(self) -> bool:
+        """Return whether the model may learn to defeat only the few steps of its adversary."""
+        return self.threat.kind != "none" and self.threat.steps < STRONG
+
+    @property
+    def hardened(self) -> bool:
+        return self.collapsed_at is not None
+
+    def harden(self, epoch: int) -> None:
+        """Attack in three steps from now on: the model has collapsed in `epoch`."""
+        self.collapsed_at = epoch
+        self.adversary = Adversaries(self.model, self.scene, strengthened(self.threat))
+
+    def on_train_epoch_start(self) -> None:
+        self._loss, self._began = [], time.perf_counter()
+        if torch.distributed.is_initialized():
+            # Each process has its own statistics of batch normalisation, which DDP does not share
+            # after a validation; attacks see them. A resumed run begins with the first's.
+            for buffer in self.buffers():
+                torch.distributed.broadcast(buffer, 0)
+
+    def training_step(self, batch: tuple[Tensor, Tensor], index: int) -> Tensor:
+        # all draws follow from seed, epoch, batch and rank, so that a resumed run repeats them
+        torch.manual_seed(mix_seeds(self.seed, self.current_epoch, index, self.global_rank))
+        images, labels = batch
+        images = augment(images.float() / 255, self.augment)
+        try:
+            images = self._turned(images, labels)
+        except NoAnswerError:
+            raise self._diverged("loss became nan", index) from None
+        loss = F.cross_entropy(self(images), labels, label_smoothing=self.settings.label_smoothing)
+        if not torch.isfinite(loss):
+            raise self._diverged(f"loss became {loss.item()}", index)
+        self._loss.append(loss.detach())
+        self.log("loss", loss, prog_bar=True, logger=False)
+        return loss
+
+    def _diverged(self, what: str, index: int) -> FloatingPointError:
+        return FloatingPointError(
+            f"the {what} in epoch {self.current_epoch + 1}, batch {index}. Train with a smaller "
+            "train.lr, or with trainer.precision=32-true; the epochs before this one are kept in "
+            "the run's folder."
+        )
+
+    def _turned(self, images: Tensor, labels: Tensor) -> Tensor:
+        """Return a batch's images: its first ones attacked, those after them photographed, the rest
+        clean; batches are shuffled, so that each part is random."""
+        n = round(self.threat.share * len(images))
+        end = round((self.threat.share + self.threat.natural) * len(images))
+        attacked, photos, clean = images[:n], images[n:end], images[end:]
+        if len(photos):
+            photos = self.adversary.photograph(photos)
+        if len(attacked):
+            attacked = self.adversary(attacked, labels[:n], self._strength())
+        return torch.cat([attacked, photos, clean])
+
+    def _strength(self) -> float:
+        """Return the share of eps in force, which rises linearly over `adversary.warmup`."""
+        total = self.trainer.estimated_stepping_batches
+        if not self.threat.warmup:
+            return 1.0
+        return min(1.0, (self.global_step + 1) / (self.threat.warmup * total))
+
+    def on_validation_epoch_start(self) -> None:
+        self._hits, self._trained = (
+            {"clean": [], "perturbed": []},
+            time.perf_counter() - self._began,
+        )
+        self._rng = torch.random.get_rng_state()
+        torch.manual_seed(self.seed + self.global_rank)
+
+    def validation_step(self, batch: tuple[Tensor, Tensor], index: int) -> None:
+        images, labels = batch
+        images = images.float() / 255
+        self._hits["clean"].append((predicted(self(images)) == labels).float())
+        if self.threat.kind != "none" or self.threat.natural:
+            try:
+                shown = self.validation_adversary(images, labels)
+            except NoAnswerError:  # no answer is wrong, attacked or not
+                shown = images
+            self._hits["perturbed"].append((predicted(self(shown)) == labels).float())
+
+    def on_validation_epoch_end(self) -> None:
+        torch.random.set_rng_state(self._rng)
+        means = {k: torch.cat(v).mean() for k, v in self._hits.items() if v}
+        means = {k: self.trainer.strategy.reduce(v, reduce_op="mean") for k, v in means.items()}
+        means["score"] = torch.stack(list(means.values())).mean()
+        if self._collapses(means):
+            means["score"] = torch.zeros_like(means["score"])  # never the best epoch
+        for name, value in means.items():
+            self.log(f"val_{name}", value, prog_bar=True, logger=False)
+        loss = torch.tensor(self._loss, dtype=torch.float32, device=self.device).mean()
+        validation = time.perf_counter() - self._began - self._trained
+        row = {
+            "epoch": self.current_epoch,
+            "loss": float(self.trainer.strategy.reduce(loss, reduce_op="mean")),
+            "seconds": self._trained,
+            "validation_seconds": validation,
+        }
+        self.history.append(row | {k: float(v) for k, v in means.items()})
+
+    def _collapses(self, means: dict[str, Tensor]) -> bool:
+        """Return whether the epoch with these means ends in catastrophic overfitting."""
+        if not self.few_steps or self.hardened:
+            return False
+        perturbed = [row["perturbed"] for row in self.history]
+        return collapsed([*perturbed, float(means["perturbed"])])
+
+    def configure_optimizers(self) -> Any:
+        momentum = self.settings.momentum
+        optimizer = make_optimizer(self.parameters(), self.tuning, momentum)
+        # with five steps the warm-up would have length 0, which OneCycleLR divides by
+        total = max(6, int(self.trainer.estimated_stepping_batches) + 1)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            optimizer,
+            [group["lr"] for group in optimizer.param_groups],
+            total_steps=total,
+            pct_start=0.2,
+            cycle_momentum=momentum > 0,
+            max_momentum=momentum,
+            base_momentum=max(0.0, momentum - 0.1),
+        )
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def configure_gradient_clipping(self, optimizer: Any, *_: Any, **__: Any) -> None:
+        self.clip_gradients(
+            optimizer, gradient_clip_val=self.tuning.clip, gradient_clip_algorithm="norm"
+        )
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        checkpoint["history"], checkpoint["collapsed_at"] = list(self.history), self.collapsed_at
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self.history = list(checkpoint["history"])
+        if checkpoint["collapsed_at"] is not None:
+            self.harden(checkpoint["collapsed_at"])

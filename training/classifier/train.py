@@ -1,0 +1,181 @@
+"""Training of one run: begun, resumed, or read back where it is complete."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+
+from moireaug.evaluation.statistics import mix_seeds
+from moireaug.files import write_text
+from training.classifier.adversaries import passes
+from training.classifier.guard import Guard
+from training.classifier.module import Classifier
+from training.classifier.tuning import Tuning, averaging
+from training.config.schema import Config, Trainer, scene_of
+from training.data.batches import Batches, require_even
+from training.data.splits import Splits
+from training.models.classifiers import as_model, check_side
+from training.runs.costs import cost, with_totals
+from training.runs.resume import trained_run
+from training.runs.run import Run, start_of
+from training.system import machine
+from training.system.files import digest, read_checkpoint, read_json
+from training.system.messages import counted
+from training.system.processes import is_first, say
+from training.trainer import ranks
+from training.trainer.checkpoints import Origin, RunCheckpoint
+from training.trainer.make import make_trainer
+
+
+def try_out(run: Run[Config], splits: Splits) -> None:
+    """Make the model and the trainer once, show the model a picture, and read an image of each
+    part, before any run is moved or any time is spent.
+
+    Raises:
+        ValueError: weights, a trainer's setting, a size of images, of a batch, or data that cannot
+            be used.
+    """
+    cfg = run.config
+    if splits.num_classes < 2:
+        raise ValueError(
+            f"the data hold a single class, {splits.classes[0]!r}: a classifier needs two."
+        )
+    classifier = classifier_of(cfg, splits.num_classes)
+    check_side(classifier.model, cfg.model, cfg.data.size)
+    origin = origin_of(cfg.weights, splits)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, origin)
+    require_even(cfg.train.batch_size, trainer.world_size)
+    for part in (splits.train, splits.val, splits.test):
+        _ = part[0]  # raises what cannot be read
+
+
+def train_model(
+    run: Run[Config], splits: Splits, before: Mapping[str, Any] | None = None
+) -> tuple[Classifier, dict[str, Any]]:
+    """Train, and return the averaged weights that did best on validation, with what it cost.
+
+    Args:
+        run: its settings and folder. splits: its images.
+        before: `train` in the metrics of the run whose weights it starts from, for the totals.
+
+    Raises:
+        ValueError: a checkpoint that is missing or damaged.
+        ConnectionError: another process of this run was lost.
+        FloatingPointError: the loss became nan or infinite.
+        OSError: a disk that is full or not writable.
+        KeyboardInterrupt: Ctrl-C or SIGTERM; every complete epoch is kept.
+    """
+    cfg = run.config
+    L.seed_everything(cfg.seed, verbose=False)
+    out, resumed = run.folder, run.can_resume()
+    last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
+    classifier = classifier_of(cfg, splits.num_classes)
+    if resumed and (train := read_json(train_json)):
+        classifier.load_state_dict(read_checkpoint(best)["state_dict"])
+        say(f"Training is complete: the weights are read from {best}.")
+        return classifier.eval(), with_totals(train, before)
+    start = start_of(run)
+    if start and not resumed:
+        classifier.model.load_state_dict(trained_run(start).state)
+    if is_first():
+        run.write_settings()
+    epochs = max(1, round(cfg.train.length * cfg.train.epochs))
+    say(_planned(cfg, epochs, classifier.tuning.lr, before))
+    done = read_checkpoint(last)["history"] if resumed else []
+    if done:
+        say(f"Resuming from {last} after {counted(len(done), 'epoch')}.")
+    batches = Batches(
+        splits,
+        cfg.train.batch_size,
+        workers=cfg.data.workers,
+        seed=draws(cfg),
+        first=len(done),
+    )
+    trainer = trainer_of(
+        cfg.trainer, classifier.tuning, epochs, out, origin_of(cfg.weights, splits)
+    )
+    began = time.perf_counter()
+    ranks.fit(trainer, classifier, batches, last if resumed else None)
+    wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
+    state = read_checkpoint(best)
+    classifier.load_state_dict(state["state_dict"])
+    # an incomplete last batch is left out of an epoch
+    seen = int(trainer.num_training_batches) * cfg.train.batch_size
+    images = min(len(splits.train), seen)  # type: ignore[arg-type]
+    train = {
+        **cost(classifier.history, classifier.collapsed_at, images),
+        "wall_seconds": wall,
+        "best_epoch": int(state["epoch"]),
+        "init": cfg.train.init,
+        "passes": passes(cfg.adversary),
+    }
+    train = with_totals(train, before)
+    if is_first():
+        write_text(train_json, json.dumps(train))
+    return classifier.eval(), train
+
+
+def _planned(cfg: Config, epochs: int, lr: float, before: Mapping[str, Any] | None) -> str:
+    """Return what is about to be trained, as a line."""
+    planned = counted(epochs, "epoch")
+    if before:
+        planned += f" after the {before['epochs']} of its start"
+    return f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}: {planned}, lr {lr:g}"
+
+
+def classifier_of(cfg: Config, num_classes: int) -> Classifier:
+    """Return the classifier of these settings, with random weights or those of `weights=`."""
+    return Classifier(
+        as_model(cfg.model, num_classes, cfg.weights),
+        cfg.train,
+        cfg.adversary,
+        scene_of(cfg),
+        seed=draws(cfg),
+        augment=cfg.data.augment,
+        fine=cfg.weights is not None,
+    )
+
+
+def origin_of(weights: str | None, splits: Splits) -> Origin:
+    """Return what checkpoints are trained on, and from which file of weights."""
+    if weights is None or not Path(weights).is_file():  # random, or published by a name
+        return Origin(splits.classes, splits.files, "")
+    return Origin(splits.classes, splits.files, digest(weights))
+
+
+def draws(cfg: Config) -> int:
+    """Return the seed of the batches and of all draws in them.
+
+    It is far from that of the start, whose epochs would be repeated otherwise: a sampler's order in
+    epoch e is that of seed + e.
+    """
+    return mix_seeds(cfg.seed, int(cfg.train.init == "clean"), 0)
+
+
+def trainer_of(
+    settings: Trainer, tuning: Tuning, epochs: int, out: Path, origin: Origin
+) -> L.Trainer:
+    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder.
+
+    Args:
+        settings: passed on unchanged, except for a precision of null. tuning: how the weights are
+            averaged.
+        out: the run's folder. origin: what goes into the checkpoints.
+    """
+    callbacks = [
+        averaging(tuning),
+        RunCheckpoint(out, "best", monitor="val_score", mode="max"),
+        Guard(out / "best.ckpt"),
+        RunCheckpoint(out, "last"),
+        origin,
+    ]
+    chosen = replace(
+        settings, precision=machine.precision(settings.precision, settings.accelerator)
+    )
+    return make_trainer(chosen, epochs, callbacks)

@@ -1,0 +1,93 @@
+"""Defaults that depend on what training starts from: random weights, or given ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import torch
+from lightning.pytorch.callbacks import EMAWeightAveraging, WeightAveraging
+from torch import Tensor, nn
+
+from training.classifier.muon import Muon
+from training.config.schema import Train
+
+SCRATCH_LR, SCRATCH_DECAY = 0.02, 0.05  # of Muon
+FINE_LR, FINE_DECAY = 0.002, 5e-4  # of SGD and a batch of 128
+EMA = 0.98
+CLIP = 1.0  # norm of a fine-tuning step's gradient: any network's, also one without normalisation
+
+
+class Tuning(NamedTuple):
+    """How the weights are updated.
+
+    Args:
+        fine: whether the weights of `weights=` are fine-tuned: then by SGD, else by Muon.
+        lr: the peak learning rate of the schedule. weight_decay: of the optimizer.
+        clip: bound of the gradient's norm, or None.
+        ema: decay per step of the averaged weights.
+        rising: whether the decay rises from zero over the first steps.
+    """
+
+    fine: bool
+    lr: float
+    weight_decay: float
+    clip: float | None
+    ema: float
+    rising: bool
+
+
+def tuning(train: Train, *, fine: bool) -> Tuning:
+    """Return the tuning for these settings; null is replaced by defaults.
+
+    From scratch: Muon, lr 0.02, weight decay 0.05, ema 0.98. Fine-tuning: SGD, lr 0.002 for a batch
+    of 128, in proportion to the batch, weight decay 5e-4; gradients clipped to norm 1; and an
+    average whose decay rises to 0.98, so that it follows even a few steps.
+
+    Args:
+        fine: whether training starts from given weights.
+    """
+    lr, weight_decay, ema = SCRATCH_LR, SCRATCH_DECAY, EMA
+    if fine:
+        lr, weight_decay = FINE_LR * train.batch_size / 128, FINE_DECAY
+    if train.lr is not None:
+        lr = train.lr
+    if train.weight_decay is not None:
+        weight_decay = train.weight_decay
+    if train.ema is not None:
+        ema = train.ema
+    return Tuning(
+        fine=fine,
+        lr=lr,
+        weight_decay=weight_decay,
+        clip=CLIP if fine else None,
+        ema=ema,
+        rising=fine and train.ema is None,
+    )
+
+
+def make_optimizer(
+    params: Iterable[nn.Parameter], chosen: Tuning, momentum: float
+) -> torch.optim.Optimizer:
+    """Return the optimizer of a model's parameters."""
+    if not chosen.fine:
+        return Muon(params, chosen.lr, momentum, chosen.weight_decay)
+    return torch.optim.SGD(
+        params,
+        chosen.lr,
+        momentum=momentum,
+        weight_decay=chosen.weight_decay,
+        nesterov=momentum > 0,
+    )
+
+
+def averaging(chosen: Tuning) -> WeightAveraging:
+    """Return the callback that averages the weights."""
+    if not chosen.rising:
+        return EMAWeightAveraging(decay=chosen.ema)
+
+    def average(kept: Tensor, new: Tensor, n: Tensor) -> Tensor:
+        decay = torch.clamp((1 + n) / (10 + n), max=chosen.ema)
+        return decay * kept + (1 - decay) * new
+
+    return WeightAveraging(avg_fn=average)

@@ -1,0 +1,1 @@
+"""Settings: declared once, composed by Hydra, checked before any time is spent."""

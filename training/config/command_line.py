@@ -1,0 +1,119 @@
+"""Quote the paths of a command line and check its settings, before Hydra reads them."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Sequence
+from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from moireaug.scene.fields import one_of
+from training.config.compose import recipe_files
+from training.config.overrides import literal
+from training.config.schema import DATA, Config, ReattackConfig, RunConfig
+from training.config.settings import settings_of
+
+SWEEP = {"-m", "--multirun"}
+
+
+def quoted(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
+    """Return the overrides with paths that Hydra takes as they are, and `~` in them expanded.
+
+    Hydra's grammar would read 2024_11 as a number and refuse most punctuation. What is quoted or
+    escaped for it stays, and so does what a sweep takes for several values.
+    """
+    sweep = not SWEEP.isdisjoint(overrides)
+    paths = {key for key, one in settings_of(schema).items() if one.facts.is_path}
+    taken = []
+    for override in overrides:
+        key, _, value = override.partition("=")
+        several = sweep and "," in value
+        if key in paths and value not in ("", "null") and value[0] not in "'\"" and not several:
+            override = _quoted(key, os.path.expanduser(value))
+        taken.append(override)
+    return taken
+
+
+def _quoted(key: str, path: str) -> str:
+    try:
+        parsed = OverridesParser.create().parse_override(f"{key}={path}")
+        as_it_is = "\\" in path or parsed.value() == path
+    except HydraException:
+        as_it_is = False
+    return f"{key}={path}" if as_it_is else f"{key}={literal(path)}"
+
+
+def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
+    """Refuse an unknown key, recipe or data set of a command line, with the nearest known one.
+
+    Raises:
+        SystemExit: an unknown name; says which are known.
+    """
+    groups: dict[str, list[str]] = {}
+    if issubclass(schema, Config):
+        groups = {"recipe": [path.stem for path in recipe_files()], "data": list(DATA)}
+    try:
+        for previous, override in itertools.pairwise(["", *overrides]):
+            if previous in ("--cfg", "-c"):  # of Hydra's: job, hydra or all
+                continue
+            _check_form(override, schema)
+            override = override.lstrip("+")
+            key, _, value = override.partition("=")
+            if key.startswith(("~", "-", "hydra")):
+                continue
+            _check_key(key, schema)
+            if key in groups:
+                for name in value.split(","):
+                    one_of(key, name, sorted(groups[key]))
+            else:
+                _check_type(override, schema)
+    except ValueError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+def _check_form(override: str, schema: type[RunConfig]) -> None:
+    """Refuse what is no key=value, and a single value where a list is wanted."""
+    key, equals, value = override.partition("=")
+    if not equals and not key.startswith(("~", "-")):
+        raise ValueError(f"settings are given as key=value; got {override!r}.")
+    if equals and not value and not key.startswith("hydra"):
+        raise ValueError(f"{override} has no value: leave it out, or pass one, or null for none.")
+    one = settings_of(schema).get(key)
+    if one and one.is_list and value != "null" and not value.startswith("["):
+        raise ValueError(f"{key} must be a list, as in {key}={one.facts.example}; got {value}.")
+
+
+def _check_key(key: str, schema: type[RunConfig]) -> None:
+    """Refuse a key that the schema does not have."""
+    node: Any = OmegaConf.structured(schema)
+    for part in key.split("."):
+        if not OmegaConf.is_dict(node):
+            top = key.split(".")[0]
+            example = "{resnet18: FILE, ...}" if top == "targets" else "{preset: paper, ...}"
+            raise ValueError(f"{key!r}: pass {top} whole, as in {top}='{example}'.")
+        part = one_of(f"a key in {key!r}", part, map(str, node))
+        node = None if OmegaConf.is_missing(node, part) else node[part]
+    if key == "recipe" and schema is ReattackConfig:
+        raise ValueError(
+            "recipe= says how a model is trained, and this one is only attacked: leave it out."
+        )
+
+
+def _check_type(override: str, schema: type[RunConfig]) -> None:
+    """Refuse a value of another type than the schema's; a sweep's are left to Hydra."""
+    try:
+        parsed = OverridesParser.create().parse_override(override)
+        if not parsed.is_sweep_override():
+            OmegaConf.update(OmegaConf.structured(schema), parsed.key_or_group, parsed.value())
+    except HydraException:
+        return  # of its grammar, which Hydra explains by itself
+    except OmegaConfBaseException as error:
+        key = parsed.key_or_group
+        if inner := [name for name in settings_of(schema) if name.startswith(f"{key}.")]:
+            raise ValueError(f"{key} has settings of its own: {', '.join(inner)}.") from error
+        raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error

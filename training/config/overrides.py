@@ -1,0 +1,142 @@
+"""The overrides that a re-attack accepts, and settings as overrides."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from moireaug.evaluation.suites import OPTION_SUITES, check_used
+from training.config.schema import (
+    DATA,
+    DEFAULT_DATA,
+    EPOCHS,
+    RECIPES,
+    Config,
+    ReattackConfig,
+    Trainer,
+    as_config,
+)
+from training.config.settings import Facts, settings_of, value_of, with_values
+
+DEMOIRE_SUITES = ("defences", "demoireing", "paper")  # suites that have a use for demoire=
+
+
+def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
+    """Refuse overrides that a re-attack would ignore.
+
+    Args:
+        cfg: as composed. given: the overrides of the command line.
+
+    Raises:
+        ValueError: with what to do instead.
+    """
+    for key in keys(given):
+        top = key.split(".")[0]
+        facts = _facts_of(key)
+        if facts and all(one.trains for one in facts):
+            hint = " reattack.seed is the attack's." if top == "seed" else ""
+            raise ValueError(
+                f"{key}= says how a model is trained, and this one is only attacked: "
+                f"leave it out.{hint}"
+            )
+        if cfg.run is not None and facts and facts[0].run_has:
+            raise ValueError(
+                f"{key}= does not go with run={cfg.run}, which has {facts[0].run_has}: leave out "
+                "one of the two."
+            )
+        if key == "reattack.eps" and cfg.reattack.eps is not None:
+            check_used(cfg.suite, key, OPTION_SUITES["eps"])
+        if top in ("targets", "networks", "lpips") and getattr(cfg, top) is not None:
+            check_used(cfg.suite, top, OPTION_SUITES[top])
+        if top == "demoire" and cfg.demoire is not None:
+            check_used(cfg.suite, top, DEMOIRE_SUITES)
+        if top == "trainer" and _has_no_effect(
+            key.removeprefix("trainer."), cfg.trainer, cfg.suite
+        ):
+            raise ValueError(
+                f"{key}= has no effect here: an attack is computed in float32, "
+                "and suite=ladder by one process. Leave it out."
+            )
+
+
+def _facts_of(key: str) -> list[Facts]:
+    """Return what is known of the setting of a key, or of those that start with it."""
+    return [
+        one.facts
+        for name, one in settings_of(ReattackConfig).items()
+        if name == key or name.startswith(f"{key}.")
+    ]
+
+
+def _has_no_effect(key: str, trainer: Trainer, suite: str) -> bool:
+    """Return whether a setting of the trainer would be ignored; giving its default is allowed."""
+    if key == "accelerator" or not hasattr(Trainer, key):
+        return False
+    if getattr(trainer, key) == getattr(Trainer, key):
+        return False
+    return suite == "ladder" or key in ("precision", "deterministic")
+
+
+def keys(given: Sequence[str]) -> list[str]:
+    """Return the keys that a command line sets."""
+    return [override.lstrip("+~").split("=", 1)[0] for override in given]
+
+
+def onto(own: Config, cfg: ReattackConfig, given: Sequence[str]) -> ReattackConfig:
+    """Return a re-attack's settings: those of the run, except for what the command line gives.
+
+    Options that make a command import, fetch or start something come from the command line alone.
+
+    Args:
+        own: the run's settings. cfg: as composed. given: the overrides of the command line.
+    """
+    named = keys(given)
+    values: dict[str, Any] = {}
+    for key, one in settings_of(Config).items():
+        is_given = any(key == name or key.startswith(f"{name}.") for name in named)
+        if one.facts.from_run and not is_given:
+            values[key] = copy.deepcopy(value_of(own, key))
+    if "data.size" not in named:
+        values["data.size"] = own.data.size  # what the model was trained on, whatever the data
+    if cfg.suite not in OPTION_SUITES["eps"]:
+        values["reattack.eps"] = None  # a run's own is of its ladder
+    return with_values(cfg, values)
+
+
+def command_line(cfg: Config) -> list[str]:
+    """Return the overrides of fit.py that give these settings."""
+    recipe = RECIPES / f"{cfg.recipe}.yaml"
+    layers: list[Any] = [{"recipe": cfg.recipe, "data": DATA[cfg.data.name]}]
+    if cfg.data.name in EPOCHS:
+        layers.append({"train": {"epochs": EPOCHS[cfg.data.name]}})
+    if recipe.is_file():
+        layers.append(OmegaConf.load(recipe))
+    merged = OmegaConf.merge(OmegaConf.structured(Config), *layers)
+    usual: Config = as_config(merged)  # type: ignore[arg-type]
+    line = [f"recipe={cfg.recipe}"]
+    if cfg.data.name != DEFAULT_DATA:
+        line.append(f"data={cfg.data.name}")
+    for key in settings_of(Config):
+        value = value_of(cfg, key)
+        if value != value_of(usual, key):
+            line.append(f"{key}={literal(value)}")
+    return line
+
+
+def literal(value: Any) -> str:
+    """Return a value in Hydra's grammar."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace("'", "\\'")
+        return f"'{escaped}'"
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{k}:{literal(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ",".join(map(literal, value)) + "]"
+    return repr(value)

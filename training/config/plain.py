@@ -1,0 +1,60 @@
+"""The command line of a command without recipes: key=value, checked against its settings."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TypeVar
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from moireaug.scene.fields import one_of
+from training.config.compose import help_text
+from training.config.settings import check
+from training.system.messages import use_legible_output
+
+Schema = TypeVar("Schema")
+
+
+def parse(argv: Sequence[str], schema: type[Schema], example: str, about: str | None) -> Schema:
+    """Return the settings of a command line; --help prints what they are, and ends the command.
+
+    Args:
+        argv: key=value each.
+        schema: a dataclass of settings. A key that is a Python keyword has an underscore appended
+            there: in_ is in=.
+        example: a valid command, for the error messages. about: what the command does.
+
+    Raises:
+        SystemExit: 0 after --help.
+        ValueError: an unknown key, with the closest known one, a missing key, or a value of
+            another type or out of its bounds.
+    """
+    use_legible_output()
+    cfg = OmegaConf.structured(schema)
+    fields = {str(field).removesuffix("_"): str(field) for field in cfg}
+    if {"-h", "--help"} & set(argv):
+        print(help_text(about, schema, {}))
+        raise SystemExit(0)
+    for argument in argv:
+        key, equals, value = argument.partition("=")
+        one_of("a setting", key, fields)
+        if not equals:
+            raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
+        try:
+            cfg[fields[key]] = None if value == "null" else os.path.expanduser(value)
+        except OmegaConfBaseException as error:
+            raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
+    missing = OmegaConf.missing_keys(cfg)
+    absent = sorted(key for key, field in fields.items() if field in missing)
+    if absent:
+        raise ValueError(f"{', '.join(absent)} must be given, as in: {example}")
+    if not argv:
+        raise ValueError(f"no settings given, as in: {example}")
+    try:
+        settings: Schema = OmegaConf.to_object(cfg)  # type: ignore[assignment]
+    except OmegaConfBaseException as error:  # ${...}
+        raise ValueError(str(error).splitlines()[0]) from error
+    check(settings)
+    return settings

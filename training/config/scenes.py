@@ -1,0 +1,91 @@
+"""Scenes on a command line: a preset's name, or a YAML file of a scene or of a list of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from moireaug.mixtures import Mixture, as_scenes
+from moireaug.scenes import Scene
+from training.system.files import UniqueKeyLoader
+
+SUFFIXES = (".yaml", ".yml")
+
+
+def inlined(scene: Any) -> Any:
+    """Return a command line's scene with the content of a YAML file in place of its name.
+
+    A run's settings thus hold the scene itself, and no file is read again.
+
+    Args:
+        scene: a preset's name, a file's name that ends with .yaml or .yml, a mapping, or a list of
+            these.
+
+    Raises:
+        ValueError: a file that holds no scene.
+    """
+    if isinstance(scene, (list, tuple)):
+        return [inlined(one) for one in scene]
+    if isinstance(scene, str) and scene.endswith(SUFFIXES):
+        return read(Path(scene))
+    return scene
+
+
+def load(scene: str) -> Scene | Mixture:
+    """Return the scene of a preset's name or of a YAML file, or the mixture of a file's list.
+
+    Raises:
+        ValueError: an unknown name, or a file that holds no scene.
+    """
+    return as_scenes(inlined(scene))
+
+
+def load_one(scene: str) -> Scene:
+    """Return the scene of a preset's name or of a YAML file.
+
+    Raises:
+        ValueError: as `load`, and a file that holds a list of several.
+    """
+    found = load(scene)
+    if isinstance(found, Mixture):
+        raise ValueError(
+            f"scene={scene} holds a list of {len(found.scenes)} scenes; this command takes one at "
+            "a time. Put each into a file of its own."
+        )
+    return found
+
+
+def read(path: Path) -> dict[str, Any] | list[Any]:
+    """Return the content of a YAML file of a scene, or of a list of scenes, checked.
+
+    A scene is what `Scene.from_dict` takes: its parts with the fields that differ, ranges as lists
+    of two, and, with `preset`, the name of the scene to start from:
+
+        preset: phone_at_monitor
+        panel: {lit: [0.6, 0.9]}
+        lens: {blur: 0.3}
+
+    In a list, `- phone_at_monitor` is a preset, too.
+
+    Raises:
+        ValueError: no such file, no YAML mapping or list, or no scene; with what is wrong.
+    """
+    try:
+        values = yaml.load(path.read_text(encoding="utf-8"), UniqueKeyLoader)
+    except OSError as error:
+        raise ValueError(f"scene={path} could not be read ({error.strerror}).") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        said = " ".join(str(error).split())
+        raise ValueError(f"scene={path} could not be read as YAML: {said}.") from error
+    if not isinstance(values, (dict, list)):
+        raise ValueError(
+            f"scene={path} holds no scene: it must be a YAML mapping of its parts, or a list of "
+            "scenes."
+        )
+    try:
+        as_scenes(values)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"scene={path} holds no scene: {error}") from error
+    return values

@@ -1,0 +1,309 @@
+"""Every setting of a classifier's run, and of an attack on it; `recipes/` holds what differs.
+
+Durations are in epochs, eps in [0, 1] units, sizes in pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from omegaconf import MISSING, DictConfig, OmegaConf
+
+from moireaug.mixtures import Mixture, as_scenes
+from moireaug.scenes import Scene
+from training.config.settings import section, setting
+
+RECIPES = Path(__file__).resolve().parents[2] / "recipes"
+MAX_SEED = 2**32 - 1
+# weights are float32 in all of them: the average, the attack and every re-attack need that
+PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
+ACCELERATORS = ("auto", "cpu", "gpu", "cuda", "mps")
+AUGMENTATIONS = ("none", "shift", "shift_flip", "affine")
+PUBLISHED = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
+Settings = TypeVar("Settings", bound="RunConfig")
+
+
+@dataclass
+class Data:
+    """Which images, of what size, and how many."""
+
+    name: str = setting(MISSING, "signs, cifar10, cifar100, gtsrb or folder")
+    root: str | None = setting(
+        None,
+        "the data's folder; data=folder: holds train/ and test/, or class folders alone (then all "
+        "of it is test data)",
+        is_path=True,
+        only_for=("folder", *PUBLISHED),
+        may_differ=True,
+    )
+    size: int = setting(
+        64,
+        "images are resized to size x size pixels: the larger, the less of a photo is lost in the "
+        "lens's blur",
+        bounds=(16, 8192),
+    )
+    train: int | None = setting(None, "training images; null is all there are", bounds=(1, None))
+    val: int | None = setting(
+        None,
+        "validation images; null is a tenth of the training images; for signs, their default",
+        bounds=(1, None),
+    )
+    test: int | None = setting(None, "test images; null is all there are", bounds=(1, None))
+    class_index: str | None = setting(
+        None,
+        "CSV of folder (or wnid) and class_index among the 1000 of published weights",
+        is_path=True,
+        only_for=("folder",),
+    )
+    augment: str = setting(
+        "none",
+        "of clean training images; shift is by up to an eighth, affine a small rotation, shift, "
+        "zoom and shear, a change of brightness and contrast, and at times an erased part",
+        choices=AUGMENTATIONS,
+        trains=True,
+    )
+    workers: int = setting(
+        0,
+        "processes that read images",
+        bounds=(0, 1024),
+        changes_result=False,
+        may_differ=True,
+        from_run=False,
+    )
+    download: bool = setting(
+        False,
+        "whether to fetch a published data set",
+        changes_result=False,
+        may_differ=True,
+        from_run=False,
+        only_for=PUBLISHED,
+    )
+
+
+DATA = {
+    "signs": Data(name="signs", size=48, train=12000, val=320, test=1600),
+    "cifar10": Data(name="cifar10", root="data", augment="shift_flip"),
+    "cifar100": Data(name="cifar100", root="data", augment="shift_flip"),
+    "gtsrb": Data(name="gtsrb", root="data", augment="affine"),
+    "folder": Data(name="folder", augment="shift"),
+}
+
+
+DEFAULT_DATA = "signs"
+EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
+
+
+@dataclass
+class Adversary:
+    """What is done to the training images; `adversaries.passes` gives the cost."""
+
+    kind: str = setting(
+        "none",
+        "noise on a photo's reading (moire_attack) or on the pixels (pgd), or none",
+        choices=("none", "moire_attack", "pgd"),
+    )
+    share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
+    natural: float = setting(
+        0.0, "share of each batch that is photographed and not attacked", bounds=(0, 1)
+    )
+    eps: float = setting(0.0, "bound of the noise, in [0, 1] units", bounds=(0, 1))
+    steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
+    warmup: float = setting(0.0, "share of training over which eps rises from 0", bounds=(0, 1))
+
+
+@dataclass
+class Train:
+    """How the weights are trained."""
+
+    epochs: int = setting(30, "5 for signs", bounds=(1, None), may_differ=True)
+    length: float = setting(
+        1.0,
+        "share of the epochs that this recipe takes; the baseline takes all",
+        bounds=(0.01, 1),
+        may_differ=True,
+    )
+    batch_size: int = setting(64, "of all devices together", bounds=(1, None))
+    lr: float | None = setting(
+        None,
+        "peak learning rate; null: 0.02, of Muon; with weights=, 0.002 for a batch of 128, in "
+        "proportion, of SGD",
+        bounds=(1e-8, 10),
+    )
+    momentum: float = setting(
+        0.95,
+        "peak of the one-cycle schedule, which falls by 0.1 and rises back",
+        bounds=(0, 0.9999),
+    )
+    weight_decay: float | None = setting(None, "null: 0.05; with weights=, 5e-4", bounds=(0, 1))
+    label_smoothing: float = setting(0.0, "as in torch.nn.CrossEntropyLoss", bounds=(0, 0.99))
+    init: str = setting(
+        "random",
+        "random weights, or those of recipe clean, trained with the same settings",
+        choices=("random", "clean"),
+        may_differ=True,
+    )
+    ema: float | None = setting(
+        None,
+        "decay per step of the averaged weights, which are validated and kept; null: 0.98",
+        bounds=(0, 0.999999),
+    )
+    batch_statistics: bool | None = setting(
+        None,
+        "whether batch normalisation uses and updates those of a batch; null: unless weights= are "
+        "given, whose own stay",
+    )
+    channels_last: bool = setting(True, "memory layout in which CPUs and GPUs convolve faster")
+    compile: bool = setting(False, "torch.compile of the model")
+
+
+@dataclass
+class Trainer:
+    """Passed to lightning.Trainer unchanged, except for null."""
+
+    accelerator: str = setting("auto", "what to train on", choices=ACCELERATORS)
+    devices: Any = setting(1, "GPUs, or processes of a CPU; or auto")
+    num_nodes: int = setting(1, "machines", bounds=(1, 100_000))
+    strategy: str = setting("auto", "how devices share the work, such as ddp")
+    precision: Any = setting(
+        None,
+        "null: for classifiers bf16-mixed where the hardware multiplies bfloat16, else 32-true; "
+        "the camera and every re-attack compute in float32 whatever is set",
+        choices=PRECISIONS,
+    )
+    deterministic: Any = setting(
+        False,
+        "true is refused by CUDA's bilinear resampling, warn warns of it; a CPU run is exact "
+        "anyway",
+    )
+
+
+@dataclass
+class Reattack:
+    """How a trained model is attacked again."""
+
+    n: int = setting(480, "test images", bounds=(1, None))
+    batch_size: int | None = setting(None, "null is 96, or fewer large images", bounds=(1, None))
+    eps: list[float] | None = setting(
+        None,
+        "bounds of the noise in [0, 1] units; null is the suite's own: 2, 4 and 8/255 for the "
+        "ladder",
+        example="[0.00784313725,0.0156862745]",
+    )
+    steps: int = setting(20, "steps of each attack", bounds=(0, 100_000))
+    seed: int = setting(1234, "of the images, the shots and the attacks", bounds=(0, MAX_SEED))
+
+
+@dataclass
+class RunConfig:
+    """The settings that every run has, whatever it trains."""
+
+    recipe: str = setting(MISSING, "a file of recipes/, without .yaml", trains=True)
+    seed: int = setting(0, "of the weights and of all draws", bounds=(0, MAX_SEED), trains=True)
+    runs: str = setting(
+        "runs",
+        "the folder of all runs",
+        is_path=True,
+        changes_result=False,
+        from_run=False,
+        run_has="a report into its own folder",
+    )
+    scene: Any = setting(
+        "screen_photo",
+        "a preset's name, a mapping of Scene's fields with an optional `preset`, a YAML file of "
+        "one, or a list of these, of which one is drawn per image",
+    )
+    model: str = setting(MISSING, "the network's name", run_has="its own model")
+    weights: str | None = setting(
+        None,
+        "a state_dict file, or torchvision's name of weights",
+        is_path=True,
+        from_run=False,
+        run_has="its own model",
+    )
+    data: Any = setting(MISSING, "which images; each kind of run says of what")
+    trainer: Trainer = section(Trainer, from_run=False)
+    resume: bool | None = setting(
+        None,
+        "null: resume where possible; true: resume or fail; false: train again",
+        changes_result=False,
+        trains=True,
+        from_run=False,
+    )
+
+
+@dataclass
+class Config(RunConfig):
+    """All settings of a run that trains a classifier."""
+
+    model: str = setting(
+        "attention_convnet",
+        "attention_convnet, attention_resnet, small_resnet, or any torchvision classifier",
+        run_has="its own model",
+    )
+    data: Data = section(Data)
+    adversary: Adversary = section(Adversary, trains=True)
+    train: Train = section(Train, trains=True)
+    reattack: Reattack = section(Reattack)
+
+
+@dataclass
+class ReattackConfig(Config):
+    """All settings of an attack on a run or on given weights."""
+
+    recipe: str = setting("pretrained", "of the run", trains=True)
+    run: str | None = setting(
+        None,
+        "a run's folder; its own settings hold, except for those on the command line",
+        is_path=True,
+    )
+    suite: str = setting(
+        "ladder", "of evaluation.suites.SUITES, or a group (paper, recipes), or trust"
+    )
+    targets: Any = setting(None, "suite=transfer: name to a file of weights or a run's folder")
+    networks: Any = setting(
+        None,
+        "suite=demoireing: a folder of weights FILE.pt, or name to a file of weights or a run's "
+        "folder",
+    )
+    demoire: str | None = setting(
+        None,
+        "package.module:callable on (B, 3, H, W) in [0, 1], a further defence or demoiréing "
+        "network",
+    )
+    lpips: str | None = setting(
+        None,
+        "a state_dict of torchvision's squeezenet1_1, alexnet or vgg16: LPIPS of every attack",
+        is_path=True,
+    )
+
+
+def as_config(cfg: DictConfig | Settings) -> Settings:
+    """Return the settings as the dataclass they are declared as.
+
+    Args:
+        cfg: as Hydra composed it; a dataclass is returned as it is.
+
+    Raises:
+        omegaconf.errors.MissingMandatoryValue: a setting without a value.
+    """
+    if isinstance(cfg, DictConfig):
+        return OmegaConf.to_object(cfg)  # type: ignore[return-value]
+    return cfg
+
+
+def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:
+    """Return the settings as plain values: dictionaries, lists, strings and numbers."""
+    if isinstance(cfg, DictConfig):
+        return OmegaConf.to_container(cfg, resolve=True)  # type: ignore[return-value]
+    return asdict(cfg)
+
+
+def scene_of(cfg: Any) -> Scene | Mixture:
+    """Return the scene, or the mixture, that `cfg.scene` names or describes; `cfg` has such an
+    attribute."""
+    scene: Any = cfg.scene
+    if OmegaConf.is_config(scene):
+        scene = OmegaConf.to_container(scene, resolve=True)
+    return as_scenes(scene)

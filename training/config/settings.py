@@ -1,0 +1,196 @@
+"""How a setting is declared: once, with its default and everything that is known of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, is_dataclass
+from keyword import iskeyword
+from numbers import Real
+from operator import attrgetter
+from typing import Any, NamedTuple, TypeVar, get_type_hints
+
+from omegaconf import MISSING
+
+from moireaug.scene.fields import one_of
+
+Schema = TypeVar("Schema")
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What is known of a setting besides its name, its type and its default.
+
+    Args:
+        help: what it is, in a line or two.
+        bounds: least and greatest number; None is no bound.
+        choices: the words that it may be; empty for any.
+        example: a value, for the errors of a list.
+        is_path: whether it is a file or a folder: taken literally on a command line, and absolute
+            in a run's settings. An identifier in place of a path of weights is a name of weights.
+        only_for: the data sets that it has an effect on; empty for all.
+        changes_result: whether a run's result depends on it, so that a run with another value is
+            another run.
+        may_differ: whether runs that are compared may differ in it.
+        trains: whether it says how a model is trained: an attack on a trained model refuses it.
+        from_run: whether an attack on a run takes it from the run's folder, which may be a
+            stranger's; else from its command line alone.
+        run_has: what a run has in its place, so that it does not go with `run=`.
+    """
+
+    help: str = ""
+    bounds: tuple[float, float | None] | None = None
+    choices: tuple[str, ...] = ()
+    example: str = ""
+    is_path: bool = False
+    only_for: tuple[str, ...] = ()
+    changes_result: bool = True
+    may_differ: bool = False
+    trains: bool = False
+    from_run: bool = True
+    run_has: str = ""
+
+
+def setting(default: Any, help: str, **facts: Any) -> Any:
+    """Declare a setting: the field of a dataclass.
+
+    Args:
+        default: its value; a function makes one for each instance.
+        help, facts: as of `Facts`.
+    """
+    metadata = {"facts": Facts(help, **facts)}
+    if callable(default):
+        return field(default_factory=default, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+def section(schema: Callable[[], Any], *, trains: bool = False, from_run: bool = True) -> Any:
+    """Declare settings that share a prefix: those of a dataclass.
+
+    Args:
+        trains, from_run: as of `Facts`, of all of them.
+    """
+    return field(
+        default_factory=schema, metadata={"facts": Facts(trains=trains, from_run=from_run)}
+    )
+
+
+class Setting(NamedTuple):
+    """A declared setting.
+
+    Args:
+        key: as on a command line, such as "train.lr".
+        type: of its values. default: its value where none is given.
+        facts: what else is known of it.
+    """
+
+    key: str
+    type: Any
+    default: Any
+    facts: Facts
+
+    @property
+    def is_list(self) -> bool:
+        """Whether its value is a list."""
+        return "list[" in str(self.type)
+
+
+def settings_of(schema: Any) -> Mapping[str, Setting]:
+    """Return the settings of a dataclass and of its sections, by their keys on a command line.
+
+    A field that is named after a keyword of Python with an underscore loses it: in_ is in=.
+    """
+    found: dict[str, Setting] = {}
+    types = get_type_hints(schema)
+    for one in dataclasses.fields(schema):
+        key, facts = one.name.removesuffix("_"), one.metadata.get("facts", Facts())
+        if is_dataclass(one.default_factory):
+            for inner in settings_of(one.default_factory).values():
+                own = dataclasses.replace(
+                    inner.facts,
+                    trains=facts.trains or inner.facts.trains,
+                    from_run=facts.from_run and inner.facts.from_run,
+                )
+                found[f"{key}.{inner.key}"] = inner._replace(key=f"{key}.{inner.key}", facts=own)
+            continue
+        default = one.default
+        if one.default_factory is not dataclasses.MISSING:
+            default = one.default_factory()
+        found[key] = Setting(key, types[one.name], default, facts)
+    return found
+
+
+def value_of(cfg: Any, key: str) -> Any:
+    """Return the value of a setting in a configuration."""
+    fields = [f"{part}_" if iskeyword(part) else part for part in key.split(".")]
+    return attrgetter(".".join(fields))(cfg)
+
+
+def with_values(cfg: Schema, values: dict[str, Any]) -> Schema:
+    """Return a copy of a configuration with other values, by key."""
+    own: dict[str, Any] = {}
+    inner: dict[str, dict[str, Any]] = {}
+    for key, value in values.items():
+        first, _, rest = key.partition(".")
+        if rest:
+            inner.setdefault(first, {})[rest] = value
+        else:
+            own[first] = value
+    for first, some in inner.items():
+        own[first] = with_values(own.get(first, getattr(cfg, first)), some)
+    return dataclasses.replace(cfg, **own)  # type: ignore[type-var]
+
+
+def check(cfg: Any) -> None:
+    """Refuse numbers out of their bounds, and words that are none of the choices.
+
+    A null is not checked: the types say where it is allowed.
+
+    Raises:
+        ValueError: with what was got and what is allowed.
+    """
+    for key, one in settings_of(type(cfg)).items():
+        value = value_of(cfg, key)
+        if value is None:
+            continue
+        if one.facts.bounds:
+            _check_number(key, value, *one.facts.bounds)
+        if one.facts.choices:
+            one_of(key, str(value), one.facts.choices)
+
+
+def _check_number(key: str, value: Any, low: float, high: float | None) -> None:
+    allowed = f"at least {low}" if high is None else f"in [{low}, {high}]"
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not math.isfinite(value):
+        raise ValueError(f"{key} must be {allowed}; got {value}.")
+    if value < low or (high is not None and value > high):
+        raise ValueError(f"{key} must be {allowed}; got {value}.")
+
+
+def with_absolute_paths(cfg: Schema) -> Schema:
+    """Return the settings with absolute paths, so that runs of two projects that share a folder of
+    runs are not taken for each other."""
+    absolute: dict[str, Any] = {}
+    for key, one in settings_of(type(cfg)).items():
+        path = value_of(cfg, key)
+        if not (one.facts.is_path and one.facts.changes_result and path):
+            continue
+        if key != "weights" or not path.isidentifier():  # torchvision's names of weights are
+            absolute[key] = os.path.abspath(path)
+    return with_values(cfg, absolute)
+
+
+def written(value: Any) -> str:
+    """Return a value as a command line takes it; "" where one must be given."""
+    if value == MISSING:
+        return ""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (list, tuple)):
+        return f"[{','.join(map(str, value))}]"
+    return str(value)

@@ -1,0 +1,1 @@
+"""The images: data sets by name, split, augmented and in batches."""

@@ -1,0 +1,221 @@
+"""Message and traffic signs on varied backgrounds: a data set drawn in memory, the same for the
+same seed.
+
+Every image has its own generator, seeded by (seed, split, index): any one can be drawn alone, in
+any order. Classes are confusable on purpose (30 / 50 / 80, left / right, pictograms, words), and
+the background holds sign colours too.
+"""
+
+import math
+
+import numpy as np
+import torch
+from PIL import Image, ImageDraw, ImageFilter
+
+from training.data.sign_backgrounds import clutter, noise, scene
+from training.data.sign_faces import FACES, SIGN_COLOURS, STYLES, Pen, face, polygon
+
+CLASSES: tuple[str, ...] = tuple(FACES)
+SPLITS: tuple[str, ...] = ("train", "val", "test")
+
+_FINE = 2  # supersampling of a picture; the faces are filtered to match beforehand
+
+
+def _pose(rng: np.random.Generator, side: int) -> tuple[np.ndarray, float]:
+    """Draw where the sign hangs: the homography (3, 3) from the face, [-1, 1] along each axis, to
+    picture pixels, and the sign's radius in pixels."""
+    radius = side * rng.uniform(0.26, 0.52)
+    x, y = side * (0.5 + np.clip(rng.normal(0, 0.07, 2), -0.2, 0.2))
+    roll, yaw, pitch = np.radians(rng.normal(0, (7, 22, 10)).clip(-48, 48))
+    cos, sin = np.cos((roll, yaw, pitch)), np.sin((roll, yaw, pitch))
+    about_z = np.array([[cos[0], -sin[0], 0], [sin[0], cos[0], 0], [0, 0, 1]])
+    about_y = np.array([[cos[1], 0, sin[1]], [0, 1, 0], [-sin[1], 0, cos[1]]])
+    about_x = np.array([[1, 0, 0], [0, cos[2], -sin[2]], [0, sin[2], cos[2]]])
+    plane = about_z @ about_y @ about_x
+    distance = 4.0  # in radii of the sign: near enough for the perspective to show
+    plane[:, 2] = (0, 0, distance)
+    return np.array(
+        [[radius * distance, 0, x], [0, radius * distance, y], [0, 0, 1]]
+    ) @ plane, radius
+
+
+def _warp(face: Image.Image, pose: np.ndarray, side: int) -> Image.Image:
+    onto_face = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 2 / face.width]]) @ np.linalg.inv(pose)
+    warp = tuple((onto_face / onto_face[2, 2]).ravel()[:8])
+    return face.transform(
+        (side, side), Image.Transform.PERSPECTIVE, warp, Image.Resampling.BILINEAR
+    )
+
+
+def _wear(rng: np.random.Generator, paint: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Return premultiplied paint (side, side, 3) after years: bleached by the sun, partly grimy."""
+    paint = paint + rng.uniform(0, 0.45) * rng.random() * (0.62 * alpha - paint)
+    if rng.random() < 0.5:
+        return paint
+    grime = rng.uniform(0, 0.6) * np.clip(noise(rng, len(paint), 70) * 2 - 0.8, 0, 1)
+    return paint + grime * (np.array((0.24, 0.2, 0.15), np.float32) * alpha - paint)
+
+
+def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float) -> None:
+    """Draw what hides parts of the sign: a sticker, a scribble, a twig with leaves from beyond the
+    rim."""
+    if rng.random() < 0.2:
+        x, y = middle + rng.uniform(-0.6, 0.6, 2) * radius
+        corners = int(rng.choice((4, 20)))
+        sticker = polygon(corners, radius * rng.uniform(0.1, 0.25), rng.uniform(0, 90), x, y)
+        pen.polygon(sticker, fill=tuple(SIGN_COLOURS[rng.integers(len(SIGN_COLOURS))]))
+    if rng.random() < 0.1:
+        scribble = middle + rng.uniform(-0.7, 0.7, (6, 2)) * radius
+        pen.line(
+            [tuple(p) for p in scribble],
+            fill=tuple(rng.integers(0, 200, 3)),
+            width=2,
+            joint="curve",
+        )
+    if rng.random() < 0.3:
+        angle = rng.uniform(0, 2 * math.pi)
+        rim = middle + 1.3 * radius * np.array((math.cos(angle), math.sin(angle)))
+        twig = rim + np.linspace(0, 1, 5)[:, None] * (
+            middle + rng.uniform(-0.6, 0.6, 2) * radius - rim
+        )
+        twig += rng.normal(0, 0.05, twig.shape) * radius
+        pen.line([tuple(p) for p in twig], fill=(62, 48, 34), width=2)
+        for x, y in np.repeat(twig, 3, 0) + rng.normal(0, 0.12, (15, 2)) * radius:
+            green = rng.uniform(0.5, 1.2)
+            leaf = polygon(4, radius * rng.uniform(0.06, 0.13), rng.uniform(0, 90), x, y)
+            pen.polygon(leaf, fill=(int(70 * green), int(110 * green), int(40 * green)))
+
+
+def _light(rng: np.random.Generator, side: int) -> np.ndarray:
+    """Draw the illumination (side, side, 3): exposure, a gradient across the picture, a colour cast
+    and shadows."""
+    ramp = np.linspace(-1, 1, side, dtype=np.float32)
+    slope = rng.normal(0, 0.22, 2).astype(np.float32)
+    light = 1 + (slope[0] * ramp[:, None] + slope[1] * ramp).clip(-0.6, 0.6)[..., None]
+    if rng.random() < 0.4:
+        edge = np.clip(
+            noise(rng, side, rng.uniform(30, 90), 2.0) * rng.uniform(4, 20) - rng.uniform(1, 8),
+            0,
+            1,
+        )
+        light = light * (1 - rng.uniform(0.3, 0.65) * edge)
+    return light * (math.exp(rng.normal(-0.1, 0.25)) * rng.normal(1, 0.05, 3)).astype(np.float32)
+
+
+def _photograph(rng: np.random.Generator, picture: np.ndarray) -> np.ndarray:
+    """Add haze, blur, sensor noise and rounding: float (side, side, 3) to uint8 of that shape."""
+    if rng.random() < 0.2:
+        picture = picture + rng.uniform(0.1, 0.5) * (rng.uniform(0.5, 0.85) - picture)
+    image = Image.fromarray(_uint8(picture))
+    if rng.random() < 0.6:
+        # Unequal radii: part defocus, part motion.
+        blur = rng.uniform(0.2, 0.9) + rng.uniform(0, 0.6, 2) * rng.random() ** 2
+        image = image.filter(ImageFilter.GaussianBlur(tuple(blur * len(picture) / 48)))
+    picture = np.asarray(image).astype(np.float32) / 255
+    grain = rng.standard_normal(picture.shape, np.float32) * (0.3 + picture)
+    return _uint8(picture + rng.uniform(0.005, 0.08) * grain)
+
+
+def _uint8(picture: np.ndarray) -> np.ndarray:
+    return (picture.clip(0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
+    """Draw one photograph, uint8 (size, size, 3), sRGB, of the sign CLASSES[label]; all randomness
+    comes from rng.
+
+    Raises ValueError for a label that is no class and for a size below 16.
+    """
+    if not 0 <= label < len(CLASSES):
+        raise ValueError(
+            f"label={label} is no class. Please pass a number from 0 to {len(CLASSES) - 1}, see "
+            f"CLASSES."
+        )
+    _check_size(size)
+    fine = _FINE * size
+    canvas = Image.fromarray(_uint8(scene(rng, size))).resize(
+        (fine, fine), Image.Resampling.NEAREST
+    )
+    pen = ImageDraw.Draw(canvas)
+    clutter(pen, rng, fine)
+    pose, radius = _pose(rng, fine)
+    middle = pose[:2, 2] / pose[2, 2]
+    if rng.random() < 0.6:
+        grey, half = int(rng.integers(60, 180)), rng.uniform(0.03, 0.08) * radius
+        pen.rectangle(
+            (middle[0] - half, middle[1], middle[0] + half, fine), fill=(grey, grey, grey)
+        )
+    name, style = CLASSES[label], int(rng.integers(STYLES))
+    shines = name.startswith(("board", "lane")) or (name.startswith("speed") and style == 2)
+    sign = _warp(face(name, style, 128 if radius > 36 else 64), pose, fine)
+    if not shines:
+        sign = sign.convert("RGBA")
+        _cover(ImageDraw.Draw(sign), rng, middle, radius)
+        sign = sign.convert("RGBa")
+    layer = np.asarray(sign.reduce(_FINE)) / np.float32(255)
+    paint, alpha = layer[..., :3] * rng.uniform(0.85, 1.05, 3).astype(np.float32), layer[..., 3:]
+    light = _light(rng, size)
+    picture = np.asarray(canvas.reduce(_FINE)) / np.float32(255) * (1 - alpha)
+    if shines:
+        # It emits its own light, which neither shade nor exposure dims and which spills over.
+        glow = np.asarray(
+            Image.fromarray(_uint8(paint)).filter(ImageFilter.GaussianBlur(0.04 * size))
+        )
+        picture = picture * light + paint + glow * np.float32(rng.uniform(0.1, 0.6) / 255)
+    else:
+        picture = (picture + _wear(rng, paint, alpha)) * light
+    return _photograph(rng, picture)
+
+
+def label_of(split: str, index: int, seed: int = 0) -> int:
+    """Return the class of one image: every run of len(CLASSES) indices holds each class once, in an
+    order of its own."""
+    _check_split(split, seed)
+    if index < 0:
+        raise ValueError(
+            f"index={index} is negative. Please pass the place of an image in its split, from 0."
+        )
+    block, place = divmod(index, len(CLASSES))
+    return int(_generator(split, block, seed, stream=1).permutation(len(CLASSES))[place])
+
+
+def make(split: str, n: int, size: int = 48, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
+    """Draw the first n images of a split, uint8 (n, 3, size, size), and their classes, int64 (n,).
+
+    Args:
+        split: "train", "val" or "test"; they share no randomness.
+        n: number of images; a longer set begins with the shorter one, and classes are balanced to
+            within one image.
+        size: side in pixels, at least 16.
+        seed: not negative; another seed is another data set.
+
+    Raises ValueError for an unknown split, a negative n or seed, and a size below 16.
+    """
+    _check_split(split, seed)
+    _check_size(size)
+    if n < 0:
+        raise ValueError(f"n={n} is negative. Please pass the number of images to draw.")
+    labels = [label_of(split, index, seed) for index in range(n)]
+    images = np.empty((n, size, size, 3), np.uint8)
+    for index, label in enumerate(labels):
+        images[index] = render(label, _generator(split, index, seed, stream=0), size)
+    pictures = torch.from_numpy(images).permute(0, 3, 1, 2).contiguous()
+    return pictures, torch.tensor(labels, dtype=torch.int64, device="cpu")
+
+
+def _generator(split: str, index: int, seed: int, stream: int) -> np.random.Generator:
+    return np.random.default_rng((seed, SPLITS.index(split), index, stream))
+
+
+def _check_split(split: str, seed: int) -> None:
+    if split not in SPLITS:
+        raise ValueError(f"There is no split {split!r}. Please pass one of {', '.join(SPLITS)}.")
+    if seed < 0:
+        raise ValueError(f"seed={seed} is negative. Please pass 0 or a positive integer.")
+
+
+def _check_size(size: int) -> None:
+    if size < 16:
+        raise ValueError(
+            f"size={size} is too small to tell the signs apart. Please pass at least 16 pixels."
+        )

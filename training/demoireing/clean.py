@@ -1,0 +1,187 @@
+"""Clean a folder of photos of screens: each keeps its name, its size and its file format.
+
+    python training/demoire.py clean in=DIR out=DIR weights=FILE
+
+`weights` is the weights.pt of a run of training/demoire.py train, or any file written by
+moireaug.defenses.demoire.save. Photos are searched for in subfolders too; large ones are cleaned
+tile by tile. Photos that cannot be read are named, and the command then exits with status 1. Colour
+profile and EXIF data are kept, except TIFF tags and the orientation: what is written is upright. It
+has one page of 8 bits a channel, with white in place of what was transparent. Every file is written
+whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from omegaconf import MISSING
+from PIL import Image
+from torch import Tensor
+from tqdm import tqdm
+
+from moireaug.defenses import demoire
+from moireaug.defenses.demoire import DemoireNet
+from moireaug.defenses.demoire.tiles import TILE_OVERLAP, TILE_SIDE, tiled
+from moireaug.files import write_bytes
+from moireaug.images import read_picture
+from moireaug.synthesis.pictures import Pictures
+from training.config.plain import parse
+from training.config.settings import setting
+from training.system.messages import sentence
+
+EXAMPLE = "python training/demoire.py clean in=DIR out=DIR weights=FILE"
+DEVICES = ("cpu", "cuda", "mps")
+JPEG = {"quality": 95, "subsampling": "4:4:4"}  # much of the moiré that remains is colour
+LOSSLESS = {"lossless": True}
+OPTIONS: dict[str, dict[str, Any]] = {".jpg": JPEG, ".jpeg": JPEG, ".webp": LOSSLESS}
+
+
+@dataclass
+class Config:
+    """All settings of the command."""
+
+    in_: str = setting(MISSING, "a folder of photos")
+    out: str = setting(MISSING, "the folder that the cleaned ones go to")
+    weights: str = setting(MISSING, "a file of a network's weights")
+    device: str = setting("auto", "or cpu, cuda, cuda:1, mps")
+    tile: int = setting(
+        TILE_SIDE,
+        "longest side that is cleaned at once, in pixels, rounded down to the network's grid; less "
+        "needs less memory",
+        bounds=(2 * TILE_OVERLAP, None),
+    )
+
+
+def configure(argv: Sequence[str]) -> Config:
+    """Return the settings of a command line.
+
+    Raises:
+        ValueError: an unknown key, a value of another type, or out of its bounds.
+    """
+    cfg = parse(argv, Config, EXAMPLE, __doc__)
+    photos, out = Path(cfg.in_).resolve(), Path(cfg.out).resolve()
+    if out.is_relative_to(photos) or photos.is_relative_to(out):
+        raise ValueError(
+            f"in={cfg.in_} and out={cfg.out} are one folder, or one lies in the other, and photos "
+            "would be overwritten: name another folder for out=."
+        )
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"out={cfg.out} cannot be a folder: there is a file of that name.")
+    return cfg
+
+
+def device_of(name: str) -> torch.device:
+    """Return the device of that name; "auto" is a GPU where there is one.
+
+    Raises:
+        ValueError: no such device.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.empty(0, device=name).device
+    except (RuntimeError, AssertionError) as error:
+        said = str(error).splitlines()[0]
+        raise ValueError(f"device={name} cannot be used ({said}). Use device=cpu.") from error
+
+    if device.type not in DEVICES:
+        kinds = ", ".join(DEVICES)
+        raise ValueError(f"device must be auto, or one of {kinds}; got {name}. Use device=cpu.")
+    return device
+
+
+def clean_folder(cfg: Config) -> list[str]:
+    """Clean every photo of a folder; return a sentence for each that could not be cleaned.
+
+    Raises:
+        ValueError: no photos, weights that cannot be read, or no such device.
+        OSError: the disk is full or not writable; what was written before is whole.
+    """
+    device = device_of(cfg.device)
+    network = demoire.load(cfg.weights).to(device)
+    tile = cfg.tile - cfg.tile % network.multiple  # tiles lie on the grid of the whole photo
+    found = Pictures(cfg.in_, 1)
+    failed: list[str] = []
+    began = time.perf_counter()
+    with tqdm(found.names, unit="photo", disable=None) as bar:
+        for name in bar:
+            path = found.folder / name
+            try:
+                photo = read_picture(path)
+                content = encoded(clean(network, photo, tile), photo, path.suffix)
+            except (ValueError, MemoryError, RuntimeError) as error:
+                said = reason(error, path)
+                failed.append(said)
+                bar.write(f"not cleaned: {said}", file=sys.stderr)
+                continue
+            write_bytes(Path(cfg.out) / name, content)
+    seconds = time.perf_counter() - began
+    done = len(found) - len(failed)
+    print(f"Photos cleaned into {cfg.out}: {done}, in {seconds:.1f} s.")
+    if found.others:
+        print(f"Files in {cfg.in_} that are not pictures by their names: {len(found.others)}.")
+    return failed
+
+
+def reason(error: Exception, path: Path) -> str:
+    """Return why a photo could not be cleaned; an error that tells of a mistake in the code is
+    raised again."""
+    said = str(error)
+    if isinstance(error, (MemoryError, torch.OutOfMemoryError)) or "allocate memory" in said:
+        least = 2 * TILE_OVERLAP
+        return f"{path} needs more memory than there is: pass tile={least}, or device=cpu."
+    if not isinstance(error, ValueError):
+        raise error
+    if str(path) in said:
+        return said
+    return f"{path} could not be written: {said}"  # of the encoder, which knows no name
+
+
+@torch.inference_mode()
+def clean(network: DemoireNet, photo: Image.Image, tile: int) -> Image.Image:
+    """Return a photo, cleaned."""
+    device = next(network.parameters()).device
+    codes = torch.from_numpy(np.array(photo)).permute(2, 0, 1)
+    images: Tensor = codes[None].to(device).float() / 255
+    cleaned = tiled(network, images, tile)[0]
+    pixels = (255 * cleaned).round().to(torch.uint8).permute(1, 2, 0)
+    return Image.fromarray(pixels.cpu().contiguous().numpy())
+
+
+def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
+    """Return a picture encoded in the format of a suffix, with the profile and EXIF data of the
+    photo that it was made from."""
+    options = dict(OPTIONS.get(suffix.lower(), {}))
+    if exif := photo.info.get("exif"):
+        options["exif"] = exif
+    profile = photo.info.get("icc_profile")
+    if profile and profile[16:20] == b"RGB ":  # a CMYK or grey profile does not fit RGB pixels
+        options["icc_profile"] = profile
+    form = Image.registered_extensions()[suffix.lower()]
+    if suffix.lower() == ".pgm":  # of greys alone, as its name says
+        picture = picture.convert("L")
+    file = io.BytesIO()
+    picture.save(file, form, **options)
+    return file.getvalue()
+
+
+def main(argv: Sequence[str]) -> None:
+    """Run the command line, or exit with a one-line error."""
+    try:
+        failed = clean_folder(configure(argv))
+    except KeyboardInterrupt:
+        print("\nInterrupted. Every photo that was written is whole.", file=sys.stderr)
+        raise SystemExit(130) from None
+    except (ValueError, TypeError, OSError) as error:
+        raise SystemExit(f"error: {sentence(error)}") from None
+    if failed:
+        raise SystemExit(
+            f"error: not every photo could be cleaned: {len(failed)} failed, see above."
+        )

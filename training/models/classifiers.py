@@ -1,0 +1,220 @@
+"""Classifiers to train and to attack, by name: compact networks for small images, and every
+torchvision classifier."""
+
+import difflib
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import ModuleType
+
+import torch
+from torch import Tensor, nn
+
+from moireaug.attacks import Normalized
+from moireaug.networks import in_evaluation_mode
+from moireaug.weights import read_state_dict
+from training.models.small_convnet import AttentionConvNet
+from training.models.small_resnet import SmallResNet
+
+# the project's own models: the number of classes to a model
+OWN: dict[str, Callable[[int], nn.Module]] = {
+    "attention_convnet": AttentionConvNet,
+    "attention_resnet": partial(SmallResNet, width=32, activation=nn.SiLU, heads=4),
+    "small_resnet": SmallResNet,
+}
+# The auxiliary heads serve training from scratch in the original recipes, and turn the output into
+# a tuple. transform_input undoes the ImageNet normalisation that every other torchvision model
+# expects, in favour of their own.
+_SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
+_EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
+_AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
+
+
+def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = False) -> nn.Module:
+    """Return a classifier of [0, 1] images: torchvision's models get their ImageNet normalisation
+    put inside.
+
+    Args, Raises: as in `build`.
+    """
+    # in this layout convolutions are up to twice as fast on CPU
+    model = build(name, num_classes, weights, whole=whole).to(memory_format=torch.channels_last)
+    return model if name in OWN else Normalized(model)
+
+
+def check_side(model: nn.Module, name: str, side: int) -> None:
+    """Refuse images that are too small, or of another size than a model's own.
+
+    Args:
+        model: in [0, 1] images; its mode is kept. side: of the images, pixels.
+
+    Raises:
+        ValueError: with what to do.
+    """
+    weight = next(model.parameters())
+    try:
+        with torch.no_grad(), in_evaluation_mode(model):
+            model(weight.new_zeros(1, 3, side, side))
+    except (RuntimeError, AssertionError, ValueError) as error:
+        why = str(error).splitlines()[0]
+        raise ValueError(
+            f"{name} cannot take images of {side} x {side} pixels ({why}): pass another data.size, "
+            "224 for most of torchvision's models, or another model."
+        ) from error
+
+
+def _torchvision() -> ModuleType:
+    """Return torchvision's models, which take seconds to import."""
+    import torchvision
+
+    return torchvision.models
+
+
+def names() -> list[str]:
+    """Return every name that `build` knows, own models first."""
+    models = _torchvision()
+    return [*OWN, *models.list_models(module=models)]
+
+
+def class_names(name: str) -> dict[int, str]:
+    """Return the names of the classes that a torchvision model was published with; empty for a
+    model of our own."""
+    if name in OWN:
+        return {}
+    published = _torchvision().get_model_weights(name).DEFAULT
+    return dict(enumerate(published.meta.get("categories", ())))
+
+
+def build(
+    name: str, num_classes: int, weights: str | None = None, *, whole: bool = False
+) -> nn.Module:
+    """Return a classifier by name, freshly initialised or with weights.
+
+    Args:
+        name: one of `OWN`, which take [0, 1] images, or any torchvision classifier,
+            whose ImageNet normalisation is the caller's to apply.
+        num_classes: number of logits.
+        weights: a file that `moireaug.weights.read_state_dict` reads, or the name of torchvision
+            weights such as "IMAGENET1K_V1" or "DEFAULT". When they were made for another number of
+            classes, the head stays freshly initialised and all else is loaded.
+        whole: refuse weights made for another number of classes: a model with a fresh head cannot
+            be evaluated.
+
+    Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of
+    another model.
+    """
+    require_known(name)
+    if num_classes < 1:
+        raise ValueError(
+            f"num_classes={num_classes} must be at least 1. Please pass the number of classes."
+        )
+    model = _fresh(name, num_classes)
+    if weights is None:
+        return model
+    complaint = f"The weights {weights!r} do not fit {name!r} with {num_classes} classes"
+    _load(model, _state(name, weights), complaint, whole)
+    return model
+
+
+def require_known(name: str) -> None:
+    """Refuse a name that no model has.
+
+    Raises:
+        ValueError: says which names there are.
+    """
+    if name not in OWN and name not in names():
+        closest = difflib.get_close_matches(name, names(), n=3, cutoff=0.3)
+        hint = f" Closest: {', '.join(closest)}." if closest else ""
+        raise ValueError(
+            f"There is no model named {name!r}.{hint} "
+            f"Please use {', '.join(map(repr, OWN))}, or a name from "
+            "torchvision.models.list_models(module=torchvision.models)."
+        )
+
+
+def _fresh(name: str, num_classes: int) -> nn.Module:
+    if name in OWN:
+        return OWN[name](num_classes)
+    return _torchvision().get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
+
+
+def _state(name: str, weights: str) -> Mapping[str, Tensor]:
+    """Return a state_dict by the name of published weights, or out of a file."""
+    published = _published_names(name)
+    if weights in published:
+        return _published(name, weights)
+    other = f", or one of {', '.join(published)}" if published else ""
+    advice = f"Please pass a file that torch.save(model.state_dict(), path) wrote{other}."
+    return read_state_dict(weights, name, advice)
+
+
+def _published_names(name: str) -> list[str]:
+    if name in OWN:
+        return []
+    return list(_torchvision().get_model_weights(name).__members__)
+
+
+def _published(name: str, weights: str) -> Mapping[str, Tensor]:
+    """Return the state of torchvision's own model with these weights, downloaded once into the
+    torch hub folder."""
+    try:
+        return _torchvision().get_model(name, weights=weights).state_dict()
+    except (OSError, RuntimeError) as error:
+        raise ValueError(
+            f"The torchvision weights {weights!r} of {name!r} could not be fetched ({error}). "
+            "Please check the network, or pass the path of a downloaded state_dict file."
+        ) from error
+
+
+def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
+    """Copy state into model, except for a head made for another number of classes; raise ValueError
+    if anything else differs."""
+    own = model.state_dict()
+    given = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
+    # Files written before PyTorch 0.4.1 lack these counters, which matter only without a momentum.
+    missing = [key for key in own if key not in given and not key.endswith("num_batches_tracked")]
+    surplus = [key for key in given if key not in own]
+    changed = [key for key in given if key in own and given[key].shape != own[key].shape]
+    head = []
+    if not whole and _is_head(changed, own, given):
+        head = changed
+    shapes = []
+    for key in changed:
+        if key not in head:
+            shapes.append(f"{key} {tuple(given[key].shape)} instead of {tuple(own[key].shape)}")
+    problems = []
+    for found, what in ((missing, "missing"), (surplus, "unknown"), (shapes, "of another shape")):
+        if found:
+            problems.append(f"{len(found)} {what} ({_first(found)})")
+    if problems:
+        advice = "; only the number of classes may differ."
+        if whole:
+            advice = " and its classes; data.class_index maps a folder's classes to them."
+        raise ValueError(
+            f"{complaint}: of their tensors, {' and '.join(problems)}. "
+            f"Please name the model that they were saved from{advice}"
+        )
+    fitting = {key: value for key, value in given.items() if key not in head}
+    model.load_state_dict(own | fitting)
+
+
+def _first(names: list[str]) -> str:
+    """Return at most three of the names."""
+    more = ", ..." if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more
+
+
+def _is_head(changed: list[str], own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> bool:
+    """Return whether the tensors that changed shape are those of one layer, and only in their
+    number of outputs.
+
+    Any layer but the last would change the inputs of the next one too.
+    """
+    layers = {key.rpartition(".")[0] for key in changed}
+    if len(layers) != 1:
+        return False
+    whole = [key for key in own if key.rpartition(".")[0] in layers]
+    if len(whole) != len(changed):
+        return False
+    for key in changed:
+        if given[key].dim() == 0 or given[key].shape[1:] != own[key].shape[1:]:
+            return False
+    return True

@@ -1,0 +1,1 @@
+"""Pairs of photo and original as files."""

@@ -1,0 +1,94 @@
+"""Make the pairs of a share and write them, file by file."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import sys
+import time
+import uuid
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from torch.utils.data import DataLoader
+from tqdm import tqdm
+
+from moireaug.files import unfinished
+from moireaug.synthesis import Pairs
+from training.pairs.files import FORMATS, EncodedPair, EncodedPairs
+from training.pairs.schema import Config
+from training.pairs.sets import PairSet, Share
+
+
+def make(cfg: Config, pairs: Pairs, found: PairSet, share: Share) -> None:
+    """Write the files of a share that are missing, and say how long it took."""
+    missing = found.missing(share)
+    total = sum(len(found.pairs(number)) for number in missing)
+    if not total:
+        return
+    skipped: set[str] = set()
+    began = time.perf_counter()
+    encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality)
+    wanted = itertools.chain.from_iterable(map(found.pairs, missing))
+    with tqdm(total=total, unit="pair", disable=None) as bar:
+        made = _noted(loader(encoded, wanted, min(workers_of(cfg), total)), bar, skipped)
+        for number, group in itertools.groupby(made, lambda pair: pair.index // cfg.per_shard):
+            write(found.path(number), group, cfg.format, share)
+    seconds = time.perf_counter() - began
+    if skipped:
+        print(f"{len(skipped)} pictures were skipped, see above; others were drawn instead.")
+    print(f"{total} pairs in {seconds:.1f} s: {total / seconds:.1f} pairs per second.")
+
+
+def loader(encoded: EncodedPairs, wanted: Iterable[int], workers: int) -> DataLoader:
+    """Return a loader of pairs in the order of their numbers, from single-threaded processes."""
+    return DataLoader(
+        encoded,
+        batch_size=None,
+        sampler=wanted,
+        num_workers=workers,
+        collate_fn=_as_it_is,  # type: ignore[arg-type]  # without batches it gets a pair
+        multiprocessing_context="spawn" if workers else None,  # threads do not survive a fork
+    )
+
+
+def _as_it_is(pair: EncodedPair) -> EncodedPair:
+    return pair
+
+
+def _noted(pairs: Iterable[EncodedPair], bar: tqdm, skipped: set[str]) -> Iterator[EncodedPair]:
+    """Pass pairs on, count them, and say which pictures were skipped, each once."""
+    for pair in pairs:
+        for reason in pair.skipped:
+            if reason not in skipped:  # every process finds the same ones
+                skipped.add(reason)
+                bar.write(f"skipped: {reason}", file=sys.stderr)
+        bar.update()
+        yield pair
+
+
+def write(path: Path, pairs: Iterable[EncodedPair], form: str, share: Share) -> None:
+    """Write one file of pairs, whole or not at all.
+
+    Raises:
+        OSError: the disk is full or not writable; says how many MB are free.
+    """
+    try:
+        with unfinished(path, f"{share.mark}.{uuid.uuid4().hex[:8]}") as beside:
+            FORMATS[form].write(beside, pairs)
+    except OSError as error:
+        free = shutil.disk_usage(path.parent).free / 1e6
+        raise OSError(
+            f"{path} could not be written ({error.strerror or error}), and {free:.1f} MB are free. "
+            "Every whole file is kept. Make room, and run the same command again."
+        ) from error
+
+
+def workers_of(cfg: Config) -> int:
+    """Return how many processes are asked for; 0 is this one alone."""
+    if cfg.workers is not None:
+        return cfg.workers
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))  # of a job that was given some of a machine's cores
+    return os.cpu_count() or 1

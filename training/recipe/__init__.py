@@ -1,0 +1,1 @@
+"""A recipe from its start to its report: trained beside plain training, attacked, compared."""

@@ -1,0 +1,160 @@
+"""A trained run, read as data: its folder may come from anyone.
+
+Nothing in it is run, imported or looked up, and it names no files but those of its data set.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from numbers import Real
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from torch import Tensor, nn
+
+from moireaug.scene.fields import one_of
+from training.config.schema import DATA, Config, Data, as_config, scene_of
+from training.data.splits import Splits
+from training.models.classifiers import OWN, as_model, names
+from training.system.files import read_checkpoint, read_metrics, read_settings
+
+
+class TrainedRun(NamedTuple):
+    """A run as it was read from its folder.
+
+    Args:
+        folder: where it is. cfg: the settings that it was trained with. state: its best weights.
+        classes: the name of each logit; None where the checkpoint does not say.
+    """
+
+    folder: Path
+    cfg: Config
+    state: dict[str, Tensor]
+    classes: dict[int, str] | None
+
+    @property
+    def num_classes(self) -> int:
+        """Return the number of logits; 0 where these are not the weights of a classifier."""
+        heads = [
+            value for name, value in self.state.items() if name.endswith("weight") and value.dim()
+        ]
+        return len(heads[-1]) if heads else 0
+
+    def model(self) -> nn.Module:
+        """Return the run's best model, in evaluation mode.
+
+        Raises:
+            ValueError: weights of another model.
+        """
+        model = as_model(self.cfg.model, self.num_classes, None)
+        try:
+            model.load_state_dict(self.state)
+        except RuntimeError as error:
+            path = self.folder / "best.ckpt"
+            raise ValueError(
+                f"{path} does not fit {self.cfg.model} with {self.num_classes} classes: {error}"
+            ) from error
+        return model.eval()
+
+    def check_classes(self, splits: Splits, data: Data) -> None:
+        """Refuse data whose classes are not the run's: every answer would count as wrong.
+
+        Raises:
+            ValueError: with the first class that differs.
+        """
+        hint = (
+            "Pass data whose class folders are those that the run was trained on, or another run."
+        )
+        if splits.num_classes != self.num_classes:
+            raise ValueError(
+                f"{self.folder} was trained on {self.num_classes} classes, "
+                f"and the data {data.name} has "
+                f"{splits.num_classes}. {hint}"
+            )
+        # any of the 1000 published classes will do
+        among_published = self.cfg.data.class_index and data.class_index
+        if self.classes is None or among_published or self.classes == splits.classes:
+            return
+        odd = min(set(self.classes.items()) ^ set(splits.classes.items()))[0]
+        ours, theirs = self.classes.get(odd), splits.classes.get(odd)
+        raise ValueError(
+            f"class {odd} of {self.folder} is {ours!r}, and {theirs!r} in the data {data.name}. "
+            f"{hint}"
+        )
+
+
+def read(folder: Path) -> TrainedRun:
+    """Read a run's settings and best weights.
+
+    Raises:
+        ValueError: no run there, settings that no run has, or a checkpoint that cannot be read.
+    """
+    config, best = folder / "config.yaml", folder / "best.ckpt"
+    if not config.is_file() or not best.is_file():
+        raise ValueError(
+            f"{folder} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py "
+            "writes them."
+        )
+    # The checkpoint first: a command that replaces a run writes the settings first, so weights of
+    # another run are never taken for those of these settings.
+    checkpoint = read_checkpoint(best)
+    cfg = read_config(config)
+    state = {name.removeprefix("model."): value for name, value in checkpoint["state_dict"].items()}
+    trained = TrainedRun(folder, cfg, state, class_names(checkpoint.get("classes")))
+    if trained.num_classes < 1:
+        raise ValueError(f"{best} holds no classifier's weights. Name another run.")
+    return trained
+
+
+def read_config(path: Path) -> Config:
+    """Read a run's settings: known keys with values of their types, none looked up elsewhere.
+
+    Raises:
+        ValueError: with what is wrong, and what a run's settings may be.
+    """
+    values = read_settings(path)
+    try:
+        cfg = OmegaConf.merge(OmegaConf.structured(Config), values)
+        for key in sorted(OmegaConf.missing_keys(cfg)):
+            raise ValueError(f"{key} is missing")
+        if not re.fullmatch(r"[\w.-]+", cfg.recipe):
+            raise ValueError(f"recipe must be a name; got {cfg.recipe!r}.")
+        one_of("data.name", cfg.data.name, DATA)
+        if cfg.model not in OWN:
+            one_of("model", cfg.model, names())
+        scene_of(cfg)
+    except (OmegaConfBaseException, ValueError, TypeError) as error:
+        reason = str(error).splitlines()[0].rstrip(".")
+        raise ValueError(
+            f"{path} is not a run's settings: {reason}. A run holds the settings of "
+            "training/fit.py alone, as this version writes them."
+        ) from None
+    cfg.data.download = False  # that a folder asks for: only a command line may
+    return as_config(cfg)  # type: ignore[arg-type]
+
+
+def training_cost(folder: Path) -> dict[str, Any] | None:
+    """Read what a run's metrics say about its training; None if they are missing or damaged."""
+    train = (read_metrics(folder) or {}).get("train")
+    if not isinstance(train, dict) or not isinstance(train.get("history"), list):
+        return None
+    rows = [train | {"history": 0, "init": 0}, *train["history"]]
+    plain = all(isinstance(row, Mapping) and all(map(_is_number, row.values())) for row in rows)
+    return train if plain and train.get("init") in ("random", "clean") else None
+
+
+def class_names(kept: Any) -> dict[int, str] | None:
+    """Return the names of the classes as a checkpoint keeps them; None where it does not."""
+    if not isinstance(kept, dict):
+        return None
+    return {int(number): str(name) for number, name in kept.items()}
+
+
+def _is_number(value: Any) -> bool:
+    return value is None or (
+        isinstance(value, Real) and not isinstance(value, bool) and not math.isinf(value)
+    )

@@ -1,0 +1,1 @@
+"""The system around a command: files, locks, processes, messages and the machine."""

@@ -1,0 +1,173 @@
+"""Files read as data: no code in them runs, damaged ones are refused; and folders that can be
+written."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import itertools
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+
+LONGEST = 1_000_000  # bytes of a config.yaml; fit.py writes about two thousand
+MAX_REASON_CHARACTERS = 300  # of PyYAML's words that are shown
+MERGE_TAG = "tag:yaml.org,2002:merge"  # of "<<", which may stand more than once
+DEEPEST = 32  # levels of its lists and mappings; fit.py writes four; time grows as their square
+
+
+class UniqueKeyLoader(yaml.SafeLoader):
+    """Reads YAML as `yaml.safe_load` does, but refuses a key that stands twice in a mapping, of
+    which that would keep the last."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """Return a mapping's node, as PyYAML asks for it."""
+        node = super().compose_mapping_node(anchor)
+        lines: dict[tuple[str, str], int] = {}
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode) or key.tag == MERGE_TAG:
+                continue
+            line, name = key.start_mark.line + 1, (key.tag, key.value)
+            if name in lines:
+                raise yaml.YAMLError(
+                    f"duplicate key {key.value!r} in line {line}, first set in line {lines[name]}: "
+                    "keep one of them"
+                )
+            lines[name] = line
+        return node
+
+
+def make_folder(path: Path, setting: str = "runs=DIR") -> None:
+    """Make a folder and check that files can be written there, before time is spent.
+
+    Args:
+        setting: the one that names another folder.
+
+    Raises:
+        ValueError: there is a file in its place, or the disk is full or not writable.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path) as file:
+            file.write(bytes(4096))
+            file.flush()
+    except (FileExistsError, NotADirectoryError):
+        raise ValueError(
+            f"{path} cannot be a folder: there is a file of that name, or of one above it. "
+            f"Move it, or pass {setting}."
+        ) from None
+    except OSError as error:
+        raise ValueError(
+            f"{path} cannot be written ({error.strerror}): fix that, "
+            f"or pass {setting} on another disk."
+        ) from error
+
+
+def free_name(path: Path) -> Path:
+    """Return the path, with a number after its stem if it exists."""
+    numbered = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
+    return next(name for name in itertools.chain([path], numbered) if not name.exists())
+
+
+def read_table(path: Path) -> list[dict[str, Any]]:
+    """Read the rows of a CSV file in UTF-8, with or without the mark that Excel puts first.
+
+    Raises:
+        OSError, ValueError, csv.Error: it cannot be read.
+    """
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        return list(csv.DictReader(file))
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Read a Lightning checkpoint onto the CPU.
+
+    Raises:
+        ValueError: a file that is missing or damaged.
+    """
+    try:
+        found = torch.load(path, map_location="cpu", weights_only=True)
+        found["epoch"]
+        if not all(torch.is_tensor(value) for value in found["state_dict"].values()):
+            raise TypeError("a value of its state_dict is no tensor")
+        return found
+    except (
+        Exception
+    ) as error:  # whichever byte is damaged: UnpicklingError, EOFError, RuntimeError, KeyError ...
+        raise ValueError(
+            f"The checkpoint {path} could not be read ({type(error).__name__}). "
+            "It may be missing or damaged: train again with resume=false, "
+            "which moves what is there aside, or name another run."
+        ) from error
+
+
+def digest(path: str | Path) -> str:
+    """Return the SHA-256 of a file's bytes."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_metrics(path: Path) -> dict[str, Any] | None:
+    """Read the metrics of a finished run, which are written last; None where there are none."""
+    return read_json(path / "metrics.json")
+
+
+def read_json(path: Path) -> dict[str, Any] | None:
+    """Read a JSON file that holds a mapping; None where it is missing or damaged."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """Read the settings in a config.yaml: plain values, none looked up elsewhere.
+
+    Raises:
+        ValueError: no YAML mapping, or one with interpolations or aliases.
+        OSError: a file that cannot be read.
+    """
+    if path.stat().st_size > LONGEST:
+        raise ValueError(f"{path} is far too long for the settings of a run.")
+    text = path.read_text(encoding="utf-8")
+    try:
+        aliases = _has_aliases(text)
+        values = None if aliases else yaml.load(text, UniqueKeyLoader)
+        plain = json.dumps(values, default=str)
+    except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
+        said = " ".join(str(error).split())[:MAX_REASON_CHARACTERS]
+        raise ValueError(f"{path} could not be read as YAML: {said}.") from error
+    if aliases or "${" in plain:
+        raise ValueError(
+            f"{path} holds a YAML alias or an interpolation (${{...}}). A run's settings are plain "
+            "values, as fit.py writes them: write the values out."
+        )
+    if not isinstance(values, dict):
+        raise ValueError(
+            f"{path} holds no settings: it must be a YAML mapping, as fit.py writes it."
+        )
+    return values
+
+
+def _has_aliases(text: str) -> bool:
+    """Return whether a YAML text has aliases; stops at the first one, or at a level too deep.
+
+    Raises:
+        ValueError, yaml.YAMLError: too many levels, or no YAML.
+    """
+    depth = 0
+    for event in yaml.parse(text, yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            return True
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        if isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > DEEPEST:
+            raise ValueError(f"more than {DEEPEST} levels")
+    return False

@@ -1,0 +1,1 @@
+"""Lightning's trainer, its checkpoints and its processes."""

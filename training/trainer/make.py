@@ -1,0 +1,91 @@
+"""Lightning's trainer, with the settings that all runs share."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import warnings
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import lightning as L
+import torch
+from lightning.pytorch.callbacks import Checkpoint, TQDMProgressBar
+from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
+from lightning.pytorch.utilities import rank_zero_only
+
+from training.config.schema import Trainer
+from training.system.processes import wait_long
+from training.trainer.checkpoints import AtomicCheckpointIO
+
+
+class EpochLines(Checkpoint):
+    """Prints a line per epoch, with the figures that a progress bar shows.
+
+    Lightning calls what it takes for a checkpoint last, in the order given: an epoch whose line is
+    printed has been kept.
+    """
+
+    @rank_zero_only
+    def on_train_epoch_end(self, trainer: L.Trainer, module: L.LightningModule) -> None:
+        figures = []
+        history: Any = module.history
+        means = history[-1] if history else {}  # the bar's loss is that of the last batch
+        for name, value in trainer.progress_bar_metrics.items():
+            figures.append(f"{name} {means.get(name, value):.4g}")
+        print(f"Epoch {trainer.current_epoch + 1} of {trainer.max_epochs}: {', '.join(figures)}")
+
+
+def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]) -> L.Trainer:
+    """Return a trainer that writes checkpoints whole or not at all, and shows a progress bar, or
+    prints a line per epoch if the output is not a terminal.
+
+    Args:
+        settings: passed on; a null precision is "32-true".
+        callbacks: what keeps and averages the weights.
+    """
+    quiet()
+    given = asdict(settings)
+    if given["precision"] is None:
+        given["precision"] = "32-true"
+    if given["accelerator"] == "auto" and not torch.cuda.is_available():
+        given["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
+    plugins: list[Any] = [AtomicCheckpointIO()]
+    if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
+        plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself
+    terminal = sys.stdout.isatty()
+    progress = TQDMProgressBar(leave=False) if terminal else EpochLines()
+    trainer = L.Trainer(
+        **given,
+        max_epochs=epochs,
+        callbacks=[*callbacks, progress],
+        enable_progress_bar=terminal,
+        plugins=plugins,
+        logger=False,
+        num_sanity_val_steps=0,
+        enable_model_summary=False,
+        use_distributed_sampler=False,
+        benchmark=False,
+    )
+    wait_long(trainer.strategy)
+    return trainer
+
+
+# Lightning's warnings at every start that a user of these recipes cannot act on
+KNOWN = (
+    ".*does not have many workers.*",
+    ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
+    ".*Checkpoint directory .* exists and is not empty.*",
+    ".*sync_dist=True.*",  # what is logged is the mean of all devices already
+    ".*smaller than the logging interval.*",
+    ".*isinstance.treespec, LeafSpec.*",  # Lightning's own, on newer torch
+)
+
+
+def quiet() -> None:
+    """Silence what Lightning says at every start; its import undoes what was set before."""
+    for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    for message in KNOWN:
+        warnings.filterwarnings("ignore", message)
