@@ -44,7 +44,7 @@ def drawn_shot(
         size = (images.shape[-2], images.shape[-1])
         shot = scene.sample(len(images), size, generator)
     if isinstance(shot, MixedShot):
-        check_batch(check_images(images), shot)
+        check_batch(check_images(images).shape, shot)
     return shot
 
 
