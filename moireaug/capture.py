@@ -116,25 +116,30 @@ def _mixed_photo_of(
 ) -> Tensor:
     """Return the photos of a mixture, those of each scene taken together; see `photo_of`."""
     check_shape(image)
-    check_batch(image, shot)
+    check_batch(image.shape, shot)
     if noise is not None:
         check_rows_of_noise(noise, shot)
 
     def photo(rows: Tensor, part: ShotRecord) -> Tensor:
-        if noise is None or isinstance(noise, Tensor):
-            own = noise if noise is None else noise[rows.to(noise.device)]
-        else:
-            own = torch.stack([noise[row] for row in rows.tolist()]) if len(rows) else None
-        return photo_of(image[rows.to(image.device)], part, own)
+        return photo_of(image[rows.to(image.device)], part, _rows_of_noise(noise, rows))
 
     return shot.gathered(photo)
+
+
+def _rows_of_noise(noise: Tensor | Sequence[Tensor] | None, rows: Tensor) -> Tensor | None:
+    """Return the noise of some images of a mixture, or None."""
+    if isinstance(noise, Tensor):
+        return noise[rows.to(noise.device)]
+    if noise is None or not len(rows):
+        return None
+    return torch.stack([noise[row] for row in rows.tolist()])
 
 
 def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
     """Return the raw reading of images (B, 3, H, W) that are uint8 or have passed `check_images`.
     The engine reads uint8 as it is."""
     check_shape(image)
-    check_shot(image, shot)
+    check_shot(image.shape, shot)
     shot = shot.to(image.device)
     light = _single(image)
     with torch.autocast(image.device.type, enabled=False):

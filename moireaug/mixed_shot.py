@@ -49,14 +49,15 @@ class MixedShot(Generic[S]):
     ) -> MixedShot[S]:
         """Return the inverse of `by_scene`: one or more shots and the rows of each, which together
         are all rows of `which`."""
-        rows, every = [at for at, _ in shots], [shot for _, shot in shots]
-        numbers = [shot.numbers() for shot in every]
-        drawn = {name: in_order(rows, [one[name] for one in numbers]) for name in numbers[0]}
-        seed = in_order(rows, [shot.seed for shot in every])
-        size = every[0].size
-        return MixedShot(
-            empty=empty, which=which.to(seed.device), size=size, drawn=drawn, seed=seed
-        )
+        rows = [at for at, _ in shots]
+        numbers = [shot.numbers() for _, shot in shots]
+        drawn = {}
+        for name in numbers[0]:
+            drawn[name] = in_order(rows, [one[name] for one in numbers])
+        seed = in_order(rows, [shot.seed for _, shot in shots])
+        size = shots[0][1].size
+        which = which.to(seed.device)
+        return MixedShot(empty=empty, which=which, size=size, drawn=drawn, seed=seed)
 
     @property
     def scenes(self) -> tuple[SceneRecord, ...]:
@@ -102,29 +103,31 @@ class MixedShot(Generic[S]):
         """
         if torch.compiler.is_compiling():
             raise RuntimeError(UNFOLLOWED)
-        found = []
+        parts = []
         for k in range(len(self.empty)):
             rows = (self.which == k).nonzero().flatten()
             if len(rows):
-                found.append((rows, self._in(k, rows)))
-        if sum(len(rows) for rows, _ in found) != len(self):
+                parts.append((rows, self._in(k, rows)))
+        if sum(len(rows) for rows, _ in parts) != len(self):
             raise ValueError(
                 f"a mixture of {len(self.empty)} scenes numbers them from 0 to "
                 f"{len(self.empty) - 1}; got {self.which.tolist()}. Was it drawn by another one?"
             )
-        return found or [(self.which, self._in(0, self.which))]
+        return parts or [(self.which, self._in(0, self.which))]
 
     def _in(self, k: int, rows: Tensor) -> S:
         """Return the shot of some rows in scene k."""
-        shot, numbers = self.empty[k], {name: values[rows] for name, values in self.drawn.items()}
-        return dataclasses.replace(
-            shot, size=self.size, seed=self.seed[rows], **parts_with(shot, numbers)
-        )
+        numbers = {name: values[rows] for name, values in self.drawn.items()}
+        parts = parts_with(self.empty[k], numbers)
+        return dataclasses.replace(self.empty[k], size=self.size, seed=self.seed[rows], **parts)
 
     def gathered(self, f: Callable[[Tensor, S], Tensor]) -> Tensor:
         """Return f(rows, shot) of each scene's images, (b, ...), in the order of the batch."""
-        parts = self.by_scene()
-        return in_order([rows for rows, _ in parts], [f(rows, shot) for rows, shot in parts])
+        every_rows, parts = [], []
+        for rows, shot in self.by_scene():
+            every_rows.append(rows)
+            parts.append(f(rows, shot))
+        return in_order(every_rows, parts)
 
     @property
     def moves(self) -> bool:
@@ -141,10 +144,10 @@ class MixedShot(Generic[S]):
         self._check_rows(mask, "a mask")
         return self.gathered(lambda rows, shot: shot.to_photo_mask(mask[rows.to(mask.device)]))
 
-    def _check_rows(self, values: Tensor, what: str) -> None:
+    def _check_rows(self, values: Tensor, name: str) -> None:
         if values.ndim == 0 or len(values) != len(self):
             raise ValueError(
-                f"{what} must have a row for each of the {len(self)} images of the shot; got the "
+                f"{name} must have a row for each of the {len(self)} images of the shot; got the "
                 f"shape {tuple(values.shape)}."
             )
 

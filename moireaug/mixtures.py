@@ -30,7 +30,6 @@ class Mixture:
         rows of a larger draw are those of a smaller one.
         """
         size = check_size(size)
-        empty = self.empty_shots(size)
         needed = [numbers_needed(scene) for scene in self.scenes]
         u = random_numbers(n, 1 + max(needed), generator)
         which = (u[:, 0] * len(self.scenes)).long()
@@ -38,7 +37,7 @@ class Mixture:
         for k, scene in enumerate(self.scenes):
             rows = (which == k).nonzero().flatten()
             shots.append((rows, shot_of(scene, size, u[rows, 1 : 1 + needed[k]])))
-        return MixedShot.joined(empty, which, shots)
+        return MixedShot.joined(self.empty_shots(size), which, shots)
 
     def empty_shots(self, size: tuple[int, int]) -> tuple[Shot, ...]:
         """Return a shot of no image of `size` (height, width) in each scene."""

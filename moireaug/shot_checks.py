@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -15,9 +16,9 @@ from moireaug.scene.lens import LEAST_LENS_SLOPE, least_lens_slope
 from moireaug.shot import ShotRecord
 
 
-def check_shot(image: Tensor, shot: ShotRecord) -> None:
-    """Refuse a batch (B, 3, H, W) that a shot was not drawn for, and a shot whose fields are not
-    (B,) numbers that a scene may have.
+def check_shot(shape: Sequence[int], shot: ShotRecord) -> None:
+    """Refuse a batch of the shape (B, 3, H, W) that a shot was not drawn for, and a shot whose
+    fields are not (B,) numbers that a scene may have.
 
     Raises:
         TypeError: not a shot.
@@ -25,19 +26,19 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
     """
     check_is_shot(shot)
     _check_fields(shot)
-    check_batch(image, shot)
+    check_batch(shape, shot)
     if not is_transformed():
         _check_numbers(shot)
 
 
-def check_batch(image: Tensor, shot: ShotRecord | MixedShot) -> None:
-    """Refuse a batch (B, 3, H, W) of another number or size of images than a shot's, with a
-    ValueError."""
-    n = len(shot)
-    if n != len(image) or shot.size != tuple(image.shape[-2:]):
+def check_batch(shape: Sequence[int], shot: ShotRecord | MixedShot) -> None:
+    """Refuse a batch of the shape (B, 3, H, W), of another number or size of images than a shot's,
+    with a ValueError."""
+    n, (count, _, h, w) = len(shot), shape
+    if n != count or shot.size != (h, w):
         raise ValueError(
             f"the shot was drawn for {n} images of {shot.size[0]} x {shot.size[1]}; got "
-            f"{len(image)} of {image.shape[-2]} x {image.shape[-1]}. Draw one with "
+            f"{count} of {h} x {w}. Draw one with "
             "scene.sample(len(images), images.shape[-2:])."
         )
 

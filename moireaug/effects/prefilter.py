@@ -49,7 +49,7 @@ class Prefilter(Effect):
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         most = shot.plan.prefilter
         if most <= MAX_NEIGHBOUR_VARIANCE:
-            return spread(light, share_at_centre(shot))
+            return blur_by_neighbours(light, share_at_centre(shot))
         variance = variance_at(grids.pixel_centres(shot.size, light.device), shot)
         return mipmap(light, variance[:, None].to(light.dtype), levels(most))
 
@@ -127,7 +127,7 @@ def share_at_centre(shot: ShotRecord) -> Tensor:
     return variance_at(grids.grid(*_middle(shot)), shot).flatten().clamp(max=MAX_NEIGHBOUR_VARIANCE)
 
 
-def spread(image: Tensor, share: Tensor) -> Tensor:
+def blur_by_neighbours(image: Tensor, share: Tensor) -> Tensor:
     """Blur (B, 3, H, W) along both axes by taking a share (B,) of each pixel from its two
     neighbours.
 

@@ -178,8 +178,8 @@ def _mean_excess(mean: Tensor, variance: Tensor) -> Tensor:
     some = variance > LEAST_VARIANCE
     sigma = torch.where(some, variance, 1.0).sqrt()
     z = mean / sigma
-    spread = mean * torch.special.ndtr(z) + sigma * torch.exp(-z * z / 2) / (2 * torch.pi) ** 0.5
-    return torch.where(some, spread, torch.where(mean > 0, mean, torch.zeros_like(mean)))
+    excess = mean * torch.special.ndtr(z) + sigma * torch.exp(-z * z / 2) / (2 * torch.pi) ** 0.5
+    return torch.where(some, excess, torch.where(mean > 0, mean, torch.zeros_like(mean)))
 
 
 def quantise(raw: Tensor, bits: int) -> Tensor:

@@ -48,7 +48,7 @@ def show(light, picture, coded, black, neighbour_share):
         coded: the picture holds sRGB codes.
         black: float32, light of a black pixel as a share of a white one's.
         neighbour_share: float32, share of a pixel's light that comes from its neighbours along each
-            axis; see `prefilter.spread`.
+            axis; see `prefilter.blur_by_neighbours`.
     """
     _, h, w = picture.shape
     byte = picture.itemsize == 1

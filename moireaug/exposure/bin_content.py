@@ -81,14 +81,14 @@ def content_of(shot: ShotRecord) -> Content:
     return Content(
         alpha.clamp(max=1),
         ratio,
-        spread_of(shot.scene, optics_of(shot)),
+        gaussian_optics(shot.scene, optics_of(shot)),
         middle / ratio[:, None, None],
         width + (1 - width) * fine[:, None, None],
         hold,
     )
 
 
-def spread_of(scene: SceneRecord, optics: Optics) -> Optics:
+def gaussian_optics(scene: SceneRecord, optics: Optics) -> Optics:
     """Return the optics of a sensor pixel with its aperture, and what holding and interpolation add
     to it, as a Gaussian."""
     extra = BAYER_HOLD_VARIANCE if scene.cells == "binned" else HOLD_VARIANCE

@@ -31,6 +31,10 @@ from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.layout import Layout, as_layout
 from moireaug.shot import ShotRecord
 
+# channels that the filters of red, green and blue pass: their own, or also its neighbours
+SEPARATE = ((0,), (1,), (2,))
+OVERLAPPING = ((0, 1), (0, 1, 2), (1, 2))
+
 
 class Binned(ExposureMethod):
     """A binned reading, differentiable in the image and in every field of the shot.
@@ -61,8 +65,9 @@ class Binned(ExposureMethod):
             return self.read(screen, shown, bins, shot)
 
         recompute = shot.requires_grad and torch.is_grad_enabled() and not is_transformed()
-        planes, each = [], max(self.taps**2, 16 * len(self.harmonics))
-        for band in rows.chunk(bands_of(light, len(rows) * len(cols), each)):
+        largest = max(self.taps**2, 16 * len(self.harmonics))  # numbers of one reading
+        planes = []
+        for band in rows.chunk(bands_of(light, len(rows) * len(cols), largest)):
             if recompute:  # a pose's gradient would keep kilobytes per reading
                 planes.append(checkpoint(read, band, use_reentrant=False, preserve_rng_state=False))
             else:
@@ -73,22 +78,19 @@ class Binned(ExposureMethod):
     def read(self, screen: Screen, shown: Content, bins: Bins, shot: ShotRecord) -> Tensor:
         """Return what the pixels of each colour filter read in bins: (B, 3, h, w)."""
         dtype, layout = screen.light.dtype, as_layout(shot.scene.panel.layout)
-        lit = emitting_share(shot.panel)
-        filled = self.modulation(bins, layout, shot)
-        filters = None
-        if "crosstalk" in shot.plan:
-            filters = filters_of(shot).to(dtype)[..., None, None]
+        width, height = emitting_share(shot.panel)
+        filters = filters_of(shot).to(dtype)[..., None, None]
+        passed_channels = OVERLAPPING if "crosstalk" in shot.plan else SEPARATE
+        modulation = self.modulation(bins, layout, shot)
         picture = [self.content(screen, shown, channel, bins, shot) for channel in range(3)]
         planes = []
         for plane in range(3):
             total = torch.zeros_like(picture[0])
-            for channel in range(3):
-                if (filters is None and channel != plane) or abs(plane - channel) == 2:
-                    continue
-                mean = mean_light(layout, channel, *lit).to(dtype)[:, None, None]
-                through = mean + filled[plane][channel] if filled else mean
-                passed = picture[channel] * through
-                total = total + (passed if filters is None else filters[:, plane, channel] * passed)
+            for channel in passed_channels[plane]:
+                share = mean_light(layout, channel, width, height).to(dtype)[:, None, None]
+                if modulation:
+                    share = share + modulation[plane][channel]
+                total = total + filters[:, plane, channel] * (picture[channel] * share)
             planes.append(total)
         return torch.stack(planes, 1)
 

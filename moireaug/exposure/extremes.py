@@ -10,7 +10,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from moireaug.exposure.bin_content import spread_of
+from moireaug.exposure.bin_content import gaussian_optics
 from moireaug.exposure.content import Footprint, footprint, spread
 from moireaug.exposure.extreme_views import (
     FLOAT64_ON_CPU,
@@ -192,7 +192,7 @@ def _footprints_of_bins(
         side = torch.eye(2, **FLOAT64_ON_CPU)[None, None, None] * cells
     zero, one = torch.zeros(1, **FLOAT64_ON_CPU), torch.ones(1, 1, 1, **FLOAT64_ON_CPU)
     bin_ = Optics(one.flatten() * max(1.0, 1 / least), zero, zero, zero, zero)
-    blur, footprints = spread_of(scene, optics), []
+    blur, footprints = gaussian_optics(scene, optics), []
     for axis in (0, 1):
         box = footprint(side[..., axis, :], bin_)
         variance = spread(per_sensor[None, :, None, axis] * (cells / alpha), blur)

@@ -99,13 +99,19 @@ class SmoothExposure(ExposureMethod):
         return bands_of(light, readings, max(self.taps**2, len(self.harmonics)))
 
 
-def bands_of(light: Tensor, readings: int, each: int) -> int:
+def bands_of(light: Tensor, readings: int, numbers: int) -> int:
     """Return the number of bands of rows into which the readings of images are cut, to bound
-    memory; `each` numbers of the largest tensor belong to one reading."""
+    memory.
+
+    Args:
+        light: (B, 3, H, W) panel light of the images.
+        readings: readings of each image.
+        numbers: numbers of the largest tensor that belong to one reading.
+    """
     if torch.compiler.is_compiling():
         return 1
-    largest = MAX_TENSOR_NUMBERS.get(light.device.type, MAX_TENSOR_NUMBERS["cuda"])
-    return min(MAX_BANDS, 1 + len(light) * readings * each // largest)
+    most = MAX_TENSOR_NUMBERS.get(light.device.type, MAX_TENSOR_NUMBERS["cuda"])
+    return min(MAX_BANDS, 1 + len(light) * readings * numbers // most)
 
 
 class BySubpixel(SmoothExposure):
@@ -189,8 +195,6 @@ class Mean(SmoothExposure):
 
     def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
-        share = mean_light(layout, channel, *emitting_share(shot.panel)).to(screen.light.dtype)[
-            :, None, None
-        ]
+        share = mean_light(layout, channel, *emitting_share(shot.panel)).to(screen.light.dtype)
         x, y = (along_axis(axis, WHOLE_PIXEL, sight, shot, screen) for axis in (0, 1))
-        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * share
+        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * share[:, None, None]

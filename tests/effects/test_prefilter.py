@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moireaug import Lens, Panel, Scene, Sensor, View
-from moireaug.effects.prefilter import halved, levels, mipmap, spread, variance_at
+from moireaug.effects.prefilter import blur_by_neighbours, halved, levels, mipmap, variance_at
 from moireaug.geometry import grids
 
 
@@ -46,7 +46,9 @@ def test_a_prefilter_blurs_each_place_by_its_own_variance():
 @pytest.mark.parametrize("v", [0.0, 0.2, 0.5])
 def test_a_spread_blurs_by_its_variance(v):
     wanted = torch.full((16,), v, dtype=torch.float64)
-    assert variance_of(lambda image: spread(image, wanted)) == pytest.approx([v, v], abs=1e-12)
+    assert variance_of(lambda image: blur_by_neighbours(image, wanted)) == pytest.approx(
+        [v, v], abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("v", [0.2, 0.4, 0.5])
@@ -56,7 +58,7 @@ def test_a_spread_inverts_no_pattern(v):
         torch.full((1,), v, dtype=torch.float64),
     )
     point[..., 8, 8] = 1
-    transfer = torch.fft.fft2(torch.roll(spread(point, wanted), (-8, -8), (2, 3)))
+    transfer = torch.fft.fft2(torch.roll(blur_by_neighbours(point, wanted), (-8, -8), (2, 3)))
     assert transfer.imag.abs().max() < 1e-12
     assert transfer.real.min() > -1e-12
     assert transfer.real.max() < 1 + 1e-12
@@ -68,7 +70,7 @@ def test_what_blurs_keeps_a_flat_picture_of_any_size(size):
         torch.full((1, 3, *size), 0.7, dtype=torch.float64),
         torch.full((1,), 0.4, dtype=torch.float64),
     )
-    for blurred in (spread(flat, v), mipmap(flat, 9 * v[:, None, None, None], 4)):
+    for blurred in (blur_by_neighbours(flat, v), mipmap(flat, 9 * v[:, None, None, None], 4)):
         assert torch.allclose(blurred, flat, atol=1e-12)
 
 
