@@ -32,7 +32,7 @@ class Judge:
     model: Model | None = None
     restores_mean: bool = False
 
-    @property
+    @cached_property
     def base(self) -> Judge:
         """The judge without its defence; success counts the images that it gets right clean."""
         if self.model is None:

@@ -27,6 +27,7 @@ from moireaug.evaluation.report.page import render
 from moireaug.evaluation.report.suite_view import suite_view
 from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
+from moireaug.evaluation.threat import DISPLAY_CAMERA_PAIRS, threat_scene
 from moireaug.scene.presets import PRESETS
 
 SCENE = Scene.preset("screen_photo")
@@ -211,6 +212,17 @@ def test_photos_of_one_image_are_no_independent_trials(known):
     angles = lines[lines["column"].str.startswith("angle_")]
     assert len(angles) == 8 and pooled["success"] == pytest.approx(angles["success"].mean())
     assert pooled["high"] - pooled["low"] > 0.15  # a Wilson interval of 128 would be 0.1 wide
+
+
+SENSOR_WIDTHS = {"Pixel 4": 4032, "P20 Pro": 3648, "Sony": 6000}  # pixels
+
+
+@pytest.mark.parametrize(("display", "camera"), DISPLAY_CAMERA_PAIRS)
+def test_the_papers_displays_are_screens_that_fit_on_their_sensors(display, camera):
+    scene = threat_scene(display, camera, 30)
+    low, high = scene.panel.width
+    assert 100 < low < high and high * scene.sensor.pitch <= SENSOR_WIDTHS[camera]
+    assert scene.view.fov[1] > 2 * scene.view.fov[0]  # the picture's own angle
 
 
 def test_a_scene_without_a_choice_of_pose_says_so():
