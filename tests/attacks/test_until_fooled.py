@@ -103,6 +103,20 @@ def test_a_fooled_batch_is_asked_no_more(problem):
     assert not result.noise.any() and len(result.loss) == 1
 
 
+def test_training_asks_once_in_every_step(problem):
+    """Whatever is fooled: the last images are those after all steps."""
+    model, images, labels, shot = problem
+    photos = []
+    for until_fooled in (False, True):
+        counted = Counted(model)
+        attack = MoireAttack(
+            counted, scene=SCENE, eps=EPS, steps=STEPS, until_fooled=until_fooled, restarts=2
+        )
+        photos.append(attack.last(images, labels, shot=shot))
+        assert counted.asked == STEPS * len(images)
+    assert photos[0].equal(photos[1])
+
+
 @pytest.mark.parametrize("factor", [1e4, 1e-4])
 def test_the_unit_of_the_logits_does_not_matter(problem, factor):
     model, images, labels, shot = problem
