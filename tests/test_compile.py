@@ -64,7 +64,7 @@ def test_a_graph_gives_the_photo_of_the_engine(name):
     assert {"moireaug.expose", "moireaug.develop"} <= set(called)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", ["binned", "everything"])  # the gradient's is the released chain
 def test_a_graph_gives_the_photo_of_the_reference(name):
     images, shot = seen_by(name)
     with reference():
@@ -101,7 +101,7 @@ def test_a_graph_has_a_gradient_in_the_image():
     assert torch.allclose(found, wanted, atol=1e-6) and wanted.any()
 
 
-def test_a_graph_with_a_transform_of_torch_func_follows_the_reference():
+def test_a_graph_under_vmap_follows_the_reference():
     images, shot = seen_by("released chain")
 
     def both(batches):
@@ -132,7 +132,7 @@ def test_a_shot_from_a_worker_is_photographed_in_a_graph():
     assert torch.equal(compiled(capture)(images, shot), capture(images, shot))
 
 
-def test_a_scene_is_planned_before_the_graph_or_refused_in_a_sentence():
+def test_a_scene_must_be_planned_before_its_graph():
     images, shot = seen_by("released chain")
     scene = pickle.loads(pickle.dumps(shot.scene))
     photograph = compiled(scene.capture)

@@ -169,7 +169,7 @@ def test_saturated_logits_still_have_gradients(name):
 
 
 @pytest.mark.parametrize("exposure", ["spectral", "box", "mean"])
-def test_a_subpixel_in_the_very_middle_of_an_aperture_moves_with_the_camera(exposure):
+def test_a_subpixel_amid_an_aperture_moves_with_the_camera(exposure):
     """On a bound `torch.clamp` would stop the gradient: here every sensor pixel looks at a
     subpixel's centre."""
     scene = Scene(
@@ -225,7 +225,7 @@ def test_a_codecs_forward_derivative_is_refused_not_zero(develop):
 @pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")
 @pytest.mark.parametrize("develop", [Develop(jpeg=80.0), Develop(denoise="nlm")])
 @pytest.mark.parametrize("inside", [False, True])
-def test_a_codecs_derivative_by_torch_func_is_refused_with_a_sentence(develop, inside):
+def test_a_codecs_derivative_by_torch_func_is_refused(develop, inside):
     shot = Scene(develop=develop).sample(2, (4, 5))
 
     def total(images):
@@ -241,7 +241,7 @@ def test_a_codecs_derivative_by_torch_func_is_refused_with_a_sentence(develop, i
 @pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")
 @pytest.mark.parametrize("k1", [-0.1, 0.2])
 @pytest.mark.parametrize("registered", [False, True])
-def test_the_gradient_of_a_gradient_through_a_lens_is_the_hessian(registered, k1):
+def test_a_lens_has_the_hessian_as_second_derivative(registered, k1):
     """torch.func.hessian goes forward over backward, and so another way."""
     scene = Scene(
         view=View(fit=False),

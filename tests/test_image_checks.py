@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from moireaug import Panel, Scene, Sensor, View, capture, develop, expose
-from moireaug.image_checks import check_images
 
 BARE = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))  # needs no effects
 SCENE = Scene(view=View(roll=5.0), sensor=Sensor(gain=2.0))
@@ -52,12 +51,6 @@ def test_the_gradient_ends_outside_and_not_on_the_bounds():
     assert torch.equal(images.grad, expected)
 
 
-def test_a_scene_that_calls_for_nothing_returns_what_is_in_range_bit_for_bit(images):
-    assert torch.equal(BARE.capture(images), images)
-    assert check_images(images) is images
-    assert torch.equal(BARE.capture(images * 1.02 - 0.01), (images * 1.02 - 0.01).clamp(0, 1))
-
-
 @pytest.mark.parametrize("name", NORMALISATIONS)
 def test_a_normalised_batch_is_refused(name):
     images = normalised(pictures(), name)
@@ -67,7 +60,7 @@ def test_a_normalised_batch_is_refused(name):
 
 @pytest.mark.parametrize("name", ["ImageNet", "CIFAR-10", "CLIP", "[-1, 1]"])
 @pytest.mark.parametrize("grey", [0.0, 0.1, 0.2, 0.3, 0.9, 1.0])
-def test_a_nearly_flat_normalised_image_is_refused_where_it_is_not_in_range(grey, name):
+def test_a_nearly_flat_normalised_image_is_refused(grey, name):
     images = normalised((grey + 0.02 * torch.randn(1, 3, 24, 32)).clamp(0, 1), name)
     if images.min() >= 0 and images.max() <= 1:
         assert name == "[-1, 1]", "what is in [0, 1] cannot be told from a picture"
@@ -79,10 +72,7 @@ def test_a_nearly_flat_normalised_image_is_refused_where_it_is_not_in_range(grey
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (
-            lambda x: normalised(x, "ImageNet"),
-            "values from -[^ ]* to [^ ]* in image 2, which look normalised",
-        ),
+        (lambda x: normalised(x, "ImageNet"), "values from -[^ ]* to [^ ]* in image 2, which look"),
         (lambda x: x * 255, "in image 2, which look like 0 to 255. Divide them by 255"),
         (lambda x: x * 65535, "in image 2, which look like 0 to 65535. Divide them by 65535"),
         (lambda x: torch.full_like(x, torch.nan), "finite.*NaN in image 2"),
@@ -93,20 +83,11 @@ def test_a_nearly_flat_normalised_image_is_refused_where_it_is_not_in_range(grey
     ],
 )
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64, torch.bfloat16], ids=str)
-def test_one_bad_image_in_a_good_batch_is_found_and_named(spoil, sentence, dtype):
+def test_one_bad_image_of_a_batch_is_named(spoil, sentence, dtype):
     images = torch.rand(4, 3, 24, 32)
     images[2] = spoil(images[2])
     with pytest.raises(ValueError, match=sentence):
         capture(images.to(dtype), SCENE.sample(4, (24, 32)))
-
-
-@pytest.mark.parametrize(
-    ("shape", "order"),
-    [((24, 32, 3), r"permute\(2, 0, 1\)"), ((4, 24, 32, 3), r"permute\(0, 3, 1, 2\)")],
-)
-def test_channels_last_are_told_how_to_come_first(shape, order):
-    with pytest.raises(ValueError, match=order):
-        capture(torch.rand(shape), SCENE.sample(4, (24, 32)))
 
 
 @pytest.mark.parametrize(

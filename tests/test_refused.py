@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from moireaug import (
-    Develop,
     Layout,
     Lens,
     Panel,
@@ -81,48 +80,13 @@ REFUSED = [
     (lambda: Sensor(exposure="supersample:1000"), "supersample:n with n from 1 to 999"),
     (lambda: changed(panel_scael=[1.0]), "Did you mean 'scale'?"),
     (lambda: changed(pannel={}), "Did you mean 'panel'?"),
-    (lambda: Panel(black=1.1), "Panel.black must lie in [0, 1]"),
-    (lambda: Panel(glare_x=0.6), "Panel.glare_x must lie in [-0.5, 0.5]"),
-    (lambda: Lens(motion_y=-21), "Lens.motion_y must lie in [-20, 20]"),
-    (lambda: Sensor(crosstalk=0.4), "Sensor.crosstalk must lie in [0, 0.3]"),
-    (lambda: Develop(contrast=-1.1), "Develop.contrast must lie in [-1, 1]"),
-    (lambda: Develop(shoulder=-0.1), "Develop.shoulder must lie in [0, 10]"),
-    (lambda: Develop(sharpen_radius=0), "Develop.sharpen_radius must lie in [0.3, 20]"),
-    (lambda: Lens(k1=-0.4), "fold the photo onto itself"),
-    (lambda: Lens(k1=(-0.1, 0.1), k2=(-0.5, 0.0)), "fold the photo onto itself"),
-    (lambda: View(yaw=90), "View.yaw must lie in [-89, 89]"),
-    (lambda: Panel(scale=0), "Panel.scale must lie in [0.0001, 100000]"),
-    (lambda: Sensor(fill=0), "Sensor.fill must lie in [0.001, 1]"),
-    (lambda: View(zoom=1e-300), "View.zoom must lie in [0.001, 100]"),
     (lambda: Sensor(bits=0), "Sensor.bits must be a whole number in [1, 16]"),
-    (lambda: Sensor(cfa="rgb"), "Sensor.cfa must be one of 'rggb', 'none'"),
-    (lambda: Develop(denoise="nl"), "Did you mean 'nlm'?"),
-    (lambda: Panel(scale=10**400), "Panel.scale must lie in"),
     (lambda: RandomMoire("scene.yaml"), "Pass what it holds, yaml.safe_load(open('scene.yaml'))"),
-    (lambda: Scene().sample(1, (8,)), "at least 1 x 1 pixels"),
     (lambda: Scene().plan(224), "at least 1 x 1 pixels"),
-    (
-        lambda: Scene().sample(1, 8),
-        "size (height, width) of at least 1 x 1 pixels, in whole numbers; got 8",
-    ),
-    (
-        lambda: capture(
-            torch.rand(1, 3, 4, 4), Scene().sample(1, (4, 4)), torch.full((1, 4, 2, 2), torch.nan)
-        ),
-        "finite",
-    ),
-    (lambda: Develop(jpeg=101), "Develop.jpeg must lie in [0, 100]"),
-    (
-        lambda: Scene().sample(1, (4, 4), OnGpu()),
-        "drawn on the CPU, whatever device the images are on; got a generator on cuda:0",
-    ),
-    *[
-        (
-            lambda v=v: Scene().capture(torch.full((1, 3, 4, 4), v)),
-            "must be finite and lie in [0, 1]",
-        )
-        for v in (float("nan"), float("inf"), -0.2, 1.2)
-    ],
+    (lambda: Scene().sample(1, (0, 8)), "at least 1 x 1 pixels"),
+    (lambda: Scene().sample(1, 8), "in whole numbers; got 8"),
+    (lambda: capture(X, SHOT, torch.full((1, 4, 2, 2), torch.nan)), "finite"),
+    (lambda: Scene().sample(1, (4, 4), OnGpu()), "got a generator on cuda:0"),
 ]
 
 
@@ -130,10 +94,7 @@ MISTAKEN = [
     (lambda: capture(X, Scene()), "a shot must be a Shot; got a Scene"),
     (lambda: capture(X, "screen_photo"), "a shot must be a Shot; got a str"),
     (lambda: engine.explain("screen_photo"), "must be a Scene; got 'screen_photo'. For a preset"),
-    (
-        lambda: capture(X, dataclasses.replace(SHOT, scene="paper")),
-        "a shot's scene must be a Scene; got 'pa",
-    ),
+    (lambda: capture(X, dataclasses.replace(SHOT, scene="paper")), "must be a Scene; got 'pa"),
     (lambda: Scene(lens=Lens(blur="5e-1")), "numbers; got '5e-1'. It is text: write 0.5."),
     (lambda: Scene(lens=Lens(blur="much")), "numbers; got 'much'."),
     (lambda: without_moire("screen_photo"), "a shot must be a Shot; got a str"),
@@ -149,11 +110,10 @@ MISTAKEN = [
     (lambda: Scene(tolerance=(0, 1)), "Scene.tolerance must be a number; got (0, 1)"),
     (lambda: Layout((1, 2)), "Layout.subpixels must be (channel, x0, y0, x1, y1)"),
     (lambda: Scene.from_dict("screen_photo"), "must be a mapping; got 'screen_photo'"),
-    (
-        lambda: Scene(view=View(yaw=torch.tensor([1.0, 2.0]))),
-        "View.yaw of a scene must be a number",
-    ),
+    (lambda: Scene(view=View(yaw=torch.ones(2))), "View.yaw of a scene must be a number"),
     (lambda: Scene(view=View(yaw=torch.tensor(500.0))), "View.yaw of a scene must be a number"),
+    (lambda: capture(X, SHOT, np.zeros((1, 4, 2, 2))), "noise must be a torch.Tensor; got"),
+    (lambda: capture(X, SHOT, [0.0]), "noise must be a torch.Tensor; got"),
 ]
 
 

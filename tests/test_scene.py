@@ -5,6 +5,7 @@ import dataclasses
 import json
 import math
 import pickle
+import re
 from collections import UserList
 from fractions import Fraction
 from types import MappingProxyType
@@ -21,41 +22,28 @@ from moireaug.scene.presets import PRESETS
 from moireaug.scenes import as_scene
 
 BAD = [
-    (lambda: Panel(scale=0), "Panel.scale must lie in [0.0001, 100000]"),
     (lambda: Panel(scale=(3, 1)), "low <= high"),
     (lambda: Panel(scale=(1, 2, 3)), "3 values"),
     (lambda: Panel(scale="big"), "must be a number"),
     (lambda: Panel(scale=True), "must be a number"),
-    (lambda: Panel(scale=math.nan), "Panel.scale must lie in"),
     (lambda: Panel(scale=np.float64(-3)), "Panel.scale must lie in [0.0001, 100000]"),
     (lambda: Develop(registered="off"), "must be True or False"),
     (lambda: View(fit=0), "must be True or False"),
-    (lambda: Panel(lit=1.5), "Panel.lit must lie in [0.001, 1]"),
-    (lambda: View(yaw=(0, 90)), "View.yaw must lie in [-89, 89] degrees"),
-    (lambda: View(fov=0), "View.fov must lie in [1, 89]"),
     (lambda: View(pose="pinhole"), "'camera', 'released'"),
     (lambda: Lens(k1=-0.5), "fold the photo"),
     (lambda: Lens(k1=(-0.1, 0.1), k2=(-0.4, 0.0)), "fold the photo"),
     (lambda: Sensor(scale=(1, 2)), "must be one number"),
-    (lambda: Sensor(scale=0.1), "Sensor.scale must lie in [0.25, 64]"),
     (lambda: Sensor(exposure="spectra"), "Did you mean 'spectral'?"),
     (lambda: Sensor(exposure="supersample:0"), "Sensor.exposure must be supersample:n"),
-    (lambda: Sensor(gain=-1), "Sensor.gain must lie in"),
-    (lambda: Develop(resize="areal"), "Did you mean 'area'?"),
     (lambda: Scene(panel=View()), "Scene.panel must be a Panel"),
-    (lambda: Scene(panel=Panel(layout="rgb_strip")), "Did you mean 'rgb_stripe'?"),
     (lambda: Scene.preset("phone_at_moniter"), "Did you mean 'phone_at_monitor'?"),
     (lambda: Scene.from_dict({"viev": {}}), "Did you mean 'view'?"),
     (lambda: Scene.from_dict({"view": {"role": 3}}), "Did you mean 'roll'?"),
     (lambda: as_scene(3), "a Scene, a preset's name or a dict; got int"),
     (lambda: Scene().sample(-1, (8, 8)), "n >= 0"),
-    (lambda: Scene().sample(1, (0, 8)), "at least 1 x 1"),
     (lambda: Scene().sample(1, (8.9, 8)), "in whole numbers; got (8.9, 8)"),
     (lambda: Scene().sample(2.5, (8, 8)), "a whole number n >= 0 of images; got n = 2.5"),
     (lambda: Scene().sample("2", (8, 8)), "a whole number n >= 0 of images; got n = '2'"),
-    (lambda: Scene().sample(1, 8.9), "in whole numbers; got 8.9"),
-    (lambda: Scene().capture(torch.rand(3, 4, 4)), "the shape (B, 3, H, W)"),
-    (lambda: Scene().capture(np.zeros((1, 3, 4, 4))), "images must be a torch.Tensor"),
 ]
 
 
@@ -64,6 +52,21 @@ def test_wrong_values_get_a_sentence(make, sentence):
     with pytest.raises((ValueError, TypeError)) as error:
         make()
     assert sentence in str(error.value)
+
+
+RANGED = [(cls, field) for cls in PARTS.values() for field in cls.ranged]
+
+
+@pytest.mark.parametrize(("cls", "field"), RANGED, ids=[f"{c.__name__}.{f}" for c, f in RANGED])
+def test_a_number_beyond_its_bounds_is_refused(cls, field):
+    metadata = cls.__dataclass_fields__[field].metadata
+    low, high = metadata["low"], metadata["high"]
+    range_and_value = (
+        re.escape(f"{cls.__name__}.{field} must lie in [{low:g}, {high:g}]") + ".* got"
+    )
+    for value in (low - 1, high + 1, (low, high + 1), math.nan, math.inf, 10**400):
+        with pytest.raises(ValueError, match=range_and_value):
+            cls(**{field: value})
 
 
 OWN = Scene(panel=Panel(layout=Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 1)))))
@@ -127,16 +130,6 @@ def test_same_seed_same_shot_and_prefix():
     assert not torch.equal(
         a.view.roll, scene.sample(6, (8, 8), torch.Generator().manual_seed(6)).view.roll
     )
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_shot_replays_bit_for_bit(name, images):
-    scene = Scene.preset(name)
-    shot = scene.sample(4, (24, 32))
-    first = capture(images, shot)
-    again = Shot.from_dict(json.loads(json.dumps(shot.to_dict())))
-    assert torch.equal(capture(images, shot), first)
-    assert torch.equal(capture(images, again), first)
 
 
 @pytest.mark.parametrize(

@@ -110,7 +110,7 @@ class MoireAttack(Attack):
             shot = scene.sample(len(images), (images.shape[-2], images.shape[-1]), generator)
         if not isinstance(shot, MixedShot):
             return search(reduce, images, labels, targets, shot, generator)
-        check_batch(check_images(images), shot)
+        check_batch(check_images(images).shape, shot)
         labels, targets = check_goals(images, labels, targets)
         batch_rows, results = [], []
         for scene_rows, scene_shot in shot.by_scene():

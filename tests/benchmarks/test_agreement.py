@@ -16,7 +16,6 @@ from benchmarks.agreement import (
     agree,
     answers_kept,
     phi_coefficient,
-    rows_of,
 )
 from moireaug import Lens, Panel, Scene, Sensor
 from training.calibration.pairs import Shown
@@ -61,7 +60,7 @@ def test_answers_are_those_for_the_simulated_photos():
     }
 
 
-def test_moire_alone_changes_the_answers_of_a_network_that_sees_stripes():
+def test_moire_alone_changes_the_answers_of_a_stripe_detector():
     found = answers_kept({"net": IsStriped()}, shown((180, 180)), {"screen": SCREEN}, SIZES)
     kept = {kind: all(answers) for (_, kind), answers in found.items() if kind.scene != CONTROL}
     assert {kind.shown: is_kept for kind, is_kept in kept.items()} == {
@@ -81,15 +80,6 @@ def test_the_correlation_is_picture_by_picture():
         assert rows[1]["scene"] == CONTROL and rows[1]["kept"] == 3 and rows[1]["phi"] is None
         assert [(row["kept"], row["pictures"]) for row in rows[2:]] == [(1, 3)] * 3
         assert [row["phi"] for row in rows[2:]] == [pytest.approx(phi)] * 3
-
-
-def test_shares_have_their_interval_and_stand_by_classifier():
-    kept = [True] * 8 + [False] * 2
-    rows = rows_of({("b", REAL): kept, ("a", REAL): [True] * 10})
-    assert [row["classifier"] for row in rows] == ["a", "b"]
-    assert rows[1]["share"] == 0.8 and rows[1]["kept"] == 8
-    assert rows[1]["low"] == pytest.approx(0.490, abs=1e-3)  # Wilson's of 8 in 10
-    assert rows[1]["high"] == pytest.approx(0.943, abs=1e-3)
 
 
 def test_phi_is_that_of_a_table_of_four_counts():

@@ -73,15 +73,3 @@ def test_a_gpu_is_named_only_where_it_is_used(monkeypatch):
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: f"the GPU {device}")
     assert measure.metadata()["device"] == "cpu"
     assert measure.metadata("cuda")["device"] == "the GPU cuda"
-
-
-def test_help_shows_the_whole_docstring():
-    parser = measure.arguments(accuracy_vs_time.__doc__)
-    assert accuracy_vs_time.__doc__.strip() in parser.format_help()
-
-
-def test_a_table_is_aligned():
-    assert (
-        measure.table(("a", "b"), [("x", 1.5), ("yy", 12345.0)])
-        == "a       b\n--  -----\nx     1.5\nyy  12345"
-    )

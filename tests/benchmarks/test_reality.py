@@ -92,14 +92,7 @@ def test_the_benchmark_asks_classifiers(tmp_path, monkeypatch, capsys):
     assert {row["classifier"] for row in rows} == {"squeezenet1_1"}
 
 
-def test_one_pair_has_statistics(tmp_path, monkeypatch):
-    write_pairs(tmp_path, 1)
-    run(tmp_path, monkeypatch, "screen_photo", "--only", "statistics")
-    found = json.loads((tmp_path / "reality-statistics.json").read_text())
-    assert found.keys() == {"metadata", "statistics"}
-
-
-def test_a_discriminator_tells_stripes_of_ten_codes_and_not_a_photo_from_itself():
+def test_a_discriminator_tells_stripes_but_not_a_photo_from_itself():
     torch.set_num_threads(1)  # so small a network is no faster with more
     photos = pictures(8)
     stripes = 10 * torch.cos(torch.arange(64) * 2 * torch.pi / 8)
@@ -109,12 +102,6 @@ def test_a_discriminator_tells_stripes_of_ten_codes_and_not_a_photo_from_itself(
     same = told_apart.accuracy_of_telling(photos, photos[None], crops, EFFORT)
     assert min(told) > 0.9
     assert max(abs(accuracy - 0.5) for accuracy in same) < 0.2
-
-
-def test_folds_are_at_most_so_many():
-    photos = pictures(8)
-    few = told_apart.Effort(steps=1, batch=4, side=32, judged=4, folds=3)
-    assert len(told_apart.accuracy_of_telling(photos, photos[None], crops_of(photos, 8), few)) == 3
 
 
 def test_an_untrained_cleaner_changes_nothing():

@@ -22,10 +22,6 @@ def test_panels_are_lit_as_their_rows_say():
     }
 
 
-def test_a_scene_without_a_lattice_has_none():
-    assert not panels.without_lattice().plan().harmonics
-
-
 def run(monkeypatch, folder, word):
     """Run the command with `--only`, and groups that take no time."""
 

@@ -92,7 +92,7 @@ def test_every_example_is_run_and_short_enough_to_read():
 
 
 @pytest.mark.parametrize("name", [*(f"{name}.py" for name in RUNS), "attack_your_classifier.ipynb"])
-def test_an_example_finds_the_training_code_where_only_the_library_is_installed(name):
+def test_an_example_finds_the_training_code_without_its_installation(name):
     before, used, _ = (EXAMPLES / name).read_text("utf-8").partition("from training import")
     assert not used or "sys.path.insert(0, " in before
 

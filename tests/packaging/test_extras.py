@@ -46,7 +46,7 @@ importlib.import_module(sys.argv[2])
         ("training", "hydra,omegaconf", "train"),
     ],
 )
-def test_a_missing_extra_is_named_and_the_core_does_without_it(package, hidden, extra):
+def test_the_core_works_without_an_extra_and_names_it(package, hidden, extra):
     program = [sys.executable, "-c", WITHOUT, hidden, package]
     done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, timeout=240)
     assert done.stdout == "core imported\n", done.stderr
@@ -63,7 +63,7 @@ def test_nothing_is_asked_for_where_everything_is_installed(monkeypatch):
     assert set(asked) == {*extras.MODULES["train"], *extras.MODULES["eval"]}
 
 
-def test_every_module_that_is_asked_for_is_installed_by_its_extra():
+def test_every_module_asked_for_is_in_its_extra():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     for extra, modules in extras.MODULES.items():
         wanted = project["optional-dependencies"][extra]
