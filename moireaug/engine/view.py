@@ -6,7 +6,7 @@ import math
 
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import peek, poke
-from moireaug.geometry.distortion import NEWTON_STEPS
+from moireaug.geometry.distortion import MIN_NEWTON_SLOPE, NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
 
 MAX_LENS_RADIUS = 1.2  # in units of the photo's corner, up to which distortion is undone
@@ -54,7 +54,7 @@ def undistorted(ideal, k1, k2):
     for _ in range(NEWTON_STEPS):
         r2 = r * r
         error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
-        slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), 0.05)
+        slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), MIN_NEWTON_SLOPE)
         r = min(max(r - error / slope, 0.0), MAX_LENS_RADIUS)
     return r
 
