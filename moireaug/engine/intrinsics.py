@@ -1,4 +1,13 @@
-"""The LLVM code of the intrinsics of `vectors`: each `emit_` function writes one's body."""
+"""The LLVM code of the intrinsics of `vectors`: each `emit_` function writes one's body.
+
+Plain loops in their place take about as many times as long, on 16 pictures of 224 px and one thread
+with AVX-512; two runs on a busy machine differed by up to 0.25:
+
+- `emit_content`: 1.13 to expose a frontal full reading, 1.2 a turned one
+- `emit_tap_weights`: 1.06 and 1.17
+- `emit_sums`: 1.05 to develop `screen_photo`
+- `emit_peek` and `emit_poke` without their alias scopes: 1.05 to develop, and 1.00 to expose
+"""
 
 from __future__ import annotations
 
