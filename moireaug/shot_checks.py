@@ -12,7 +12,7 @@ from torch import Tensor
 from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import is_transformed
 from moireaug.scene.by_name import limits
-from moireaug.scene.lens import LEAST_LENS_SLOPE, least_lens_slope
+from moireaug.scene.lens import MIN_LENS_SLOPE, least_lens_slope
 from moireaug.shot import ShotRecord
 
 
@@ -103,10 +103,10 @@ def _finite_limits() -> np.ndarray:
 
 def _check_lens(k1: Tensor, k2: Tensor) -> None:
     """Refuse what `Lens` refuses, too: a distortion that folds the photo onto itself."""
-    if ((3 * k1).abs() + (5 * k2).abs() < 1 - LEAST_LENS_SLOPE).all():
+    if ((3 * k1).abs() + (5 * k2).abs() < 1 - MIN_LENS_SLOPE).all():
         return  # no slope can be as small
     for a, b in zip(k1.tolist(), k2.tolist(), strict=True):
-        if least_lens_slope(a, b) <= LEAST_LENS_SLOPE:
+        if least_lens_slope(a, b) <= MIN_LENS_SLOPE:
             raise ValueError(
                 f"shot.lens.k1 = {a:g} and k2 = {b:g} fold the photo onto itself before its "
                 "corners. Bring them closer to 0."

@@ -9,16 +9,16 @@ import numpy as np
 
 from moireaug.engine import beat_terms, beats, finish, nodes, panel, picture, stencil
 from moireaug.engine.binned import expose as expose_bins
+from moireaug.engine.binned_records import BinnedImage, Pattern
+from moireaug.engine.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
 from moireaug.engine.compiling import fill, kernel, loop, part
 from moireaug.engine.develop import develop as develop_image
 from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
 from moireaug.engine.exposure_records import (
-    BinnedImage,
     Camera,
     Cell,
     FullImage,
-    Pattern,
     PointImage,
     Readout,
 )
@@ -26,8 +26,6 @@ from moireaug.engine.point import expose_point
 from moireaug.engine.random_numbers import keys
 from moireaug.engine.register import flat_length, register, register_back, rows_read
 
-MAX_PANEL_PIXELS_PER_SENSOR_PIXEL = 16  # up to which building the panel pays off
-SMALL_PANEL_PIXELS = 2**20  # which are never too many
 ZERO = np.float32(0)
 
 
@@ -43,7 +41,7 @@ def _camera(row):
 
 
 @kernel
-def fits(e):
+def views_fit(e):
     """Return for each image whether `expose` can follow its view, (B,) bool; e: see
     `exposure_records.Exposure`.
 
@@ -51,12 +49,12 @@ def fits(e):
     """
     out = np.empty(len(e.cameras), np.bool_)
     most = MAX_PANEL_PIXELS_PER_SENSOR_PIXEL * len(e.sites.rows) * len(e.sites.cols)
-    most = max(most, SMALL_PANEL_PIXELS)
+    most = max(most, MAX_SMALL_PANEL_PIXELS)
     for i in range(len(out)):
         camera = _camera(e.cameras[i])
         h, w = panel.shape(e.size, camera.alpha, e.cell)
-        out[i] = h * w <= most and nodes.fits(
-            camera, _camera(e.lenses[i]), e.cell, e.widths[i], e.skew[i], e.sites, e.dark
+        out[i] = h * w <= most and nodes.can_follow_view(
+            camera, _camera(e.lenses[i]), e.cell, e.widths[i], e.skew[i], e.sites, e.dark, e.budget
         )
     return out
 
@@ -64,7 +62,7 @@ def fits(e):
 @part
 def _light(light, pictures, e, i):
     """Fill light (3, H, W) float32 from picture i."""
-    picture.show(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
+    picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
 
 
 @part
@@ -94,14 +92,14 @@ def show(shown, light, pictures, e, first, last):
     for i in range(first, last):
         alpha = _camera(e.cameras[i]).alpha
         _light(light, pictures, e, i)
-        panel.show(_panel(shown[i - first], alpha, e), light, alpha, e.cell, e.dark)
+        panel.fill_panel(_panel(shown[i - first], alpha, e), light, alpha, e.cell, e.dark)
 
 
 @part
 def _nodes(camera, cell, e, i):
     """Return the Nodes of image i."""
     lens, shapes = _camera(e.lenses[i]), (e.coefficients[i], e.widths[i], e.skew[i])
-    return nodes.prepare(camera, lens, cell, shapes[0], shapes[1], shapes[2], e.sites)
+    return nodes.nodes_of(camera, lens, cell, shapes[0], shapes[1], shapes[2], e.sites, e.budget)
 
 
 @part
@@ -138,11 +136,11 @@ def expose(raw, shown, e, first, last, top, bottom):
 
 @part
 def _content(camera, sensor, cell, e, i):
-    """Return the Nodes and the Stencil of image i of a binned reading: one of them is empty."""
+    """Return the Nodes and the BinStencil of image i of a binned reading: one of them is empty."""
     if not stencil.has_stencil(camera, sensor):
         return _nodes(camera, cell, e, i), stencil.no_stencil()
     none, lens = nodes.no_nodes(len(e.widths[i])), _camera(e.lenses[i])
-    return none, stencil.prepare(camera, lens, cell, e.widths[i], e.skew[i], e.sites)
+    return none, stencil.stencil_of(camera, lens, cell, e.widths[i], e.skew[i], e.sites, e.budget)
 
 
 @part
@@ -160,9 +158,10 @@ def beats_fit(e, b):
     out = np.empty(len(b.cameras), np.bool_)
     for i in range(len(out)):
         camera = _camera(b.cameras[i])
-        out[i] = beat_terms.fits(
-            e.sites, camera, b.enlargement[i], b.triangle[i], b.period, b.orders, b.strength[i]
-        )
+        out[i] = beat_terms.can_follow_beats(
+            e.sites, camera, b.enlargement[i], b.triangle[i], b.period, b.orders, b.strength[i],
+            e.budget,
+        )  # fmt: skip
     return out
 
 
@@ -170,7 +169,7 @@ def beats_fit(e, b):
 def expose_binned(raw, shown, e, b, first, last, top, bottom):
     """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the binned readings of the
     pictures from `first` to `last`, from what `show` filled shown with; b: see
-    `exposure_records.Beats`."""
+    `binned_records.Beats`."""
     for i in range(first, last):
         camera, cell = _camera(e.cameras[i]), _cell_of(e.cell, b.centres[i])
         sensor = _camera(b.cameras[i])
@@ -178,7 +177,7 @@ def expose_binned(raw, shown, e, b, first, last, top, bottom):
             b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer
         )
         content = _content(camera, sensor, cell, e, i)
-        terms = beats.prepare(b, i, sensor, e.filters[i], e.size, e.sites)
+        terms = beats.terms_of(b, i, sensor, e.filters[i], e.size, e.sites, e.budget)
         expose_bins(
             raw[i],
             _panel(shown[i - first], camera.alpha, e),

@@ -8,16 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine import optics
+from moireaug.engine.budget import MAX_BEAT_NODES
 from moireaug.engine.compiling import inner, loop
 from moireaug.engine.nodes import VIEW_SAMPLES, sample
 from moireaug.engine.view import jacobian
 
-MIN_BEAT_AMPLITUDE = 1e-4  # of full scale: what nowhere exceeds it in a reading is left out
-# cycles per photo pixel: how much a beat's frequency may change from one node to the next, if its
-# harmonic's amplitude in a reading is REFERENCE_AMPLITUDE
-MAX_FREQUENCY_STEP = 0.2
-REFERENCE_AMPLITUDE = 0.3
-MAX_BEAT_NODES = 192
+REFERENCE_AMPLITUDE = 0.3  # of a harmonic in a reading, for which budgets state `beat_cycles`
 
 
 class BeatGrid(NamedTuple):
@@ -41,7 +37,7 @@ def grid_at(us, vs, camera, enlargement, triangle, period, orders):
 
     Args:
         camera: of sensor pixels. enlargement, triangle, period, orders: of an image, see
-            `exposure_records.Beats`.
+            `binned_records.Beats`.
     """
     n = len(orders)
     frequency = np.empty((len(vs), len(us), n, 2), np.float64)
@@ -88,16 +84,16 @@ def transfer_of(grid, camera):
 
 
 @inner
-def _fastest_change(grid, amplitude, axis):
+def _fastest_change(grid, amplitude, axis, least):
     """Return how much the beats' frequency would change along u (0) or v (1), in cycles per photo
     pixel, if it did over the whole photo as it does where it changes fastest.
 
-    amplitude: (K,), of harmonics in a reading. The error of a cubic grows with the fourth power of
-    the step: fainter ones need fewer nodes.
+    amplitude: (K,), of harmonics in a reading; those below `least` are left out. The error
+    of a cubic grows with the fourth power of the step: fainter ones need fewer nodes.
     """
     most, frequency = 0.0, grid.frequency
     for h in range(frequency.shape[2]):
-        if amplitude[h] < MIN_BEAT_AMPLITUDE:
+        if amplitude[h] < least:
             continue
         weight = min(amplitude[h] / REFERENCE_AMPLITUDE, 1.0) ** 0.25
         for i in range(VIEW_SAMPLES):
@@ -112,19 +108,20 @@ def _fastest_change(grid, amplitude, axis):
 
 
 @inner
-def _node_count(change, fewest, pixels):
-    """Return how many nodes a change of frequency needs: at most one per pixel, and at most
-    MAX_BEAT_NODES + 1."""
-    if change < 1e-6:
+def _node_count(steps, fewest, pixels):
+    """Return how many nodes a change of frequency by so many steps needs: at most one per pixel,
+    and at most MAX_BEAT_NODES + 1."""
+    if steps < 5e-6:
         return 4
-    count = max(change / MAX_FREQUENCY_STEP + 2, fewest)
-    return int(min(count, max(pixels, 4), MAX_BEAT_NODES + 1))
+    return int(min(max(steps + 2, fewest), max(pixels, 4), MAX_BEAT_NODES + 1))
 
 
 @loop
-def node_counts(grid, amplitude, sites, camera):
+def node_counts(grid, amplitude, sites, camera, budget):
     """Return how many nodes the amplitudes need along u and v; grid: from `sampled_grid`,
-    amplitude: from `beat_terms.max_amplitudes`."""
+    amplitude: from `beat_terms.max_amplitudes`, budget: an `ErrorBudget`."""
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
-    across = _node_count(_fastest_change(grid, amplitude, 0), fewest, len(sites.cols))
-    return across, _node_count(_fastest_change(grid, amplitude, 1), fewest, len(sites.rows))
+    across = _fastest_change(grid, amplitude, 0, budget.beat_amplitude) / budget.beat_cycles
+    down = _fastest_change(grid, amplitude, 1, budget.beat_amplitude) / budget.beat_cycles
+    n_u = _node_count(across, fewest, len(sites.cols))
+    return n_u, _node_count(down, fewest, len(sites.rows))

@@ -43,7 +43,7 @@ def lost_pattern_variance(b, i, filters, camera, table, steps):
     """Return the variance of the panel's pattern that bins average away in the middle of the
     reading of image i, as a share of the squared mean light, by colour filter, (3,) float32.
 
-    b: see `exposure_records.Beats`. table, steps: from `beat_grid.transfer_of`.
+    b: see `binned_records.Beats`. table, steps: from `beat_grid.transfer_of`.
     """
     middle = np.zeros(1, np.float64)
     grid = grid_at(middle, middle, camera, b.enlargement[i], b.triangle[i], b.period, b.orders)

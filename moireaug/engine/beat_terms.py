@@ -12,19 +12,16 @@ import numpy as np
 
 from moireaug.engine import optics
 from moireaug.engine.beat_grid import (
-    MAX_BEAT_NODES,
-    MIN_BEAT_AMPLITUDE,
     node_counts,
     sampled_grid,
     transfer_of,
 )
+from moireaug.engine.budget import MAX_BEAT_NODES, MAX_BEAT_TERMS, SINC_LOBES, STEPS_PER_LOBE
 from moireaug.engine.compiling import inner, loop
 from moireaug.engine.nodes import VIEW_SAMPLES
 
 UNKNOWN_TRANSFER = 2.0  # above any transfer
 TRANSFER_MARGIN = 1.2  # by how much the transfer may be higher between the samples
-MAX_TERMS = 1024
-SINC_LOBES, STEPS_PER_LOBE = 64, 32  # of the table of sinc
 SINC_TABLE = np.sinc(np.arange(SINC_LOBES * STEPS_PER_LOBE + 2) / STEPS_PER_LOBE)
 ZERO = np.float32(0)
 
@@ -49,14 +46,15 @@ def max_amplitudes(grid, strength, table, steps, camera):
 
 
 @loop
-def fits(sites, camera, enlargement, triangle, period, orders, strength):
+def can_follow_beats(sites, camera, enlargement, triangle, period, orders, strength, budget):
     """Return whether the kernels can follow a view: not if its beats change too fast or are too
     many."""
     grid = sampled_grid(sites, camera, enlargement, triangle, period, orders)
     table, steps = transfer_of(grid, camera)
     amplitude = max_amplitudes(grid, strength, table, steps, camera)
-    across, down = node_counts(grid, amplitude, sites, camera)
-    return len(candidate_terms(grid, amplitude)) < MAX_TERMS and max(across, down) <= MAX_BEAT_NODES
+    across, down = node_counts(grid, amplitude, sites, camera, budget)
+    few = len(candidate_terms(grid, amplitude, budget.beat_amplitude)) < MAX_BEAT_TERMS
+    return few and max(across, down) <= MAX_BEAT_NODES
 
 
 @inner
@@ -137,9 +135,9 @@ def _max_side_transfer(cycles, side_u, side_v, m_u, m_v):
 
 
 @loop
-def candidate_terms(grid, amplitude):
+def candidate_terms(grid, amplitude, least):
     """Return the terms (T, 3) int64, harmonic and alias along both axes, that may exceed
-    MIN_BEAT_AMPLITUDE, MAX_TERMS where there are as many or more.
+    an amplitude of `least`, MAX_BEAT_TERMS where there are as many or more.
 
     grid: from `sampled_grid`, so that its ends are about those over the photo. amplitude: from
     `max_amplitudes`.
@@ -149,23 +147,24 @@ def candidate_terms(grid, amplitude):
     ranges, side = np.empty((4, 2), np.float64), np.empty((4, 2), np.float64)
     _fill_side_ranges(side, grid.sides)
     for h in range(n):
-        if amplitude[h] <= MIN_BEAT_AMPLITUDE:
+        if amplitude[h] <= least:
             continue
         _fill_ranges(ranges, grid, h)
         (low_u, high_u), (low_v, high_v) = ranges[0], ranges[1]
-        if max(high_u - low_u, high_v - low_v) > MAX_TERMS / 2:
-            return np.zeros((MAX_TERMS, 3), np.int64)
-        least = MIN_BEAT_AMPLITUDE / max(amplitude[h], 1e-30)
+        if max(high_u - low_u, high_v - low_v) > MAX_BEAT_TERMS / 2:
+            return np.zeros((MAX_BEAT_TERMS, 3), np.int64)
+        least_transfer = least / max(amplitude[h], 1e-30)
         for m_u in range(math.floor(2 * low_u) - 1, math.floor(2 * high_u) + 3):
             transfer_u = _max_interpolation_transfer(low_u, high_u, m_u)
-            if transfer_u <= least:
+            if transfer_u <= least_transfer:
                 continue
             for m_v in range(math.floor(2 * low_v) - 1, math.floor(2 * high_v) + 3):
                 left = transfer_u * _max_interpolation_transfer(low_v, high_v, m_v)
                 left *= _max_side_transfer(ranges[2], side[0], side[1], m_u, m_v)
-                if left * _max_side_transfer(ranges[3], side[2], side[3], m_u, m_v) <= least:
+                left *= _max_side_transfer(ranges[3], side[2], side[3], m_u, m_v)
+                if left <= least_transfer:
                     continue
-                if count == MAX_TERMS:
+                if count == MAX_BEAT_TERMS:
                     return out
                 if count == len(out):
                     out = _with_twice_the_room(out)
@@ -249,8 +248,8 @@ def amplitudes(grid, terms, least, table, steps, camera, bayer):
 
 
 @loop
-def strong_terms(amplitude, terms, strength):
-    """Return which terms exceed MIN_BEAT_AMPLITUDE at any node; strength: (H,), of harmonics in a
+def strong_terms(amplitude, terms, strength, least):
+    """Return which terms exceed `least` at any node; strength: (H,), of harmonics in a
     reading."""
     rows, cols, n, _ = amplitude.shape
     out, count = np.empty(n, np.int64), 0
@@ -259,7 +258,7 @@ def strong_terms(amplitude, terms, strength):
         for r in range(rows):
             for c in range(cols):
                 most = max(most, abs(amplitude[r, c, t, 0]), abs(amplitude[r, c, t, 1]))
-        if most * strength[terms[t, 0]] > MIN_BEAT_AMPLITUDE:
+        if most * strength[terms[t, 0]] > least:
             out[count] = t
             count += 1
     return out[:count]

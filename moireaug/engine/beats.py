@@ -11,13 +11,7 @@ import math
 import numpy as np
 
 from moireaug.engine import harmonics
-from moireaug.engine.beat_grid import (
-    MIN_BEAT_AMPLITUDE,
-    grid_at,
-    node_counts,
-    sampled_grid,
-    transfer_of,
-)
+from moireaug.engine.beat_grid import grid_at, node_counts, sampled_grid, transfer_of
 from moireaug.engine.beat_pattern import lost_pattern_variance
 from moireaug.engine.beat_terms import (
     amplitudes,
@@ -26,8 +20,8 @@ from moireaug.engine.beat_terms import (
     number_harmonics,
     strong_terms,
 )
+from moireaug.engine.binned_records import Terms
 from moireaug.engine.compiling import fill, inner, part
-from moireaug.engine.exposure_records import Terms
 from moireaug.engine.nodes import bracket, fill_cubics, node_line
 from moireaug.engine.rows import U, V, X, Y
 from moireaug.engine.vectors import peek, poke
@@ -71,14 +65,15 @@ def _fill_waves(wave, sign, terms, strong, cycles, scale, size):
 
 
 @part
-def prepare(b, i, camera, filters, size, sites):
-    """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor."""
+def terms_of(b, i, camera, filters, size, sites, budget):
+    """Return the Terms of image i; b: see `binned_records.Beats`. camera: of its sensor.
+    budget: an `ErrorBudget`."""
     period, orders, enlargement = b.period, b.orders, b.enlargement[i]
     triangle = b.triangle[i]
     rough = sampled_grid(sites, camera, enlargement, triangle, period, orders)
     table, steps = transfer_of(rough, camera)
     most = max_amplitudes(rough, b.strength[i], table, steps, camera)
-    terms = candidate_terms(rough, most)
+    terms = candidate_terms(rough, most, budget.beat_amplitude)
     used = number_harmonics(terms)
     own, strength = np.empty((len(used), 2), np.int64), np.empty(len(used), np.float64)
     least, cycles = np.empty(len(used), np.float64), np.empty((len(used), 2), np.float64)
@@ -87,13 +82,13 @@ def prepare(b, i, camera, filters, size, sites):
             own[h, axis] = orders[used[h], axis]
             cycles[h, axis] = own[h, axis] / period[axis] * b.ratio[i]
         strength[h] = b.strength[i, used[h]] * max(camera.gain, 1.0)
-        least[h] = MIN_BEAT_AMPLITUDE / 8 / strength[h]
-    n_u, n_v = node_counts(rough, most, sites, camera)
+        least[h] = budget.beat_amplitude / 8 / strength[h]
+    n_u, n_v = node_counts(rough, most, sites, camera, budget)
     us, step_u = node_line(sites.cols, n_u)
     vs, step_v = node_line(sites.rows, n_v)
     grid = grid_at(us, vs, camera, enlargement, triangle, period, own)
     amplitude = amplitudes(grid, terms, least, table, steps, camera, b.bayer)
-    strong = strong_terms(amplitude, terms, strength)
+    strong = strong_terms(amplitude, terms, strength, budget.beat_amplitude)
     w = len(sites.cols)
     ends, weight = np.empty(n_u - 2, np.int64), np.empty((4, w), np.float32)
     fill_cubics(ends, weight, sites.cols, us[0], step_u)
@@ -107,7 +102,8 @@ def prepare(b, i, camera, filters, size, sites):
     wave, sign = np.empty((len(strong), 5), np.float64), np.empty((len(strong), 2), np.float32)
     _fill_waves(wave, sign, terms, strong, cycles, camera.scale_u, size)
     lost_variance = lost_pattern_variance(b, i, filters, camera, table, steps)
-    return Terms(harmonic, wave, sign, lines, peak, step_v, lost_variance)
+    least = budget.beat_amplitude
+    return Terms(harmonic, wave, sign, lines, peak, least, step_v, lost_variance)
 
 
 @inner
@@ -149,7 +145,7 @@ def modulate(out, work, terms, pattern, passes, position, v, first_row):
 
     Args:
         work: (5, w) float32, workspace.
-        terms: from `prepare`. pattern: see `exposure_records.Pattern`.
+        terms: from `terms_of`. pattern: see `binned_records.Pattern`.
         passes: (3, 3) bool, which channels a filter passes.
         position: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of
             the first nodes.
@@ -164,7 +160,7 @@ def modulate(out, work, terms, pattern, passes, position, v, first_row):
             max(terms.peak[node, i], terms.peak[node + 1, i]),
             max(terms.peak[node + 2, i], terms.peak[node + 3, i]),
         )
-        if most < MIN_BEAT_AMPLITUDE:
+        if most < terms.least_amplitude:
             continue
         wave = terms.wave[i]
         _phase(d, position, (wave[0], wave[1], wave[2], wave[3], wave[4]))

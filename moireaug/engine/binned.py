@@ -157,9 +157,9 @@ def expose(raw, panel, size, image, top, bottom):
     image.
 
     Args:
-        panel: (3, ...) float32, from `panel.show`.
+        panel: (3, ...) float32, from `panel.fill_panel`.
         size: (height, width) of the panel in panel pixels, rounded up.
-        image: see `exposure_records.BinnedImage`.
+        image: see `binned_records.BinnedImage`.
     """
     planes, _, w = raw.shape
     _expose(raw, panel, size, image, _work_of(w, planes, image), top, bottom)

@@ -23,8 +23,11 @@ CONSTANT_SOURCES = (
     "effects/random_numbers.py",
     "effects/sensor.py",
     "exposure/content.py",
+    "exposure/shown.py",
     "geometry/distortion.py",
     "geometry/grids.py",
+    "scene/lens.py",
+    "scene/record.py",
 )
 # a product and a sum may be rounded together
 FAST_MATH = {"contract"}

@@ -79,7 +79,7 @@ def expose(raw, panel, size, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
 
     Args:
-        panel: (3, ...) float32, from `panel.show`.
+        panel: (3, ...) float32, from `panel.fill_panel`.
         size: (height, width) of the panel in panel pixels, rounded up.
         image: see `exposure_records.FullImage`.
     """

@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.engine.budget import ErrorBudget
+
 
 class Camera(NamedTuple):
     """One image's camera, as numbers.
@@ -124,9 +126,10 @@ class Exposure(NamedTuple):
         seeds: (B,) int64, of the noise. noisy: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
         neighbour_share: (B,) float32, share of a picture pixel's light that comes from its
-            neighbours; see `picture.show`.
+            neighbours; see `picture.fill_light`.
         dark: the panel is black beyond the picture, else it repeats the outermost pixel.
         clips: the reading is clipped to [0, 1].
+        budget: what is left out.
         point: of a point exposure, which does not use coefficients, widths and skew; else None.
     """
 
@@ -148,78 +151,12 @@ class Exposure(NamedTuple):
     neighbour_share: np.ndarray
     dark: bool
     clips: bool
+    budget: ErrorBudget
     point: Point | None = None
 
 
-class Beats(NamedTuple):
-    """What a batch's binned readings take of the panel besides its Exposure, whose cameras are of
-    photo pixels and whose cell holds one pixel of each colour.
-
-    Args:
-        cameras: (B, fields) float64, those of one `Camera` per image, of sensor pixels.
-        enlargement: (B,) float64, factor by which bins are enlarged to the size of a sensor pixel.
-            triangle: (B,) float64, see `exposure.bins.Bins`. ratio: (B,) float64, panel pixels per
-            pixel of the panel that is shown.
-        centres: (B, 3, 2) float64, where each colour's pixel lies in its cell.
-        period: (2,) int64, of the layout. orders: (K, 2) int64, its harmonics.
-        coefficients: (B, 3, K, 2) float32, twice those of each channel's light, real and imaginary
-            part. strength: (B, K) float64, the greatest of a harmonic. mean: (B, 3) float64, share
-            of the panel's area that emits each channel.
-        lost_noise_variance: (B, 2) float32, of the noise that bins average away: in the dark, and
-            what a reading of 1 adds.
-        saturates: whether the pattern can fill a sensor pixel's well. bayer: whether the sensor has
-            colour filters.
-    """
-
-    cameras: np.ndarray
-    enlargement: np.ndarray
-    triangle: np.ndarray
-    ratio: np.ndarray
-    centres: np.ndarray
-    period: np.ndarray
-    orders: np.ndarray
-    coefficients: np.ndarray
-    strength: np.ndarray
-    mean: np.ndarray
-    lost_noise_variance: np.ndarray
-    saturates: bool
-    bayer: bool
-
-
-class Terms(NamedTuple):
-    """The waves of one image's beats, T of them, from `beats.prepare`.
-
-    Args:
-        harmonic: (T,) int64. wave: (T, 5) float64 and sign: (T, 2) float32, see
-            `beats._fill_waves`.
-        lines: (rows of nodes, T * 2 * w) float32, each term's amplitude at each pixel of a row, as
-            the planes of red and blue, and of green, read it. peak: (rows, T) float32, the greatest
-            of a row. step_v: from one row of nodes to the next.
-        lost_pattern_variance: (3,) float32, of the panel's pattern that bins average away, as a
-            share of the squared mean light, by colour filter.
-    """
-
-    harmonic: np.ndarray
-    wave: np.ndarray
-    sign: np.ndarray
-    lines: np.ndarray
-    peak: np.ndarray
-    step_v: float
-    lost_pattern_variance: np.ndarray
-
-
-class Pattern(NamedTuple):
-    """One image's rows of its Beats; see there."""
-
-    coefficients: np.ndarray
-    mean: np.ndarray
-    lost_noise_variance: np.ndarray
-    saturates: bool
-    bayer: bool
-
-
 class Nodes(NamedTuple):
-    """What varies slowly over one image's photo, from `nodes.prepare`.
+    """What varies slowly over one image's photo, from `nodes.nodes_of`.
 
     Args:
         terms: (T, 4) int64, see `harmonics`.
@@ -239,21 +176,6 @@ class Nodes(NamedTuple):
     columns: int
     step_uw: float
     step_vw: float
-
-
-class Stencil(NamedTuple):
-    """The weights of one image's bins, from `stencil.prepare`.
-
-    Args:
-        lines: (rows of nodes, 3 * 2 * taps * w) float32, of each colour the weights along x, and
-            then along y, of one pixel after another, at each bin.
-        taps: pixels along each axis; 0 if the image has no stencil.
-        step_v: from one row of nodes to the next.
-    """
-
-    lines: np.ndarray
-    taps: int
-    step_v: float
 
 
 class TapWeights(NamedTuple):
@@ -302,29 +224,6 @@ class FullImage(NamedTuple):
     cell: Cell
     nodes: Nodes
     sites: Sites
-    filters: np.ndarray
-    white: np.ndarray
-    flicker: np.ndarray
-    readout: Readout
-
-
-class BinnedImage(NamedTuple):
-    """What one image's binned reading is computed from.
-
-    Args:
-        camera: of photo pixels. sensor: of sensor pixels.
-        nodes, stencil: one of them is empty.
-        filters, white, flicker: the image's rows of its Exposure; see there.
-    """
-
-    camera: Camera
-    sensor: Camera
-    cell: Cell
-    nodes: Nodes
-    stencil: Stencil
-    sites: Sites
-    terms: Terms
-    pattern: Pattern
     filters: np.ndarray
     white: np.ndarray
     flicker: np.ndarray

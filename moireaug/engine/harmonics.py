@@ -13,7 +13,6 @@ import numpy as np
 from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.vectors import peek, poke
 
-MIN_AMPLITUDE = 2e-5  # of full scale: terms that nowhere exceed it in a reading are left out
 KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
 # sin and cos of 2 pi d for d in [-1/2, 1/2], by Taylor's series of s(t) = sin(t) and c(t) = cos(t)
@@ -56,13 +55,12 @@ def fold(amplitude):
 
 
 @loop
-def terms_of(amplitude, gain):
-    """Return the terms (T, 4) int64 that, times the gain, exceed MIN_AMPLITUDE at any node, in
-    order, of folded amplitudes (rows, cols, kinds, n, m)."""
+def terms_of(amplitude, least):
+    """Return the terms (T, 4) int64 that exceed `least` at any node, in order, of folded amplitudes
+    (rows, cols, kinds, n, m)."""
     rows, cols, kinds, n, m = amplitude.shape
     half = m // 2
     out, count = np.empty((kinds * n * m, 4), np.int64), 0
-    least = MIN_AMPLITUDE / max(gain, 1.0)
     for kind in range(kinds):
         for k in range(n):
             for l in range(m):

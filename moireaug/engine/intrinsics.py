@@ -1,4 +1,13 @@
-"""The LLVM code of the intrinsics of `vectors`: each `emit_` function writes one's body."""
+"""The LLVM code of the intrinsics of `vectors`: each `emit_` function writes one's body.
+
+Plain loops in their place take about as many times as long, on 16 pictures of 224 px and one thread
+with AVX-512; two runs on a busy machine differed by up to 0.25:
+
+- `emit_content`: 1.13 to expose a frontal full reading, 1.2 a turned one
+- `emit_tap_weights`: 1.06 and 1.17
+- `emit_sums`: 1.05 to develop `screen_photo`
+- `emit_peek` and `emit_poke` without their alias scopes: 1.05 to develop, and 1.00 to expose
+"""
 
 from __future__ import annotations
 
@@ -66,7 +75,7 @@ def emit_content(taps, rows, pixels, context, builder, signature, args):
     bases, total = _whole_numbers(builder, at(2, first), pixels), None
     for j in range(taps):
         if (taps - rows) // 2 <= j < (taps + rows) // 2:
-            row = _joined(builder, [_load(builder, at(1, base), taps) for base in bases])
+            row = _concatenated(builder, [_load(builder, at(1, base), taps) for base in bases])
             weight = _lanes(builder, down, [p * taps + j for p in _each(pixels, taps)])
             if total is None:
                 total = builder.fmul(weight, row)
@@ -159,7 +168,7 @@ def _each(count, times):
     return [i for i in range(count) for _ in range(times)]
 
 
-def _joined(builder, vectors):
+def _concatenated(builder, vectors):
     """Return vectors as one; their number is a power of two."""
     while len(vectors) > 1:
         lanes = 2 * vectors[0].type.count
@@ -203,8 +212,8 @@ def _tap_weights(context, builder, record_type, record, first, counts):
     phase_share, node_share = (_load(builder, at(i, first), pixels) for i in (3, 4))
     ahead = [builder.add(place, to_next) for place in places]
     # a phase's weights and the next one's lie side by side
-    here = _joined(builder, [_load(builder, table(place), 2 * taps) for place in places])
-    there = _joined(builder, [_load(builder, table(place), 2 * taps) for place in ahead])
+    here = _concatenated(builder, [_load(builder, table(place), 2 * taps) for place in places])
+    there = _concatenated(builder, [_load(builder, table(place), 2 * taps) for place in ahead])
     both = _between(builder, here, there, _lanes(builder, node_share, _each(pixels, 2 * taps)))
     firsts = [2 * taps * p + i for p in range(pixels) for i in range(taps)]
     phase, next_phase = (_lanes(builder, both, [i + k for i in firsts]) for k in (0, taps))

@@ -8,20 +8,14 @@ import math
 import numpy as np
 
 from moireaug.engine import harmonics, optics, weights
+from moireaug.engine.budget import MAX_NODES
 from moireaug.engine.compiling import fill, inner, loop, part
 from moireaug.engine.exposure_records import Nodes
 from moireaug.engine.view import jacobian
+from moireaug.exposure.content import MIN_BLUR_VARIANCE
 
-# if the logarithm of the view's scale changes by less, 4 nodes of the amplitudes and 2 of the tap
-# weights are enough
-FLAT_LOG_SCALE = 5e-4
-MAX_NODES = 65  # along each axis of the photo
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
 BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken
-# how much may change from one node to the next: the logarithm of the view's scale for amplitudes
-# and for tap weights; where motion changes sign, motion as a share of the rest of the blur; and the
-# highest frequency, in cycles per sensor pixel
-LOG_SCALE_STEP, LOG_SCALE_STEP_OF_WEIGHTS, MOTION_STEP, FREQUENCY_STEP = 0.15, 0.06, 0.3, 0.12
 PASSED_CYCLES_PER_BLUR = 0.8  # a Gaussian passes less than 1e-5 of higher frequencies
 
 
@@ -101,7 +95,7 @@ def _motion_change(rows, cols, camera, lens, axis_of_photo):
                     variance = weights.still_variance(
                         by_camera[x], by_camera[y], camera.fill, here[x], here[y], lens
                     )
-                    most = max(most, abs(a - b) / math.sqrt(variance + weights.MIN_VARIANCE))
+                    most = max(most, abs(a - b) / math.sqrt(variance + MIN_BLUR_VARIANCE))
     return most * (VIEW_SAMPLES - 1)
 
 
@@ -113,9 +107,9 @@ def _count(steps, fewest):
 
 
 @loop
-def counts(rows, cols, camera, lens, cell):
+def counts(rows, cols, camera, lens, cell, budget):
     """Return how many nodes the amplitudes and the tap weights (first axis) need along u and v
-    (second axis): (2, 2) int64, at most MAX_NODES + 1."""
+    (second axis): (2, 2) int64, at most MAX_NODES + 1; budget: an `ErrorBudget`."""
     scales, highest = np.empty((VIEW_SAMPLES, VIEW_SAMPLES, 2)), np.empty(2)
     _fill_scales(scales, rows, cols, camera, lens)
     _fill_highest(highest, cell)
@@ -126,12 +120,13 @@ def counts(rows, cols, camera, lens, cell):
     out = np.empty((2, 2), np.int64)
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
     for k in range(2):
-        if max(change[0], change[1]) < FLAT_LOG_SCALE:
+        if max(change[0], change[1]) < budget.flat_log_scale:
             out[0, k], out[1, k] = 4, 2
             continue
-        out[0, k] = _count(max(cycles[k] / FREQUENCY_STEP, change[k] / LOG_SCALE_STEP), fewest)
-        motion_steps = _motion_change(rows, cols, camera, lens, k) / MOTION_STEP
-        out[1, k] = _count(max(change[k] / LOG_SCALE_STEP_OF_WEIGHTS, motion_steps), 5)
+        steps = max(cycles[k] / budget.amplitude_cycles, change[k] / budget.amplitude_log_scale)
+        out[0, k] = _count(steps, fewest)
+        motion_steps = _motion_change(rows, cols, camera, lens, k) / budget.weight_motion
+        out[1, k] = _count(max(change[k] / budget.weight_log_scale, motion_steps), 5)
     return out
 
 
@@ -150,13 +145,13 @@ def _narrowed(rows, cols, camera, lens, cell, widths, skew):
 
 
 @loop
-def fits(camera, lens, cell, widths, skew, sites, dark):
+def can_follow_view(camera, lens, cell, widths, skew, sites, dark, budget):
     """Return whether the kernels can follow a view: not one near the horizon, nor, if `dark`, one
     from so far away that a pixel sees more cells than its taps. Arguments as in
-    `expose.expose` and `panel.show`."""
+    `nodes_of` and `panel.fill_panel`."""
     if dark and _narrowed(sites.rows, sites.cols, camera, lens, cell, widths, skew):
         return False
-    count, most = counts(sites.rows, sites.cols, camera, lens, cell), 0
+    count, most = counts(sites.rows, sites.cols, camera, lens, cell, budget), 0
     for k in range(2):
         most = max(most, count[0, k], count[1, k])
     return most <= MAX_NODES
@@ -207,15 +202,16 @@ def fill_cubics(ends, weight, positions, first, step):
 
 
 @part
-def prepare(camera, lens, cell, coefficients, widths, skew, sites):
+def nodes_of(camera, lens, cell, coefficients, widths, skew, sites, budget):
     """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
-    count = counts(rows, cols, camera, lens, cell)
+    count = counts(rows, cols, camera, lens, cell, budget)
     us, step_u = node_line(cols, count[0, 0])
     vs, step_v = node_line(rows, count[0, 1])
     amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
     harmonics.fold(amplitude)
-    terms = harmonics.terms_of(amplitude, camera.gain)
+    least = budget.harmonic_amplitude / max(camera.gain, 1.0)
+    terms = harmonics.terms_of(amplitude, least)
     w = len(cols) // step
     lines = np.empty((step, len(vs), len(terms) * w), np.float32)
     ends, weight = np.empty(len(us) - 2, np.int64), np.empty((4, w), np.float32)
@@ -224,7 +220,9 @@ def prepare(camera, lens, cell, coefficients, widths, skew, sites):
         harmonics.interpolate_to_pixels(lines[column], amplitude, terms, ends, weight)
     us, step_uw = node_line(cols, count[1, 0])
     vs, step_vw = node_line(rows, count[1, 1])
-    tables, phases, taps = weights.tap_weight_tables(us, vs, camera, lens, cell, widths, skew)
+    tables, phases, taps = weights.tap_weight_tables(
+        us, vs, camera, lens, cell, widths, skew, budget
+    )
     return Nodes(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)
 
 

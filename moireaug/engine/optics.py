@@ -9,10 +9,13 @@ import math
 
 import numpy as np
 
+from moireaug.engine.budget import (
+    MAX_TRANSFER_STEPS,
+    MIN_TRANSFER_STEPS,
+    TRANSFER_STEPS_PER_CYCLE,
+)
 from moireaug.engine.compiling import inner, loop
 from moireaug.engine.view import jacobian
-
-MIN_TRANSFER_STEPS, TRANSFER_STEPS_PER_CYCLE, MAX_TRANSFER_STEPS = 512, 64, 2**16
 
 
 @inner

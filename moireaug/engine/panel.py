@@ -173,7 +173,7 @@ def _surround(panel, light, ahead, above):
 
 
 @part
-def show(panel, light, alpha, cell, dark):
+def fill_panel(panel, light, alpha, cell, dark):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 
     A row holds the first pixel of each of its colour's cells, then the second, and so on, so that

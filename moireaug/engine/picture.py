@@ -41,7 +41,7 @@ def _blur(out, before, row, after, neighbour_share):
 
 
 @loop
-def show(light, picture, coded, black, neighbour_share):
+def fill_light(light, picture, coded, black, neighbour_share):
     """Fill light (3, H, W) float32 from picture (3, H, W) float32 or uint8.
 
     Args:

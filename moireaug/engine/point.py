@@ -13,8 +13,8 @@ from moireaug.engine.panel import shrink
 from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import look
+from moireaug.exposure.shown import EDGE_PIXELS
 
-MARGIN_PIXELS = 2  # panel pixels on each side of a picture, beyond which none differs
 MIN_LIGHT = 1e-12  # that a weighted mean is divided by
 ZERO = np.float32(0)
 ONE32 = np.int32(1)
@@ -62,8 +62,8 @@ def _axis(size, alpha, raster, dark):
     """Return the _Axis of `size` picture pixels, as in `exposure.shown.Shown` on a panel of at most
     the picture's pixels."""
     if alpha < 1:
-        count = math.ceil(alpha * size) + 2 * MARGIN_PIXELS
-        return _Axis(1.0, MARGIN_PIXELS, count, alpha * size, raster, dark)
+        count = math.ceil(alpha * size) + 2 * EDGE_PIXELS
+        return _Axis(1.0, EDGE_PIXELS, count, alpha * size, raster, dark)
     return _Axis(alpha, 0, size, alpha * size, raster, dark)
 
 
@@ -142,7 +142,7 @@ def _shown(light, alpha, height, width):
     for c in range(3):
         if alpha < 1:
             panel = shown[c, : height * width].reshape(height, width)
-            shrink(panel, light[c], alpha, 1, MARGIN_PIXELS, MARGIN_PIXELS)
+            shrink(panel, light[c], alpha, 1, EDGE_PIXELS, EDGE_PIXELS)
         else:
             copy(shown[c], light[c].reshape(-1))
     return shown

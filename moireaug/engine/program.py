@@ -53,8 +53,9 @@ def explain(scene: SceneRecord) -> str:
     one line for exposing and one for developing.
 
     Some views are exposed by the reference all the same, which is decided for each image of a shot:
-    near the horizon, of far more panel than sensor pixels, of motion that vanishes somewhere in a
-    sharp photo, and, in the camera's frame, from so far away that a pixel sees too many cells.
+    near the horizon, the more so for a tight tolerance, of far more panel than sensor pixels, of
+    motion that vanishes somewhere in a sharp photo, and, in the camera's frame, from so far away
+    that a pixel sees too many cells.
 
     Raises:
         TypeError: not a scene.

@@ -11,8 +11,9 @@ import torch
 from torch import Tensor
 
 from moireaug.engine import ahead, batch, compiling
+from moireaug.engine.binned_records import Beats
 from moireaug.engine.development_records import Development, Photos
-from moireaug.engine.exposure_records import Beats, Exposure
+from moireaug.engine.exposure_records import Exposure
 from moireaug.engine.threads import each, each_share, surplus
 from moireaug.numeric import is_batched
 
@@ -39,11 +40,12 @@ def prepare() -> bool:
 
 
 def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
-    """Return for each image whether `expose` can follow its view, (B,) bool; see `batch.fits`."""
+    """Return for each image whether `expose` can follow its view, (B,) bool; see
+    `batch.views_fit`."""
     cold = prepare()
     if exposure.point:
         return np.ones(len(exposure.cameras), bool)
-    fitting = batch.fits(exposure)
+    fitting = batch.views_fit(exposure)
     if beats is not None and len(beats.orders):
         fitting &= batch.beats_fit(exposure, beats)
     reading = batch.expose if beats is None else batch.expose_binned

@@ -11,7 +11,9 @@ import torch
 from moireaug.effects import prefilter
 from moireaug.effects.flicker import BANDS_PER_ROW, light_of_rows
 from moireaug.engine import lowering, pose
-from moireaug.engine.exposure_records import Beats, Cell, Exposure, Point, Sites
+from moireaug.engine.binned_records import Beats
+from moireaug.engine.budget import ErrorBudget
+from moireaug.engine.exposure_records import Cell, Exposure, Point, Sites
 from moireaug.engine.shot_binned import (
     bin_scales,
     cell_in_bins,
@@ -84,6 +86,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         neighbour_share=share,
         dark=not shot.scene.develop.registered,
         clips="full_well" in plan,
+        budget=ErrorBudget.of(shot.scene.tolerance),
         point=_point_of(shot) if plan.exposure == "point" else None,
     )
     return exposure, lower_beats(shot, sensors, seen, scales) if binned else None

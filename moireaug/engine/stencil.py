@@ -5,16 +5,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from moireaug.engine.binned_records import BinStencil
 from moireaug.engine.compiling import fill, inner, loop, part
-from moireaug.engine.exposure_records import Stencil
 from moireaug.engine.nodes import bracket, counts, node_line
 from moireaug.engine.panel import margin
-from moireaug.engine.tap_weights import GUARD_LIGHT
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.weights import SubpixelSize, fill_blurs, light_from
+from moireaug.exposure.content import NEAREST_GUARD_SHARE
 
 ZERO = np.float32(0)
-MIN_TAP_WEIGHT = 1e-4  # outer pixels that nowhere weigh more are left out
 FUSED_TAPS = 3  # along each axis, of which no sum is kept in memory
 
 
@@ -26,8 +25,8 @@ def has_stencil(camera, sensor):
 
 @part
 def no_stencil():
-    """Return the Stencil of an image that has none."""
-    return Stencil(np.empty((0, 0), np.float32), 0, 1.0)
+    """Return the BinStencil of an image that has none."""
+    return BinStencil(np.empty((0, 0), np.float32), 0, 1.0)
 
 
 @inner
@@ -44,19 +43,20 @@ def _fill_tap_weights(out, blur, width, past, radius):
     total = 0.0
     for k in range(-radius, radius + 1):
         light = light_from(abs(k - past), blur[0], blur[1], width)
-        out[half + k] = light + GUARD_LIGHT * blur[0] if k == 0 else light
+        out[half + k] = light + NEAREST_GUARD_SHARE * blur[0] if k == 0 else light
         total += out[half + k]
     for k in range(len(out)):
         out[k] /= total
 
 
 @inner
-def _reach(weights):
-    """Return how many pixels to each side matter anywhere, at least 1; weights: (n, pixels)."""
+def _reach(weights, least):
+    """Return how many pixels to each side anywhere weigh more than `least`, at least 1; weights:
+    (n, pixels)."""
     half = weights.shape[1] // 2
     for reach in range(half, 1, -1):
         for i in range(len(weights)):
-            if max(weights[i, half - reach], weights[i, half + reach]) > MIN_TAP_WEIGHT:
+            if max(weights[i, half - reach], weights[i, half + reach]) > least:
                 return reach
     return 1
 
@@ -128,15 +128,15 @@ def _tap_weights_at(us, vs, camera, lens, cell, widths, skew):
 
 
 @loop
-def prepare(camera, lens, cell, widths, skew, sites):
-    """Return the Stencil of an image that has one; widths, skew: (kinds, 2), see
-    `exposure_records.Exposure`."""
-    count = counts(sites.rows, sites.cols, camera, lens, cell)[1]
+def stencil_of(camera, lens, cell, widths, skew, sites, budget):
+    """Return the BinStencil of an image that has one; widths, skew: (kinds, 2), see
+    `exposure_records.Exposure`. budget: an `ErrorBudget`."""
+    count = counts(sites.rows, sites.cols, camera, lens, cell, budget)[1]
     us, step_u = node_line(sites.cols, count[0])
     vs, step_v = node_line(sites.rows, count[1])
     weights = _tap_weights_at(us, vs, camera, lens, cell, widths, skew)
     table = weights.reshape(-1, weights.shape[3])
-    half, reach = weights.shape[3] // 2, _reach(table)
+    half, reach = weights.shape[3] // 2, _reach(table, budget.tap_weight)
     _trim(table, reach)
     w, taps, done = len(sites.cols), 2 * reach + 1, 0
     ends, node_share = np.empty(len(us), np.int64), np.empty(w, np.float32)
@@ -147,7 +147,7 @@ def prepare(camera, lens, cell, widths, skew, sites):
             for tap in range(half - reach, half + reach + 1):
                 _fill_lines(lines, done, weights[colour, axis], tap, ends, node_share)
                 done += w
-    return Stencil(lines, taps, step_v)
+    return BinStencil(lines, taps, step_v)
 
 
 @inner
@@ -209,7 +209,7 @@ def content(out, line, stencil, panel, cell, sites, row):
     """Fill out (3, w) with what a row of bins sees of the picture.
 
     Args:
-        line: (w,) float32, workspace. panel: (3, ...) float32, from `panel.show`.
+        line: (w,) float32, workspace. panel: (3, ...) float32, from `panel.fill_panel`.
     """
     v, first = sites.rows[row], sites.rows[0]
     node, t = bracket(v, first, stencil.step_v, len(stencil.lines), 1)

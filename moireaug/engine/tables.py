@@ -11,6 +11,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.chebyshev import chebpts2
 
+from moireaug.engine.budget import DECODE_STEPS, TAIL_END_SIGMAS, TAIL_STEPS
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import peek, poke
 
@@ -22,7 +23,6 @@ def _srgb_light(code: float) -> float:
     return code / 12.92 if code <= 0.04045 else ((code + 0.055) / 1.055) ** 2.4
 
 
-DECODE_STEPS = 1024
 _codes = [i / DECODE_STEPS for i in range(DECODE_STEPS + 2)]
 DECODE_TABLE = np.array([_srgb_light(code) for code in _codes], np.float32)
 DECODE_BYTE_TABLE = np.array([_srgb_light(i / 255) for i in range(256)], np.float32)
@@ -49,8 +49,6 @@ M0, M1, M2, M3, M4, M5 = _polynomial(lambda t: (1.5 + t) ** (1 / 2.4))
 E0, E1, E2, E3, E4, E5 = _polynomial(lambda t: 2 ** (0.5 + t))
 
 # the integral of the normal distribution function is max(z, 0) + tail(|z|)
-TAIL_STEPS = 256
-TAIL_END_SIGMAS = 7
 _normal = NormalDist()
 TAIL_TABLE = np.array(
     [

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.engine.budget import TAIL_END_SIGMAS
 from moireaug.engine.compiling import fill, inner
 from moireaug.engine.harmonics import lagrange
-from moireaug.engine.tables import TAIL_END_SIGMAS, integrals
+from moireaug.engine.tables import integrals
 from moireaug.engine.vectors import peek, poke
-
-GUARD_LIGHT = 1e-9  # times the box: light of the nearest cell where none gives any
+from moireaug.exposure.content import NEAREST_GUARD_SHARE
 
 
 class Scratch(NamedTuple):
@@ -87,7 +87,7 @@ def _fill_phases(out, blur, width, radius, scratch):
     half = phases // 2
     light, total = scratch.light[: (2 * radius + 1) * half + 1], scratch.total[: half + 1]
     _fill_light(light, scratch.integral, scratch.cubic, box, width, sigma, phases)
-    guard = GUARD_LIGHT * box
+    guard = NEAREST_GUARD_SHARE * box
     for q in range(half + 1):
         total[q] = light[q] + guard
     for k in range(1, radius + 1):

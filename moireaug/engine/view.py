@@ -8,6 +8,7 @@ from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import peek, poke
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
+from moireaug.scene.lens import MIN_LENS_SLOPE
 
 MAX_LENS_RADIUS = 1.2  # in units of the photo's corner, up to which distortion is undone
 
@@ -54,7 +55,7 @@ def undistorted(ideal, k1, k2):
     for _ in range(NEWTON_STEPS):
         r2 = r * r
         error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
-        slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), 0.05)
+        slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), MIN_LENS_SLOPE)
         r = min(max(r - error / slope, 0.0), MAX_LENS_RADIUS)
     return r
 

@@ -10,21 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.engine.budget import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.engine.compiling import inner, loop
 from moireaug.engine.lookup import NARROW_TAPS, WIDE_TAPS
 from moireaug.engine.tables import integral
 from moireaug.engine.tap_weights import Scratch, cubic_margin, fill_node, weights_per_node
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import jacobian
-from moireaug.exposure.content import TAIL_SIGMAS
+from moireaug.exposure.content import MIN_BLUR_VARIANCE, TAIL_SIGMAS
 
-MIN_VARIANCE = 1e-12  # of a blur, squared cells
 PHASE_MULTIPLE = 16  # of which the number of phases is a multiple
-MAX_PHASES = 512
-# at a few nodes, as in a frontal view, whose pixels may all lie where a weight has a kink
-MAX_PHASES_OF_FEW_NODES = 8192
-MAX_PHASE_ERROR = 4e-3  # of a weight that is interpolated linearly between phases
-MIN_CELL_LIGHT = 1e-3  # of a pixel's light: cells that give less are left out
 
 
 class SubpixelSize(NamedTuple):
@@ -78,9 +73,9 @@ def _fill_axis(out, steps, camera, lens, subpixel, axis, radius):
     moves = motion_sigma(lens_u, lens_v, lens)
     variance = still_variance(by_u, by_v, camera.fill, lens_u, lens_v, lens) + moves * moves
     variance = variance / (period * period) + subpixel.skew[axis]
-    sigma = math.sqrt(variance + MIN_VARIANCE)
+    sigma = math.sqrt(variance + MIN_BLUR_VARIANCE)
     reach = long / 2 + TAIL_SIGMAS * sigma
-    room = max(radius + 0.5 - subpixel.width[axis] / 2, MIN_VARIANCE)
+    room = max(radius + 0.5 - subpixel.width[axis] / 2, MIN_BLUR_VARIANCE)
     shrink = min(1.0, room / reach)
     out[0], out[1] = long * shrink, sigma * shrink
     return shrink < 1
@@ -102,23 +97,23 @@ def fill_blur(out, u, v, camera, lens, subpixel, radius):
 
 
 @inner
-def _phases(blur, axis):
+def _phases(blur, axis, max_error):
     """Return how many phases a table of weights needs along an axis, over blurs (n, axis, 2)."""
     most = MAX_PHASES_OF_FEW_NODES if len(blur) <= 4 else MAX_PHASES
     needed = 1.0
     for i in range(len(blur)):
-        needed = max(needed, 1 / math.sqrt(MAX_PHASE_ERROR * blur[i, axis, 0] * blur[i, axis, 1]))
+        needed = max(needed, 1 / math.sqrt(max_error * blur[i, axis, 0] * blur[i, axis, 1]))
     return PHASE_MULTIPLE * min(math.ceil(needed / PHASE_MULTIPLE), most // PHASE_MULTIPLE)
 
 
 @inner
-def _taps(blur, widths, radius):
+def _taps(blur, widths, radius, min_light):
     """Return how many taps each axis needs, over blurs (n, axis, 2): NARROW_TAPS if no cell beyond
-    them matters, else WIDE_TAPS."""
+    them gives more than a share `min_light` of the light, else WIDE_TAPS."""
     for i in range(len(blur)):
         for axis in range(2):
             box, sigma, width = blur[i, axis, 0], blur[i, axis, 1], widths[axis]
-            if radius > 1 and light_from(2.0, box, sigma, width) > MIN_CELL_LIGHT * box * width:
+            if radius > 1 and light_from(2.0, box, sigma, width) > min_light * box * width:
                 return WIDE_TAPS
     return NARROW_TAPS
 
@@ -141,14 +136,14 @@ def fill_blurs(out, us, vs, camera, lens, subpixel, radius):
 
 
 @loop
-def tap_weight_tables(us, vs, camera, lens, cell, widths, skew):
+def tap_weight_tables(us, vs, camera, lens, cell, widths, skew, budget):
     """Return the tap weights on nodes of the photo, the phases of each kind along both axes,
     (kinds, 2) int64, and its taps along each axis, (kinds,) int64.
 
     The weights are (kinds, rows, n) float32: of the nodes of a row one after another, (phases + 2,
     taps) along x and then along y; see `tap_weights.fill_node`.
 
-    widths, skew: (kinds, 2), see `exposure_records.Exposure`.
+    widths, skew: (kinds, 2), see `exposure_records.Exposure`. budget: an `ErrorBudget`.
     """
     kinds, rows, cols, radius = len(widths), len(vs), len(us), cell.radius
     blur = np.empty((kinds, rows * cols, 2, 2), np.float64)
@@ -158,10 +153,10 @@ def tap_weight_tables(us, vs, camera, lens, cell, widths, skew):
         subpixel = SubpixelSize(cell.period[kind], widths[kind], skew[kind])
         fill_blurs(blur[kind], us, vs, camera, lens, subpixel, radius)
         for axis in range(2):
-            phases[kind, axis] = _phases(blur[kind], axis)
+            phases[kind, axis] = _phases(blur[kind], axis, budget.phase_error)
             finest = max(finest, phases[kind, axis])
             farthest = max(farthest, widths[kind, axis] / 2)
-        taps[kind] = _taps(blur[kind], widths[kind], radius)
+        taps[kind] = _taps(blur[kind], widths[kind], radius, budget.cell_light)
         most = max(most, weights_per_node(phases[kind], taps[kind])[1])
     tables = np.empty((kinds, rows, cols * most), np.float32)
     distances = (2 * radius + 1) * finest // 2 + 1

@@ -55,7 +55,7 @@ class Content(NamedTuple):
         zero, one = torch.zeros_like(self.hold), torch.ones_like(self.hold)
         across_bin = (along[..., None] * sides).sum(-2)
         box = content.footprint(across_bin, Optics(one, zero, zero, zero, zero))
-        return Footprint(box.box, box.variance + content.spread(along, self.optics))
+        return Footprint(box.box, box.variance + content.blur_variance(along, self.optics))
 
 
 def content_of(shot: ShotRecord) -> Content:

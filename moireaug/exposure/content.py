@@ -18,9 +18,9 @@ from moireaug.exposure.optics import Optics
 
 TAIL_SIGMAS = 1.0  # standard deviations of the spread that taps must reach
 # share of the nearest panel pixel where none is seen, so that shares can be normalised
-LEAST_SHARE = 1e-9
-LEAST_EXPONENT = -80.0  # not far below, float32 numbers are denormal and many times slower
-LEAST_VARIANCE = 1e-12  # least variance of a spread, in squared cells
+NEAREST_GUARD_SHARE = 1e-9
+MIN_EXPONENT = -80.0  # not far below, float32 numbers are denormal and many times slower
+MIN_BLUR_VARIANCE = 1e-12  # squared cells: a Gaussian of 0 has no density
 
 
 class Footprint(NamedTuple):
@@ -48,11 +48,11 @@ def footprint(step: Tensor, optics: Optics) -> Footprint:
     fill = _over(optics.fill, step)
     u, v = step.abs().unbind(-1)
     long, short = torch.maximum(u, v), torch.minimum(u, v)
-    variance = short.square() * (fill.square() / 12) + spread(step, optics)
-    return Footprint(long * fill, variance + LEAST_VARIANCE)
+    variance = short.square() * (fill.square() / 12) + blur_variance(step, optics)
+    return Footprint(long * fill, variance + MIN_BLUR_VARIANCE)
 
 
-def spread(step: Tensor, optics: Optics) -> Tensor:
+def blur_variance(step: Tensor, optics: Optics) -> Tensor:
     """Return the variance along one axis that lens, motion and low-pass filter add, in squared
     cells; arguments as in `footprint`."""
     drawn = (optics.blur, optics.olpf, optics.motion_x, optics.motion_y)
@@ -120,11 +120,11 @@ def normalised(share: Tensor) -> Tensor:
     subpixel's."""
     share = share.clamp(min=0)  # rounding may leave a share a digit below zero
     nearest = (around(len(share), share[0]) == 0).to(share.dtype)
-    share = share + LEAST_SHARE * nearest
+    share = share + NEAREST_GUARD_SHARE * nearest
     return share / share.sum(0)
 
 
 def _erf_integral(t: Tensor) -> Tensor:
     """Return the integral of the error function up to t, times the root of pi, up to a constant."""
-    bell = torch.exp((-t * t).clamp(min=LEAST_EXPONENT))
+    bell = torch.exp((-t * t).clamp(min=MIN_EXPONENT))
     return torch.addcmul(bell, t, torch.erf(t), value=math.sqrt(math.pi))

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from moireaug.exposure.bin_content import gaussian_optics
-from moireaug.exposure.content import Footprint, footprint, spread
+from moireaug.exposure.content import Footprint, blur_variance, footprint
 from moireaug.exposure.extreme_views import (
     FLOAT64_ON_CPU,
     inside,
@@ -195,7 +195,7 @@ def _footprints_of_bins(
     blur, footprints = gaussian_optics(scene, optics), []
     for axis in (0, 1):
         box = footprint(side[..., axis, :], bin_)
-        variance = spread(per_sensor[None, :, None, axis] * (cells / alpha), blur)
+        variance = blur_variance(per_sensor[None, :, None, axis] * (cells / alpha), blur)
         widest = Footprint(box.box.max(), box.variance.max() + variance.max())
         footprints.append((Footprint(*(t.reshape(1, 1, 1) for t in widest)), one, 1))
     return footprints

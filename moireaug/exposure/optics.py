@@ -30,9 +30,9 @@ class Optics(NamedTuple):
         and a low-pass filter that doubles the picture along both axes."""
         moved = self.motion_x * fu + self.motion_y * fv
         variance = self.blur.square() * (fu.square() + fv.square()) + moved.square()
-        spread = torch.exp(-2 * math.pi**2 * variance)
+        gaussian = torch.exp(-2 * math.pi**2 * variance)
         doubled = torch.cos(math.pi * self.olpf * fu) * torch.cos(math.pi * self.olpf * fv)
-        return sinc(self.fill * fu) * sinc(self.fill * fv) * spread * doubled
+        return sinc(self.fill * fu) * sinc(self.fill * fv) * gaussian * doubled
 
     def quantiles(self, n: int) -> Tensor:
         """Return the n mid-quantiles of the light along one axis, without motion, in sensor pixels:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from moireaug.scene.lens import MIN_LENS_SLOPE
+
 NEWTON_STEPS = 8
 
 
@@ -31,7 +33,8 @@ def inverse_radial_factor(points: Tensor, k1: Tensor, k2: Tensor, size: tuple[in
     def newton(r: Tensor) -> Tensor:
         r2 = r * r
         error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
-        return (r - error / (1 + r2 * (3 * k1 + 5 * k2 * r2)).clamp(min=0.05)).clamp(min=0, max=1)
+        slope_here = (1 + r2 * (3 * k1 + 5 * k2 * r2)).clamp(min=MIN_LENS_SLOPE)
+        return (r - error / slope_here).clamp(min=0, max=1)
 
     with torch.no_grad():
         # steps that begin where the curve's bend changes sign never go back and forth for good

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from moireaug.scene.fields import Part, Range, bounds, ranged
 
-LEAST_LENS_SLOPE = 0.05  # of the radius in the view over that in the photo
+MIN_LENS_SLOPE = 0.05  # of the radius in the view over that in the photo
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,11 +44,11 @@ class Lens(Part):
         for k1 in bounds(self.k1):
             for k2 in bounds(self.k2):
                 slope = least_lens_slope(k1, k2)
-                if slope <= LEAST_LENS_SLOPE:
+                if slope <= MIN_LENS_SLOPE:
                     raise ValueError(
                         f"Lens.k1 = {self.k1!r}, Lens.k2 = {self.k2!r} fold the photo onto itself "
                         "before its corners: 1 + 3 k1 r^2 + 5 k2 r^4 must stay above "
-                        f"{LEAST_LENS_SLOPE} for r in [0, 1], and is {slope:.3g} at "
+                        f"{MIN_LENS_SLOPE} for r in [0, 1], and is {slope:.3g} at "
                         f"k1 = {k1:g}, k2 = {k2:g}. Bring the coefficients closer to 0."
                     )
 

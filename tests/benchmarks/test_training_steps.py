@@ -6,7 +6,6 @@ from hydra import initialize
 from benchmarks import training_steps
 from moireaug import images
 from training.data import image_sets
-from training.system import machine
 
 
 @pytest.fixture(autouse=True)

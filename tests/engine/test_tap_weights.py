@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from moireaug.engine import tap_weights
+from moireaug.exposure.content import NEAREST_GUARD_SHARE
 
 RADIUS, TAPS = 2, 8
 PHASES = np.array([48, 512])
@@ -57,7 +58,7 @@ def exact(phases, box, sigma, width):
         for j in range(TAPS):
             if abs(first + j) <= RADIUS:
                 # the guard, where no cell is seen
-                guard = tap_weights.GUARD_LIGHT * box * (first + j == 0)
+                guard = NEAREST_GUARD_SHARE * box * (first + j == 0)
                 out[row, j] = max(light(first + j - at, box, sigma, width), 0) + guard
         out[row] /= out[row].sum()
     return out
