@@ -30,6 +30,9 @@ CASES = {
     "pitch to zero": Scene(panel=Panel(scale=1000.0)),
     "pitch to infinity": Scene(panel=Panel(scale=1e-3), view=View(zoom=100)),
     "less than a pixel": Scene(view=View(zoom=1e-3)),
+    "a screen far beyond the horizon": Scene(
+        panel=Panel(scale=22178.0), view=View(yaw=89, zoom=1 / 128)
+    ),
     "out of sight": Scene(view=View(shift_x=1, shift_y=-1, roll=5)),
     "nearly folded": Scene(lens=Lens(k1=-0.3, k2=0.0, blur=0.3), view=View(roll=5)),
     "bent to the limit": Scene(lens=Lens(k1=1, k2=1, blur=0.3)),

@@ -170,7 +170,19 @@ def expected_clip(raw: Tensor, noise: Tensor, pattern: Tensor) -> Tensor:
     of the panel's pattern, both taken as normally distributed. A pattern is light, and never below
     0: noise alone is clipped there."""
     above = _mean_excess(raw - 1, noise + pattern)
+    above = torch.minimum(above, _greatest_excess(raw, noise, pattern))
     return raw + _mean_excess(-raw, noise) - above
+
+
+def _greatest_excess(raw: Tensor, noise: Tensor, pattern: Tensor) -> Tensor:
+    """Return a bound on the mean of max(x - 1, 0) of light x of mean `raw` and variance `pattern`,
+    which is nowhere below 0, with noise. No light of that mean and variance, however sparse, has a
+    smaller mean when clipped than one of two levels, one of which is 0 (Scarf, 1958)."""
+    light = raw.clamp(min=LEAST_VARIANCE)
+    clipped = torch.minimum(light / 2, light.square() / (light.square() + pattern))
+    some = noise > LEAST_VARIANCE  # the root has no slope at 0
+    sigma = torch.where(some, torch.where(some, noise, 1.0).sqrt(), 0.0)
+    return light - clipped + sigma / (2 * torch.pi) ** 0.5
 
 
 def _mean_excess(mean: Tensor, variance: Tensor) -> Tensor:

@@ -53,18 +53,18 @@ once = _inner(fastmath=FAST_MATH, forceinline=True)
 def folder() -> str | None:
     """Return the folder of compiled kernels, named by a hash of the sources and of numba's and
     llvmlite's versions; None if no place is writable."""
-    sources = sorted(ENGINE.glob("*.py")) + [ENGINE.parent / name for name in CONSTANT_SOURCES]
+    sources = sorted(ENGINE.rglob("*.py")) + [ENGINE.parent / name for name in CONSTANT_SOURCES]
     text = b"".join(source.read_bytes() for source in sources)
     text += f"{numba.__version__} {llvmlite.__version__}".encode()
     name = hashlib.sha256(text).hexdigest()[:16]
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "moireaug"
-    for parent in (numba.config.CACHE_DIR, ENGINE / "__pycache__", home):
+    home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    for parent in (numba.config.CACHE_DIR, ENGINE / "__pycache__", f"{home}/moireaug"):
         if not parent:
             continue
-        path = Path(parent) / f"moireaug-{name}"
         try:
+            path = Path(parent).expanduser() / f"moireaug-{name}"
             path.mkdir(parents=True, exist_ok=True)
-        except OSError:
+        except (OSError, RuntimeError):  # not writable, or a user without a home
             continue
         if os.access(path, os.W_OK):
             return str(path)

@@ -33,8 +33,9 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     # each image by itself, so that its reading does not depend on the rest of the batch
     if not fits.all():
         raw = torch.empty(shot.raw_shape(), dtype=torch.float32, device="cpu")
-        for rows in (torch.from_numpy(fits), torch.from_numpy(~fits)):
-            raw[rows] = expose(light[rows], shot[rows])
+        rows, others = torch.from_numpy(fits), torch.from_numpy(~fits)
+        raw[rows] = expose(light[rows], shot[rows])
+        raw[others] = pipeline.expose(as_float(light[others]), shot[others])
         return raw
     if varies:
         light = as_float(light)

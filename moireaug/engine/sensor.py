@@ -63,6 +63,12 @@ def _mean_excess(mean, variance):
 
 
 @inner
+def _greatest_excess(mean, noise, pattern):
+    """Return a bound on the mean of max(x - 1, 0) of light of two levels, one of which is 0."""
+    return mean - 1 / (1 + pattern) + math.sqrt(noise / (2 * math.pi))
+
+
+@inner
 def clip_mean(out, light, dark, photons, pattern):
     """Fill a row of binned readings (w,) from its light with the mean of sensor pixels clipped to
     [0, 1], as `effects.sensor.expected_clip` does.
@@ -76,6 +82,8 @@ def clip_mean(out, light, dark, photons, pattern):
         value = light[i]
         noise = dark + photons * max(value, DARK32)
         above = _mean_excess(float(value) - 1.0, noise + value * value * pattern)
+        if value * (1 + pattern) > 2:  # else the bound is never the smaller
+            above = min(above, _greatest_excess(float(value), noise, pattern))
         out[i] = np.float32(value + _mean_excess(-float(value), noise) - above)
 
 

@@ -61,7 +61,8 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         back = pose.from_corner(inverse, shot.size)
         cameras = lowering.lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
         lenses = cameras
-    filters = filters_of(shot).detach().numpy()
+    # of one layout, as kernels are compiled for each
+    filters = np.ascontiguousarray(filters_of(shot).detach().numpy())
     black, share = np.zeros((2, len(shot)), np.float32)
     if "black_level" in plan and not decoded:
         black[:] = drawn["panel.black"]

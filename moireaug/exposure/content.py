@@ -20,6 +20,7 @@ TAIL_SIGMAS = 1.0  # standard deviations of the spread that taps must reach
 # share of the nearest panel pixel where none is seen, so that shares can be normalised
 NEAREST_GUARD_SHARE = 1e-9
 MIN_EXPONENT = -80.0  # not far below, float32 numbers are denormal and many times slower
+MIN_NARROWED_VARIANCE = 1e-30  # squared cells: its product with a shrinking may be 0 in float32
 MIN_BLUR_VARIANCE = 1e-12  # squared cells: a Gaussian of 0 has no density
 
 
@@ -79,7 +80,8 @@ def fitted(footprint: Footprint, width: float | Tensor, taps: int) -> tuple[Foot
     """
     room = taps / 2 - width / 2
     shrink = (room / footprint.reach()).clamp(max=1)
-    narrowed = Footprint(footprint.box * shrink, footprint.variance * shrink.square())
+    variance = (footprint.variance * shrink.square()).clamp(min=MIN_NARROWED_VARIANCE)
+    narrowed = Footprint(footprint.box * shrink, variance)
     lost = (footprint.box.square() / 12 + footprint.variance) * (1 - shrink.square())
     return narrowed, lost
 

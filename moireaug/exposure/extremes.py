@@ -74,20 +74,20 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
 @functools.lru_cache(maxsize=64)
 def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return those harmonics whose contrast can exceed the tolerance in a binned reading, strongest
-    first: as their slowest alias can be in any view, of any pitch, in the smallest bin. With a gain
+    first: as their slowest alias can be in any view, at any scale, in the smallest bin. With a gain
     above 1 all are kept: pixels that saturate before they are averaged turn contrast into a change
     of the mean."""
     if bounds(scene.sensor.gain)[1] > 1:
         return harmonics(scene)
     layout, step = as_layout(scene.panel.layout), steps(scene)
-    low, high = bounds(scene.sensor.pitch)
+    ratio = _scale_ratio(scene)
     s = least_side(scene, bounds(scene.panel.scale)[0])
     apart = 0.5 if scene.cells == "binned" else 1.0
     strong = []
     for (k, l), strength in harmonics(scene):
         frequency = step[:, 0] * (k / layout.period[0]) + step[:, 1] * (l / layout.period[1])
-        any_pitch = torch.cat([frequency, frequency * (high / low if low else 1.0)])
-        ends = zip(any_pitch.amin(0).tolist(), any_pitch.amax(0).tolist(), strict=True)
+        any_scale = torch.cat([frequency, frequency * ratio])
+        ends = zip(any_scale.amin(0).tolist(), any_scale.amax(0).tolist(), strict=True)
         alias = [_slowest_alias(least, most, apart) for least, most in ends]
         # a bin's side may lie along the alias, and the other across it; or both along an axis
         along_sides = [math.hypot(*alias)] if scene.is_rectified else alias
@@ -95,6 +95,16 @@ def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]
         if strength * left > scene.tolerance:
             strong.append(((k, l), strength * left))
     return sorted(strong, key=lambda item: -item[1])
+
+
+def _scale_ratio(scene: SceneRecord) -> float:
+    """Return the most over the least panel pixels per sensor pixel, in a view of the same
+    angles."""
+    pitch = bounds(scene.sensor.pitch)
+    if pitch[0]:
+        return pitch[1] / pitch[0]
+    scale, zoom = bounds(scene.panel.scale), bounds(scene.view.zoom)
+    return scale[1] / scale[0] * zoom[1] / zoom[0]
 
 
 def _slowest_alias(low: float, high: float, apart: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from typing import Any, TypeVar
 
@@ -68,27 +69,28 @@ def amplitudes_of(layout: Layout, harmonics: tuple[Orders, ...], panel) -> tuple
     """Return twice the Fourier coefficients of each channel's light about the corner of the cell,
     (3, K, B) float64 each, real and imaginary part."""
     width, height = emitting_share(panel)
-    channel, table = (torch.from_numpy(t).to(width.device) for t in _waves(layout, harmonics))
-    along, beside, density, cosine, sine = table
+    counts, table = _waves(layout, harmonics)
+    along, beside, density, cosine, sine = torch.from_numpy(table).to(width.device)
     amplitude = width * height * density * torch.sinc(along * width) * torch.sinc(beside * height)
-    none = amplitude.new_zeros(3, *amplitude.shape[1:])
-    real = none.index_add(0, channel, amplitude * cosine)
-    return real, none.index_add(0, channel, amplitude * sine, alpha=-1)
+    # not index_add, whose threads a forked worker would wait for forever
+    real = [part.sum(0) for part in (amplitude * cosine).split(counts)]
+    imaginary = [part.sum(0) for part in (amplitude * -sine).split(counts)]
+    return torch.stack(real), torch.stack(imaginary)
 
 
 @functools.lru_cache(maxsize=64)
-def _waves(layout: Layout, harmonics: tuple[Orders, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `amplitudes_of` reads of a layout's S subpixels: their channels, (S,) int64, and
+def _waves(layout: Layout, harmonics: tuple[Orders, ...]) -> tuple[list[int], np.ndarray]:
+    """Return what `amplitudes_of` reads of a layout's S subpixels: how many each channel has, and
     a table (5, S, K, 1) float64 of the harmonics' cycles along both edges, the subpixels' density,
     and twice the cosine and sine of the phase at their centres, 0 where they lack a harmonic."""
     orders = np.array(harmonics, np.float64).reshape(-1, 2, 1)
     rows = []
-    for subpixel in layout.all():
+    channels = [layout.of(channel) for channel in range(3)]
+    for subpixel in itertools.chain(*channels):
         k, l, has = own_orders(subpixel, layout, orders[:, 0], orders[:, 1])
         turns = k * (subpixel.centre[0] / subpixel.period[0])
         turns = turns + l * (subpixel.centre[1] / subpixel.period[1])
         cosine, sine = 2 * has * np.cos(2 * math.pi * turns), 2 * has * np.sin(2 * math.pi * turns)
         density = np.full_like(k, subpixel.density)
         rows.append(np.stack([*cycles_along_edges(subpixel, k, l), density, cosine, sine]))
-    channel = np.array([subpixel.channel for subpixel in layout.all()], np.int64)
-    return channel, np.stack(rows, 1)
+    return [len(subpixels) for subpixels in channels], np.stack(rows, 1)

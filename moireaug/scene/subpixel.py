@@ -97,10 +97,20 @@ def in_smallest_cell(subpixels: Sequence[Subpixel]) -> list[Subpixel]:
     for axis in (0, 1):
         whole = found[0].period[axis] if found else 1
         for period in range(1, whole):
-            if whole % period == 0 and _repeat(found, axis, period):
+            if whole % period == 0 and _fit(found, axis, period) and _repeat(found, axis, period):
                 found = _in_cell(found, axis, period)
                 break
     return found
+
+
+def _fit(subpixels: Sequence[Subpixel], axis: int, period: int) -> bool:
+    """Whether no subpixel is longer along an axis than `period` panel pixels, and so would overlap
+    its own copies' cells."""
+    for subpixel in subpixels:
+        along = [corner[axis] for corner in subpixel.corners()]
+        if max(along) - min(along) > period:
+            return False
+    return True
 
 
 def _repeat(subpixels: Sequence[Subpixel], axis: int, period: int) -> bool:

@@ -1,6 +1,7 @@
 """Kernels are kept in a folder that is named by all they are compiled from."""
 
 import ast
+import os
 import threading
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import moireaug
-from moireaug import Panel, Scene, View
+from moireaug import Panel, Scene, Sensor, View
 from moireaug.engine import compiling
 from moireaug.engine.shot_exposure import lower_exposure
 
@@ -92,3 +93,25 @@ def test_arrays_have_the_layout_that_kernels_are_compiled_for(glare, rows):
     exposure, _ = lower_exposure(scene.sample(4, (8, 8))[rows], decoded=False)
     arrays = [values for values in exposure if isinstance(values, np.ndarray)]
     assert len(arrays) == 11 and all(values.flags.c_contiguous for values in arrays)
+
+
+def test_kernels_are_compiled_for_one_type_of_shot():
+    scenes = [
+        Scene.preset(name) for name in ("screen_photo", "phone_at_led_wall", "phone_at_phone")
+    ]
+    scenes += [Scene(), Scene(sensor=Sensor(scale=2.0)), Scene(sensor=Sensor(crosstalk=0.1))]
+    shots = [scene.sample(n, (8, 8)) for scene in scenes for n in (1, 2)]
+    lowered = [lower_exposure(shot, decoded=False)[0] for shot in shots]
+    assert len({numba.typeof(exposure) for exposure in lowered}) == 1
+
+
+def test_without_a_home_kernels_are_kept_beside_the_sources(tmp_path, monkeypatch):
+    for name in ("HOME", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # no entry of this user
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    compiling.folder.cache_clear()
+    try:
+        assert compiling.folder().startswith(str(tmp_path))
+    finally:
+        compiling.folder.cache_clear()

@@ -131,6 +131,36 @@ def test_a_saturated_binned_photo_is_nearly_the_full_one(monkeypatch):
     assert rms(binned - full) < 0.013 and rms(binned - full) < 0.6 * rms(naive - full)
 
 
+@pytest.mark.parametrize("gain", [3.0, 30.0, 1000.0])
+def test_a_saturated_sparse_panel_is_neither_black_nor_too_bright(gain):
+    """Light of two levels is the extreme: no light of a pattern, clipped, is darker."""
+    scene = Scene(
+        panel=Panel(layout="led", width=64.0, lit=0.4), sensor=Sensor(pitch=8.0, gain=gain)
+    )
+    shot = scene.sample(1, (32, 32))
+    reading = expose(torch.ones(1, 3, 32, 32), shot)
+    with switch.reference():
+        assert rms(reading - expose(torch.ones(1, 3, 32, 32), shot)) < 1e-6
+    assert reading.min() > 0.03 and reading.max() < 0.2
+
+
+def test_clipped_light_of_two_levels_is_exact():
+    mean, level = torch.tensor([0.2, 0.9, 2.0]).double(), torch.tensor([3.0, 9.0, 40.0]).double()
+    variance = mean * level - mean.square()
+    none = torch.zeros_like(mean)
+    bound = mean - sensor._greatest_excess(mean, none, variance)
+    assert torch.allclose(bound, mean / level)
+    assert (sensor.expected_clip(mean, none, variance) >= bound - 1e-12).all()
+
+
+@pytest.mark.parametrize("reading", ["scale", "pitch"])
+def test_one_camera_stated_in_two_ways_sees_the_same(reading):
+    sensors = {"scale": Sensor(scale=16.0), "pitch": Sensor(pitch=16 * 64 / 516)}
+    panel, white = Panel(width=516.0, lit_y=0.5), torch.ones(1, 3, 64, 64)
+    full = Scene(panel=panel, sensor=Sensor(scale=16.0, reading="full")).capture(white)
+    assert rms(Scene(panel=panel, sensor=sensors[reading]).capture(white) - full) < 0.003
+
+
 def test_a_pattern_is_never_darker_than_black():
     """Noise is clipped at 0, and lightens the dark; a panel's pattern is light, and does not."""
     raw = torch.tensor([0.0, 0.01, 0.1], dtype=torch.float64)

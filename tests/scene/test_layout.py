@@ -86,6 +86,7 @@ CHECKS = ((0, 0, 0, 1, 1), (0, 1, 1, 2, 2), (1, 0, 1, 1, 2), (2, 0, 0, 0.5, 2), 
 ALMOST = ((0, 0, 0, 0.5, 1), (0, 1, 0, 1.5, 1), (0, 2, 0, 2.500001, 1))
 # at the end of its cell, as a parallelogram may be
 ON_THE_EDGE = ((0, 2.0, 0.5, 0.4, 0.0, 0.2, 0.5), (0, 1.0, 0.5, 0.4, 0.0, 0.2, 0.5))
+LONG_SLANTS = tuple((0, x, 0.5, 0.2, 0, 1.3, 1) for x in (0.5, 1.5))
 REPEATED = {
     "pentile": (LAYOUTS["pentile"], [((2, 1), 1), ((1, 1), 1), ((2, 1), 1)]),
     "diamonds": (LAYOUTS["pentile_diamond"], [((2, 2), 2), ((1, 1), 1), ((2, 2), 2)]),
@@ -94,6 +95,7 @@ REPEATED = {
     "checks": (Layout(CHECKS, (2, 2)), [((2, 2), 2), ((2, 2), 1), ((1, 2), 1)]),
     "almost": (Layout(ALMOST, (3, 1)), [((3, 1), 3)]),
     "on the edge": (Layout(ON_THE_EDGE, (2, 1)), [((1, 1), 1)]),
+    "longer than the smaller cell": (Layout(LONG_SLANTS, (2, 1)), [((2, 1), 2)]),
 }
 
 
