@@ -54,7 +54,7 @@ from training.calibration.plot import draw
 from training.config import scenes
 from training.config.plain import parse
 from training.config.settings import setting
-from training.runs.run import fingerprint_of
+from training.runs.identity import fingerprint_of
 from training.system.files import free_name, make_folder
 
 EXAMPLE = "python training/calibrate.py pairs=FILE.csv scene=screen_photo"

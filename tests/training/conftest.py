@@ -60,5 +60,5 @@ def weights(tmp_path_factory):
 @pytest.fixture
 def nothing_attacked(monkeypatch):
     """No time may be spent."""
-    for module, name in ((attacking.Plan, "run"), (reattack, "load")):
+    for module, name in ((attacking.SuiteAttack, "run"), (reattack, "load")):
         monkeypatch.setattr(module, name, lambda *args, **settings: pytest.fail("time was spent"))

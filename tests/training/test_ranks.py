@@ -20,7 +20,7 @@ from training.classifier.tuning import tuning
 from training.data.load import load
 from training.demoireing.train import module_of
 from training.runs.run import Run
-from training.system.processes import WAIT
+from training.system.processes import MAX_WAIT
 from training.trainer import ranks
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -103,7 +103,7 @@ def test_a_terminated_process_sends_nothing_within_a_batch(tmp_path, monkeypatch
 def test_processes_wait_for_one_that_attacks(strategy, tmp_path):
     cfg = configured(*TINY, "trainer.devices=2", f"trainer.strategy={strategy}")
     trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
-    assert isinstance(trainer.strategy, DDPStrategy) and trainer.strategy._timeout == WAIT
+    assert isinstance(trainer.strategy, DDPStrategy) and trainer.strategy._timeout == MAX_WAIT
 
 
 def test_a_batch_that_processes_cannot_share_is_refused_first(tmp_path):

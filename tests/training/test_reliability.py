@@ -37,7 +37,8 @@ from training.classifier.tuning import tuning
 from training.data.load import load
 from training.recipe import phases
 from training.runs import resume
-from training.runs.run import Run, fingerprint_of, result_settings
+from training.runs.identity import fingerprint_of, result_settings
+from training.runs.run import Run
 from training.trainer import checkpoints
 from training.trainer.make import EpochLines
 

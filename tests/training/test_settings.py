@@ -18,7 +18,8 @@ from training.config.schema import (
 from training.config.settings import with_absolute_paths
 from training.data.augmentation import augment
 from training.data.load import load
-from training.runs.run import Run, result_settings
+from training.runs.identity import result_settings
+from training.runs.run import Run
 from training.system import machine
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")

@@ -22,7 +22,7 @@ from training.data.batches import Batches, require_even
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side
 from training.runs.costs import cost, with_totals
-from training.runs.resume import trained_run
+from training.runs.reuse import read_trained
 from training.runs.run import Run, start_of
 from training.system import machine
 from training.system.files import digest, read_checkpoint, read_json
@@ -82,7 +82,7 @@ def train_model(
         return classifier.eval(), with_totals(train, before)
     start = start_of(run)
     if start and not resumed:
-        classifier.model.load_state_dict(trained_run(start).state)
+        classifier.model.load_state_dict(read_trained(start).state)
     if is_first():
         run.write_settings()
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))

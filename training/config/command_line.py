@@ -18,28 +18,28 @@ from training.config.overrides import literal
 from training.config.schema import DATA, Config, ReattackConfig, RunConfig
 from training.config.settings import settings_of
 
-SWEEP = {"-m", "--multirun"}
+SWEEP_FLAGS = {"-m", "--multirun"}
 
 
-def quoted(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
+def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
     """Return the overrides with paths that Hydra takes as they are, and `~` in them expanded.
 
     Hydra's grammar would read 2024_11 as a number and refuse most punctuation. What is quoted or
     escaped for it stays, and so does what a sweep takes for several values.
     """
-    sweep = not SWEEP.isdisjoint(overrides)
+    sweep = not SWEEP_FLAGS.isdisjoint(overrides)
     paths = {key for key, one in settings_of(schema).items() if one.facts.is_path}
-    taken = []
+    quoted = []
     for override in overrides:
         key, _, value = override.partition("=")
         several = sweep and "," in value
         if key in paths and value not in ("", "null") and value[0] not in "'\"" and not several:
-            override = _quoted(key, os.path.expanduser(value))
-        taken.append(override)
-    return taken
+            override = _quote_path(key, os.path.expanduser(value))
+        quoted.append(override)
+    return quoted
 
 
-def _quoted(key: str, path: str) -> str:
+def _quote_path(key: str, path: str) -> str:
     try:
         parsed = OverridesParser.create().parse_override(f"{key}={path}")
         as_it_is = "\\" in path or parsed.value() == path

@@ -69,7 +69,7 @@ def _alone(cfg: Data) -> contextlib.AbstractContextManager[None]:
     if not cfg.download:
         return contextlib.nullcontext()
     os.makedirs(cfg.root or "", exist_ok=True)
-    return locked(Path(cfg.root or "", ".download.lock"), "", wait=-1)
+    return locked(Path(cfg.root or "", ".download.lock"), "", wait_seconds=-1)
 
 
 def folder(cfg: Data) -> Splits:

@@ -56,7 +56,7 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
         ConnectionError, FloatingPointError, OSError: as `train_network`.
     """
     cfg = with_absolute_paths(as_config(cfg))
-    cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
+    cfg = replace(cfg, scene=scenes.inline_files(cfg.scene))
     check(cfg)
     run = Run(cfg)
     with run.locked():
@@ -178,7 +178,7 @@ def test_and_report(
 @hydra.main(version_base="1.3", config_path=None, config_name="demoire")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.sentences(kept="What was validated is kept"):
+    with commands.report_errors(kept_work="What was validated is kept"):
         fit(cfg)
 
 

@@ -16,7 +16,7 @@ from training.models.small_convnet import AttentionConvNet
 from training.models.small_resnet import SmallResNet
 
 # the project's own models: the number of classes to a model
-OWN: dict[str, Callable[[int], nn.Module]] = {
+OWN_MODELS: dict[str, Callable[[int], nn.Module]] = {
     "attention_convnet": AttentionConvNet,
     "attention_resnet": partial(SmallResNet, width=32, activation=nn.SiLU, heads=4),
     "small_resnet": SmallResNet,
@@ -37,7 +37,7 @@ def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = 
     """
     # in this layout convolutions are up to twice as fast on CPU
     model = build(name, num_classes, weights, whole=whole).to(memory_format=torch.channels_last)
-    return model if name in OWN else Normalized(model)
+    return model if name in OWN_MODELS else Normalized(model)
 
 
 def check_side(model: nn.Module, name: str, side: int) -> None:
@@ -68,16 +68,16 @@ def _torchvision() -> ModuleType:
     return torchvision.models
 
 
-def names() -> list[str]:
+def model_names() -> list[str]:
     """Return every name that `build` knows, own models first."""
     models = _torchvision()
-    return [*OWN, *models.list_models(module=models)]
+    return [*OWN_MODELS, *models.list_models(module=models)]
 
 
 def class_names(name: str) -> dict[int, str]:
     """Return the names of the classes that a torchvision model was published with; empty for a
     model of our own."""
-    if name in OWN:
+    if name in OWN_MODELS:
         return {}
     published = _torchvision().get_model_weights(name).DEFAULT
     return dict(enumerate(published.meta.get("categories", ())))
@@ -89,7 +89,7 @@ def build(
     """Return a classifier by name, freshly initialised or with weights.
 
     Args:
-        name: one of `OWN`, which take [0, 1] images, or any torchvision classifier,
+        name: one of `OWN_MODELS`, which take [0, 1] images, or any torchvision classifier,
             whose ImageNet normalisation is the caller's to apply.
         num_classes: number of logits.
         weights: a file that `moireaug.weights.read_state_dict` reads, or the name of torchvision
@@ -120,19 +120,19 @@ def require_known(name: str) -> None:
     Raises:
         ValueError: says which names there are.
     """
-    if name not in OWN and name not in names():
-        closest = difflib.get_close_matches(name, names(), n=3, cutoff=0.3)
+    if name not in OWN_MODELS and name not in model_names():
+        closest = difflib.get_close_matches(name, model_names(), n=3, cutoff=0.3)
         hint = f" Closest: {', '.join(closest)}." if closest else ""
         raise ValueError(
             f"There is no model named {name!r}.{hint} "
-            f"Please use {', '.join(map(repr, OWN))}, or a name from "
+            f"Please use {', '.join(map(repr, OWN_MODELS))}, or a name from "
             "torchvision.models.list_models(module=torchvision.models)."
         )
 
 
 def _fresh(name: str, num_classes: int) -> nn.Module:
-    if name in OWN:
-        return OWN[name](num_classes)
+    if name in OWN_MODELS:
+        return OWN_MODELS[name](num_classes)
     return _torchvision().get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
 
 
@@ -147,7 +147,7 @@ def _state(name: str, weights: str) -> Mapping[str, Tensor]:
 
 
 def _published_names(name: str) -> list[str]:
-    if name in OWN:
+    if name in OWN_MODELS:
         return []
     return list(_torchvision().get_model_weights(name).__members__)
 
