@@ -134,12 +134,14 @@ def test_runs_of_other_lists_of_scenes_are_not_compared():
         str(Scene.preset(LISTED[0]).plan())
     )
     metrics = said | {"model": "small", "config": said["config"] | {"data": {}, "train": {}}}
-    found = comparable.settings(metrics)
+    found = comparable.run_settings(metrics)
     assert found["scene 2.panel"] == Scene.preset(LISTED[1]).to_dict()["panel"]
-    assert comparable.settings(metrics | {"scene": said["scene"][0]})["scene.panel"]
+    assert comparable.run_settings(metrics | {"scene": said["scene"][0]})["scene.panel"]
     with pytest.raises(ValueError, match="runs with different scene"):
         other = metrics | {"scene": said["scene"][:1] * 2}
-        comparable.same({"a": found, "b": found, "c": comparable.settings(other)}, "runs")
+        comparable.shared_values(
+            {"a": found, "b": found, "c": comparable.run_settings(other)}, "runs"
+        )
 
 
 @pytest.mark.parametrize("kind", ["none", "moire_attack"])
