@@ -41,11 +41,11 @@ def whole(tmp_path_factory):
 
 def test_a_run_leaves_what_it_promises(whole):
     cwd, done = whole
-    trained = {"metrics.json", "best.ckpt", "last.ckpt", "config.yaml"}
+    plain_files = {"metrics.json", "best.ckpt", "last.ckpt", "config.yaml"}
     for recipe, files in (
-        ("clean", trained),
-        ("baseline", trained | {"records"}),
-        ("moire_at", trained | {"records", "report.html"}),
+        ("clean", plain_files),
+        ("baseline", plain_files | {"records"}),
+        ("moire_at", plain_files | {"records", "report.html"}),
     ):
         folder = cwd / "runs" / recipe / "seed0"
         assert {p.name for p in folder.iterdir()} == files
@@ -86,11 +86,11 @@ def test_the_baseline_trains_as_long_as_the_run(whole):
         json.loads((cwd / f"runs/{r}/seed0/metrics.json").read_text())
         for r in ("clean", "baseline")
     )
-    trained = {"recipe", "seed", "data", "model", "train", "environment"}
-    assert set(m["start"]) == trained
-    assert set(m["baseline"]) == trained | {"clean_accuracy", "reattack"}
+    shared_keys = {"recipe", "seed", "data", "model", "train", "environment"}
+    assert set(m["start"]) == shared_keys
+    assert set(m["baseline"]) == shared_keys | {"clean_accuracy", "reattack"}
     for ours, theirs in ((m["start"], clean), (m["baseline"], base)):
-        assert {key: ours[key] for key in trained} == {key: theirs[key] for key in trained}
+        assert {key: ours[key] for key in shared_keys} == {key: theirs[key] for key in shared_keys}
     for side, epochs in ((clean, (1, 1)), (base, (2, 3)), (m, (2, 3))):
         assert (side["train"]["epochs"], side["train"]["total_epochs"]) == epochs
     start = clean["train"]["seconds"]

@@ -33,7 +33,7 @@ from training import fit
 from training.classifier import train as training
 from training.classifier.module import Classifier
 from training.classifier.train import train_model
-from training.classifier.tuning import tuning
+from training.classifier.tuning import tuning_of
 from training.data.load import load
 from training.recipe import phases
 from training.runs import resume
@@ -94,7 +94,7 @@ def test_a_stopped_and_killed_command_resumes_to_the_same_weights(tmp_path):
 def test_an_epoch_whose_line_is_printed_has_been_kept(tmp_path):
     """Lightning calls callbacks in this order."""
     cfg = configured(*TINY)
-    made = training.trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
+    made = training.trainer_of(cfg.trainer, tuning_of(cfg.train, fine=False), 1, tmp_path, NO_DATA)
     *_, best, last, lines = made.callbacks
     assert isinstance(lines, EpochLines) and (best.filename, last.filename) == ("best", "last")
 

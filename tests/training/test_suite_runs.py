@@ -176,4 +176,4 @@ def test_batches_fit_the_memory_unless_given(size, batch):
     data = torch.utils.data.TensorDataset(torch.zeros(300, 1), torch.zeros(300))
     splits = Splits(data, data, data, {}, 1)
     batches = EvalBatches(splits, Reattack(n=200), size, torch.device("cpu"))
-    assert batches.size == batch and len(batches.others(splits)) == 100
+    assert batches.size == batch and len(batches.unattacked_images(splits)) == 100

@@ -121,7 +121,7 @@ def test_a_smoke_test_leaves_a_long_evaluation_alone(whole, weights):
 
 def test_the_checks_take_the_images_asked_for(weights, tmp_path, monkeypatch):
     """With another suite they take no more than they need."""
-    monkeypatch.setattr(attacking, "TRUST_N", 2)
+    monkeypatch.setattr(attacking, "MAX_CHECKED_IMAGES", 2)
     given = ("reattack.n=4", "reattack.batch_size=2")
     found = suite("trust", weights, tmp_path, *given)
     assert found["n"] == found["trust_n"] == 4 and len(found["trust"]) == 10

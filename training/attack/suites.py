@@ -94,7 +94,7 @@ def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> Suite
             "demoire=package.module:callable."
         )
     if cfg.suite in ("defences", "paper"):
-        donors = protocol.batches.others(splits)
+        donors = protocol.batches.unattacked_images(splits)
         if len(donors):
             cache = subject.records / f"quilting-{fingerprint_of(result_settings(cfg)['data'])}.npz"
             with fabric.rank_zero_first():  # the others read the bank that it makes

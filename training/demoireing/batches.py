@@ -31,8 +31,8 @@ class Numbers(Sampler[int]):
         self.epoch = epoch
 
     def __iter__(self) -> Iterator[int]:
-        first = self.epoch * self.count
-        return iter(range(first + self.rank, first + self.count, self.ranks))
+        first_epoch = self.epoch * self.count
+        return iter(range(first_epoch + self.rank, first_epoch + self.count, self.ranks))
 
     def __len__(self) -> int:
         return len(range(self.rank, self.count, self.ranks))
@@ -46,9 +46,9 @@ class PairBatches(L.LightningDataModule):
             resumes with.
     """
 
-    def __init__(self, cfg: DemoireConfig, splits: Splits, first: int = 0) -> None:
+    def __init__(self, cfg: DemoireConfig, splits: Splits, first_epoch: int = 0) -> None:
         super().__init__()
-        self.cfg, self.splits, self.first = cfg, splits, first
+        self.cfg, self.splits, self.first_epoch = cfg, splits, first_epoch
         self.scenes = list(scenes_of(cfg).values())
 
     def _pairs(self, pictures: Source, seed: int) -> SimulatedPairs:
@@ -63,7 +63,7 @@ class PairBatches(L.LightningDataModule):
         size = max(1, train.batch_size // ranks)
         numbers = Numbers(train.check_every * size * ranks, ranks, rank)
         # Lightning starts the workers before it has read from which epoch training resumes
-        numbers.set_epoch(self.first)
+        numbers.set_epoch(self.first_epoch)
         return DataLoader(
             self._pairs(self.splits.train, self.cfg.seed),
             size,

@@ -12,7 +12,7 @@ from PIL import Image
 from moireaug.files import write_text
 from moireaug.synthesis.pictures import Pictures, Source
 from training.data import signs
-from training.data.splits import has_parts, shuffled
+from training.data.splits import has_parts, shuffled_indices
 from training.demoireing.schema import DemoireConfig
 from training.system.files import read_json
 from training.system.messages import counted
@@ -121,6 +121,6 @@ def _parts(pictures: Pictures, parts: int) -> list[Pictures]:
             f"{uses} on different ones."
         )
     held = max(1, total // HELD_OUT)
-    order = shuffled(total, 0)
+    order = shuffled_indices(total, 0)
     others = [pictures.subset(order[n * held : (n + 1) * held]) for n in range(parts - 1)]
     return [pictures.subset(order[(parts - 1) * held :]), *others]

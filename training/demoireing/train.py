@@ -84,7 +84,7 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     )
     if done:
         say(f"Resuming from {last} after {done[-1]['steps']:.0f} steps.")
-    batches = PairBatches(cfg, splits, first=len(done))
+    batches = PairBatches(cfg, splits, first_epoch=len(done))
     trainer = trainer_of(cfg, out)
     began = time.perf_counter()
     ranks.fit(trainer, module, batches, last if resumed else None)
