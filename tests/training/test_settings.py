@@ -8,7 +8,7 @@ from tests.training.small import NO_DATA, TINY, baseline_config, configured, sta
 from training import fit, reattack
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of, seed_of_draws, trainer_of
-from training.classifier.tuning import tuning
+from training.classifier.tuning import tuning_of
 from training.config.overrides import command_line
 from training.config.schema import (
     Data,
@@ -182,7 +182,7 @@ def test_precision_follows_the_hardware_unless_it_is_given(
         file.write_text(f"model name : some\nflags : {flags}\n")
     monkeypatch.setattr(machine, "CPUINFO", file)
     settings = Trainer(accelerator="cpu", precision=asked)
-    made = trainer_of(settings, tuning(Train(), fine=False), 1, tmp_path, NO_DATA)
+    made = trainer_of(settings, tuning_of(Train(), fine=False), 1, tmp_path, NO_DATA)
     assert made.precision == got
 
 
