@@ -71,7 +71,7 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
     """As on a GPU, where nothing wakes it."""
     ended, lost, left = [], SimpleNamespace(poll=lambda: code, kill=lambda: None), []
     monkeypatch.setattr(ranks.os, "_exit", ended.append)
-    monkeypatch.setattr(ranks, "GRACE", 0.01)
+    monkeypatch.setattr(ranks, "GRACE_SECONDS", 0.01)
     monkeypatch.setattr(ranks, "_ending", threading.Event())
     monkeypatch.setattr(
         ranks, "_children", [SimpleNamespace(poll=lambda: None, kill=lambda: left.append(1)), lost]

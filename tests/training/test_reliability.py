@@ -188,7 +188,7 @@ def test_only_an_interrupted_re_attack_is_done_again(tmp_path, monkeypatch, caps
     train_json = json.loads((folder / "train.json").read_text())
     assert Run(cfg).stage() == "trained"
     monkeypatch.setattr(phases, "attack", attack)
-    monkeypatch.setattr(training.trainer.ranks, "fit", lambda *args: pytest.fail("trained again"))
+    monkeypatch.setattr(training.ranks, "fit", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
     assert done["train"] == train_json and done["time"]["train"] == train_json["wall_seconds"]
     assert not (folder / "train.json").exists()
