@@ -54,7 +54,7 @@ def test_a_folder_that_has_changed_tests_no_run(tmp_path):
     """The split is another: pictures that it was trained on could test it."""
     put(tmp_path / "pictures", sizes=[(64, 64)] * 23)
     cfg = configure("data=folder", f"data.root={tmp_path / 'pictures'}")
-    pictures.keep(tmp_path, pictures.load(cfg))
+    pictures.write_names(tmp_path, pictures.load(cfg))
     pictures.require_same(tmp_path, pictures.load(cfg))
     first = tmp_path / "pictures/class0/0.png"
     Image.open(first).save(tmp_path / "pictures/another.png")
@@ -62,5 +62,5 @@ def test_a_folder_that_has_changed_tests_no_run(tmp_path):
         pictures.require_same(tmp_path, pictures.load(cfg))
     pictures.require_same(tmp_path / "new", pictures.load(cfg))
     drawn = pictures.load(configure())
-    pictures.keep(tmp_path / "signs", drawn)  # there is nothing to keep
+    pictures.write_names(tmp_path / "signs", drawn)  # there is nothing to keep
     assert not (tmp_path / "signs").exists()

@@ -14,8 +14,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.scene.fields import one_of
 from training.config.compose import recipe_files
+from training.config.data_sets import DATA
 from training.config.overrides import literal
-from training.config.schema import DATA, Config, ReattackConfig, RunConfig
+from training.config.schema import Config, ReattackConfig, RunConfig
 from training.config.settings import settings_of
 
 SWEEP_FLAGS = {"-m", "--multirun"}

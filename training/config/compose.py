@@ -10,7 +10,8 @@ from pathlib import Path
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from training.config.schema import DATA, DEFAULT_DATA, EPOCHS, RECIPES
+from training.config.data_sets import DATA, DEFAULT_DATA, EPOCHS
+from training.config.schema import RECIPES
 from training.config.settings import Setting, as_argument, settings_of
 
 HYDRA_FOLDERS = {

@@ -9,16 +9,8 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from moireaug.evaluation.suites import OPTION_SUITES, check_used
-from training.config.schema import (
-    DATA,
-    DEFAULT_DATA,
-    EPOCHS,
-    RECIPES,
-    Config,
-    ReattackConfig,
-    Trainer,
-    as_config,
-)
+from training.config.data_sets import DATA, DEFAULT_DATA, EPOCHS
+from training.config.schema import RECIPES, Config, ReattackConfig, Trainer, as_config
 from training.config.settings import Facts, settings_of, value_of, with_values
 
 DEMOIRE_SUITES = ("defences", "demoireing", "paper")  # suites that have a use for demoire=

@@ -15,7 +15,7 @@ from torchvision.transforms import v2
 
 from moireaug.images import read_picture
 from moireaug.synthesis.pictures import SUFFIXES
-from training.config.schema import Data
+from training.config.data_sets import Data
 from training.data.splits import Splits, cache_if_small, has_parts, random_subset, split
 from training.system.files import read_table
 from training.system.locks import locked

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from moireaug.scene.fields import one_of
-from training.config.schema import AUGMENTATIONS, DATA, Data
+from training.config.data_sets import AUGMENTATIONS, DATA, Data
 from training.config.settings import settings_of
 from training.data import signs
 from training.data.splits import Splits, has_parts

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset, Subset
 
-from training.config.schema import Data
+from training.config.data_sets import Data
 
 MAX_CACHE_BYTES = 1 << 30  # of decoded images
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from moireaug.synthesis.pairs import SIZE_RANGE
-from training.config.schema import DEFAULT_DATA, RunConfig
+from training.config.data_sets import DEFAULT_DATA
+from training.config.schema import RunConfig
 from training.config.settings import section, setting
 
 # what phones in front of LCDs and OLEDs take
@@ -78,7 +79,7 @@ class Train:
 
 
 @dataclass
-class HeldOut:
+class TestPairs:
     """What the trained network is tested on."""
 
     size: int = setting(256, "side of the pairs", bounds=SIZE_RANGE)
@@ -106,7 +107,7 @@ class DemoireConfig(RunConfig):
     data: Pictures = section(Pictures)
     demoire: Demoire = section(Demoire)
     train: Train = section(Train)
-    test: HeldOut = section(HeldOut)
+    test: TestPairs = section(TestPairs)
     pairs: str | None = setting(
         None,
         "real photos and what was on the screen, for the report: as training/calibrate.py takes "

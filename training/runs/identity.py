@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from training.config.schema import DEFAULT_DATA, Config, RunConfig, as_values
+from training.config.data_sets import DEFAULT_DATA
+from training.config.schema import Config, RunConfig, as_values
 from training.config.settings import settings_of
 
 

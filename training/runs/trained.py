@@ -17,7 +17,8 @@ from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
 from moireaug.scene.fields import one_of
-from training.config.schema import DATA, Config, Data, as_config, scene_of
+from training.config.data_sets import DATA, Data
+from training.config.schema import Config, as_config, scene_of
 from training.data.splits import Splits
 from training.models.classifiers import OWN_MODELS, as_model, model_names
 from training.system.files import read_checkpoint, read_metrics, read_settings
