@@ -47,7 +47,7 @@ from training.system.processes import is_first
 
 
 def fit(cfg: DictConfig | Config) -> dict[str, Any]:
-    """Train and report a run and those it is compared with, or what is left; return its metrics.
+    """Train and report a run and those it is compared with, or the rest of it; return its metrics.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.

@@ -195,7 +195,7 @@ class SuiteAttack:
 def attack(
     model: nn.Module, protocol: Protocol, records: Path, title: str, *, check: bool = True
 ) -> AttackResult:
-    """Attack a model with the ladder; what the records hold is not computed again.
+    """Attack a model with the ladder; records that are there are not computed again.
 
     Args:
         model, protocol, records, check: arguments of `SuiteAttack`.

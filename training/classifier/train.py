@@ -52,7 +52,7 @@ def try_out(run: Run[Config], splits: Splits) -> None:
     trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, origin)
     require_even(cfg.train.batch_size, trainer.world_size)
     for part in (splits.train, splits.val, splits.test):
-        _ = part[0]  # raises what cannot be read
+        _ = part[0]  # raises where it cannot be read
 
 
 def train_model(

@@ -1,4 +1,4 @@
-"""Warnings beside a table of runs: what its reader must know before trusting the figures."""
+"""Warnings beside a table of runs, on figures that a reader should not trust."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
 
 
 def _check_form(override: str, schema: type[RunConfig]) -> None:
-    """Refuse what is no key=value, and a single value where a list is wanted."""
+    """Refuse an override that is no key=value, and a single value where a list is wanted."""
     key, equals, value = override.partition("=")
     if not equals and not key.startswith(("~", "-")):
         raise ValueError(f"settings are given as key=value; got {override!r}.")

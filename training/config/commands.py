@@ -1,4 +1,5 @@
-"""How every command reports an error: one sentence on its own line; a sweep lists what failed."""
+"""How every command reports an error: one sentence on its own line; a sweep lists its failed
+jobs."""
 
 from __future__ import annotations
 

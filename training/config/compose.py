@@ -1,4 +1,5 @@
-"""What Hydra composes: the settings, the data sets and the recipes; and what --help prints."""
+"""The configurations that Hydra composes, of settings, data sets and recipes; and the text of
+--help."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ PUBLISHED = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
 
 @dataclass
 class Data:
-    """Which images, of what size, and how many."""
+    """The images, their size and their numbers."""
 
     name: str = setting(MISSING, "signs, cifar10, cifar100, gtsrb or folder")
     root: str | None = setting(

@@ -56,7 +56,7 @@ def check(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
 
 
 def _facts_of(key: str) -> list[Facts]:
-    """Return what is known of the setting of a key, or of those that start with it."""
+    """Return the facts on the setting of a key, or on those that start with it."""
     return [
         one.facts
         for name, one in settings_of(ReattackConfig).items()
@@ -81,7 +81,7 @@ def keys(overrides: Sequence[str]) -> list[str]:
 def merge_run_settings(
     run_cfg: Config, cfg: ReattackConfig, overrides: Sequence[str]
 ) -> ReattackConfig:
-    """Return a re-attack's settings: those of the run, except for what the command line gives.
+    """Return a re-attack's settings: those of the run, except for those of the command line.
 
     Options that make a command import, fetch or start something come from the command line alone.
 

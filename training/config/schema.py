@@ -1,4 +1,4 @@
-"""Every setting of a classifier's run, and of an attack on it; `recipes/` holds what differs.
+"""Every setting of a classifier's run, and of an attack on it; `recipes/` holds differences.
 
 Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 """

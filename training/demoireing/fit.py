@@ -49,7 +49,7 @@ Metrics = dict[str, Any]
 
 
 def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
-    """Train, test and report a run, or what is left of it; return its metrics.
+    """Train, test and report a run, or the rest of it; return its metrics.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.

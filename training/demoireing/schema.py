@@ -20,7 +20,7 @@ UNSEEN_SCENES = ("phone_at_television", "webcam_at_phone", "phone_at_led_wall")
 
 @dataclass
 class Pictures:
-    """What is photographed."""
+    """The pictures that are photographed."""
 
     root: str | None = setting(
         None,
@@ -41,7 +41,7 @@ class Pictures:
 
 @dataclass
 class Demoire:
-    """What the network is, and what it learns."""
+    """The network and its target."""
 
     target: str = setting(
         "twin",
@@ -80,7 +80,7 @@ class Train:
 
 @dataclass
 class TestPairs:
-    """What the trained network is tested on."""
+    """The pairs that test the trained network."""
 
     size: int = setting(256, "side of the pairs", bounds=SIZE_RANGE)
     unseen: list[str] = setting(

@@ -119,7 +119,7 @@ class Control(NamedTuple):
         return list(bounds(value)) if self.kind == "range" else [value]
 
     def value(self, values: Sequence[Any]) -> Any:
-        """Return the field's value from what this control shows; the ends of a range may come in
+        """Return the field's value from the values of this control; the ends of a range may come in
         either order.
 
         Raises:

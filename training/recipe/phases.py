@@ -74,7 +74,7 @@ def plain_run(run: Run[Config], splits: Splits, start: Metrics | None, *, role: 
 
     Args:
         start: metrics of the run whose weights it starts from, if any.
-        role: "start" or "baseline", for what is printed.
+        role: "start" or "baseline", for the messages.
     """
     with run.locked():
         if reason := damage(run) or weights_difference(run) or data_difference(run, splits):

@@ -18,7 +18,7 @@ from training.system.files import free_name, make_folder, read_json, read_metric
 from training.system.locks import locked
 from training.system.processes import is_first
 
-PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: what the others are compared with
+PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: the others are compared with them
 Settings = TypeVar("Settings", bound=RunConfig)
 
 

@@ -26,8 +26,8 @@ class LineStream:
 
 
 def use_legible_output() -> None:
-    """Have standard output and error print what their encoding lacks legibly, so that no command
-    ends in a UnicodeEncodeError after its work is done."""
+    """Have standard output and error print legibly the characters that their encoding lacks, so
+    that no command ends in a UnicodeEncodeError after its work is done."""
     for stream in (sys.stdout, sys.stderr):
         use_legible(stream)
 
