@@ -23,7 +23,7 @@ from moireaug import Scene, capture
 from moireaug.evaluation.statistics import wilson
 from moireaug.mixtures import Mixture, sample_one
 from moireaug.synthesis import without_moire
-from training.calibration.pairs import Shown
+from training.calibration.pairs import ScreenPhoto
 from training.models import classifiers as models
 
 CLASSES = 1000  # of ImageNet
@@ -75,7 +75,7 @@ def read_classifiers(folder: Path) -> dict[str, nn.Module]:
 @torch.no_grad()
 def answers_kept(
     classifiers: Mapping[str, nn.Module],
-    pairs: Iterable[Shown],
+    pairs: Iterable[ScreenPhoto],
     chosen: Mapping[str, Scene | Mixture],
     sizes: Sizes,
 ) -> Answers:
@@ -157,7 +157,7 @@ def phi_coefficient(ours: Sequence[bool], theirs: Sequence[bool]) -> float | Non
 
 def agree(
     classifiers: Mapping[str, nn.Module],
-    pairs: Iterable[Shown],
+    pairs: Iterable[ScreenPhoto],
     chosen: Mapping[str, Scene | Mixture],
     sizes: Sizes,
 ) -> list[dict[str, Any]]:

@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader
 from moireaug import Scene
 from moireaug.synthesis import Pairs
 from moireaug.synthesis.tone import ColourMap, psnr
-from training.calibration.pairs import Shown
+from training.calibration.pairs import ScreenPhoto
 
 TARGETS = ("twin", "original")
 MULTIPLE = 16  # pixels: the network halves a picture four times
@@ -107,7 +107,9 @@ def train(scene: Scene, images: Path, target: str, effort: Effort, seed: int = 0
 
 
 @torch.no_grad()
-def cleaned(network: nn.Module, pairs: Iterable[Shown], shown: int) -> list[dict[str, float | str]]:
+def cleaned(
+    network: nn.Module, pairs: Iterable[ScreenPhoto], shown: int
+) -> list[dict[str, float | str]]:
     """Return a row for every real pair: PSNR in dB of the photo before and after the network, raw
     and after the best global colour map onto the original, fitted to each of the two."""
     rows: list[dict[str, float | str]] = []

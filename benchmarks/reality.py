@@ -43,8 +43,14 @@ from benchmarks import agreement, cleaned, measure, told_apart
 from moireaug import Scene
 from moireaug.evaluation.report.terminal import plain
 from moireaug.synthesis.tone import ColourMap
-from training.calibration.compare import distance, lines, measured, said
-from training.calibration.pairs import Crops, cut, find_pairs, photographed, read_pairs
+from training.calibration.compare import (
+    compare_statistics,
+    mean_distance,
+    measure_crops,
+    terminal_parts,
+)
+from training.calibration.crops import Crops, cut_crops, photograph_crops
+from training.calibration.pairs import find_pairs, read_pairs
 from training.config import scenes
 
 FULL: dict[str, Any] = {
@@ -74,7 +80,7 @@ PARTS = (*OF_CROPS, *READ)
 
 def simulated(scene: Scene, crops: Crops, shots: int) -> Tensor:
     """Return `shots` photos of every crop, (shots, N, 3, S, S) uint8."""
-    return torch.stack([photographed(scene, crops.originals, seed) for seed in range(shots)])
+    return torch.stack([photograph_crops(scene, crops.originals, seed) for seed in range(shots)])
 
 
 def one_tone(photos: Tensor, originals: Tensor) -> Tensor:
@@ -87,14 +93,14 @@ def one_tone(photos: Tensor, originals: Tensor) -> Tensor:
 
 def statistics(crops: Crops, photos: dict[str, Tensor]) -> dict[str, Any]:
     """Return every scene's statistics beside those of the real photos."""
-    real = measured(crops.photos, crops.originals)
+    real = measure_crops(crops.photos, crops.originals)
     found = {}
     for name, shots in photos.items():
-        table = lines(real, measured(shots[0], crops.originals))
-        told = plain(said(table, name))
+        table = compare_statistics(real, measure_crops(shots[0], crops.originals))
+        told = plain(terminal_parts(table, name))
         print(f"Statistics of {name}, {len(real)} crops\n{told}\n", flush=True)
         rows = [line.to_dict() for line in table]
-        found[name] = {"distance": distance(table), "rows": rows}
+        found[name] = {"distance": mean_distance(table), "rows": rows}
     return found
 
 
@@ -209,7 +215,7 @@ def main() -> None:
             )
         crops = None
         if set(OF_CROPS) & set(parts):
-            crops = cut(read_pairs(pairs), settings["side"], settings["each"])
+            crops = cut_crops(read_pairs(pairs), settings["side"], settings["each"])
         classifiers = None
         if "agreement" in parts and args.classifiers:
             classifiers = agreement.read_classifiers(args.classifiers)

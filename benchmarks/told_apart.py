@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug.evaluation.statistics import t_interval
-from training.calibration.pairs import Crops
+from training.calibration.crops import Crops
 
 DETAIL = (3,)  # sigmas, pixels
 

@@ -31,7 +31,7 @@ from benchmarks import measure
 from benchmarks.problems import images
 from training.classifier.adversaries import passes
 from training.classifier.train import classifier_of
-from training.classifier.tuning import make_optimizer, tuning
+from training.classifier.tuning import make_optimizer, tuning_of
 from training.config.schema import RECIPES, Config, as_config
 from training.data.batches import Batches
 from training.data.load import load
@@ -159,7 +159,7 @@ def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
     torch.manual_seed(0)
     model = classifier_of(cfg, 16)
     model._strength, model.log = (lambda: 1.0), (lambda *args, **kwargs: None)  # type: ignore[method-assign]
-    chosen = tuning(cfg.train, fine=side > SMALL)
+    chosen = tuning_of(cfg.train, fine=side > SMALL)
     optimizer = make_optimizer(model.parameters(), chosen, cfg.train.momentum)
     shown = (images("photo", batch, side) * 255).to(torch.uint8)
     labels = torch.arange(batch) % 16

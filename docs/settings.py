@@ -12,9 +12,9 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 
 from training import calibrate, synthesise
-from training.config.compose import allowed
+from training.config.compose import allowed_values
 from training.config.schema import Config, ReattackConfig
-from training.config.settings import settings_of, written
+from training.config.settings import as_argument, settings_of
 from training.demoireing import clean
 from training.demoireing.schema import DemoireConfig
 
@@ -43,7 +43,8 @@ def page() -> str:
         rows = []
         for one in settings_of(schema).values():
             key = one.key.removesuffix(".name")  # a group is chosen by its own name
-            row = f"| `{key}` | `{written(one.default)}` | {one.facts.help}{allowed(one)} |"
+            description = f"{one.facts.help}{allowed_values(one)}"
+            row = f"| `{key}` | `{as_argument(one.default)}` | {description} |"
             if schema is ReattackConfig and described.get(key) == row:
                 continue
             described[key] = row

@@ -180,7 +180,7 @@ PATHS = {
     "tiles": lambda: tiled(torch.square, IMAGES, 16, 8),
     "signs": trained,
     "side of a model's images": lambda: models.check_side(MODEL, "small", 16),
-    "split": lambda: splits.take(range(20), 5).indices,
+    "split": lambda: splits.random_subset(range(20), 5).indices,
     "gains": lambda: results.gains({"clean": "1101"}, {"clean": "0111"}),
 }
 for name in SCENES:

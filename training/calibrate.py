@@ -38,23 +38,27 @@ from moireaug.files import write_bytes, write_text
 from moireaug.synthesis.pairs import check_aligned
 from moireaug.synthesis.statistics import MIN_CROP_SIDE
 from training.calibration import fit
-from training.calibration.compare import Line, lines, measured, said
-from training.calibration.page import blocks, by_crop, page
+from training.calibration.compare import (
+    StatisticRow,
+    compare_statistics,
+    measure_crops,
+    terminal_parts,
+)
+from training.calibration.crops import cut_crops, photograph_crops
+from training.calibration.page import crop_table, example_blocks, page
 from training.calibration.pairs import (
-    Shown,
-    cut,
+    ScreenPhoto,
     find_images,
     find_pairs,
-    photographed,
     read_codes,
     read_pairs,
-    registered,
+    read_registered,
 )
 from training.calibration.plot import draw
 from training.config import scenes
 from training.config.plain import parse
 from training.config.settings import setting
-from training.runs.run import fingerprint_of
+from training.runs.identity import fingerprint_of
 from training.system.files import free_name, make_folder
 
 EXAMPLE = "python training/calibrate.py pairs=FILE.csv scene=screen_photo"
@@ -77,7 +81,7 @@ class Config:
     seconds: float = setting(900.0, "of the fit, at most", bounds=(0, None))
 
 
-def calibrate(cfg: Config) -> list[Line]:
+def calibrate(cfg: Config) -> list[StatisticRow]:
     """Measure, fit if asked to, write and print; return the table.
 
     Raises:
@@ -89,12 +93,12 @@ def calibrate(cfg: Config) -> list[Line]:
         check_aligned(scene)
     out = Path(cfg.out) if cfg.out else folder_of(cfg, scene)
     make_folder(out, "out=DIR")
-    crops = cut(pictures_of(cfg), cfg.size, cfg.crops, cfg.seed)
-    real = measured(crops.photos, crops.originals)
+    crops = cut_crops(pictures_of(cfg), cfg.size, cfg.crops, cfg.seed)
+    real = measure_crops(crops.photos, crops.originals)
     fitted = None
     if cfg.fit:
         fitted = fit.fit(scene, crops, real, cfg.evaluations, cfg.seconds, cfg.seed, print)
-        print(f"fit: {fitted.said()}")
+        print(f"fit: {fitted.sentence()}")
         if fitted.scene is not scene:
             scene, name = fitted.scene, f"{name}, fitted"
             write_scene(out / "scene.yaml", scene)
@@ -102,18 +106,18 @@ def calibrate(cfg: Config) -> list[Line]:
             write_scene(out / "scene.yaml", scene)
     simulated = theirs = None
     if crops.originals is not None:
-        simulated = photographed(scene, crops.originals, cfg.seed)
-        theirs = measured(simulated, crops.originals)
-    found = lines(real, theirs)
-    plot = draw(found, name)
+        simulated = photograph_crops(scene, crops.originals, cfg.seed)
+        theirs = measure_crops(simulated, crops.originals)
+    table = compare_statistics(real, theirs)
+    plot = draw(table, name)
     write_bytes(out / "statistics.png", plot)
-    write_text(out / "statistics.csv", pd.DataFrame([line.to_dict() for line in found]).to_csv())
-    write_text(out / "crops.csv", by_crop(crops, real, theirs).to_csv(index=False))
-    examples = blocks(crops, simulated, name)
-    write_text(out / "report.html", page(found, crops, scene, name, plot, examples, fitted))
-    show(said(found, name))
+    write_text(out / "statistics.csv", pd.DataFrame([row.to_dict() for row in table]).to_csv())
+    write_text(out / "crops.csv", crop_table(crops, real, theirs).to_csv(index=False))
+    examples = example_blocks(crops, simulated, name)
+    write_text(out / "report.html", page(table, crops, scene, name, plot, examples, fitted))
+    show(terminal_parts(table, name))
     print(f"Written: {out / 'report.html'}")
-    return found
+    return table
 
 
 def folder_of(cfg: Config, scene: Scene) -> Path:
@@ -121,8 +125,8 @@ def folder_of(cfg: Config, scene: Scene) -> Path:
     names get another folder."""
     photos = Path(str(cfg.pairs or cfg.photos)).resolve()
     picture = str(Path(cfg.picture).resolve()) if cfg.picture else None
-    told = {"photos": str(photos), "picture": picture, "scene": scene.to_dict()}
-    name = f"{photos.name}-{Path(cfg.scene).stem}-{fingerprint_of(told)[:6]}"
+    identity = {"photos": str(photos), "picture": picture, "scene": scene.to_dict()}
+    name = f"{photos.name}-{Path(cfg.scene).stem}-{fingerprint_of(identity)[:6]}"
     return Path("runs") / "calibrate" / name
 
 
@@ -144,7 +148,7 @@ def check(cfg: Config) -> None:
         )
 
 
-def pictures_of(cfg: Config) -> Iterator[Shown]:
+def pictures_of(cfg: Config) -> Iterator[ScreenPhoto]:
     """Yield the photos with their originals, as far as these are known."""
     if cfg.pairs:
         yield from read_pairs(find_pairs(Path(cfg.pairs)))
@@ -153,10 +157,10 @@ def pictures_of(cfg: Config) -> Iterator[Shown]:
     if not photos:
         raise ValueError(f"no images in {cfg.photos}: pass photos=DIR of a folder with some.")
     if cfg.picture:
-        yield from registered(photos, Path(cfg.picture))
+        yield from read_registered(photos, Path(cfg.picture))
         return
     for path in photos:
-        yield Shown(path.stem, read_codes(path), None)
+        yield ScreenPhoto(path.stem, read_codes(path), None)
 
 
 def write_scene(path: Path, scene: Scene) -> None:

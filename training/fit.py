@@ -34,31 +34,27 @@ from omegaconf import DictConfig
 from training.attack.protocol import check_attack
 from training.classifier import adversaries
 from training.config import commands, scenes
-from training.config.compose import WITH_RECIPE, register
+from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import Adversary, Config, as_config
 from training.config.settings import with_absolute_paths
 from training.data.load import load, require_training_images
 from training.models.classifiers import require_known
 from training.recipe.phases import complete, plain_runs, report_finished
-from training.runs.resume import (
-    is_unreported,
-    require_resumable,
-    require_same_data,
-    require_same_weights,
-)
+from training.runs.resume import require_resumable, require_same_data, require_same_weights
+from training.runs.reuse import is_unreported
 from training.runs.run import PLAIN_RECIPES, Run, baseline_of, start_of
 from training.system.processes import is_first
 
 
 def fit(cfg: DictConfig | Config) -> dict[str, Any]:
-    """Train and report a run and those it is compared with, or what is left; return its metrics.
+    """Train and report a run and those it is compared with, or the rest of it; return its metrics.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_model`.
     """
     cfg = with_absolute_paths(as_config(cfg))
-    cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
+    cfg = replace(cfg, scene=scenes.inline_files(cfg.scene))
     check(cfg)
     run = Run(cfg)
     with run.locked():
@@ -70,12 +66,12 @@ def fit(cfg: DictConfig | Config) -> dict[str, Any]:
             require_resumable(run, start_of(run), baseline_of(run))
         from training.classifier.train import try_out  # Lightning, which takes seconds to import
 
-        began = time.perf_counter()
+        start_time = time.perf_counter()
         splits = load(cfg.data)
         if cfg.resume is not False:
             require_same_data(run, splits)
         try_out(run, splits)
-        seconds = {"data": time.perf_counter() - began}
+        seconds = {"data": time.perf_counter() - start_time}
         start, baseline = plain_runs(run, splits)
         return complete(run, splits, start, baseline, seconds)
 
@@ -104,10 +100,10 @@ def check(cfg: Config) -> None:
 @hydra.main(version_base="1.3", config_path=None, config_name="fit")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.sentences(kept="Every complete epoch is kept"):
+    with commands.report_errors(kept_work="Every complete epoch is kept"):
         fit(cfg)
 
 
-register("fit", Config, WITH_RECIPE, __doc__)
+register("fit", Config, RECIPE_GROUPS, __doc__)
 if __name__ == "__main__":
     commands.run(main, Config)

@@ -26,33 +26,33 @@ from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
 from training.comparison.plot import draw
 from training.comparison.points import read
-from training.comparison.summaries import Recipe, summarise
+from training.comparison.summaries import RecipeSummary, summarise
 from training.comparison.table import caption, markdown, plain_values, terminal_parts
 from training.system.messages import use_legible_output
 
 
-def frontier(root: Path, out: Path) -> list[Recipe]:
-    """Gather, write and print; returns the recipes, cheapest first.
+def frontier(root: Path, out: Path) -> list[RecipeSummary]:
+    """Read a folder of runs, and write and print its table; return the recipes, cheapest first.
 
     Raises:
         ValueError: runs that are missing or cannot be compared.
     """
-    found = read(root)
-    recipes = summarise(found.points)
-    lines = [point.to_dict() for point in found.points]
-    whole = {
-        "points": lines,
-        "shared": found.shared,
-        "commands": found.commands,
-        "warnings": found.warnings,
+    table = read(root)
+    recipes = summarise(table.points)
+    rows = [point.to_dict() for point in table.points]
+    values = {
+        "points": rows,
+        "shared": table.shared,
+        "commands": table.commands,
+        "warnings": table.warnings,
         "recipes": [plain_values(recipe) for recipe in recipes],
-        "caption": caption(recipes, found.shared),
+        "caption": caption(recipes, table.shared),
     }
-    write_bytes(out / "frontier.png", draw(recipes, found.shared))
-    write_text(out / "frontier.csv", pd.DataFrame(lines).to_csv(index=False))
-    write_text(out / "frontier.md", markdown(recipes, found))
-    write_text(out / "frontier.json", json.dumps(whole, indent=1))
-    show(terminal_parts(recipes, found))
+    write_bytes(out / "frontier.png", draw(recipes, table.shared))
+    write_text(out / "frontier.csv", pd.DataFrame(rows).to_csv(index=False))
+    write_text(out / "frontier.md", markdown(recipes, table))
+    write_text(out / "frontier.json", json.dumps(values, indent=1))
+    show(terminal_parts(recipes, table))
     print(f"Written: {out / 'frontier.md'}")
     return recipes
 

@@ -33,17 +33,17 @@ from omegaconf import DictConfig
 
 from moireaug.evaluation import GROUPS, SUITES
 from moireaug.scene.fields import one_of
-from training.attack.protocol import Attacked, Protocol, attack, check_attack
-from training.attack.results import compare, describe, publish, publish_suite
+from training.attack.protocol import AttackResult, attack, attack_run, check_attack
+from training.attack.results import ladder_metrics, publish, publish_suite, run_metrics
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suites import attack_by_suite
 from training.config import commands, overrides, scenes
-from training.config.compose import WITH_DATA, register
+from training.config.compose import DATA_GROUPS, register
 from training.config.schema import ReattackConfig, as_config
 from training.config.settings import with_absolute_paths
-from training.runs.resume import baseline_beside
+from training.runs.reuse import read_baseline_of
 from training.runs.run import locked_folder
-from training.runs.trained import TrainedRun, read, training_cost
+from training.runs.trained import TrainedRun, read, read_training_cost
 
 Metrics = dict[str, Any]
 
@@ -53,23 +53,23 @@ def reattack(cfg: DictConfig | ReattackConfig, given: list[str]) -> Metrics:
 
     Args:
         cfg: the composed configuration.
-        given: the overrides on the command line, which take precedence over a run's own settings.
+        given: overrides of the command line, which take precedence over a run's own settings.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.
     """
-    own = as_config(cfg)
-    if not isinstance(own, ReattackConfig):
-        raise TypeError(f"a re-attack needs a ReattackConfig; got a {type(own).__name__}.")
-    own = replace(with_absolute_paths(own), scene=scenes.inlined(own.scene))
-    overrides.check(own, given)
-    if own.run is None:
-        check(own)
-        return attack_subject(own, subject_of_weights(own), None)
-    run = read(Path(own.run))
-    own = overrides.onto(run.cfg, own, given)
-    check(own)
-    return attack_subject(own, subject_of_run(own, run), run)
+    config = as_config(cfg)
+    if not isinstance(config, ReattackConfig):
+        raise TypeError(f"a re-attack needs a ReattackConfig; got a {type(config).__name__}.")
+    config = replace(with_absolute_paths(config), scene=scenes.inline_files(config.scene))
+    overrides.check(config, given)
+    if config.run is None:
+        check(config)
+        return attack_subject(config, subject_of_weights(config), None)
+    run = read(Path(config.run))
+    config = overrides.merge_run_settings(run.cfg, config, given)
+    check(config)
+    return attack_subject(config, subject_of_run(config, run), run)
 
 
 def check(cfg: ReattackConfig) -> None:
@@ -87,41 +87,42 @@ def attack_subject(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None
     with locked_folder(subject.folder):
         if cfg.suite == "ladder":
             return attack_by_ladder(cfg, subject, run)
-        attacked = attack_by_suite(cfg, subject)
-        return publish_suite(cfg, subject, attacked) if attacked else {}
+        result = attack_by_suite(cfg, subject)
+        return publish_suite(cfg, subject, result) if result else {}
 
 
 def attack_by_ladder(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None) -> Metrics:
     """Attack a classifier, and the baseline of its run, with the ladder; publish the results."""
     protocol, splits = subject.protocol, subject.splits
-    own = attack(subject.model, protocol, subject.records, subject.name)
-    results, baseline, train = {subject.name: own}, None, None
+    result = attack(subject.model, protocol, subject.records, subject.name)
+    results = {subject.name: result}
+    train = baseline = None
     if run:
-        train = training_cost(run.folder)
-        if other := baseline_beside(run):
-            other.check_classes(splits, cfg.data)
-            baseline, results[other.cfg.recipe] = attack_baseline(other, protocol)
-    metrics = compare(cfg, describe(own), train, None, baseline)
-    seconds = {**subject.seconds, **own.seconds}
+        train = read_training_cost(run.folder)
+        if baseline_run := read_baseline_of(run):
+            baseline_run.check_classes(splits, cfg.data)
+            baseline_result = attack_run(baseline_run, protocol)
+            results[baseline_run.cfg.recipe] = baseline_result
+            baseline = baseline_metrics(baseline_run, baseline_result)
+    metrics = run_metrics(cfg, ladder_metrics(result), train, None, baseline)
+    seconds = {**subject.seconds, **result.seconds}
     return publish(subject.folder, metrics, results, splits.classes, seconds)
 
 
-def attack_baseline(run: TrainedRun, protocol: Protocol) -> tuple[Metrics, Attacked]:
-    """Attack the baseline of a run in the same way; return its metrics and results."""
+def baseline_metrics(run: TrainedRun, result: AttackResult) -> Metrics:
+    """Return the metrics of a baseline: those of its settings, its training and its ladder."""
     cfg = run.cfg
-    attacked = attack(run.model(), protocol, run.folder / "records", cfg.recipe, check=False)
-    known = {"recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model}
-    known["train"] = training_cost(run.folder)
-    return known | describe(attacked), attacked
+    settings = {"recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model}
+    return settings | {"train": read_training_cost(run.folder)} | ladder_metrics(result)
 
 
 @hydra.main(version_base="1.3", config_path=None, config_name="reattack")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.sentences(kept="Every record is kept"):
+    with commands.report_errors(kept_work="Every record is kept"):
         reattack(cfg, list(HydraConfig.get().overrides.task))
 
 
-register("reattack", ReattackConfig, WITH_DATA, __doc__)
+register("reattack", ReattackConfig, DATA_GROUPS, __doc__)
 if __name__ == "__main__":
     commands.run(main, ReattackConfig)

@@ -43,7 +43,7 @@ from training.system.messages import counted, sentence
 
 EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
 
-LOST = (
+LOST_WORKER = (
     "a worker process was lost: it was killed, or ran out of memory. Every whole file is kept, and "
     "the same command continues; with fewer workers=N it needs less memory."
 )
@@ -79,7 +79,7 @@ def check(cfg: Config) -> None:
 
 
 def settings_of(cfg: Config, pairs: Pairs) -> dict[str, Any]:
-    """Return all that the files depend on, as plain values."""
+    """Return the settings that the files depend on, as plain values."""
     settings = {
         "n": cfg.n,
         "scene": pairs.scene.to_dict(),
@@ -105,33 +105,35 @@ def synthesise(cfg: Config) -> None:
     share = share_of(cfg.shard)
     scene = scenes.load(cfg.scene)
     pairs = Pairs(cfg.images, scene, cfg.size, twin=cfg.twin, seed=cfg.seed, n=cfg.n)
-    found = PairSet(Path(cfg.out), cfg.n, cfg.per_shard, FORMATS[cfg.format].suffix)
-    claim(found.folder, settings_of(cfg, pairs))
-    busy = f"another command is at work on shard={cfg.shard} of {found.folder}: wait for it."
-    with locked(found.folder / f".shard-{share.mark}.lock", busy):
-        for stale in found.folder.glob(f".*.{share.mark}.*.tmp"):  # of a command that was killed
+    pair_set = PairSet(Path(cfg.out), cfg.n, cfg.per_shard, FORMATS[cfg.format].suffix)
+    claim(pair_set.folder, settings_of(cfg, pairs))
+    busy = f"another command is at work on shard={cfg.shard} of {pair_set.folder}: wait for it."
+    with locked(pair_set.folder / f".shard-{share.label}.lock", busy):
+        # of a command that was killed
+        for stale in pair_set.folder.glob(f".*.{share.label}.*.tmp"):
             remove(stale)
         try:
-            make(cfg, pairs, found, share)
+            make(cfg, pairs, pair_set, share)
         except NoPictureError:  # other settings may use the folder
-            release(found.folder)
+            release(pair_set.folder)
             raise
     others = pairs.pictures.others
     if others:
         print(
             f"Files in {cfg.images} that are not pictures by their names: {len(others)}, "
-            f"{_some(others)}."
+            f"{_first_five(others)}."
         )
-    left, whole = len(found.missing(Share(0, 1))), len(found.numbers(Share(0, 1)))
-    pairs_there = sum(len(found.pairs(number)) for number in found.numbers(Share(0, 1)))
-    if left:
-        print(f"{found.folder} holds {whole - left} of its {counted(whole, 'file')}.")
+    everything = Share(0, 1)
+    files, missing = pair_set.numbers(everything), pair_set.missing(everything)
+    file_count = counted(len(files), "file")
+    if missing:
+        print(f"{pair_set.folder} holds {len(files) - len(missing)} of its {file_count}.")
     else:
-        total = counted(pairs_there, "pair")
-        print(f"{found.folder} is complete: {total} in {counted(whole, 'file')}.")
+        pair_count = counted(sum(len(pair_set.pairs(number)) for number in files), "pair")
+        print(f"{pair_set.folder} is complete: {pair_count} in {file_count}.")
 
 
-def _some(names: Sequence[str]) -> str:
+def _first_five(names: Sequence[str]) -> str:
     return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
@@ -150,7 +152,7 @@ def main(argv: Sequence[str]) -> None:
     except RuntimeError as error:
         if not str(error).startswith("DataLoader worker"):
             raise
-        raise SystemExit(f"error: {LOST}") from None
+        raise SystemExit(f"error: {LOST_WORKER}") from None
 
 
 if __name__ == "__main__":

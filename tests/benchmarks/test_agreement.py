@@ -18,7 +18,7 @@ from benchmarks.agreement import (
     phi_coefficient,
 )
 from moireaug import Lens, Panel, Scene, Sensor
-from training.calibration.pairs import Shown
+from training.calibration.pairs import ScreenPhoto
 
 SIZES = Sizes(judged=48, shrunk=(32,))
 SCREEN = Scene(panel=Panel(width=110.0), lens=Lens(blur=0.3), sensor=Sensor(pitch=2.1, gain=3.0))
@@ -47,7 +47,10 @@ def flat(code):
 
 def shown(*pairs):
     """Pairs of flat pictures, by the codes of photo and original."""
-    return [Shown(str(i), flat(photo), flat(original)) for i, (photo, original) in enumerate(pairs)]
+    return [
+        ScreenPhoto(str(i), flat(photo), flat(original))
+        for i, (photo, original) in enumerate(pairs)
+    ]
 
 
 def test_answers_are_those_for_the_simulated_photos():

@@ -14,7 +14,8 @@ from PIL import Image
 
 from benchmarks import cleaned, told_apart
 from moireaug import Scene
-from training.calibration.pairs import Crops, Shown, photographed
+from training.calibration.crops import Crops, photograph_crops
+from training.calibration.pairs import ScreenPhoto
 
 ROOT = Path(__file__).resolve().parents[2]
 EFFORT = told_apart.Effort(steps=80, batch=16, side=32, judged=64)
@@ -32,7 +33,7 @@ def crops_of(photos, n):
 
 def write_pairs(folder, n):
     originals = pictures(n, 96)
-    photos = photographed(Scene.preset("paper_code"), originals)
+    photos = photograph_crops(Scene.preset("paper_code"), originals)
     lines = ["photo,original"]
     for i, (photo, original) in enumerate(zip(photos, originals, strict=True)):
         for kind, picture in (("p", photo), ("o", original)):
@@ -107,7 +108,7 @@ def test_a_discriminator_tells_stripes_but_not_a_photo_from_itself():
 def test_an_untrained_cleaner_changes_nothing():
     original = pictures(1)[0]
     photo = (0.8 * original.float() + 20).to(torch.uint8)
-    shown = [Shown("a", photo, original)]
+    shown = [ScreenPhoto("a", photo, original)]
     row = cleaned.cleaned(cleaned.Cleaner(), shown, 64)[0]
     assert row["after"] == pytest.approx(row["before"], abs=1e-3)
     assert row["after_mapped"] == pytest.approx(row["before_mapped"], abs=0.1)

@@ -14,9 +14,9 @@ from moireaug.evaluation import report
 from moireaug.evaluation.report import page
 from moireaug.synthesis.statistics import STATISTICS
 from training import calibrate
-from training.calibration.compare import lines as compared
-from training.calibration.fit import Fitted
-from training.calibration.pairs import Crops
+from training.calibration.compare import compare_statistics
+from training.calibration.crops import Crops
+from training.calibration.fit import FittedScene
 from training.demoireing import report as demoireing
 from training.demoireing.testing import GroupedPair
 
@@ -210,9 +210,9 @@ def calibration_page(folder, metrics, pictures):
     crops = Crops(pixels, pixels, torch.zeros(1, dtype=torch.int64), ("a",))
     measures = [dict.fromkeys(STATISTICS, 1.0)]
     scene = Scene.preset("paper")
-    fitted = Fitted(scene, scene, 0.5, 0.4, 0.5, 0.3, 10, 2.0, (("panel.scale", 1.0, 2.0),))
-    examples = calibrate.blocks(crops, pixels, "paper")
-    found = compared(measures, measures)
+    fitted = FittedScene(scene, scene, 0.5, 0.4, 0.5, 0.3, 10, 2.0, (("panel.scale", 1.0, 2.0),))
+    examples = calibrate.example_blocks(crops, pixels, "paper")
+    found = compare_statistics(measures, measures)
     return calibrate.page(found, crops, scene, "paper", b"", examples, fitted)
 
 

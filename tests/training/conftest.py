@@ -8,8 +8,8 @@ import torch
 
 from tests.training.frontier_runs import put
 from tests.training.tiny_suites import configured
-from training import reattack
 from training.attack import protocol as attacking
+from training.attack import subject
 from training.attack.protocol import protocol_of
 from training.config.schema import as_config
 from training.data.load import load
@@ -60,5 +60,5 @@ def weights(tmp_path_factory):
 @pytest.fixture
 def nothing_attacked(monkeypatch):
     """No time may be spent."""
-    for module, name in ((attacking.Plan, "run"), (reattack, "load")):
+    for module, name in ((attacking.SuiteAttack, "run"), (subject, "load")):
         monkeypatch.setattr(module, name, lambda *args, **settings: pytest.fail("time was spent"))

@@ -57,7 +57,7 @@ def inside(script, *overrides, cwd):
         contextlib.redirect_stderr(err),
     ):
         patch.setattr(sys, "argv", [str(ROOT / "training" / script), *overrides])
-        patch.setattr(commands, "_failed", [])
+        patch.setattr(commands, "_failed_jobs", [])
         patch.chdir(cwd)
         try:
             commands.run(*MAINS[script])

@@ -11,14 +11,15 @@ from moireaug import Develop, Scene, Sensor, View
 from moireaug.synthesis.statistics import STATISTICS
 from tests.training.screens import PLAIN, picture
 from training import calibrate
-from training.calibration.compare import distance, lines, measured
-from training.calibration.pairs import cut, find_pairs, photographed, read_pairs
+from training.calibration.compare import compare_statistics, mean_distance, measure_crops
+from training.calibration.crops import cut_crops, photograph_crops
+from training.calibration.pairs import find_pairs, read_pairs
 from training.config import scenes
 
 
 def photo_of(scene, shown, seed):
     as_batch = torch.from_numpy(shown).permute(2, 0, 1)[None]
-    return photographed(scene, as_batch, seed)[0].permute(1, 2, 0).numpy()
+    return photograph_crops(scene, as_batch, seed)[0].permute(1, 2, 0).numpy()
 
 
 def table_in(path):
@@ -141,7 +142,7 @@ def test_sources_of_one_name_have_their_own_folders(tmp_path, monkeypatch):
 def test_a_table_of_pairs_is_read_from_its_own_folder(folder, tmp_path):
     table = folder / "pairs.csv"
     table.write_text("photo,original\nphoto/0.png,original/0.png\n")
-    crops = cut(read_pairs(find_pairs(table)), 48, 3)
+    crops = cut_crops(read_pairs(find_pairs(table)), 48, 3)
     assert crops.photos.shape == crops.originals.shape == (3, 3, 48, 48)
     table.write_text("photo,original\nphoto/0.png,original/9.png\n")
     with pytest.raises(ValueError, match=r"original/9\.png, named in .* does not exist"):
@@ -162,12 +163,14 @@ def test_a_table_of_pairs_is_read_from_its_own_folder(folder, tmp_path):
 
 def test_a_scene_is_nearest_to_itself():
     originals = torch.stack([torch.from_numpy(picture(s)).permute(2, 0, 1) for s in range(6)])
-    real = measured(photographed(PLAIN, originals, 1), originals)
-    same = measured(photographed(PLAIN, originals, 2), originals)
+    real = measure_crops(photograph_crops(PLAIN, originals, 1), originals)
+    same = measure_crops(photograph_crops(PLAIN, originals, 2), originals)
     dark = replace(PLAIN, sensor=Sensor(scale=2.0, gain=1.2))
-    other = measured(photographed(dark, originals, 2), originals)
-    assert distance(lines(real, real)) == 0
-    assert distance(lines(real, same)) < 0.75 * distance(lines(real, other))
+    other = measure_crops(photograph_crops(dark, originals, 2), originals)
+    assert mean_distance(compare_statistics(real, real)) == 0
+    assert mean_distance(compare_statistics(real, same)) < 0.75 * mean_distance(
+        compare_statistics(real, other)
+    )
 
 
 def test_pairs_are_matched_within_their_folder(tmp_path):
@@ -197,5 +200,5 @@ def test_photos_are_read_upright_and_hidden_files_skipped(tmp_path):
 
 def test_a_crop_does_not_keep_its_photo(tmp_path):
     photo = torch.zeros(3, 300, 300, dtype=torch.uint8)
-    crops = cut([("a", photo, photo)], 16, 2)
+    crops = cut_crops([("a", photo, photo)], 16, 2)
     assert crops.photos.untyped_storage().nbytes() == 2 * 3 * 16 * 16

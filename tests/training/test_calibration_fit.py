@@ -10,9 +10,11 @@ from moireaug import Lens, Panel, Scene, Sensor
 from tests.training.screens import PLAIN, picture
 from training import calibrate
 from training.calibration import fit as fitting
-from training.calibration.compare import distance, lines, measured
-from training.calibration.fit import Searched, fit
-from training.calibration.pairs import Crops, photographed
+from training.calibration import ranges
+from training.calibration.compare import compare_statistics, mean_distance, measure_crops
+from training.calibration.crops import Crops, photograph_crops
+from training.calibration.fit import fit
+from training.calibration.ranges import SearchedField
 from training.config import scenes
 
 
@@ -24,12 +26,12 @@ def hidden():
     originals = [torch.from_numpy(picture(s, side, side)).permute(2, 0, 1) for s in range(8)]
     crops = torch.stack(originals)
     scene = replace(PLAIN, lens=Lens(blur=(0.7, 0.8)), sensor=Sensor(scale=2.0, gain=(2.9, 3.3)))
-    photos = photographed(scene, crops, 1)
+    photos = photograph_crops(scene, crops, 1)
     found = Crops(photos, crops, torch.arange(8), tuple("abcdefgh"))
-    return found, measured(photos, crops)
+    return found, measure_crops(photos, crops)
 
 
-SEARCHED = (Searched("lens.blur", 0.2, 1.2), Searched("sensor.gain", 1.0, 5.0))
+SEARCHED = (SearchedField("lens.blur", 0.2, 1.2), SearchedField("sensor.gain", 1.0, 5.0))
 START = replace(PLAIN, sensor=Sensor(scale=2.0, gain=(1.6, 2.0)))
 
 
@@ -62,21 +64,21 @@ def test_an_interrupted_fit_keeps_the_best(hidden):
     found = fit(START, crops, real, 1000, math.inf, 0, interrupt, SEARCHED)
     assert found.evaluations < 20
     assert found.after <= found.before
-    assert "evaluations in" in found.said()
+    assert "evaluations in" in found.sentence()
 
 
 def test_a_fit_that_may_not_search_leaves_the_scene(hidden):
     crops, real = hidden
     found = fit(START, crops, real, 1, math.inf, 0, lambda line: None, SEARCHED)
     assert found.scene is START and found.before == found.after
-    assert "found no better ranges: the scene stays as it was" in found.said()
+    assert "found no better ranges: the scene stays as it was" in found.sentence()
 
 
 def test_a_scene_that_overfits_the_search_is_not_taken(monkeypatch, hidden):
     crops, real = hidden
     monkeypatch.setattr(
         fitting,
-        "apart",
+        "distance_to",
         lambda scene, originals, wanted, seed: (
             # better in the search's shots, worse in others
             float(scene.sensor.gain[0]) * (1 if seed == 8 else -1)
@@ -91,11 +93,11 @@ def test_a_scene_that_overfits_the_search_is_not_taken(monkeypatch, hidden):
 def test_every_searched_field_is_a_range_of_a_scene():
     for name in ("screen_photo", "dashcam_at_led_sign", "paper"):
         scene = Scene.preset(name)
-        limits = tuple(fitting._widened(scene, one) for one in fitting.searched_of(scene))
-        again = fitting.decode(scene, limits, fitting.encode(scene, limits))
+        limits = tuple(ranges.widen(scene, one) for one in ranges.fields_to_search(scene))
+        again = ranges.decode(scene, limits, ranges.encode(scene, limits))
         for field, low, high in limits:
             for ours, theirs in zip(
-                fitting.get(again, field), fitting.get(scene, field), strict=True
+                ranges.range_of(again, field), ranges.range_of(scene, field), strict=True
             ):
                 assert ours == pytest.approx(theirs, abs=0.021 * (high - low)), field
 
@@ -111,14 +113,14 @@ def test_a_screen_is_searched_by_its_width_and_pitch():
         (Scene.preset("paper"), ["panel.scale"]),
     ]
     for scene, fields in given:
-        searched = fitting.searched_of(scene)
+        searched = ranges.fields_to_search(scene)
         assert [one.field for one in searched[: len(fields)]] == fields
-        assert searched[len(fields) :] == fitting.SEARCHED
-        limits = tuple(fitting._widened(scene, one) for one in searched)
+        assert searched[len(fields) :] == ranges.CAMERA_FIELDS
+        limits = tuple(ranges.widen(scene, one) for one in searched)
         for share in (0.02, 0.5, 0.98):  # no point of the search is refused for its size
-            point = fitting.encode(scene, limits)
+            point = ranges.encode(scene, limits)
             point[: 2 * len(fields)] = share
-            assert fitting.decode(scene, limits, point) is not None
+            assert ranges.decode(scene, limits, point) is not None
 
 
 def test_a_fit_finds_how_large_a_picture_was_shown():
@@ -127,16 +129,16 @@ def test_a_fit_finds_how_large_a_picture_was_shown():
     screen = replace(PLAIN, sensor=Sensor(pitch=(2.0, 2.1), gain=2.8))
     hidden = replace(screen, panel=Panel(width=(45.0, 50.0)))
     crops = torch.stack(shown)
-    photos = photographed(hidden, crops, 1)
+    photos = photograph_crops(hidden, crops, 1)
     found = fit(
         replace(screen, panel=Panel(width=(14.0, 15.0))),
         Crops(photos, crops, torch.arange(6), tuple("abcdef")),
-        measured(photos, crops),
+        measure_crops(photos, crops),
         48,
         math.inf,
         0,
         lambda line: None,
-        (Searched("panel.width", 10.0, 100.0),),
+        (SearchedField("panel.width", 10.0, 100.0),),
     )
     assert found.searched_after < 0.5 * found.searched_before and found.after < found.before
     assert sum(found.scene.panel.width) / 2 == pytest.approx(47.5, rel=0.2)
@@ -145,12 +147,12 @@ def test_a_fit_finds_how_large_a_picture_was_shown():
 def test_a_fits_distance_is_that_of_the_written_scene(hidden, tmp_path):
     """Narrow ranges, too: as numbers they would draw nothing, and shift all other draws."""
     crops, real = hidden
-    narrow = (Searched("lens.blur", 0.7, 0.8), Searched("sensor.gain", 1.0, 5.0))
+    narrow = (SearchedField("lens.blur", 0.7, 0.8), SearchedField("sensor.gain", 1.0, 5.0))
     start = replace(START, lens=Lens(blur=(0.75, 0.7501)))
     found = fit(start, crops, real, 24, math.inf, 3, lambda line: None, narrow)
     for seed, said in ((3, found.after), (4, found.searched_after)):
-        photos = photographed(found.scene, crops.originals, seed)
-        again = distance(lines(real, measured(photos, crops.originals)))
+        photos = photograph_crops(found.scene, crops.originals, seed)
+        again = mean_distance(compare_statistics(real, measure_crops(photos, crops.originals)))
         assert said == pytest.approx(again, abs=1e-12)
     assert found.after <= found.before
 
@@ -158,7 +160,7 @@ def test_a_fits_distance_is_that_of_the_written_scene(hidden, tmp_path):
 def test_rounding_leaves_every_range_its_width():
     """Without width a range draws nothing, and shifts all other draws."""
     scene = replace(START, lens=Lens(blur=(0.75, 0.7500008)), sensor=Sensor(gain=(1.23456, 2.0)))
-    found = fitting.rounded(scene, SEARCHED)
+    found = ranges.rounded(scene, SEARCHED)
     assert found.lens.blur == (0.75, 0.7500008) and found.sensor.gain == (1.235, 2.0)
 
 

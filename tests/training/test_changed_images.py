@@ -52,14 +52,14 @@ def test_no_run_resumes_from_an_overwritten_weights_file(tmp_path, settings):
     cfg = configured("recipe=clean", *given, f"runs={tmp_path / 'runs'}")
     train_model(Run(cfg), load(cfg.data))
     run = Run(cfg)
-    assert resume.other_weights(run) is None
+    assert resume.weights_difference(run) is None
     torch.save(models.build("small_resnet", 2).state_dict(), weights)
     with pytest.raises(ValueError, match=r"weights\.pt no longer holds the weights that it began"):
         fit.fit(cfg)
     done = inside("fit.py", "recipe=baseline", *given, cwd=tmp_path)
     assert done.returncode == 0 and "The start cannot be reused" in done.stdout, done.stderr
     weights.unlink()  # a finished run needs it no more
-    assert resume.other_weights(run) is None
+    assert resume.weights_difference(run) is None
 
 
 def test_no_run_goes_on_with_other_classes_or_files(tmp_path, settings):
@@ -68,12 +68,12 @@ def test_no_run_goes_on_with_other_classes_or_files(tmp_path, settings):
     cfg = configured("recipe=clean", *settings, f"runs={tmp_path / 'runs'}")
     train_model(Run(cfg), load(cfg.data))
     run = Run(cfg)
-    assert resume.other_data(run, load(cfg.data)) is None
+    assert resume.data_difference(run, load(cfg.data)) is None
     (images / "train/red/0.png").rename(images / "train/red/24.png")
     with pytest.raises(ValueError, match="cannot go on: the files that it was trained on are not"):
         fit.fit(cfg)
     (images / "train/red/24.png").rename(images / "train/red/0.png")
-    assert resume.other_data(run, load(cfg.data)) is None
+    assert resume.data_difference(run, load(cfg.data)) is None
     for half in ("train", "test"):
         (images / half / "blue").rename(images / half / "green")
     with pytest.raises(ValueError, match="cannot go on: it was trained on other classes"):

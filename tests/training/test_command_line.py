@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.training.small import configured
-from training.config.command_line import check_keys, quoted
+from training.config.command_line import check_keys, quote_paths
 from training.config.plain import parse
 from training.config.schema import Config, ReattackConfig
 from training.demoireing import clean
@@ -19,15 +19,15 @@ PATHS = dict(zip(PLAIN, PLAIN, strict=True)) | OTHERS
 
 @pytest.mark.parametrize("given", PATHS)
 def test_a_path_comes_through_hydras_grammar(given):
-    override = quoted([f"data.root={given}"], Config)
-    assert quoted(override, Config) == override, "further processes of a run get it again"
+    override = quote_paths([f"data.root={given}"], Config)
+    assert quote_paths(override, Config) == override, "further processes of a run get it again"
     assert configured("recipe=clean", *override).data.root == PATHS[given]
 
 
 def test_a_sweep_of_paths_stays_one():
     sweep = ["weights=a.pt,b.pt", "runs=runs/${seed}", "-m"]
-    assert quoted(sweep, Config) == sweep
-    assert quoted(["runs=2024_11", *sweep], Config)[0] == "runs='2024_11'"
+    assert quote_paths(sweep, Config) == sweep
+    assert quote_paths(["runs=2024_11", *sweep], Config)[0] == "runs='2024_11'"
 
 
 def test_the_scripts_expand_a_home_too():

@@ -102,7 +102,7 @@ def test_no_command_waits_for_what_it_may_not_need():
 )
 def test_only_the_first_process_speaks(known, variables, first, monkeypatch, capsys):
     """As Lightning says, or its launcher until it is imported."""
-    for name in processes.RANKS:
+    for name in processes.RANK_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
@@ -183,8 +183,8 @@ def test_a_sweep_outlives_failed_jobs_and_lists_them(tmp_path, monkeypatch):
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 def test_an_error_begins_a_line_below_a_progress_bar(stream, monkeypatch):
     out, err = io.StringIO(), io.StringIO()
-    monkeypatch.setattr(sys, "stdout", messages.Lines(out))
-    monkeypatch.setattr(sys, "stderr", messages.Lines(err))
+    monkeypatch.setattr(sys, "stdout", messages.LineStream(out))
+    monkeypatch.setattr(sys, "stderr", messages.LineStream(err))
     messages.complain("error: first")
     assert err.getvalue() == "error: first\n" and not out.getvalue()
     bar = tqdm(total=3, file=getattr(sys, stream), leave=False, mininterval=0)

@@ -10,7 +10,7 @@ from PIL import Image
 
 from tests.training.small import configured
 from training import fit
-from training.config.schema import Data
+from training.config.data_sets import Data
 from training.data import image_sets, signs
 from training.data.load import load, require_training_images
 from training.system.locks import locked
@@ -83,7 +83,7 @@ def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
 
     monkeypatch.setitem(image_sets.SETS, "cifar10", (make, {"train": True}, {"train": False}))
     cfg = Data(name="cifar10", root=str(tmp_path / "new"), size=16, val=1, download=True)
-    assert len(image_sets.published(cfg).train) == 3
+    assert len(image_sets.load_published(cfg).train) == 3
 
 
 def test_a_single_class_is_refused(root, monkeypatch):

@@ -19,12 +19,12 @@ from tests.training.forked import Command
 from tests.training.small import configured, same
 from training.demoireing import fit as demoireing
 from training.demoireing import testing
-from training.demoireing.batches import Numbers
-from training.demoireing.fidelity import fidelity
+from training.demoireing.batches import PairNumbers
+from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.module import Demoireing
-from training.demoireing.pairs import SimulatedPairs, toned
+from training.demoireing.pairs import SimulatedPairs, tone_to
 from training.demoireing.starting import start_as_identity
-from training.demoireing.testing import clean
+from training.demoireing.testing import clean_photo
 from training.runs.run import Run
 from training.system.files import read_checkpoint, read_metrics
 
@@ -155,7 +155,7 @@ def test_a_finished_run_is_shown_and_tested_on_other_pairs(
     assert read_metrics(folder) == found
     with (tmp_path / "pairs.csv").open("a") as table:  # of the same name
         table.write(f"\n{real}/b.png,{real}/b_shown.png")
-    monkeypatch.setattr(testing, "MOST_SHOWN", 1)
+    monkeypatch.setattr(testing, "MAX_REAL_EXAMPLES", 1)
     found = demoireing.fit(configure(f"pairs={tmp_path}", f"runs={folder.parents[2]}"))
     assert {r["n"] for r in found["test"] if r["kind"] == "real"} == {2}
     page = (folder / "report.html").read_text()
@@ -184,8 +184,8 @@ def test_a_network_learns_to_take_stripes_away(monkeypatch):
 def test_an_esdnet_starts_as_the_identity():
     photo = torch.randint(0, 256, (3, 50, 70), dtype=torch.uint8)
     network = demoire.build("esdnet", width=0.25).eval()
-    assert not torch.equal(clean(network, photo), photo)
-    assert start_as_identity(network) and torch.equal(clean(network, photo), photo)
+    assert not torch.equal(clean_photo(network, photo), photo)
+    assert start_as_identity(network) and torch.equal(clean_photo(network, photo), photo)
     images = torch.rand(2, 3, 64, 96)
     for level, found in enumerate(network.outputs(images)):
         wanted = F.avg_pool2d(images, 2**level)
@@ -197,7 +197,7 @@ def test_ranks_and_epochs_share_the_numbers_out():
     drawn = []
     for epoch in range(3):
         for rank in range(2):
-            numbers = Numbers(6, 2, rank)
+            numbers = PairNumbers(6, 2, rank)
             numbers.set_epoch(epoch)
             drawn += list(numbers)
             assert len(numbers) == 3
@@ -222,7 +222,7 @@ def test_a_toned_target_is_the_original_in_the_photos_colours():
     shot = torch.stack([0.4 * red + 0.1 * blue + 20, 0.5 * green + 30, 0.3 * blue + 60])
     stripes = 10 * torch.tensor([1.0, -1.0]).repeat(80)
     photo = (shot + stripes).clamp(0, 255).round().to(torch.uint8)
-    assert (toned(original, photo).float() - shot).abs().max() < 3
+    assert (tone_to(original, photo).float() - shot).abs().max() < 3
     # negative control: the photo's own stripes are far off
     assert (photo.float() - shot).abs().mean() > 8
 
@@ -230,7 +230,7 @@ def test_a_toned_target_is_the_original_in_the_photos_colours():
 def test_fidelity_is_that_of_the_textbook():
     wanted = torch.full((3, 40, 40), 0.5)
     wanted[:, ::2] = 0.25
-    found = fidelity(wanted + 0.1, wanted)
+    found = fidelity_scores(wanted + 0.1, wanted)
     assert found["psnr"] == pytest.approx(20, abs=1e-4) and found["mapped_psnr"] > 45
     assert float(psnr(wanted[None], wanted[None])) == pytest.approx(100)
     assert float(ssim(wanted[None], wanted[None])) == pytest.approx(1)

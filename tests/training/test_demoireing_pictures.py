@@ -14,7 +14,7 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 def test_pictures_that_test_are_not_trained_on(tmp_path):
     put(tmp_path, sizes=[(64, 64)] * 23)
-    cfg = configure("data=folder", f"data.root={tmp_path}")
+    cfg = configure(f"data.root={tmp_path}")
     splits = pictures.load(cfg)
     names = [set(part.names) for part in splits]
     assert [len(part) for part in names] == [19, 2, 2]
@@ -31,7 +31,7 @@ def test_one_picture_of_each_part_is_enough(tmp_path, named, fewest):
     """What lies in test/ is not taken from train/."""
     for name in named:
         (tmp_path / name).mkdir()
-    cfg = configure("data=folder", f"data.root={tmp_path}")
+    cfg = configure(f"data.root={tmp_path}")
     Image.new("RGB", (64, 64)).save(tmp_path / named[1] / "0.png")
     held = fewest if named[0] == "train" else fewest - 1
     for number in range(held - 1):
@@ -44,7 +44,7 @@ def test_one_picture_of_each_part_is_enough(tmp_path, named, fewest):
 
 def test_pictures_that_are_too_small_are_refused_before_training(tmp_path):
     put(tmp_path / "pictures", sizes=[(60, 60)] * 12)
-    given = ("data=folder", f"data.root={tmp_path / 'pictures'}", f"runs={tmp_path / 'runs'}")
+    given = (f"data.root={tmp_path / 'pictures'}", f"runs={tmp_path / 'runs'}")
     with pytest.raises(ValueError, match=r"no pictures to test on: .* Pass a smaller test.size=N"):
         demoireing.fit(configure(*given, "test.size=64"))
     assert not list(tmp_path.rglob("*.ckpt"))
@@ -53,8 +53,8 @@ def test_pictures_that_are_too_small_are_refused_before_training(tmp_path):
 def test_a_folder_that_has_changed_tests_no_run(tmp_path):
     """The split is another: pictures that it was trained on could test it."""
     put(tmp_path / "pictures", sizes=[(64, 64)] * 23)
-    cfg = configure("data=folder", f"data.root={tmp_path / 'pictures'}")
-    pictures.keep(tmp_path, pictures.load(cfg))
+    cfg = configure(f"data.root={tmp_path / 'pictures'}")
+    pictures.write_names(tmp_path, pictures.load(cfg))
     pictures.require_same(tmp_path, pictures.load(cfg))
     first = tmp_path / "pictures/class0/0.png"
     Image.open(first).save(tmp_path / "pictures/another.png")
@@ -62,5 +62,5 @@ def test_a_folder_that_has_changed_tests_no_run(tmp_path):
         pictures.require_same(tmp_path, pictures.load(cfg))
     pictures.require_same(tmp_path / "new", pictures.load(cfg))
     drawn = pictures.load(configure())
-    pictures.keep(tmp_path / "signs", drawn)  # there is nothing to keep
+    pictures.write_names(tmp_path / "signs", drawn)  # there is nothing to keep
     assert not (tmp_path / "signs").exists()

@@ -67,7 +67,7 @@ def test_the_test_runs_where_it_is_said_to(tmp_path, monkeypatch):
     cfg = configured(*FEW, f"runs={tmp_path}", name="demoire")
     network, devices = demoire.build("esdnet", width=0.25), []
     monkeypatch.setattr(machine, "device", lambda accelerator: torch.device("meta"))
-    monkeypatch.setattr(demoireing, "test", lambda net, *_: devices.append(net) or 1 / 0)
+    monkeypatch.setattr(demoireing, "test_network", lambda net, *_: devices.append(net) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         demoireing.test_and_report(Run(cfg), network, {}, None)
     assert next(devices[0].parameters()).device.type == "meta"

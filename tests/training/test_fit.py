@@ -17,12 +17,12 @@ from tests.training.small import (
     start_config,
 )
 from training import fit
-from training.attack.results import compare
+from training.attack.results import run_metrics
 from training.classifier.train import train_model
 from training.data import signs
 from training.data.load import load
 from training.recipe import phases
-from training.runs import resume, trained
+from training.runs import reuse, trained
 from training.runs.run import Run
 from training.system import machine
 from training.system.files import read_metrics
@@ -41,11 +41,11 @@ def whole(tmp_path_factory):
 
 def test_a_run_leaves_what_it_promises(whole):
     cwd, done = whole
-    trained = {"metrics.json", "best.ckpt", "last.ckpt", "config.yaml"}
+    plain_files = {"metrics.json", "best.ckpt", "last.ckpt", "config.yaml"}
     for recipe, files in (
-        ("clean", trained),
-        ("baseline", trained | {"records"}),
-        ("moire_at", trained | {"records", "report.html"}),
+        ("clean", plain_files),
+        ("baseline", plain_files | {"records"}),
+        ("moire_at", plain_files | {"records", "report.html"}),
     ):
         folder = cwd / "runs" / recipe / "seed0"
         assert {p.name for p in folder.iterdir()} == files
@@ -86,11 +86,11 @@ def test_the_baseline_trains_as_long_as_the_run(whole):
         json.loads((cwd / f"runs/{r}/seed0/metrics.json").read_text())
         for r in ("clean", "baseline")
     )
-    trained = {"recipe", "seed", "data", "model", "train", "environment"}
-    assert set(m["start"]) == trained
-    assert set(m["baseline"]) == trained | {"clean_accuracy", "reattack"}
+    shared_keys = {"recipe", "seed", "data", "model", "train", "environment"}
+    assert set(m["start"]) == shared_keys
+    assert set(m["baseline"]) == shared_keys | {"clean_accuracy", "reattack"}
     for ours, theirs in ((m["start"], clean), (m["baseline"], base)):
-        assert {key: ours[key] for key in trained} == {key: theirs[key] for key in trained}
+        assert {key: ours[key] for key in shared_keys} == {key: theirs[key] for key in shared_keys}
     for side, epochs in ((clean, (1, 1)), (base, (2, 3)), (m, (2, 3))):
         assert (side["train"]["epochs"], side["train"]["total_epochs"]) == epochs
     start = clean["train"]["seconds"]
@@ -108,7 +108,7 @@ def test_a_plain_run_is_attacked_once_it_is_asked_for(whole, tmp_path, monkeypat
     before = read_metrics(folder)
     assert "reattack" not in before and set(before["time"]) == {"train"}
     assert "trust" in read_metrics(tmp_path / "runs/moire_at/seed0")
-    monkeypatch.setattr(fit, "one_run", lambda *args, **options: pytest.fail("trained again"))
+    monkeypatch.setattr(fit, "complete", lambda *args, **options: pytest.fail("trained again"))
     found = fit.fit(configured("recipe=baseline", *TINY, f"runs={tmp_path / 'runs'}"))
     assert found["trust"] and found["time"]["checks"] > 0 and found["time"]["re-attack"] > 0
     assert (folder / "report.html").is_file()
@@ -125,7 +125,7 @@ def test_a_plain_run_may_be_attacked_in_another_way(whole, tmp_path, monkeypatch
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     folder = tmp_path / "runs/baseline/seed0"
     weights = (folder / "best.ckpt").read_bytes()
-    monkeypatch.setattr(fit, "one_run", lambda *args, **options: pytest.fail("trained again"))
+    monkeypatch.setattr(fit, "complete", lambda *args, **options: pytest.fail("trained again"))
     given = configured("recipe=baseline", *TINY, "reattack.n=6", f"runs={tmp_path / 'runs'}")
     monkeypatch.setattr(machine, "command", lambda: "this command")
     first = fit.fit(given)
@@ -135,9 +135,9 @@ def test_a_plain_run_may_be_attacked_in_another_way(whole, tmp_path, monkeypatch
     assert Run(given).stage() == "finished"
     assert read_metrics(folder)["reattack"] == first["reattack"]
     start = start_config(given)
-    assert resume.is_unreported(Run(start)) and not resume.is_unreported(Run(given))
+    assert reuse.is_unreported(Run(start)) and not reuse.is_unreported(Run(given))
     (Run(start).folder / "best.ckpt").unlink()
-    assert not resume.is_unreported(Run(start)), "it must be trained again"
+    assert not reuse.is_unreported(Run(start)), "it must be trained again"
 
 
 def test_a_re_attack_takes_what_the_run_has_computed(whole, tmp_path):
@@ -162,10 +162,10 @@ def test_the_gain_is_over_the_baseline_not_the_start():
     side |= {"clean_accuracy": 0.0, "train": None, "reattack": []}
     own = side | {"correct": {"clean": "1" * 8}}
     for start, baseline, gain in ((right, wrong, 1.0), (wrong, right, 0.0)):
-        m = compare(cfg, own, None, side | {"correct": start}, side | {"correct": baseline})
+        m = run_metrics(cfg, own, None, side | {"correct": start}, side | {"correct": baseline})
         assert m["gain"] == {"clean": gain}
         assert set(m["start"]) == {"recipe", "seed", "data", "model", "train"}
-    assert compare(cfg, own, None, side | {"correct": wrong}, None)["gain"] == {}
+    assert run_metrics(cfg, own, None, side | {"correct": wrong}, None)["gain"] == {}
 
 
 def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
@@ -181,7 +181,7 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     assert f"The baseline is reused from {folders[1]}" in said
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
     for wanted in (start_config(other), baseline_config(other)):
-        assert resume.metrics_of_trained(Run(wanted)) is None, "its settings are others"
+        assert reuse.metrics_of_trained(Run(wanted)) is None, "its settings are others"
         assert Run(wanted).stage() == "other"
 
 
@@ -191,17 +191,17 @@ def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
         "recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1"
     )
     path = cwd / "runs/baseline/seed0"
-    known = resume.metrics_of_trained(Run(baseline_config(cfg)))
+    known = reuse.metrics_of_trained(Run(baseline_config(cfg)))
     assert known == read_metrics(path) and known["train"]["epochs"] == 2
 
 
 def test_a_baseline_of_other_settings_is_not_attacked(whole, tmp_path, capsys):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     run = trained.read(tmp_path / "runs/moire_at/seed0")
-    assert resume.baseline_beside(run).cfg.recipe == "baseline"
+    assert reuse.read_baseline_of(run).cfg.recipe == "baseline"
     path = tmp_path / "runs/baseline/seed0/config.yaml"
     path.write_text(path.read_text().replace("epochs: 2", "epochs: 3"))
-    assert resume.baseline_beside(run) is None
+    assert reuse.read_baseline_of(run) is None
     assert "no baseline is attacked beside this run" in capsys.readouterr().out
 
 

@@ -12,7 +12,7 @@ from training.comparison.points import read
 from training.config import overrides
 from training.data.load import load
 from training.recipe import phases
-from training.runs import resume
+from training.runs import resume, reuse
 from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -126,7 +126,7 @@ def test_a_start_that_another_command_has_replaced_is_not_taken(there, whole, ta
     cfg = configured("recipe=baseline", *TINY, "train.epochs=2", f"runs={tmp_path}")
     Run(cfg).prepare()
     if taken:
-        resume.trained_run(Run(start_config(cfg)))
+        reuse.read_trained(Run(start_config(cfg)))
         train_model(Run(cfg), load(cfg.data))
         return
     with pytest.raises(ValueError, match="no longer holds the run that was trained there"):

@@ -13,7 +13,7 @@ from tests.training.frontier_runs import put
 from training import frontier as command
 from training.comparison.plot import draw, figure
 from training.comparison.points import read
-from training.comparison.summaries import pareto, rate, summarise
+from training.comparison.summaries import estimate_rate, pareto, summarise
 from training.runs.costs import steady_seconds
 
 
@@ -41,16 +41,16 @@ def test_intervals_hold_seeds_and_images(root):
     points = read(root).points
     lone = [point for point in points if point.recipe == "lone"]
     one = stats.binomtest(100, 200).proportion_ci(0.95, method="wilson")
-    assert rate(lone, "worst_4") == pytest.approx((0.5, one.low, one.high), abs=1e-6)
+    assert estimate_rate(lone, "worst_4") == pytest.approx((0.5, one.low, one.high), abs=1e-6)
     good = [point for point in points if point.recipe == "good"]
-    value, low, high = rate(good, "worst_4")
+    value, low, high = estimate_rate(good, "worst_4")
     alone = stats.binomtest(64, 200).proportion_ci(0.95, method="wilson")
     assert value == pytest.approx(0.32) and low < value < high
     # as wide as that of the images alone, and more: three seeds on the same images are not six
     # hundred
     assert high - low > 0.95 * (alone.high - alone.low)
     clean = [point for point in points if point.recipe == "clean"]
-    assert rate(clean, "worst_8").low == 0  # no accuracy is below 0
+    assert estimate_rate(clean, "worst_8").low == 0  # no accuracy is below 0
     shared = {k: 1 for k in ("n", "data", "model", "scene", "steps")}
     words = command.caption(summarise(points), shared)
     assert "cover the choice of seeds and of images" in words and "lone in 1 of 1 seeds" in words

@@ -8,7 +8,7 @@ from torch import nn
 
 from tests.training.small import TINY, configured
 from training.classifier import guard
-from training.classifier.module import Classifier, collapsed
+from training.classifier.module import Classifier, has_collapsed
 from training.classifier.train import classifier_of
 from training.config.schema import Config
 from training.data.batches import Batches
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
     ],
 )
 def test_what_counts_as_a_collapse(accuracies, fallen):
-    assert collapsed(accuracies) == fallen
+    assert has_collapsed(accuracies) == fallen
 
 
 class Steps(L.Callback):
@@ -94,7 +94,7 @@ def test_a_collapsed_model_returns_to_its_best_epoch(tmp_path, monkeypatch, caps
     model.on_save_checkpoint(kept)
     resumed = classifier_of(configured("recipe=moire_at", *TINY, *ONE_STEP), 16)
     resumed.on_load_checkpoint(kept)
-    assert resumed.hardened and resumed.adversary.cfg.steps == 3
+    assert resumed.is_hardened and resumed.adversary.cfg.steps == 3
 
 
 def test_a_collapse_in_the_last_epoch_is_recorded_alone(tmp_path, monkeypatch, capsys):

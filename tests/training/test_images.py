@@ -11,7 +11,7 @@ import pytest
 from PIL import Image, ImageOps
 
 from moireaug.images import read_picture, size_of
-from training.config.schema import Data
+from training.config.data_sets import Data
 from training.data.load import load
 
 SIDE = 8

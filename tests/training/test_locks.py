@@ -18,6 +18,7 @@ import sys, time
 from pathlib import Path
 import torch
 from torch.utils.data import DataLoader, TensorDataset
+from training.runs.run import locked_folder
 with locked_folder(Path(sys.argv[1])):
     data = TensorDataset(torch.zeros(8))
     loader = DataLoader(

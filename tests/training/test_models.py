@@ -98,7 +98,7 @@ def test_small_networks_refuse_empty_layers(network, arguments):
 
 
 def test_own_models_halve_images_first_without_normalisation():
-    built = {name: models.as_model(name, 5, None) for name in models.OWN}
+    built = {name: models.as_model(name, 5, None) for name in models.OWN_MODELS}
     assert not any(isinstance(model, Normalized) for model in built.values())
     assert (
         built["attention_resnet"].stem.out_channels == 2 * built["small_resnet"].stem.out_channels
@@ -109,14 +109,14 @@ def test_own_models_halve_images_first_without_normalisation():
 
 
 def test_names_hold_classifiers_only():
-    assert models.names()[: len(models.OWN)] == list(models.OWN)
-    assert {"resnet18", "mobilenet_v2", "vit_b_16"} < set(models.names())
+    assert models.model_names()[: len(models.OWN_MODELS)] == list(models.OWN_MODELS)
+    assert {"resnet18", "mobilenet_v2", "vit_b_16"} < set(models.model_names())
     assert not any(
-        "rcnn" in name or "raft" in name or "quantized" in name for name in models.names()
+        "rcnn" in name or "raft" in name or "quantized" in name for name in models.model_names()
     )
 
 
-BUILT = [*models.OWN, "squeezenet1_1", "shufflenet_v2_x0_5", "mnasnet0_5", "regnet_x_400mf"]
+BUILT = [*models.OWN_MODELS, "squeezenet1_1", "shufflenet_v2_x0_5", "mnasnet0_5", "regnet_x_400mf"]
 
 
 @pytest.mark.parametrize("name", BUILT)

@@ -16,11 +16,11 @@ from tests.training.forked import Command
 from tests.training.small import BRIEF, NO_DATA, TINY, configured, wait
 from training import fit
 from training.classifier.train import classifier_of, train_model, trainer_of
-from training.classifier.tuning import tuning
+from training.classifier.tuning import tuning_of
 from training.data.load import load
 from training.demoireing.train import module_of
 from training.runs.run import Run
-from training.system.processes import WAIT
+from training.system.processes import MAX_WAIT
 from training.trainer import ranks
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -71,7 +71,7 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
     """As on a GPU, where nothing wakes it."""
     ended, lost, left = [], SimpleNamespace(poll=lambda: code, kill=lambda: None), []
     monkeypatch.setattr(ranks.os, "_exit", ended.append)
-    monkeypatch.setattr(ranks, "GRACE", 0.01)
+    monkeypatch.setattr(ranks, "GRACE_SECONDS", 0.01)
     monkeypatch.setattr(ranks, "_ending", threading.Event())
     monkeypatch.setattr(
         ranks, "_children", [SimpleNamespace(poll=lambda: None, kill=lambda: left.append(1)), lost]
@@ -88,11 +88,11 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
 def test_a_terminated_process_sends_nothing_within_a_batch(tmp_path, monkeypatch):
     """The others may be sending gradients, and would wait for it for ever."""
     cfg = configured(*TINY, "trainer.devices=2")
-    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
+    trainer = trainer_of(cfg.trainer, tuning_of(cfg.train, fine=False), 1, tmp_path, NO_DATA)
     monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
     monkeypatch.setattr(torch.distributed, "broadcast", lambda *a, **k: pytest.fail("it was sent"))
     before = signal.getsignal(signal.SIGTERM)
-    with ranks.together(trainer):
+    with ranks.tied_together(trainer):
         trainer._signal_connector.register_signal_handlers()
         signal.raise_signal(signal.SIGTERM)
         assert trainer.received_sigterm
@@ -102,8 +102,8 @@ def test_a_terminated_process_sends_nothing_within_a_batch(tmp_path, monkeypatch
 @pytest.mark.parametrize("strategy", ["auto", "ddp", "ddp_find_unused_parameters_true"])
 def test_processes_wait_for_one_that_attacks(strategy, tmp_path):
     cfg = configured(*TINY, "trainer.devices=2", f"trainer.strategy={strategy}")
-    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
-    assert isinstance(trainer.strategy, DDPStrategy) and trainer.strategy._timeout == WAIT
+    trainer = trainer_of(cfg.trainer, tuning_of(cfg.train, fine=False), 1, tmp_path, NO_DATA)
+    assert isinstance(trainer.strategy, DDPStrategy) and trainer.strategy._timeout == MAX_WAIT
 
 
 def test_a_batch_that_processes_cannot_share_is_refused_first(tmp_path):
@@ -136,7 +136,7 @@ def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
     }.items():
         monkeypatch.setenv(f"SLURM_{name}", value)
     cfg = configured(*TINY)
-    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
+    trainer = trainer_of(cfg.trainer, tuning_of(cfg.train, fine=False), 1, tmp_path, NO_DATA)
     environment = trainer._accelerator_connector.cluster_environment
     assert isinstance(environment, SLURMEnvironment) and not environment.auto_requeue
 
@@ -152,7 +152,7 @@ def test_an_epochs_loss_is_that_of_all_processes(recipe, monkeypatch):
     module._rng = torch.random.get_rng_state()
     strategy = SimpleNamespace(reduce=lambda value, reduce_op: value + 1)  # the other's is 3
     module._trainer = SimpleNamespace(strategy=strategy, current_epoch=0, global_step=1)
-    module._trained = 0.0
+    module._training_seconds = 0.0
     monkeypatch.setattr(module, "log", lambda *args, **kwargs: None)
     module.on_validation_epoch_end()
     assert module.history[0]["loss"] == 2

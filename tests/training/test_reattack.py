@@ -7,6 +7,7 @@ import torch
 from tests.training.small import configured
 from tests.training.strangers import attack, images, put
 from training import reattack
+from training.attack import suites
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -40,7 +41,10 @@ REFUSED = [
     (["data.augment=shift"], "data.augment= says how"),
     (["targets={resnet18: FILE}"], "targets= is for suite=transfer or trust or paper;"),
     (["demoire=torch:relu", "suite=jpeg"], "demoire= is for suite=defences or demoireing or"),
-    (["reattack.eps=[0.01]", "suite=recipes"], "reattack.eps= is for suite=ladder or success or"),
+    (
+        ["reattack.eps=[0.01]", "suite=recipes"],
+        "reattack.eps= is for suite=ladder or full_ladder",
+    ),
     (["networks=DIR", "suite=jpeg"], "networks= is for suite=demoireing or paper; suite=jpeg"),
     (["trainer.devices=2"], "trainer.devices= has no effect here"),
     (["reattack.steps=-1"], r"reattack.steps must be in \[0, 100000\]; got -1"),
@@ -82,7 +86,7 @@ def test_data_of_other_classes_is_refused(trained_on, classes, message, tmp_path
     root = images(tmp_path / "images", *classes)
     seen = []
     monkeypatch.setattr(
-        reattack, "suite_config", lambda cfg, *_: seen.append(cfg) or pytest.skip("reached")
+        suites, "suite_config", lambda cfg, *_: seen.append(cfg) or pytest.skip("reached")
     )
     given = ["data=folder", f"data.root={root}", "suite=jpeg", "data.val=1"]
     if message:

@@ -33,11 +33,12 @@ from training import fit
 from training.classifier import train as training
 from training.classifier.module import Classifier
 from training.classifier.train import train_model
-from training.classifier.tuning import tuning
+from training.classifier.tuning import tuning_of
 from training.data.load import load
 from training.recipe import phases
 from training.runs import resume
-from training.runs.run import Run, fingerprint_of, result_settings
+from training.runs.identity import fingerprint_of, result_settings
+from training.runs.run import Run
 from training.trainer import checkpoints
 from training.trainer.make import EpochLines
 
@@ -93,7 +94,7 @@ def test_a_stopped_and_killed_command_resumes_to_the_same_weights(tmp_path):
 def test_an_epoch_whose_line_is_printed_has_been_kept(tmp_path):
     """Lightning calls callbacks in this order."""
     cfg = configured(*TINY)
-    made = training.trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
+    made = training.trainer_of(cfg.trainer, tuning_of(cfg.train, fine=False), 1, tmp_path, NO_DATA)
     *_, best, last, lines = made.callbacks
     assert isinstance(lines, EpochLines) and (best.filename, last.filename) == ("best", "last")
 
@@ -187,7 +188,7 @@ def test_only_an_interrupted_re_attack_is_done_again(tmp_path, monkeypatch, caps
     train_json = json.loads((folder / "train.json").read_text())
     assert Run(cfg).stage() == "trained"
     monkeypatch.setattr(phases, "attack", attack)
-    monkeypatch.setattr(training.trainer.ranks, "fit", lambda *args: pytest.fail("trained again"))
+    monkeypatch.setattr(training.ranks, "fit", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
     assert done["train"] == train_json and done["time"]["train"] == train_json["wall_seconds"]
     assert not (folder / "train.json").exists()

@@ -39,7 +39,7 @@ def test_a_file_is_the_scene_that_it_describes(file):
     assert scene == Scene.from_dict(WANTED)
     assert scene.panel.lit == (0.6, 0.9) and scene.lens == Scene.preset("phone_at_monitor").lens
     assert scenes.load("screen_photo") == Scene.preset("screen_photo")
-    assert scenes.inlined(WANTED) is WANTED
+    assert scenes.inline_files(WANTED) is WANTED
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_training_and_re_attack_keep_what_a_scene_file_holds(file, monkeypatch):
         raise StopError
 
     monkeypatch.setattr(fit, "check", stop)
-    monkeypatch.setattr(reattack, "attack_weights", stop)
+    monkeypatch.setattr(reattack, "check", stop)
     with pytest.raises(StopError):
         fit.fit(configured("recipe=moire_at", *TINY, f"scene={file}"))
     given = ["model=small_resnet", "weights=FILE", f"scene={file}"]
@@ -106,9 +106,9 @@ def test_a_file_may_hold_a_list_and_conversely(tmp_path, file):
     several = tmp_path / "several.yaml"
     several.write_text("- phone_at_monitor\n- {preset: screen_photo, lens: {blur: 0.3}}\n")
     blurred = {"preset": "screen_photo", "lens": {"blur": 0.3}}
-    assert scenes.inlined(str(several)) == ["phone_at_monitor", blurred]
+    assert scenes.inline_files(str(several)) == ["phone_at_monitor", blurred]
     assert scenes.load(str(several)) == as_scenes(["phone_at_monitor", blurred])
-    assert scenes.inlined(["paper", str(file)]) == ["paper", WANTED]
+    assert scenes.inline_files(["paper", str(file)]) == ["paper", WANTED]
     with pytest.raises(ValueError, match="holds a list of 2 scenes; this command takes one"):
         scenes.load_one(str(several))
     several.write_text("[phone_at_monitor]")
@@ -128,18 +128,20 @@ def test_a_command_takes_a_list_and_repeats_it():
 
 
 def test_runs_of_other_lists_of_scenes_are_not_compared():
-    said = results.about(configured("recipe=clean", *TINY, f"scene=[{','.join(LISTED)}]"))
+    said = results.run_facts(configured("recipe=clean", *TINY, f"scene=[{','.join(LISTED)}]"))
     assert said["scene"] == as_scenes(LISTED).to_dict()
     assert said["plan"].count("noise") >= 2 and said["plan"].startswith(
         str(Scene.preset(LISTED[0]).plan())
     )
     metrics = said | {"model": "small", "config": said["config"] | {"data": {}, "train": {}}}
-    found = comparable.settings(metrics)
+    found = comparable.run_settings(metrics)
     assert found["scene 2.panel"] == Scene.preset(LISTED[1]).to_dict()["panel"]
-    assert comparable.settings(metrics | {"scene": said["scene"][0]})["scene.panel"]
+    assert comparable.run_settings(metrics | {"scene": said["scene"][0]})["scene.panel"]
     with pytest.raises(ValueError, match="runs with different scene"):
         other = metrics | {"scene": said["scene"][:1] * 2}
-        comparable.same({"a": found, "b": found, "c": comparable.settings(other)}, "runs")
+        comparable.shared_values(
+            {"a": found, "b": found, "c": comparable.run_settings(other)}, "runs"
+        )
 
 
 @pytest.mark.parametrize("kind", ["none", "moire_attack"])

@@ -7,18 +7,16 @@ from PIL import Image
 from tests.training.small import NO_DATA, TINY, baseline_config, configured, start_config
 from training import fit, reattack
 from training.classifier.module import Classifier
-from training.classifier.train import classifier_of, draws, trainer_of
-from training.classifier.tuning import tuning
+from training.classifier.train import classifier_of, seed_of_draws, trainer_of
+from training.classifier.tuning import tuning_of
+from training.config.data_sets import Data
 from training.config.overrides import command_line
-from training.config.schema import (
-    Data,
-    Train,
-    Trainer,
-)
+from training.config.schema import Train, Trainer
 from training.config.settings import with_absolute_paths
 from training.data.augmentation import augment
 from training.data.load import load
-from training.runs.run import Run, result_settings
+from training.runs.identity import result_settings
+from training.runs.run import Run
 from training.system import machine
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -181,7 +179,7 @@ def test_precision_follows_the_hardware_unless_it_is_given(
         file.write_text(f"model name : some\nflags : {flags}\n")
     monkeypatch.setattr(machine, "CPUINFO", file)
     settings = Trainer(accelerator="cpu", precision=asked)
-    made = trainer_of(settings, tuning(Train(), fine=False), 1, tmp_path, NO_DATA)
+    made = trainer_of(settings, tuning_of(Train(), fine=False), 1, tmp_path, NO_DATA)
     assert made.precision == got
 
 
@@ -214,10 +212,10 @@ def test_a_data_set_brings_its_epochs(given, epochs):
 
 def test_a_recipe_does_not_repeat_the_draws_of_its_start():
     cfg = configured("recipe=moire_at", *TINY)
-    assert draws(cfg) == draws(baseline_config(cfg))
+    assert seed_of_draws(cfg) == seed_of_draws(baseline_config(cfg))
     epochs = 1000  # the order of images in epoch e is that of draws + e
-    assert abs(draws(cfg) - draws(start_config(cfg))) > epochs
-    assert abs(draws(cfg) - draws(configured("recipe=moire_at", "seed=1"))) > epochs
+    assert abs(seed_of_draws(cfg) - seed_of_draws(start_config(cfg))) > epochs
+    assert abs(seed_of_draws(cfg) - seed_of_draws(configured("recipe=moire_at", "seed=1"))) > epochs
 
 
 def test_one_path_in_two_projects_is_two_data_sets(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from tests.training.forked import Command
 from tests.training.small import TINY, configured
 from tests.training.strangers import attack, put
 from training.config import overrides
-from training.runs import resume, trained
+from training.runs import reuse, trained
 from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -90,7 +90,9 @@ def test_options_that_act_come_from_the_command_line_alone(tmp_path):
     folder = put(tmp_path, *own)
     given = [f"run={folder}", "suite=defences", "demoire=torch:relu", "reattack.n=3"]
     assert trained.read(folder).cfg.data.download is False  # as the explorer reads it
-    cfg = overrides.onto(trained.read(folder).cfg, configured(*given, name="reattack"), given)
+    cfg = overrides.merge_run_settings(
+        trained.read(folder).cfg, configured(*given, name="reattack"), given
+    )
     assert (cfg.demoire, cfg.suite, cfg.targets) == ("torch:relu", "defences", None)
     assert (cfg.trainer.devices, cfg.trainer.strategy) == (1, "auto")
     assert (cfg.data.download, cfg.data.workers, cfg.reattack.n) == (False, 0, 3)
@@ -122,7 +124,7 @@ def test_a_checkpoint_is_tensors_alone(kind, where, tmp_path, capsys):
     }[kind]
     torch.save(content, bad / "best.ckpt")
     if where == "baseline":
-        assert resume.baseline_beside(trained.read(run)) is None
+        assert reuse.read_baseline_of(trained.read(run)) is None
         said = capsys.readouterr().out
         assert "no baseline is attacked beside this run" in said
         again = f"python training/fit.py recipe={recipe} 'runs='\"'\"'{tmp_path}'\"'\"''"
@@ -147,7 +149,7 @@ def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
     folder = put(tmp_path)
     for text in (json.dumps({"train": train}), "[1]", '"a"', "{", "[" * 10**5):
         (folder / "metrics.json").write_text(text)
-        assert trained.training_cost(folder) is None
+        assert trained.read_training_cost(folder) is None
     good = {
         "seconds": 1.0,
         "init": "random",
@@ -155,7 +157,7 @@ def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
         "collapsed_at": None,
     }
     (folder / "metrics.json").write_text(json.dumps({"train": good}))
-    assert trained.training_cost(folder)["seconds"] == 1.0
+    assert trained.read_training_cost(folder)["seconds"] == 1.0
 
 
 def test_a_strangers_run_is_attacked_with_its_own_settings(tmp_path):

@@ -20,7 +20,7 @@ from training.config.command_line import check_keys
 from training.config.schema import Reattack, ReattackConfig, Trainer
 from training.data.eval_batches import EvalBatches
 from training.data.splits import Splits
-from training.system.processes import WAIT
+from training.system.processes import MAX_WAIT
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -98,7 +98,7 @@ def test_a_suite_ends_where_one_of_its_processes_is_lost(weights, tmp_path):
 def test_the_first_process_to_finish_waits_for_the_last(strategy, monkeypatch):
     monkeypatch.setattr("lightning.Fabric.launch", lambda fabric: None)
     fabric = fabric_of(Trainer(accelerator="cpu", devices=2, strategy=strategy))
-    assert fabric.strategy._timeout == WAIT
+    assert fabric.strategy._timeout == MAX_WAIT
 
 
 def test_a_network_against_moire_is_a_defence(weights, tmp_path):
@@ -176,4 +176,4 @@ def test_batches_fit_the_memory_unless_given(size, batch):
     data = torch.utils.data.TensorDataset(torch.zeros(300, 1), torch.zeros(300))
     splits = Splits(data, data, data, {}, 1)
     batches = EvalBatches(splits, Reattack(n=200), size, torch.device("cpu"))
-    assert batches.size == batch and len(batches.others(splits)) == 100
+    assert batches.size == batch and len(batches.unattacked_images(splits)) == 100

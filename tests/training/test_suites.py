@@ -14,7 +14,7 @@ from moireaug.evaluation.report.suite_view import CONTROL_COLUMNS
 from moireaug.evaluation.suites.scenes import other_scenes
 from tests.training.tiny_suites import cells, configured, folder_of, records_of, suite
 from training.attack import protocol as attacking
-from training.attack.protocol import Plan, protocol_of
+from training.attack.protocol import SuiteAttack, protocol_of
 from training.config.schema import as_config
 from training.data.load import load
 from training.models import classifiers as models
@@ -121,7 +121,7 @@ def test_a_smoke_test_leaves_a_long_evaluation_alone(whole, weights):
 
 def test_the_checks_take_the_images_asked_for(weights, tmp_path, monkeypatch):
     """With another suite they take no more than they need."""
-    monkeypatch.setattr(attacking, "TRUST_N", 2)
+    monkeypatch.setattr(attacking, "MAX_CHECKED_IMAGES", 2)
     given = ("reattack.n=4", "reattack.batch_size=2")
     found = suite("trust", weights, tmp_path, *given)
     assert found["n"] == found["trust_n"] == 4 and len(found["trust"]) == 10
@@ -159,7 +159,7 @@ def test_records_that_are_missing_are_not_passed_over(weights, tmp_path):
     """Of two processes one alone has run."""
     cfg = as_config(configured("model=small_resnet", f"weights={weights}"))
     model = models.as_model(cfg.model, 16, cfg.weights, whole=True)
-    plan = Plan(model, "unseen", protocol_of(cfg, load(cfg.data)), tmp_path)
-    plan.run("one of two", rank=0, world=2)
+    suite = SuiteAttack(model, "unseen", protocol_of(cfg, load(cfg.data)), tmp_path)
+    suite.run("one of two", rank=0, world=2)
     with pytest.raises(ValueError, match=r"\d+ of \d+ records are missing"):
-        plan.results()
+        suite.results()

@@ -9,7 +9,7 @@ from torch.utils.data import TensorDataset
 from tests.training.small import configured
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of, train_model
-from training.classifier.tuning import Tuning, averaging, tuning
+from training.classifier.tuning import Tuning, tuning_of, weight_averaging
 from training.config.schema import Train
 from training.data.splits import Splits
 from training.models import classifiers as models
@@ -33,11 +33,11 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 )
 def test_null_is_chosen_and_what_is_given_stays(given, expected):
     cfg = configured(*given)
-    assert tuning(cfg.train, fine=cfg.weights is not None) == expected
+    assert tuning_of(cfg.train, fine=cfg.weights is not None) == expected
 
 
 def test_a_rising_average_ends_at_its_decay():
-    average = averaging(tuning(Train(), fine=True))._kwargs["avg_fn"]
+    average = weight_averaging(tuning_of(Train(), fine=True))._kwargs["avg_fn"]
     old, new = torch.tensor(1.0), torch.tensor(0.0)
     kept = [average(old, new, torch.tensor(n)).item() for n in (1, 4, 40, 10_000)]
     assert kept == pytest.approx([2 / 11, 5 / 14, 41 / 50, 0.98])

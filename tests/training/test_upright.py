@@ -8,9 +8,9 @@ from PIL import Image, ImageOps
 from moireaug.defenses import demoire
 from moireaug.images import read_picture, size_of
 from moireaug.synthesis import Pairs
-from training import demoire as cleaning
 from training.calibration.pairs import Pair, read_codes, read_pairs, require_one_size
-from training.data.image_sets import Photos
+from training.data.image_sets import UprightFolder
+from training.demoireing import clean as cleaning
 from training.demoireing.starting import start_as_identity
 from training.explorer import photo
 
@@ -39,7 +39,7 @@ def by_pairs(path):
 
 
 def by_folder(path):
-    ((picture, _),) = Photos(path.parent.parent, np.asarray)
+    ((picture, _),) = UprightFolder(path.parent.parent, np.asarray)
     return picture
 
 

@@ -1,1 +1,1 @@
-"""Attacks on a trained classifier: the protocol, and what suites need besides."""
+"""Attacks on a trained classifier: protocol, suites and results."""

@@ -1,4 +1,4 @@
-"""Attack a model with a suite: the protocol, the work left to do, and the results."""
+"""Attack a model with a suite: the protocol, the jobs that are left, and the results."""
 
 from __future__ import annotations
 
@@ -30,15 +30,22 @@ from training.config.schema import Config, Reattack, scene_of
 from training.data.eval_batches import EvalBatches
 from training.data.load import require_used
 from training.data.splits import Splits
+from training.runs.trained import TrainedRun
 from training.system import machine
 
-TRUST_N = 96  # images that the checks look at, in whole batches
+MAX_CHECKED_IMAGES = 96  # images that the checks look at, in whole batches
 Metrics = dict[str, Any]
 
 
 class Protocol(NamedTuple):
-    """How every model of a comparison is attacked: on which images, in which scene, how strongly;
-    and whether LPIPS is measured."""
+    """How every model of a comparison is attacked.
+
+    Args:
+        batches: test images.
+        scene: scene in which they are photographed.
+        settings: strength of the attacks.
+        lpips: network that measures LPIPS; None for none.
+    """
 
     batches: EvalBatches
     scene: Scene | Mixture
@@ -47,14 +54,14 @@ class Protocol(NamedTuple):
 
     def config(self) -> SuiteConfig:
         """Return the configuration of suites, without targets and further defences."""
-        own = self.settings
-        eps = None if own.eps is None else tuple(own.eps)
-        return SuiteConfig(scene=self.scene, eps=eps, steps=own.steps)
+        settings = self.settings
+        eps = None if settings.eps is None else tuple(settings.eps)
+        return SuiteConfig(scene=self.scene, eps=eps, steps=settings.steps)
 
     @property
-    def trusted(self) -> range:
-        """The batches that the checks look at."""
-        return range(min(len(self.batches), -(-TRUST_N // self.batches.size)))
+    def checked_batches(self) -> range:
+        """Indices of the batches that the checks look at."""
+        return range(min(len(self.batches), -(-MAX_CHECKED_IMAGES // self.batches.size)))
 
 
 def protocol_of(cfg: Config, splits: Splits) -> Protocol:
@@ -78,31 +85,34 @@ def check_attack(cfg: Config) -> None:
 
 
 @dataclass(frozen=True)
-class Attacked:
+class AttackResult:
     """The results of a suite on one model.
 
     Args:
-        tables: of the suite. lines: their rates, one row per cell.
-        checks: `trust`, whether the figures can be trusted, on `trust_n` images; empty if not
-            asked for.
-        runner: for the report's pictures; its name is a digest of the model.
+        tables: tables of the suite.
+        cells: rates of these tables, one row per cell.
+        checks: metrics `trust`, the checks of whether the figures can be trusted, and `trust_n`,
+            their number of images; empty without checks.
+        runner: runner of the suite, for the report's pictures; its name is a digest of the model.
         seconds: time spent, by phase.
     """
 
     tables: list[Table]
-    lines: pd.DataFrame
+    cells: pd.DataFrame
     checks: Metrics
     runner: Runner
     seconds: dict[str, float]
 
 
-class Plan:
-    """A suite on one model: the work to do, and the records that keep what is done.
+class SuiteAttack:
+    """A suite on one model: its jobs, and the records of those that are done.
 
     Args:
-        model: [0, 1] images to logits. suite: its name. protocol: how the model is attacked.
-        records: folder where each finished piece is kept.
-        config: of the suite; None uses the protocol's.
+        model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).
+        suite: name of the suite.
+        protocol: protocol of the attack.
+        records: folder of the records of finished jobs.
+        config: configuration of the suite; None is the protocol's.
         check: whether to check that the figures can be trusted.
     """
 
@@ -118,64 +128,65 @@ class Plan:
     ) -> None:
         self.config = config or protocol.config()
         self.tables = tables_of(suite, self.config)
-        self.trust = trust(self.config)
-        self.every = range(len(protocol.batches))
-        self.trusted = self.every if suite == "trust" else protocol.trusted
+        self.trust_table = trust(self.config)
+        self.all_batches = range(len(protocol.batches))
+        self.checked_batches = self.all_batches if suite == "trust" else protocol.checked_batches
         self.check = check
-        self.phases = {"re-attack": (jobs_of(self.tables), self.every)}
+        self.phases = {"re-attack": (jobs_of(self.tables), self.all_batches)}
         if check:
-            self.phases["checks"] = (jobs_of([self.trust]), self.trusted)
+            self.phases["checks"] = (jobs_of([self.trust_table]), self.checked_batches)
         model = model.to(protocol.batches.device).eval()
         settings = protocol.settings
-        self.kept = RecordFolder(records)
+        self.records = RecordFolder(records)
         self.runner = Runner(
             model,
             protocol.batches,
             protocol.scene,
-            self.kept,
+            self.records,
             seed=settings.seed,
             lpips=protocol.lpips,
         )
         self.seconds: dict[str, float] = {}
 
     def run(self, title: str, rank: int = 0, world: int = 1) -> None:
-        """Do this process's share of what is not done yet: every `world`-th batch.
+        """Do this process's share of the jobs that are left: every `world`-th batch.
 
         Args:
             title: name of the model, for the progress bar.
-            rank, world: number of this process, and how many there are.
+            rank: number of this process, from 0.
+            world: number of processes.
         """
-        with self.kept:
-            for phase, (jobs, indices) in self.phases.items():
-                began = time.perf_counter()
-                mine = indices[rank::world]
-                done = self.runner.run(jobs, mine)
-                total = len(jobs) * len(mine)
-                shown = rank == 0 and sys.stderr.isatty()
-                for _ in show_progress(done, total, f"{title}, {phase}", enabled=shown):
+        with self.records:
+            for phase, (jobs, all_indices) in self.phases.items():
+                start = time.perf_counter()
+                indices = all_indices[rank::world]
+                progress = self.runner.run(jobs, indices)
+                count = len(jobs) * len(indices)
+                is_shown = rank == 0 and sys.stderr.isatty()
+                for _ in show_progress(progress, count, f"{title}, {phase}", enabled=is_shown):
                     pass
-                self.seconds[phase] = time.perf_counter() - began
+                self.seconds[phase] = time.perf_counter() - start
 
-    def results(self) -> Attacked:
+    def results(self) -> AttackResult:
         """Return the rates and checks, from the records of all processes.
 
         Raises:
             ValueError: records are missing, because another process did not finish.
         """
-        self.kept.read()
-        require_whole(self.runner, self.phases.values())
-        images = images_frame(self.tables, self.runner, self.every)
-        lines = with_paper(rates(images), self.tables)
-        found: Metrics = {}
+        self.records.read()
+        require_all_records(self.runner, self.phases.values())
+        images = images_frame(self.tables, self.runner, self.all_batches)
+        cells = with_paper(rates(images), self.tables)
+        check_metrics: Metrics = {}
         if self.check:
-            trusted = images_frame([self.trust], self.runner, self.trusted)
-            passed = checks(self.config, trusted, rates(trusted))
-            found["trust"] = [one.to_dict() for one in passed]
-            found["trust_n"] = int(trusted["image"].nunique())
-        return Attacked(
+            trust_images = images_frame([self.trust_table], self.runner, self.checked_batches)
+            trust_checks = checks(self.config, trust_images, rates(trust_images))
+            check_metrics["trust"] = [one.to_dict() for one in trust_checks]
+            check_metrics["trust_n"] = int(trust_images["image"].nunique())
+        return AttackResult(
             tables=[table for table in self.tables if table.name != "trust"],
-            lines=lines[lines["table"] != "trust"],
-            checks=found,
+            cells=cells[cells["table"] != "trust"],
+            checks=check_metrics,
             runner=self.runner,
             seconds=self.seconds,
         )
@@ -183,33 +194,36 @@ class Plan:
 
 def attack(
     model: nn.Module, protocol: Protocol, records: Path, title: str, *, check: bool = True
-) -> Attacked:
-    """Attack a model with the ladder; what the records hold is not computed again.
+) -> AttackResult:
+    """Attack a model with the ladder; records that are there are not computed again.
 
     Args:
-        model: [0, 1] images to logits. protocol: how it is attacked.
-        records: folder where each finished piece is kept.
+        model, protocol, records, check: arguments of `SuiteAttack`.
         title: name of the model, for the progress bar.
-        check: whether to check that the figures can be trusted.
     """
-    plan = Plan(model, "ladder", protocol, records, check=check)
-    plan.run(title)
-    return plan.results()
+    ladder = SuiteAttack(model, "ladder", protocol, records, check=check)
+    ladder.run(title)
+    return ladder.results()
 
 
-def require_whole(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> None:
+def attack_run(run: TrainedRun, protocol: Protocol, *, check: bool = False) -> AttackResult:
+    """Attack the best checkpoint of a run with the ladder, reusing the records in its folder."""
+    return attack(run.model(), protocol, run.folder / "records", run.cfg.recipe, check=check)
+
+
+def require_all_records(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> None:
     """Check that no records are missing.
 
     Raises:
         ValueError: some are; says how many, and what to do.
     """
-    missing = wanted = 0
+    missing = total = 0
     for jobs, indices in phases:
         missing += runner.missing(jobs, indices)
-        wanted += len(indices) * sum(len(job.judges) for job in jobs)
+        total += len(indices) * sum(len(job.judges) for job in jobs)
     if missing:
         raise ValueError(
-            f"{missing} of {wanted} records are missing: other processes did not finish, or "
+            f"{missing} of {total} records are missing: other processes did not finish, or "
             f"write to a folder that "
             "this one cannot see. Run the same command again, with runs= on a disk that all "
             "nodes share."

@@ -15,7 +15,7 @@ from training.config.schema import Config, Reattack, ReattackConfig
 from training.data.load import load
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side, class_names
-from training.runs.run import fingerprint_of, group_of, result_settings
+from training.runs.identity import fingerprint_of, group_of, result_settings
 from training.runs.trained import TrainedRun
 from training.system.files import make_folder
 
@@ -24,9 +24,13 @@ class Subject(NamedTuple):
     """A classifier to attack.
 
     Args:
-        name: of its results. model: [0, 1] images to logits. splits: the data.
-        protocol: how it is attacked. records: folder of the finished pieces.
-        folder: where the results go. seconds: spent so far, by phase.
+        name: name of its results.
+        model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).
+        splits: the data.
+        protocol: protocol of the attack.
+        records: folder of the records of finished jobs.
+        folder: folder of the results.
+        seconds: time spent so far, by phase.
     """
 
     name: str
@@ -90,7 +94,7 @@ def subject_of_weights(cfg: ReattackConfig) -> Subject:
 
 
 def lpips_of(cfg: ReattackConfig) -> LPIPS | None:
-    """Return what measures LPIPS; None where no weights are given for it.
+    """Return the network that measures LPIPS; None where no weights are given for it.
 
     Raises:
         ValueError: a file of other weights, or images that are too small for them.
@@ -106,22 +110,24 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
     """Return the name of a folder for all attacks with these settings.
 
     Args:
-        n: images. with_data: whether the name includes the data set and the weights.
+        cfg: settings of the attack.
+        n: number of images.
+        with_data: whether the name includes the data set and the weights.
     """
     parts = [scene_name(cfg.scene), f"n{n}", f"steps{cfg.reattack.steps}"]
-    own, usual = cfg.reattack, Reattack()
-    odd: dict[str, Any] = {}
+    settings, defaults = cfg.reattack, Reattack()
+    changes: dict[str, Any] = {}
     for name in ("eps", "seed", "batch_size"):
-        if getattr(own, name) != getattr(usual, name):
-            odd[name] = getattr(own, name)
+        if getattr(settings, name) != getattr(defaults, name):
+            changes[name] = getattr(settings, name)
     for name in ("targets", "networks", "demoire", "lpips"):
         if getattr(cfg, name):
-            odd[name] = getattr(cfg, name)
+            changes[name] = getattr(cfg, name)
     if with_data:
         parts.insert(0, group_of(cfg.data, Config.model) or cfg.data.name)
-        odd |= {"data": result_settings(cfg)["data"], "weights": cfg.weights}
-    if odd:
-        parts.append(fingerprint_of(odd)[:6])
+        changes |= {"data": result_settings(cfg)["data"], "weights": cfg.weights}
+    if changes:
+        parts.append(fingerprint_of(changes)[:6])
     return "-".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""What a suite needs besides the model: processes to share it, targets to transfer to, and learned
+"""Attack a model by a suite: its processes, the targets that it transfers to, and its learned
 defences."""
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import Defence
 from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.suites import OPTION_SUITES
-from training.attack.protocol import Attacked, Plan
+from training.attack.protocol import AttackResult, SuiteAttack
 from training.attack.subject import Subject
-from training.config.schema import Data, ReattackConfig, Trainer
+from training.config.data_sets import Data
+from training.config.schema import ReattackConfig, Trainer
 from training.data.splits import Splits
-from training.models.classifiers import as_model, names
-from training.runs.run import fingerprint_of, result_settings
+from training.models.classifiers import as_model, model_names
+from training.runs.identity import fingerprint_of, result_settings
 from training.runs.trained import read
 
 if TYPE_CHECKING:
@@ -34,18 +35,19 @@ if TYPE_CHECKING:
 
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
 RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
-BANK, DONORS = 50_000, 500  # patches of the image quilting, and images that they are drawn from
+# of image quilting: patches of its bank, and images that they are drawn from
+BANK_PATCHES, MAX_DONOR_IMAGES = 50_000, 500
 
 
-def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> Attacked | None:
+def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> AttackResult | None:
     """Attack a classifier by `cfg.suite`, shared among the processes that the trainer's settings
     ask for; return the results in the first of them."""
     fabric = fabric_of(cfg.trainer)
     config = suite_config(cfg, subject, fabric)
-    plan = Plan(subject.model, cfg.suite, subject.protocol, subject.records, config)
-    plan.run(cfg.suite, fabric.global_rank, fabric.world_size)
+    suite_attack = SuiteAttack(subject.model, cfg.suite, subject.protocol, subject.records, config)
+    suite_attack.run(cfg.suite, fabric.global_rank, fabric.world_size)
     fabric.barrier()
-    return None if fabric.global_rank else plan.results()
+    return None if fabric.global_rank else suite_attack.results()
 
 
 def fabric_of(trainer: Trainer) -> Fabric:
@@ -69,7 +71,7 @@ def fabric_of(trainer: Trainer) -> Fabric:
 
 
 def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> SuiteConfig:
-    """Return what the suite of these settings is built from.
+    """Return the configuration of the suite that these settings name.
 
     Raises:
         ValueError: a target or defence that cannot be loaded.
@@ -85,15 +87,15 @@ def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> Suite
     if cfg.networks:  # before a patch bank is made
         networks = networks_of(cfg.networks, fabric.device)
     if cfg.demoire:
-        own = Demoire(callable_of(cfg.demoire, fabric.device))
-        (networks if cfg.suite == "demoireing" else defences)[cfg.demoire] = own
+        given_defence = Demoire(callable_of(cfg.demoire, fabric.device))
+        (networks if cfg.suite == "demoireing" else defences)[cfg.demoire] = given_defence
     if cfg.suite == "demoireing" and not networks:
         raise ValueError(
             "suite=demoireing needs demoiréing networks: pass networks=DIR with their weights, or "
             "demoire=package.module:callable."
         )
     if cfg.suite in ("defences", "paper"):
-        donors = protocol.batches.others(splits)
+        donors = protocol.batches.unattacked_images(splits)
         if len(donors):
             cache = subject.records / f"quilting-{fingerprint_of(result_settings(cfg)['data'])}.npz"
             with fabric.rank_zero_first():  # the others read the bank that it makes
@@ -104,29 +106,31 @@ def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> Suite
 
 
 def targets_of(
-    given: Any, data: Data, splits: Splits, device: torch.device
+    targets: Any, data: Data, splits: Splits, device: torch.device
 ) -> dict[str, nn.Module | None]:
-    """Return the models to transfer to: those given, by a file of weights or a run's folder; and
-    the paper's, None where no weights are given.
+    """Return the models that attacks transfer to, by name.
+
+    Those are the given ones, by a file of weights or a run's folder; and with `class_index` the
+    paper's, None where no weights are given.
 
     Raises:
         ValueError: a target that is neither a model's name with weights nor a run.
     """
-    if given is not None and not isinstance(given, Mapping):
+    if targets is not None and not isinstance(targets, Mapping):
         raise ValueError(
-            f"targets={given!r} must be names with weights, as in targets='{{resnet18: FILE}}'."
+            f"targets={targets!r} must be names with weights, as in targets='{{resnet18: FILE}}'."
         )
-    found: dict[str, nn.Module | None] = {}
-    for name, weights in (given or {}).items():
+    models: dict[str, nn.Module | None] = {}
+    for name, weights in (targets or {}).items():
         if isinstance(weights, str) and (Path(weights) / "best.ckpt").is_file():
             run = read(Path(weights))
             run.check_classes(splits, data)
-            found[name] = run.model().to(device)
-        elif name in names():
-            found[name] = None
+            models[name] = run.model().to(device)
+        elif name in model_names():
+            models[name] = None
             if weights:
                 model = as_model(name, splits.num_classes, weights, whole=True)
-                found[name] = model.to(device).eval()
+                models[name] = model.to(device).eval()
         else:
             raise ValueError(
                 f"targets.{name}={weights!r} is neither a run's folder with best.ckpt nor a "
@@ -135,37 +139,41 @@ def targets_of(
             )
     if data.class_index:
         for name in PAPER_TARGETS:
-            found.setdefault(name, None)
-    return found
+            models.setdefault(name, None)
+    return models
 
 
 def quilting(images: Subset, cache: Path) -> Quilting:
     """Return an image quilting with patches from these images; its bank is cached in a file."""
-    some = []
-    for i in range(min(len(images), DONORS)):
-        some.append(images[i][0])
-    stack = torch.stack(some).float() / 255
+    stack = []
+    for i in range(min(len(images), MAX_DONOR_IMAGES)):
+        stack.append(images[i][0])
+    pixels = torch.stack(stack).float() / 255
     cache.parent.mkdir(parents=True, exist_ok=True)
-    return Quilting.from_images(stack, patches=BANK, seed=0, cache=cache)
+    return Quilting.from_images(pixels, patches=BANK_PATCHES, seed=0, cache=cache)
 
 
-def networks_of(given: Any, device: torch.device) -> dict[str, Defence]:
-    """Return demoiréing networks by name: those of the files FILE.pt of a folder, by the files'
-    names, or those named, by a file of weights or a run's folder.
+def networks_of(networks: Any, device: torch.device) -> dict[str, Defence]:
+    """Return demoiréing networks by name.
+
+    Args:
+        networks: folder of files FILE.pt, which name the networks; or a file of weights or a run's
+            folder by name.
+        device: device of the networks.
 
     Raises:
         ValueError: no such file or folder, a file that is damaged or holds no network, or one
             that is named after a network other than the one it holds.
     """
-    places = given
-    if isinstance(given, str):
-        places = {file.stem: file for file in sorted(Path(given).glob("*.pt"))}
+    places = networks
+    if isinstance(networks, str):
+        places = {file.stem: file for file in sorted(Path(networks).glob("*.pt"))}
     if not isinstance(places, Mapping) or not places:
         raise ValueError(
-            f"networks={given!r} has no weights of demoiréing networks. Pass a folder with files "
-            "of demoire.save, such as mopnet.pt, or networks='{mopnet: FILE}'."
+            f"networks={networks!r} has no weights of demoiréing networks. Pass a folder with "
+            "files of demoire.save, such as mopnet.pt, or networks='{mopnet: FILE}'."
         )
-    found: dict[str, Defence] = {}
+    defences: dict[str, Defence] = {}
     for name, place in places.items():
         file = Path(place) / RUN_WEIGHTS if Path(place).is_dir() else Path(place)
         network = demoire.load(file)
@@ -176,12 +184,12 @@ def networks_of(given: Any, device: torch.device) -> dict[str, Defence]:
                 f"networks: {name!r} names another network than {str(file)!r} holds, "
                 f"{network.name}: its row would show that network's published figures. Rename it."
             )
-        found[name] = Demoire(network.to(device))
-    return found
+        defences[name] = Demoire(network.to(device))
+    return defences
 
 
 def callable_of(name: str, device: torch.device) -> Defence:
-    """Import what `package.module:name` names, as `python -c` in the working folder would.
+    """Import the callable `package.module:name`, as `python -c` in the working folder would.
 
     The working folder stays the first that is searched: a function may import more once it is
     called.
@@ -194,16 +202,16 @@ def callable_of(name: str, device: torch.device) -> Defence:
     if sys.path[0] != working_folder:
         sys.path.insert(0, working_folder)
     try:
-        found = getattr(importlib.import_module(module), attribute)
+        defence = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(
             f"demoire={name!r} could not be imported ({error}): {working_folder!r} was searched, "
             "then PYTHONPATH and the installed packages. Pass package.module:callable."
         ) from error
-    if not callable(found) or isinstance(found, type):
+    if not callable(defence) or isinstance(defence, type):
         raise ValueError(
-            f"demoire={name!r} is a {type(found).__name__}, not a callable on (B, 3, H, W) in "
+            f"demoire={name!r} is a {type(defence).__name__}, not a callable on (B, 3, H, W) in "
             f"[0, 1]."
         )
-    require_identity(f"demoire={name!r}", found)
-    return found.eval().to(device) if isinstance(found, nn.Module) else found
+    require_identity(f"demoire={name!r}", defence)
+    return defence.eval().to(device) if isinstance(defence, nn.Module) else defence

@@ -13,16 +13,16 @@ import torch
 
 from moireaug.evaluation.report.page import environment, uri
 from moireaug.scenes import Scene
-from training.calibration.compare import Line, distance, number, shown
-from training.calibration.fit import Fitted
-from training.calibration.pairs import Crops
+from training.calibration.compare import StatisticRow, mean_distance, number_text, span_text
+from training.calibration.crops import Crops
+from training.calibration.fit import FittedScene
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
-CROP_SIDE = 300  # pixels of a crop that the page shows
-MAX_CROPS = 6  # crops that it shows
+CROP_SIDE = 300  # pixels of a crop on the page
+MAX_CROPS = 6  # of the page
 
 
-def by_crop(
+def crop_table(
     crops: Crops, real: list[dict[str, float]], simulated: list[dict[str, float]] | None
 ) -> pd.DataFrame:
     """Return one row per crop, real ones first."""
@@ -36,18 +36,18 @@ def by_crop(
     return pd.concat(tables)
 
 
-def blocks(crops: Crops, simulated: torch.Tensor | None, name: str) -> list[dict[str, Any]]:
+def example_blocks(crops: Crops, simulated: torch.Tensor | None, name: str) -> list[dict[str, Any]]:
     """Return the pictures of the page: a crop of each of the first pictures, side by side."""
-    found = []
+    examples = []
     for index, label in list(enumerate(crops.names))[:MAX_CROPS]:
         row = int((crops.picture == index).nonzero()[0])
         sides = {"real photo": crops.photos, name: simulated, "original": crops.originals}
         cells = []
-        for title, pictures in sides.items():
+        for heading, pictures in sides.items():
             if pictures is not None:
-                cells.append({"title": title, "image": _middle(pictures[row])})
-        found.append({"label": label, "cells": cells})
-    return found
+                cells.append({"title": heading, "image": _middle(pictures[row])})
+        examples.append({"label": label, "cells": cells})
+    return examples
 
 
 def _middle(picture: torch.Tensor) -> Any:
@@ -57,26 +57,26 @@ def _middle(picture: torch.Tensor) -> Any:
 
 
 def page(
-    found: Sequence[Line],
+    table: Sequence[StatisticRow],
     crops: Crops,
     scene: Scene,
     name: str,
     plot: bytes,
     examples: list[dict[str, Any]],
-    fitted: Fitted | None,
+    fitted: FittedScene | None,
 ) -> str:
     """Return the report as a self-contained page."""
     paired = crops.originals is not None
     rows = []
-    for line in found:
-        apart = "" if line.distance is None else number(line.distance)
+    for row in table:
+        distance = "" if row.distance is None else number_text(row.distance)
         rows.append(
             {
-                "title": line.statistic.title,
-                "unit": line.statistic.unit,
-                "real": shown(line.real),
-                "simulated": shown(line.simulated),
-                "apart": apart,
+                "title": row.statistic.title,
+                "unit": row.statistic.unit,
+                "real": span_text(row.real),
+                "simulated": span_text(row.simulated),
+                "apart": distance,
             }
         )
     n = f"{len(crops.photos)} crops of {crops.photos.shape[-1]} px from {len(crops.names)} photos"
@@ -84,8 +84,8 @@ def page(
     title = "Real photos of screens, measured"
     if paired:
         title = f"{name} beside real photos of screens"
-        apart = f"{distance(found):.3f} (0.7 is a factor of two)"
-        lead = f"{n}. Mean distance of the statistics: {apart}."
+        distance = f"{mean_distance(table):.3f} (0.7 is a factor of two)"
+        lead = f"{n}. Mean distance of the statistics: {distance}."
     run: dict[str, Any] = dict.fromkeys(("environment", "config", "scene"))
     run["command"] = shlex.join(["python", *sys.argv])
     run["plan"] = str(scene.plan()) if paired else None
@@ -100,8 +100,8 @@ def page(
         scene=name,
         simulated=paired,
         paired=paired,
-        fit=None if fitted is None else fitted.view(),
+        fit=None if fitted is None else fitted.report_values(),
         examples=examples,
-        alt=f"Plot of {len(found)} statistics: medians and spans, as in the table below",
+        alt=f"Plot of {len(table)} statistics: medians and spans, as in the table below",
         metrics=run,
     )

@@ -1,11 +1,10 @@
-"""Real pairs, a photo of a screen and the picture on it, and the crops that are compared."""
+"""Real pairs: photos of screens and the pictures on them, from files."""
 
 from __future__ import annotations
 
 import csv
 import hashlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,14 +12,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug import Scene, capture
 from moireaug.images import read_picture, size_of
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from moireaug.synthesis.registration import register
 from training.system.files import read_table
 
-TABLE = "pairs.csv"  # of a folder
-BATCH = 8  # crops that are photographed at a time
+TABLE_NAME = "pairs.csv"  # of a folder
 
 
 class Pair(NamedTuple):
@@ -30,29 +27,12 @@ class Pair(NamedTuple):
     original: Path
 
 
-class Shown(NamedTuple):
+class ScreenPhoto(NamedTuple):
     """A photo (3, H, W) uint8, and the picture that it shows, aligned; None where it is unknown."""
 
     name: str
     photo: Tensor
     original: Tensor | None
-
-
-@dataclass(frozen=True, eq=False)
-class Crops:
-    """Crops at the same places of photos and originals.
-
-    Args:
-        photos: (N, 3, S, S) uint8.
-        originals: the same of the originals; None where only photos are known.
-        picture: (N,) int64, which picture a crop is of.
-        names: of the pictures.
-    """
-
-    photos: Tensor
-    originals: Tensor | None
-    picture: Tensor
-    names: tuple[str, ...]
 
 
 def find_pairs(source: Path) -> list[Pair]:
@@ -64,8 +44,8 @@ def find_pairs(source: Path) -> list[Pair]:
     Raises:
         ValueError: none found, a column or a file that is missing.
     """
-    if (source / TABLE).is_file():
-        source = source / TABLE
+    if (source / TABLE_NAME).is_file():
+        source = source / TABLE_NAME
     if source.is_dir():
         pairs = list(_of_folders(source))
     elif source.is_file():
@@ -101,27 +81,27 @@ def fingerprint(pairs: Iterable[Pair]) -> str:
     digest = hashlib.sha256()
     for pair in pairs:
         for path in pair:
-            known = path.stat()
-            told = f"{path.resolve()}\0{known.st_size}\0{known.st_mtime_ns}\n"
-            digest.update(told.encode("utf-8", "surrogateescape"))
+            status = path.stat()
+            line = f"{path.resolve()}\0{status.st_size}\0{status.st_mtime_ns}\n"
+            digest.update(line.encode("utf-8", "surrogateescape"))
     return digest.hexdigest()[:16]
 
 
 def _of_folders(root: Path) -> Iterator[Pair]:
     photos, originals = root / "photo", root / "original"
-    named: dict[Path, list[Path]] = {}
+    by_name: dict[Path, list[Path]] = {}
     for original in find_images(originals):
-        named.setdefault(original.relative_to(originals).with_suffix(""), []).append(original)
+        by_name.setdefault(original.relative_to(originals).with_suffix(""), []).append(original)
     for photo in find_images(photos):
         # a photo is often a JPEG, and its picture a PNG
-        same = named.get(photo.relative_to(photos).with_suffix(""), [])
-        if not same:
+        matches = by_name.get(photo.relative_to(photos).with_suffix(""), [])
+        if not matches:
             raise ValueError(f"{photo} has no picture of the same name in {originals}.")
-        if len(same) > 1:
+        if len(matches) > 1:
             raise ValueError(
-                f"{photo} has more than one picture of its name: {same[0]}, {same[1]}."
+                f"{photo} has more than one picture of its name: {matches[0]}, {matches[1]}."
             )
-        yield Pair(photo, same[0])
+        yield Pair(photo, matches[0])
 
 
 def _of_table(path: Path) -> Iterator[Pair]:
@@ -162,7 +142,7 @@ def read_codes(path: Path) -> Tensor:
     return torch.from_numpy(np.asarray(picture).copy()).permute(2, 0, 1)
 
 
-def read_pairs(pairs: Iterable[Pair]) -> Iterator[Shown]:
+def read_pairs(pairs: Iterable[Pair]) -> Iterator[ScreenPhoto]:
     """Read pairs one by one.
 
     Raises:
@@ -173,7 +153,7 @@ def read_pairs(pairs: Iterable[Pair]) -> Iterator[Shown]:
         if photo.shape != original.shape:
             sizes = [(p.shape[-1], p.shape[-2]) for p in (photo, original)]
             raise ValueError(_not_one_size(pair, *sizes))
-        yield Shown(pair.photo.stem, photo, original)
+        yield ScreenPhoto(pair.photo.stem, photo, original)
 
 
 def _not_one_size(pair: Pair, photo: tuple[int, int], original: tuple[int, int]) -> str:
@@ -184,66 +164,14 @@ def _not_one_size(pair: Pair, photo: tuple[int, int], original: tuple[int, int])
     )
 
 
-def cut(pictures: Iterable[Shown], side: int, each: int, seed: int = 0) -> Crops:
-    """Cut `each` square crops of `side` pixels out of every picture, at random places.
-
-    Args:
-        pictures: all of them with originals, or none.
-
-    Raises:
-        ValueError: a picture that is smaller than a crop.
-    """
-    draw = np.random.default_rng(seed)
-    photos: list[Tensor] = []
-    originals: list[Tensor] = []
-    index: list[int] = []
-    names: list[str] = []
-    for name, photo, original in pictures:
-        height, width = photo.shape[-2:]
-        if min(height, width) < side:
-            raise ValueError(
-                f"{name} is {_size(photo)} pixels, smaller than a crop of {side}: make the crops "
-                "smaller."
-            )
-        for _ in range(each):
-            y = int(draw.integers(0, height - side + 1))
-            x = int(draw.integers(0, width - side + 1))
-            # a view would keep the whole photo
-            photos.append(photo[:, y : y + side, x : x + side].clone())
-            index.append(len(names))
-            if original is not None:
-                originals.append(original[:, y : y + side, x : x + side].clone())
-        names.append(name)
-    both = torch.stack(originals) if originals else None
-    return Crops(torch.stack(photos), both, torch.tensor(index, device="cpu"), tuple(names))
-
-
-def _size(picture: Tensor) -> str:
-    return f"{picture.shape[-1]} x {picture.shape[-2]}"
-
-
-@torch.no_grad()
-def photographed(scene: Scene, originals: Tensor, seed: int = 0) -> Tensor:
-    """Photograph crops (N, 3, S, S) uint8 in a scene; return the photos as 8-bit codes of the same
-    shape, as files hold them."""
-    generator = torch.Generator().manual_seed(seed)
-    height, width = originals.shape[-2:]
-    shot = scene.sample(len(originals), (height, width), generator)
-    photos = []
-    for start in range(0, len(originals), BATCH):
-        rows = slice(start, start + BATCH)
-        photos.append(capture(originals[rows].float() / 255, shot[rows]))
-    return (255 * torch.cat(photos)).round().clamp(0, 255).to(torch.uint8)
-
-
-def registered(photos: Iterable[Path], picture: Path) -> Iterator[Shown]:
+def read_registered(photos: Iterable[Path], picture: Path) -> Iterator[ScreenPhoto]:
     """Read photos of a screen that shows a picture, and register each to the picture; the parts of
     the picture that a photo does not show are cut off both.
 
     Raises:
         ValueError: a photo in which the picture was not found.
     """
-    shown = read_codes(picture)
+    on_screen = read_codes(picture)
     for path in photos:
-        photo, original = register(read_codes(path), shown, str(path))
-        yield Shown(path.stem, photo, original)
+        photo, original = register(read_codes(path), on_screen, str(path))
+        yield ScreenPhoto(path.stem, photo, original)

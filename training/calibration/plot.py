@@ -10,32 +10,32 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from moireaug.evaluation.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR
-from training.calibration.compare import Line, Span
+from training.calibration.compare import Span, StatisticRow
 
-SIZE, DPI = (10.4, 6.4), 100
-MAIN = "codes RMS"  # the unit of most, on the left
-APART = 0.17  # between the two marks of a line, in lines
-LEAST = 0.05  # codes, on the logarithmic axis
+SIZE_INCHES, DPI = (10.4, 6.4), 100
+MAIN_UNIT = "codes RMS"  # of most statistics, on the left
+MARK_SHIFT = 0.17  # of the two marks of a row, in rows
+MIN_CODES = 0.05  # on the logarithmic axis
 REAL, SIMULATED = (MODEL_COLOUR, "o"), (BASELINE_COLOUR, "D")  # colour and marker
 
 
-def draw(lines: Sequence[Line], name: str) -> bytes:
+def draw(lines: Sequence[StatisticRow], name: str) -> bytes:
     """Return the plot as a PNG: one panel per unit, one row per statistic.
 
     Args:
-        name: of the scene.
+        name: name of the scene.
     """
-    groups: dict[str, list[Line]] = {}
+    groups: dict[str, list[StatisticRow]] = {}
     for line in lines:
         if line.statistic.compared:
             groups.setdefault(line.statistic.unit, []).append(line)
-    left, others = groups.pop(MAIN), list(groups.values())
-    fig = Figure(figsize=SIZE, dpi=DPI, layout="constrained", facecolor="white")
+    main_group, other_groups = groups.pop(MAIN_UNIT), list(groups.values())
+    fig = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained", facecolor="white")
     outer = fig.add_gridspec(1, 2)
-    _panel(fig.add_subplot(outer[0]), left, name)
-    heights = [len(group) + 0.9 for group in others]
-    inner = outer[1].subgridspec(len(others), 1, height_ratios=heights)
-    for i, group in enumerate(others):
+    _panel(fig.add_subplot(outer[0]), main_group, name)
+    heights = [len(group) + 0.9 for group in other_groups]
+    inner = outer[1].subgridspec(len(other_groups), 1, height_ratios=heights)
+    for i, group in enumerate(other_groups):
         _panel(fig.add_subplot(inner[i]), group, name)
     handles, labels = fig.axes[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False, fontsize=10)
@@ -44,16 +44,16 @@ def draw(lines: Sequence[Line], name: str) -> bytes:
     return file.getvalue()
 
 
-def _panel(ax: Axes, group: Sequence[Line], name: str) -> None:
+def _panel(ax: Axes, group: Sequence[StatisticRow], name: str) -> None:
     least = -math.inf
-    if group[0].statistic.unit == MAIN:
+    if group[0].statistic.unit == MAIN_UNIT:
         ax.set_xscale("log")
         ax.xaxis.set_major_formatter("{x:g}")
-        least = LEAST
+        least = MIN_CODES
     for row, line in enumerate(group):
         # a legend needs each name once
         real_name, simulated_name = ("real photos", name) if row == 0 else (None, None)
-        shift = APART if line.simulated else 0
+        shift = MARK_SHIFT if line.simulated else 0
         _mark(ax, line.real, row - shift, least, REAL, real_name)
         if line.simulated:
             _mark(ax, line.simulated, row + shift, least, SIMULATED, simulated_name)

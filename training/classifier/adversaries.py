@@ -1,4 +1,4 @@
-"""Adversaries of training by name: what each does to the images, and what it costs."""
+"""Adversaries of training by name, and their cost."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
 from training.config.schema import Adversary
 
-STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
+MIN_STRONG_STEPS = 3  # steps of the validation's attack, and of training once fewer have failed
 
 
 class Adversaries:
-    """Photographs or attacks training images, as `adversary.*` says.
+    """Photographs or attacks training images, by the settings `adversary.*`.
 
     Args:
-        model: the model in training.
-        scene: the scene of the shots, or a mixture.
-        cfg: the settings.
+        model: classifier in training.
+        scene: scene of the shots.
+        cfg: settings of the adversary.
 
     Raises:
         ValueError: settings that do not go together.
@@ -37,7 +37,9 @@ class Adversaries:
         "none", photographed.
 
         Args:
-            labels: (B,) int64. strength: share of eps that is in force, in [0, 1].
+            images: (B, 3, H, W) in [0, 1].
+            labels: (B,) int64 classes.
+            strength: share of eps that is in force, in [0, 1].
         """
         if self.attack is None:
             return self.photograph(images)
@@ -81,9 +83,9 @@ def check(cfg: Adversary) -> None:
         )
 
 
-def strengthened(cfg: Adversary) -> Adversary:
+def strengthen(cfg: Adversary) -> Adversary:
     """Return the same adversary with at least three steps."""
-    return replace(cfg, steps=max(cfg.steps, STRONG))
+    return replace(cfg, steps=max(cfg.steps, MIN_STRONG_STEPS))
 
 
 def passes(cfg: Adversary) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 import lightning as L
 from lightning.pytorch.callbacks import WeightAveraging
 
-from training.classifier.module import Classifier, collapsed
+from training.classifier.module import Classifier, has_collapsed
 from training.system.files import read_checkpoint
 from training.system.processes import say
 
@@ -21,7 +21,7 @@ class Guard(L.Callback):
     The event is printed and kept in the run's history; the schedule of the learning rate continues.
 
     Args:
-        best: the best checkpoint's file.
+        best: file of the best checkpoint.
     """
 
     def __init__(self, best: Path) -> None:
@@ -30,33 +30,36 @@ class Guard(L.Callback):
     def on_train_epoch_start(  # type: ignore[override]
         self, trainer: L.Trainer, module: Classifier
     ) -> None:
-        if not _fell(module):
+        if not _collapsed_in_last_epoch(module):
             return
-        good = read_checkpoint(self.best)
-        restore(trainer, module, good)
+        best = read_checkpoint(self.best)
+        restore(trainer, module, best)
         module.harden(int(module.history[-1]["epoch"]))
-        _say(module, f"Back to epoch {good['epoch'] + 1}, and training continues with three steps.")
+        epoch = best["epoch"] + 1
+        _report(module, f"Back to epoch {epoch}, and training continues with three steps.")
 
     def on_train_end(  # type: ignore[override]
         self, trainer: L.Trainer, module: Classifier
     ) -> None:
-        if _fell(module):
+        if _collapsed_in_last_epoch(module):
             module.collapsed_at = int(module.history[-1]["epoch"])
-            _say(module, "It was the last epoch: an earlier one is kept.")
+            _report(module, "It was the last epoch: an earlier one is kept.")
 
 
-def _fell(module: Classifier) -> bool:
+def _collapsed_in_last_epoch(module: Classifier) -> bool:
     """Return whether the model has collapsed in the last epoch of its history."""
     history = [row["perturbed"] for row in module.history if "perturbed" in row]
-    return module.few_steps and not module.hardened and bool(history) and collapsed(history)
+    if not history or not module.has_few_steps or module.is_hardened:
+        return False
+    return has_collapsed(history)
 
 
-def _say(module: Classifier, then: str) -> None:
-    *before, now = [row["perturbed"] for row in module.history]
+def _report(module: Classifier, consequence: str) -> None:
+    *earlier, last = [row["perturbed"] for row in module.history]
     epoch = int(module.collapsed_at or 0) + 1
     say(
         f"\nCatastrophic overfitting in epoch {epoch}: accuracy under three steps fell to "
-        f"{now:.0%} from {max(before):.0%}. {then}"
+        f"{last:.0%} from {max(earlier):.0%}. {consequence}"
     )
 
 

@@ -14,23 +14,25 @@ from moireaug.attacks import NoAnswerError, predicted
 from moireaug.evaluation.statistics import mix_seeds
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
-from training.classifier.adversaries import STRONG, Adversaries, strengthened
-from training.classifier.tuning import make_optimizer, tuning
+from training.classifier.adversaries import MIN_STRONG_STEPS, Adversaries, strengthen
+from training.classifier.tuning import make_optimizer, tuning_of
 from training.config.schema import Adversary, Train
 from training.data.augmentation import augment
 
-FLOOR = 0.2  # accuracy below which a model has nothing to lose yet
-FALL = 0.5  # share of the best accuracy that counts as a collapse
+MIN_COLLAPSE_ACCURACY = 0.2  # of the best epoch: below it a model has nothing to lose yet
+COLLAPSE_FRACTION = 0.5  # share of the best accuracy that counts as a collapse
 
 
-def collapsed(perturbed: list[float]) -> bool:
+def has_collapsed(perturbed: list[float]) -> bool:
     """Return whether accuracy in the last epoch has fallen below half of the best before it.
 
     Args:
         perturbed: accuracy of each epoch under an attack of at least three steps, in [0, 1].
     """
-    *before, now = perturbed
-    return bool(before) and max(before) > FLOOR and now < FALL * max(before)
+    *before, last = perturbed
+    if not before or max(before) <= MIN_COLLAPSE_ACCURACY:
+        return False
+    return last < COLLAPSE_FRACTION * max(before)
 
 
 class Classifier(L.LightningModule):
@@ -42,12 +44,12 @@ class Classifier(L.LightningModule):
     `guard.Guard` acts on it.
 
     Args:
-        model: takes [0, 1] images (B, 3, H, W) and returns logits.
-        train: how it is trained.
-        adversary: what is done to the training images.
-        scene: where they are photographed.
-        seed: of all random draws.
-        augment: of the clean images, one of `augmentation.AUGMENT`.
+        model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).
+        train: settings of the training.
+        adversary: settings of the adversary.
+        scene: scene in which training images are photographed.
+        seed: seed of all random draws.
+        augment: augmentation of the clean images, one of `AUGMENTATIONS`.
         fine: whether given weights are fine-tuned.
 
     Raises:
@@ -73,18 +75,19 @@ class Classifier(L.LightningModule):
         if train.compile:
             self.model.compile()
         self.adversary = Adversaries(model, scene, adversary)
-        self.validation_adversary = Adversaries(model, scene, strengthened(adversary))
-        self.tuning = tuning(train, fine=fine)
+        self.validation_adversary = Adversaries(model, scene, strengthen(adversary))
+        self.tuning = tuning_of(train, fine=fine)
         self.history: list[dict[str, float]] = []
         self.collapsed_at: int | None = None
         self._loss: list[Tensor] = []
         self._hits: dict[str, list[Tensor]] = {}
-        self._began, self._trained = time.perf_counter(), 0.0
+        self._epoch_start, self._training_seconds = time.perf_counter(), 0.0
         own_statistics = not fine if train.batch_statistics is None else train.batch_statistics
-        normalisations = [
-            m for m in model.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)
-        ]
-        self._fixed = [] if own_statistics else normalisations
+        self._fixed_normalisations: list[nn.Module] = []
+        if not own_statistics:
+            for module in model.modules():
+                if isinstance(module, nn.modules.batchnorm._BatchNorm):
+                    self._fixed_normalisations.append(module)
         self.train()
 
     def train(self, mode: bool = True) -> Classifier:
@@ -94,7 +97,7 @@ class Classifier(L.LightningModule):
         published weights may have theirs folded into the convolutions.
         """
         super().train(mode)
-        for module in self._fixed:
+        for module in self._fixed_normalisations:
             module.eval()
         return self
 
@@ -103,21 +106,21 @@ class Classifier(L.LightningModule):
         return self.model(images)
 
     @property
-    def few_steps(self) -> bool:
+    def has_few_steps(self) -> bool:
         """Return whether the model may learn to defeat only the few steps of its adversary."""
-        return self.threat.kind != "none" and self.threat.steps < STRONG
+        return self.threat.kind != "none" and self.threat.steps < MIN_STRONG_STEPS
 
     @property
-    def hardened(self) -> bool:
+    def is_hardened(self) -> bool:
         return self.collapsed_at is not None
 
     def harden(self, epoch: int) -> None:
         """Attack in three steps from now on: the model has collapsed in `epoch`."""
         self.collapsed_at = epoch
-        self.adversary = Adversaries(self.model, self.scene, strengthened(self.threat))
+        self.adversary = Adversaries(self.model, self.scene, strengthen(self.threat))
 
     def on_train_epoch_start(self) -> None:
-        self._loss, self._began = [], time.perf_counter()
+        self._loss, self._epoch_start = [], time.perf_counter()
         if torch.distributed.is_initialized():
             # Each process has its own statistics of batch normalisation, which DDP does not share
             # after a validation; attacks see them. A resumed run begins with the first's.
@@ -130,7 +133,7 @@ class Classifier(L.LightningModule):
         images, labels = batch
         images = augment(images.float() / 255, self.augment)
         try:
-            images = self._turned(images, labels)
+            images = self._attack_and_photograph(images, labels)
         except NoAnswerError:
             raise self._diverged("loss became nan", index) from None
         loss = F.cross_entropy(self(images), labels, label_smoothing=self.settings.label_smoothing)
@@ -140,16 +143,16 @@ class Classifier(L.LightningModule):
         self.log("loss", loss, prog_bar=True, logger=False)
         return loss
 
-    def _diverged(self, what: str, index: int) -> FloatingPointError:
+    def _diverged(self, symptom: str, index: int) -> FloatingPointError:
         return FloatingPointError(
-            f"the {what} in epoch {self.current_epoch + 1}, batch {index}. Train with a smaller "
+            f"the {symptom} in epoch {self.current_epoch + 1}, batch {index}. Train with a smaller "
             "train.lr, or with trainer.precision=32-true; the epochs before this one are kept in "
             "the run's folder."
         )
 
-    def _turned(self, images: Tensor, labels: Tensor) -> Tensor:
-        """Return a batch's images: its first ones attacked, those after them photographed, the rest
-        clean; batches are shuffled, so that each part is random."""
+    def _attack_and_photograph(self, images: Tensor, labels: Tensor) -> Tensor:
+        """Return the images of a batch with the first ones attacked, the next ones photographed and
+        the rest clean; batches are shuffled, so that each part is random."""
         n = round(self.threat.share * len(images))
         end = round((self.threat.share + self.threat.natural) * len(images))
         attacked, photos, clean = images[:n], images[n:end], images[end:]
@@ -167,10 +170,8 @@ class Classifier(L.LightningModule):
         return min(1.0, (self.global_step + 1) / (self.threat.warmup * total))
 
     def on_validation_epoch_start(self) -> None:
-        self._hits, self._trained = (
-            {"clean": [], "perturbed": []},
-            time.perf_counter() - self._began,
-        )
+        self._training_seconds = time.perf_counter() - self._epoch_start
+        self._hits = {"clean": [], "perturbed": []}
         self._rng = torch.random.get_rng_state()
         torch.manual_seed(self.seed + self.global_rank)
 
@@ -180,10 +181,10 @@ class Classifier(L.LightningModule):
         self._hits["clean"].append((predicted(self(images)) == labels).float())
         if self.threat.kind != "none" or self.threat.natural:
             try:
-                shown = self.validation_adversary(images, labels)
+                perturbed = self.validation_adversary(images, labels)
             except NoAnswerError:  # no answer is wrong, attacked or not
-                shown = images
-            self._hits["perturbed"].append((predicted(self(shown)) == labels).float())
+                perturbed = images
+            self._hits["perturbed"].append((predicted(self(perturbed)) == labels).float())
 
     def on_validation_epoch_end(self) -> None:
         torch.random.set_rng_state(self._rng)
@@ -195,21 +196,21 @@ class Classifier(L.LightningModule):
         for name, value in means.items():
             self.log(f"val_{name}", value, prog_bar=True, logger=False)
         loss = torch.tensor(self._loss, dtype=torch.float32, device=self.device).mean()
-        validation = time.perf_counter() - self._began - self._trained
+        validation = time.perf_counter() - self._epoch_start - self._training_seconds
         row = {
             "epoch": self.current_epoch,
             "loss": float(self.trainer.strategy.reduce(loss, reduce_op="mean")),
-            "seconds": self._trained,
+            "seconds": self._training_seconds,
             "validation_seconds": validation,
         }
         self.history.append(row | {k: float(v) for k, v in means.items()})
 
     def _collapses(self, means: dict[str, Tensor]) -> bool:
         """Return whether the epoch with these means ends in catastrophic overfitting."""
-        if not self.few_steps or self.hardened:
+        if not self.has_few_steps or self.is_hardened:
             return False
         perturbed = [row["perturbed"] for row in self.history]
-        return collapsed([*perturbed, float(means["perturbed"])])
+        return has_collapsed([*perturbed, float(means["perturbed"])])
 
     def configure_optimizers(self) -> Any:
         momentum = self.settings.momentum

@@ -25,11 +25,12 @@ class Muon(torch.optim.Optimizer):
     processor that does not multiply it.
 
     Args:
-        params: of a model.
-        lr: about the singular values of a matrix's step, times sqrt(N / M) where it is taller (N)
-            than wide (M). SGD has 5 times that rate.
-        momentum: Nesterov's, in [0, 1).
-        weight_decay: a matrix loses lr * weight_decay of itself in each step; the others nothing.
+        params: parameters of a model.
+        lr: learning rate, about the singular values of a matrix's step, times sqrt(N / M) where it
+            is taller (N) than wide (M). SGD has 5 times that rate.
+        momentum: Nesterov's momentum, in [0, 1).
+        weight_decay: share of a matrix that it loses in each step, in units of lr; the others lose
+            nothing.
 
     Source: K. Jordan et al., "Muon: An optimizer for hidden layers in neural networks" (2024).
     """
@@ -38,13 +39,13 @@ class Muon(torch.optim.Optimizer):
         self, params: Iterable[nn.Parameter], lr: float, momentum: float, weight_decay: float
     ) -> None:
         matrices: list[nn.Parameter] = []
-        others: list[nn.Parameter] = []
+        vectors: list[nn.Parameter] = []
         for p in params:
             hidden = p.ndim > 1 and min(p.shape[:2]) > 1
-            (matrices if hidden else others).append(p)
+            (matrices if hidden else vectors).append(p)
         groups = [
             {"params": matrices, "orthogonal": True, "lr": lr},
-            {"params": others, "orthogonal": False, "lr": SGD_LR * lr},
+            {"params": vectors, "orthogonal": False, "lr": SGD_LR * lr},
         ]
         groups = [group for group in groups if group["params"]]
         super().__init__(groups, {"momentum": momentum, "weight_decay": weight_decay})
@@ -100,7 +101,7 @@ def orthogonal(matrix: Tensor) -> Tensor:
 
 
 def _factor(gram: Tensor) -> Tensor:
-    """Return what one iteration multiplies a matrix by, from its Gram matrix."""
+    """Return the factor of one iteration, from a matrix's Gram matrix."""
     factor = CUBIC * gram + QUINTIC * (gram @ gram)
     factor.diagonal().add_(LINEAR)
     return factor

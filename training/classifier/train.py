@@ -16,13 +16,13 @@ from moireaug.files import write_text
 from training.classifier.adversaries import passes
 from training.classifier.guard import Guard
 from training.classifier.module import Classifier
-from training.classifier.tuning import Tuning, averaging
+from training.classifier.tuning import Tuning, weight_averaging
 from training.config.schema import Config, Trainer, scene_of
 from training.data.batches import Batches, require_even
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side
 from training.runs.costs import cost, with_totals
-from training.runs.resume import trained_run
+from training.runs.reuse import read_trained
 from training.runs.run import Run, start_of
 from training.system import machine
 from training.system.files import digest, read_checkpoint, read_json
@@ -52,17 +52,18 @@ def try_out(run: Run[Config], splits: Splits) -> None:
     trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, origin)
     require_even(cfg.train.batch_size, trainer.world_size)
     for part in (splits.train, splits.val, splits.test):
-        _ = part[0]  # raises what cannot be read
+        _ = part[0]  # raises where it cannot be read
 
 
 def train_model(
     run: Run[Config], splits: Splits, before: Mapping[str, Any] | None = None
 ) -> tuple[Classifier, dict[str, Any]]:
-    """Train, and return the averaged weights that did best on validation, with what it cost.
+    """Train, and return the averaged weights that did best on validation, and the cost.
 
     Args:
-        run: its settings and folder. splits: its images.
-        before: `train` in the metrics of the run whose weights it starts from, for the totals.
+        run: settings and folder of the run.
+        splits: images of the run.
+        before: cost of the run whose weights it starts from, for the totals.
 
     Raises:
         ValueError: a checkpoint that is missing or damaged.
@@ -73,44 +74,45 @@ def train_model(
     """
     cfg = run.config
     L.seed_everything(cfg.seed, verbose=False)
-    out, resumed = run.folder, run.can_resume()
+    out, resumes = run.folder, run.can_resume()
     last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
     classifier = classifier_of(cfg, splits.num_classes)
-    if resumed and (train := read_json(train_json)):
+    if resumes and (train := read_json(train_json)):
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
         say(f"Training is complete: the weights are read from {best}.")
         return classifier.eval(), with_totals(train, before)
     start = start_of(run)
-    if start and not resumed:
-        classifier.model.load_state_dict(trained_run(start).state)
+    if start and not resumes:
+        classifier.model.load_state_dict(read_trained(start).state)
     if is_first():
         run.write_settings()
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
-    say(_planned(cfg, epochs, classifier.tuning.lr, before))
-    done = read_checkpoint(last)["history"] if resumed else []
-    if done:
-        say(f"Resuming from {last} after {counted(len(done), 'epoch')}.")
+    say(_plan_line(cfg, epochs, classifier.tuning.lr, before))
+    history = read_checkpoint(last)["history"] if resumes else []
+    if history:
+        say(f"Resuming from {last} after {counted(len(history), 'epoch')}.")
     batches = Batches(
         splits,
         cfg.train.batch_size,
         workers=cfg.data.workers,
-        seed=draws(cfg),
-        first=len(done),
+        seed=seed_of_draws(cfg),
+        first_epoch=len(history),
     )
     trainer = trainer_of(
         cfg.trainer, classifier.tuning, epochs, out, origin_of(cfg.weights, splits)
     )
-    began = time.perf_counter()
-    ranks.fit(trainer, classifier, batches, last if resumed else None)
-    wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
+    start_time = time.perf_counter()
+    ranks.fit(trainer, classifier, batches, last if resumes else None)
+    wall_seconds = time.perf_counter() - start_time
+    wall_seconds += sum(epoch["seconds"] + epoch["validation_seconds"] for epoch in history)
     state = read_checkpoint(best)
     classifier.load_state_dict(state["state_dict"])
     # an incomplete last batch is left out of an epoch
-    seen = int(trainer.num_training_batches) * cfg.train.batch_size
-    images = min(len(splits.train), seen)  # type: ignore[arg-type]
+    epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
+    images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
     train = {
         **cost(classifier.history, classifier.collapsed_at, images),
-        "wall_seconds": wall,
+        "wall_seconds": wall_seconds,
         "best_epoch": int(state["epoch"]),
         "init": cfg.train.init,
         "passes": passes(cfg.adversary),
@@ -121,12 +123,12 @@ def train_model(
     return classifier.eval(), train
 
 
-def _planned(cfg: Config, epochs: int, lr: float, before: Mapping[str, Any] | None) -> str:
-    """Return what is about to be trained, as a line."""
-    planned = counted(epochs, "epoch")
+def _plan_line(cfg: Config, epochs: int, lr: float, before: Mapping[str, Any] | None) -> str:
+    """Return a line on the training that begins."""
+    plan = counted(epochs, "epoch")
     if before:
-        planned += f" after the {before['epochs']} of its start"
-    return f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}: {planned}, lr {lr:g}"
+        plan += f" after the {before['epochs']} of its start"
+    return f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}: {plan}, lr {lr:g}"
 
 
 def classifier_of(cfg: Config, num_classes: int) -> Classifier:
@@ -136,20 +138,20 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
         cfg.train,
         cfg.adversary,
         scene_of(cfg),
-        seed=draws(cfg),
+        seed=seed_of_draws(cfg),
         augment=cfg.data.augment,
         fine=cfg.weights is not None,
     )
 
 
 def origin_of(weights: str | None, splits: Splits) -> Origin:
-    """Return what checkpoints are trained on, and from which file of weights."""
+    """Return the origin of checkpoints: their data and their file of weights."""
     if weights is None or not Path(weights).is_file():  # random, or published by a name
         return Origin(splits.classes, splits.files, "")
     return Origin(splits.classes, splits.files, digest(weights))
 
 
-def draws(cfg: Config) -> int:
+def seed_of_draws(cfg: Config) -> int:
     """Return the seed of the batches and of all draws in them.
 
     It is far from that of the start, whose epochs would be repeated otherwise: a sampler's order in
@@ -164,18 +166,20 @@ def trainer_of(
     """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder.
 
     Args:
-        settings: passed on unchanged, except for a precision of null. tuning: how the weights are
-            averaged.
-        out: the run's folder. origin: what goes into the checkpoints.
+        settings: settings of Lightning's trainer, passed on except for a precision of null.
+        tuning: tuning, of which the average of the weights is used.
+        epochs: number of epochs.
+        out: folder of the run.
+        origin: origin that is written into the checkpoints.
     """
     callbacks = [
-        averaging(tuning),
+        weight_averaging(tuning),
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),
         Guard(out / "best.ckpt"),
         RunCheckpoint(out, "last"),
         origin,
     ]
-    chosen = replace(
+    trainer_settings = replace(
         settings, precision=machine.precision(settings.precision, settings.accelerator)
     )
-    return make_trainer(chosen, epochs, callbacks)
+    return make_trainer(trainer_settings, epochs, callbacks)

@@ -1,4 +1,4 @@
-"""Defaults that depend on what training starts from: random weights, or given ones."""
+"""Defaults of training that depend on its start: random weights, or given ones."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ class Tuning(NamedTuple):
 
     Args:
         fine: whether the weights of `weights=` are fine-tuned: then by SGD, else by Muon.
-        lr: the peak learning rate of the schedule. weight_decay: of the optimizer.
-        clip: bound of the gradient's norm, or None.
+        lr: peak learning rate of the schedule.
+        weight_decay: weight decay of the optimizer.
+        clip: bound of the gradient's norm; None for none.
         ema: decay per step of the averaged weights.
-        rising: whether the decay rises from zero over the first steps.
+        rising: whether that decay rises from zero over the first steps.
     """
 
     fine: bool
@@ -37,7 +38,7 @@ class Tuning(NamedTuple):
     rising: bool
 
 
-def tuning(train: Train, *, fine: bool) -> Tuning:
+def tuning_of(train: Train, *, fine: bool) -> Tuning:
     """Return the tuning for these settings; null is replaced by defaults.
 
     From scratch: Muon, lr 0.02, weight decay 0.05, ema 0.98. Fine-tuning: SGD, lr 0.002 for a batch
@@ -67,27 +68,27 @@ def tuning(train: Train, *, fine: bool) -> Tuning:
 
 
 def make_optimizer(
-    params: Iterable[nn.Parameter], chosen: Tuning, momentum: float
+    params: Iterable[nn.Parameter], tuning: Tuning, momentum: float
 ) -> torch.optim.Optimizer:
     """Return the optimizer of a model's parameters."""
-    if not chosen.fine:
-        return Muon(params, chosen.lr, momentum, chosen.weight_decay)
+    if not tuning.fine:
+        return Muon(params, tuning.lr, momentum, tuning.weight_decay)
     return torch.optim.SGD(
         params,
-        chosen.lr,
+        tuning.lr,
         momentum=momentum,
-        weight_decay=chosen.weight_decay,
+        weight_decay=tuning.weight_decay,
         nesterov=momentum > 0,
     )
 
 
-def averaging(chosen: Tuning) -> WeightAveraging:
+def weight_averaging(tuning: Tuning) -> WeightAveraging:
     """Return the callback that averages the weights."""
-    if not chosen.rising:
-        return EMAWeightAveraging(decay=chosen.ema)
+    if not tuning.rising:
+        return EMAWeightAveraging(decay=tuning.ema)
 
-    def average(kept: Tensor, new: Tensor, n: Tensor) -> Tensor:
-        decay = torch.clamp((1 + n) / (10 + n), max=chosen.ema)
-        return decay * kept + (1 - decay) * new
+    def average(mean: Tensor, new: Tensor, n: Tensor) -> Tensor:
+        decay = torch.clamp((1 + n) / (10 + n), max=tuning.ema)
+        return decay * mean + (1 - decay) * new
 
     return WeightAveraging(avg_fn=average)

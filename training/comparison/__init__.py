@@ -1,1 +1,1 @@
-"""Runs compared in one table: what they share, their points and the plot."""
+"""Runs compared in one table: their shared settings, their points and the plot."""

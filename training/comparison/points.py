@@ -1,11 +1,9 @@
-"""Finished runs and their re-attacks, read from a folder of runs: a point for each run, or a
-sentence that says why there is none."""
+"""Finished runs and their re-attacks as points of a table, read from a folder of runs; or a
+sentence that says why there are none."""
 
 from __future__ import annotations
 
-import re
 import shlex
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,19 +13,28 @@ import numpy as np
 
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW
 from training.comparison import comparable
+from training.comparison.caveats import caveats
+from training.comparison.folders import (
+    choose_attacks,
+    group_in,
+    read_attacks,
+    read_classifiers,
+    run_folders,
+)
 from training.runs import costs
 from training.system.files import read_metrics
 
-STEPS, N = 50, 480  # of the re-attack that is suggested for a run without one
+# of the re-attack that is suggested for a run without one
+SUGGESTED_STEPS, SUGGESTED_IMAGES = 50, 480
 Metrics = dict[str, Any]
 
-MEAN, WORST = "mean of the others", "worst of the others"  # of all scenes but the own
+MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
 # accuracies of a run, and the cells of suite `recipes` that they are: table, row, column
 RATES = {
     "clean": ("worst_case", "eps_4", "clean"),
     "natural": ("unseen", OWN_SCENE_ROW, "moire"),
-    "unseen_mean": ("unseen", MEAN, "moire"),
-    "unseen_worst": ("unseen", WORST, "moire"),
+    "unseen_mean": ("unseen", MEAN_ROW, "moire"),
+    "unseen_worst": ("unseen", WORST_ROW, "moire"),
     "worst_4": ("worst_case", "eps_4", "worst"),
     "worst_8": ("worst_case", "eps_8", "worst"),
     "pgd_4": ("worst_case", "eps_4", "pgd"),
@@ -39,15 +46,17 @@ class Point:
     """One run, attacked again in its own scene.
 
     Args:
-        outcomes: name of a rate to (n,) numbers, one per image: 1 where the run is right, 0 where
-            it is wrong, the mean over scenes in between. All runs see the same images.
-        seconds: of this run's own training, by its median epoch. start_seconds: of the training
-            that made the weights it began with; 0 where it began with random ones. plain_seconds:
-            of plain training with the same seed and settings, its start included: the unit of
-            costs; None where it is not known.
-        passes: forward and backward, per image of its own training. images_per_second: of the same.
-        collapsed: whether catastrophic overfitting was seen while it was trained.
-        baseline: the recipe of plain training of at least as many epochs; None for plain training
+        recipe, seed: settings of the run.
+        outcomes: outcomes (n,) of each rate, one per image: 1 where the run is right, 0 where it is
+            wrong, the mean over scenes in between. All runs see the same images.
+        seconds: time of this run's own training, by its median epoch.
+        start_seconds: time of the training of its first weights; 0 for random ones.
+        plain_seconds: time of plain training with the same seed and settings, its start included:
+            the unit of costs; None where it is not known.
+        passes: forward and backward passes per image of its own training.
+        images_per_second: speed of its own training.
+        collapsed: whether its training ended in catastrophic overfitting once.
+        baseline: recipe of plain training of at least as many epochs; None for plain training
             itself, and where the plain runs took fewer.
     """
 
@@ -79,9 +88,15 @@ class Point:
         return line
 
 
-class Found(NamedTuple):
-    """What a folder of runs holds: its points; what they share; commands that attack the other
-    runs; and warnings."""
+class RunTable(NamedTuple):
+    """The compared runs of a folder.
+
+    Args:
+        points: attacked runs.
+        shared: settings that they share.
+        commands: commands that attack the other runs.
+        warnings: sentences for the reader.
+    """
 
     points: list[Point]
     shared: Metrics
@@ -89,7 +104,7 @@ class Found(NamedTuple):
     warnings: list[str]
 
 
-def read(root: Path) -> Found:
+def read(root: Path) -> RunTable:
     """Read every finished run of `root`/<recipe>/seed<k>/ that suite `recipes` has attacked in its
     own scene.
 
@@ -97,22 +112,22 @@ def read(root: Path) -> Found:
         ValueError: no run, none attacked, runs or re-attacks that cannot be compared, or an
             incomplete file.
     """
-    root, notes = _group(root)
-    trained = _classifiers(root)
+    root, notes = group_in(root)
+    trained = read_classifiers(root)
     if not trained:
         raise ValueError(
             f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as "
             f"training/fit.py writes them. "
             "Pass the folder given as runs=, or the folder of one data set and model in it."
         )
-    for folder in _seeds(root):
+    for folder in run_folders(root):
         if read_metrics(folder) is None:
             notes.append(
                 f"{folder / 'metrics.json'} is damaged, and the run left out: its command, given "
                 "again, writes it anew."
             )
     try:
-        found = _compared(root, trained)
+        table = _table(root, trained)
     except KeyError as error:
         raise ValueError(
             f"a metrics.json in {root} lacks {error}: another version of this project wrote it. "
@@ -122,24 +137,25 @@ def read(root: Path) -> Found:
         raise ValueError(
             f"a metrics.json in {root} holds what no run writes ({error}). Train and attack again."
         ) from error
-    return found._replace(warnings=[*found.warnings, *notes])
+    return table._replace(warnings=[*table.warnings, *notes])
 
 
-def _compared(root: Path, trained: Mapping[Path, Metrics]) -> Found:
-    settings = comparable.same_training(trained)
-    attacked = _chosen({folder: _attacks(folder, metrics) for folder, metrics in trained.items()})
-    protocol = comparable.same_attack(attacked)
+def _table(root: Path, trained: Mapping[Path, Metrics]) -> RunTable:
+    settings = comparable.shared_training(trained)
+    attacks = {folder: read_attacks(folder, metrics) for folder, metrics in trained.items()}
+    attacked = choose_attacks(attacks)
+    protocol = comparable.shared_protocol(attacked)
     starts_alone = all(metrics["recipe"] == "clean" for metrics in trained.values())
     commands = []
     for folder, metrics in trained.items():
         # the start of other runs needs no row of its own
-        wanted = metrics["recipe"] != "clean" or starts_alone
-        if wanted and folder not in attacked:
+        has_row = metrics["recipe"] != "clean" or starts_alone
+        if has_row and folder not in attacked:
             commands.append(_command(folder, metrics, protocol))
     if not attacked:
-        said = f"no run in {root} was attacked by suite=recipes in its own scene. Run:"
-        raise ValueError("\n  ".join([said, *commands]))
-    points = [_point(folder, trained, again) for folder, again in attacked.items()]
+        problem = f"no run in {root} was attacked by suite=recipes in its own scene. Run:"
+        raise ValueError("\n  ".join([problem, *commands]))
+    points = [_point(folder, trained, attack) for folder, attack in attacked.items()]
     shared = {
         "data": comparable.data_name(trained.values()),
         "model": settings["model"],
@@ -147,121 +163,49 @@ def _compared(root: Path, trained: Mapping[Path, Metrics]) -> Found:
     }
     for name, value in protocol.items():
         shared[name.removeprefix("reattack.")] = value
-    return Found(points, shared, commands, comparable.warnings(trained, attacked))
-
-
-def _seeds(root: Path) -> list[Path]:
-    """Return the folders <recipe>/seed<k> of a folder that hold a finished run."""
-    found = sorted(path.parent for path in root.glob("*/*/metrics.json"))
-    return [folder for folder in found if re.fullmatch(r"seed-?\d+", folder.name)]
-
-
-def _classifiers(root: Path) -> dict[Path, Metrics]:
-    """Return the metrics of a folder's finished classifiers; a demoiréing network has no adversary
-    and no place in the table."""
-    found = {}
-    for folder in _seeds(root):
-        metrics = read_metrics(folder) or {}
-        if metrics.get("train") and "adversary" in metrics.get("config", {}):
-            found[folder] = metrics
-    return found
-
-
-def _group(root: Path) -> tuple[Path, list[str]]:
-    """Return the folder whose runs are read, and a note on those of other data or models, which
-    cannot be compared with them.
-
-    Raises:
-        ValueError: there are only groups of runs, of which one must be chosen.
-    """
-    groups = [path for path in sorted(root.glob("*")) if path.is_dir() and _classifiers(path)]
-    if not groups:
-        return root, []
-    named = ", ".join(shlex.quote(str(path)) for path in groups)
-    if _classifiers(root):
-        note = f"Runs of other data or models are left out; for a table of these pass {named}."
-        return root, [note]
-    if len(groups) == 1:
-        return groups[0], []
-    raise ValueError(
-        f"{root} holds runs of several data sets or models, which cannot be compared: pass "
-        f"one of {named}."
-    )
-
-
-def _attacks(folder: Path, metrics: Metrics) -> list[Metrics]:
-    """Return the re-attacks of a run's final weights in its own scene, on its own images."""
-    found = []
-    for path in sorted(folder.glob("reattack/*/recipes")):
-        again = read_metrics(path)
-        if not again or again["scene"] != metrics["scene"]:
-            continue
-        if comparable.images(again) != comparable.images(metrics):
-            continue
-        # the weights of an unfinished run can be attacked, too; earlier versions did not tell
-        identities = {again.get("identity"), metrics.get("identity")} - {None}
-        if len(identities) <= 1:
-            found.append(again)
-    return found
-
-
-def _chosen(every: Mapping[Path, list[Metrics]]) -> dict[Path, Metrics]:
-    """Return a re-attack of each run that has any: of the size that most runs have; of several that
-    as many have, with the most images, then the most steps."""
-    runs_with: Counter[tuple[int, int]] = Counter()
-    for attacks in every.values():
-        runs_with.update({_size(again) for again in attacks})
-    chosen = {}
-    for folder, attacks in every.items():
-        if attacks:
-            chosen[folder] = max(attacks, key=lambda again: (runs_with[_size(again)], _size(again)))
-    return chosen
-
-
-def _size(again: Metrics) -> tuple[int, int]:
-    return again["n"], again["steps"]
+    return RunTable(points, shared, commands, caveats(trained, attacked))
 
 
 def _command(folder: Path, metrics: Metrics, protocol: Metrics) -> str:
     """Return the command that attacks a run as the others were attacked."""
-    wanted = protocol or {"reattack.steps": STEPS, "reattack.n": N}
-    own = metrics["config"]["reattack"]
-    more = ""
-    for key, value in wanted.items():
-        if own.get(key.removeprefix("reattack.")) != value:
-            more += f" {key}={'null' if value is None else value}"
-    return f"python training/reattack.py run={shlex.quote(str(folder))} suite=recipes{more}"
+    settings = protocol or {"reattack.steps": SUGGESTED_STEPS, "reattack.n": SUGGESTED_IMAGES}
+    run_settings = metrics["config"]["reattack"]
+    overrides = ""
+    for key, value in settings.items():
+        if run_settings.get(key.removeprefix("reattack.")) != value:
+            overrides += f" {key}={'null' if value is None else value}"
+    return f"python training/reattack.py run={shlex.quote(str(folder))} suite=recipes{overrides}"
 
 
-def _point(folder: Path, trained: Mapping[Path, Metrics], again: Metrics) -> Point:
+def _point(folder: Path, trained: Mapping[Path, Metrics], attack: Metrics) -> Point:
     metrics = trained[folder]
     train = metrics["train"]
     seconds = costs.steady_seconds(train)
     return Point(
         metrics["recipe"],
         metrics["seed"],
-        outcomes={name: _outcomes(again, *cell) for name, cell in RATES.items()},
+        outcomes={name: _outcomes(attack, *cell) for name, cell in RATES.items()},
         seconds=seconds,
         start_seconds=costs.start_seconds(train, folder, trained),
         plain_seconds=costs.plain_seconds(folder, trained),
         passes=train["passes"],
         images_per_second=train["images_per_second"] * train["seconds"] / seconds,
         collapsed=train.get("collapsed_at") is not None,
-        baseline=comparable.baseline(metrics, trained.values()),
+        baseline=comparable.baseline_recipe(metrics, trained.values()),
     )
 
 
-def _outcomes(again: Metrics, table: str, row: str, column: str) -> np.ndarray:
+def _outcomes(attack: Metrics, table: str, row: str, column: str) -> np.ndarray:
     """Return the outcomes of a cell, one per image; over all scenes but the run's own, their mean
     or those of the worst scene."""
-    others = row in (MEAN, WORST)
-    found = []
-    for line in again["tables"][table]:
-        wanted = line["row"] != OWN_SCENE_ROW if others else line["row"] == row
-        if wanted and line["column"] == column:
-            found.append(np.array([float(outcome) for outcome in line["outcomes"]]))
-    if not found:
+    of_other_scenes = row in (MEAN_ROW, WORST_ROW)
+    scenes = []
+    for cell in attack["tables"][table]:
+        in_row = cell["row"] != OWN_SCENE_ROW if of_other_scenes else cell["row"] == row
+        if in_row and cell["column"] == column:
+            scenes.append(np.array([float(outcome) for outcome in cell["outcomes"]]))
+    if not scenes:
         raise KeyError(f"{table}, {row}, {column}")
-    if row == WORST:
-        return min(found, key=lambda outcomes: float(outcomes.mean()))
-    return np.mean(found, axis=0)
+    if row == WORST_ROW:
+        return min(scenes, key=lambda outcomes: float(outcomes.mean()))
+    return np.mean(scenes, axis=0)

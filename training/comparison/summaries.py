@@ -1,4 +1,4 @@
-"""Recipes summarised over their seeds: means, intervals, and which are on the Pareto front."""
+"""Recipes summarised over their seeds: means, intervals and the Pareto front."""
 
 from __future__ import annotations
 
@@ -24,17 +24,21 @@ class Estimate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """All seeds of one recipe.
+class RecipeSummary:
+    """The means of a recipe over its seeds.
 
     Args:
-        rates: the names of `RATES` to accuracies in [0, 1].
-        gains: the same minus those of plain training with the same seeds; empty where it was not
+        name: name of the recipe.
+        seeds: seeds of its runs.
+        rates: accuracies in [0, 1], by the names of `RATES`.
+        gains: their gains over plain training with the same seeds; empty where that was not
             attacked.
-        seconds, start_seconds, passes, images_per_second: means over seeds, as `Point` has them.
-        relative: training with its start, over the mean of plain training with its own.
+        seconds, start_seconds, passes, images_per_second: means over seeds of the fields of
+            `Point`.
+        relative: time of training with its start, over the mean of plain training with its own.
         collapsed: number of seeds whose training collapsed.
-        front: no other recipe is as robust at 4/255 in less time, or more robust in the same.
+        front: whether no other recipe is as robust at 4/255 in less time, or more robust in the
+            same.
     """
 
     name: str
@@ -50,7 +54,7 @@ class Recipe:
     front: bool
 
 
-def rate(points: Sequence[Point], name: str) -> Estimate:
+def estimate_rate(points: Sequence[Point], name: str) -> Estimate:
     """Return a mean accuracy with an interval over seeds and images; for a single seed, over its
     images alone (Wilson)."""
     outcomes = np.stack([point.outcomes[name] for point in points])
@@ -61,9 +65,9 @@ def rate(points: Sequence[Point], name: str) -> Estimate:
     return Estimate(mean, max(0.0, low), high)
 
 
-def gain(points: Sequence[Point], plain: Sequence[Point], name: str) -> Estimate:
+def estimate_gain(points: Sequence[Point], baseline: Sequence[Point], name: str) -> Estimate:
     """Return a mean difference of accuracies of the same seeds, on the same images."""
-    by_seed = {point.seed: point for point in plain}
+    by_seed = {point.seed: point for point in baseline}
     rows = []
     for point in points:
         if point.seed in by_seed:
@@ -72,7 +76,7 @@ def gain(points: Sequence[Point], plain: Sequence[Point], name: str) -> Estimate
     return Estimate(float(differences.mean()), *bootstrap(differences))
 
 
-def ratio(values: Sequence[float]) -> Estimate:
+def estimate_cost(values: Sequence[float]) -> Estimate:
     """Return a mean cost with Student's interval over seeds; for a single seed it has no width."""
     if len(values) == 1:
         return Estimate(values[0], values[0], values[0])
@@ -82,60 +86,62 @@ def ratio(values: Sequence[float]) -> Estimate:
 
 def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
     """Return which (cost, gain) no other beats, better in one of both and no worse in the other."""
-    found = []
-    for cost, gained in points:
-        beaten = False
+    on_front = []
+    for cost, gain in points:
+        is_beaten = False
         for other_cost, other_gain in points:
-            other_is_better = other_cost < cost or other_gain > gained
-            beaten = beaten or (other_cost <= cost and other_gain >= gained and other_is_better)
-        found.append(not beaten)
-    return found
+            other_is_better = other_cost < cost or other_gain > gain
+            other_is_no_worse = other_cost <= cost and other_gain >= gain
+            is_beaten = is_beaten or (other_is_no_worse and other_is_better)
+        on_front.append(not is_beaten)
+    return on_front
 
 
-def summarise(points: Sequence[Point]) -> list[Recipe]:
+def summarise(points: Sequence[Point]) -> list[RecipeSummary]:
     """Return the recipes, cheapest first.
 
     Raises:
-        ValueError: as `plain_seconds`.
+        ValueError: as `mean_plain_seconds`.
     """
-    by_name: dict[str, list[Point]] = {}
+    by_recipe: dict[str, list[Point]] = {}
     for point in points:
-        by_name.setdefault(point.recipe, []).append(point)
-    unit = plain_seconds(points)
+        by_recipe.setdefault(point.recipe, []).append(point)
+    unit = mean_plain_seconds(points)
     rates: dict[str, dict[str, Estimate]] = {}
     costs: dict[str, Estimate] = {}
-    for name, own in by_name.items():
-        rates[name] = {key: rate(own, key) for key in RATES}
-        costs[name] = ratio([point.total_seconds / unit for point in own])
-    places = [(costs[name].value, rates[name]["worst_4"].value) for name in by_name]
-    fronts = pareto(places)
-    found = []
-    for (name, own), front in zip(by_name.items(), fronts, strict=True):
-        means = {key: fmean(getattr(point, key) for point in own) for key in COSTS}
-        recipe = Recipe(
+    for name, seeds in by_recipe.items():
+        rates[name] = {key: estimate_rate(seeds, key) for key in RATES}
+        costs[name] = estimate_cost([point.total_seconds / unit for point in seeds])
+    places = [(costs[name].value, rates[name]["worst_4"].value) for name in by_recipe]
+    summaries = []
+    for (name, seeds), front in zip(by_recipe.items(), pareto(places), strict=True):
+        means = {key: fmean(getattr(point, key) for point in seeds) for key in COSTS}
+        summary = RecipeSummary(
             name,
-            seeds=tuple(sorted(point.seed for point in own)),
+            seeds=tuple(sorted(point.seed for point in seeds)),
             rates=rates[name],
-            gains=gains(own, by_name),
+            gains=estimate_gains(seeds, by_recipe),
             relative=costs[name],
-            collapsed=sum(point.collapsed for point in own),
+            collapsed=sum(point.collapsed for point in seeds),
             front=front,
             **means,
         )
-        found.append(recipe)
-    return sorted(found, key=lambda recipe: (recipe.relative.value, recipe.name))
+        summaries.append(summary)
+    return sorted(summaries, key=lambda summary: (summary.relative.value, summary.name))
 
 
-def gains(own: Sequence[Point], by_name: dict[str, list[Point]]) -> dict[str, Estimate]:
+def estimate_gains(
+    points: Sequence[Point], by_recipe: dict[str, list[Point]]
+) -> dict[str, Estimate]:
     """Return the gains over plain training; empty where none of its runs has the same seeds."""
-    plain = by_name.get(own[0].baseline or "", [])
-    plain_seeds = {point.seed for point in plain}
-    if not any(point.seed in plain_seeds for point in own):
+    baseline = by_recipe.get(points[0].baseline or "", [])
+    baseline_seeds = {point.seed for point in baseline}
+    if not any(point.seed in baseline_seeds for point in points):
         return {}
-    return {key: gain(own, plain, key) for key in RATES}
+    return {key: estimate_gain(points, baseline, key) for key in RATES}
 
 
-def plain_seconds(points: Sequence[Point]) -> float:
+def mean_plain_seconds(points: Sequence[Point]) -> float:
     """Return the mean time of plain training, its start included; a baseline's own figure takes
     precedence over a copy.
 

@@ -45,7 +45,7 @@ def _check_devices(trainer: Trainer) -> None:
     Raises:
         ValueError: with how many there are.
     """
-    kind, asked = trainer.accelerator, trainer.devices
+    kind, devices = trainer.accelerator, trainer.devices
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if kind in ("gpu", "cuda") and not gpus:
         raise ValueError(
@@ -58,9 +58,11 @@ def _check_devices(trainer: Trainer) -> None:
     # two processes can be tried on any machine
     available = max(2, os.cpu_count() or 1) if on_cpu else gpus
     unit = "processes (CPU cores)" if on_cpu else "GPUs"
-    if isinstance(asked, str) and asked.isdigit():
-        asked = int(asked)
-    if asked == "auto" or (not on_cpu and (asked == -1 or isinstance(asked, Sequence))):
+    if isinstance(devices, str) and devices.isdigit():
+        devices = int(devices)
+    if devices == "auto" or (not on_cpu and (devices == -1 or isinstance(devices, Sequence))):
         return
-    if type(asked) is not int or not 1 <= asked <= available:
-        raise ValueError(f"trainer.devices must be 1 to {available} {unit}, or auto; got {asked}.")
+    if type(devices) is not int or not 1 <= devices <= available:
+        raise ValueError(
+            f"trainer.devices must be 1 to {available} {unit}, or auto; got {devices}."
+        )

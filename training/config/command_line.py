@@ -14,32 +14,33 @@ from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.scene.fields import one_of
 from training.config.compose import recipe_files
+from training.config.data_sets import DATA
 from training.config.overrides import literal
-from training.config.schema import DATA, Config, ReattackConfig, RunConfig
+from training.config.schema import Config, ReattackConfig, RunConfig
 from training.config.settings import settings_of
 
-SWEEP = {"-m", "--multirun"}
+SWEEP_FLAGS = {"-m", "--multirun"}
 
 
-def quoted(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
+def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
     """Return the overrides with paths that Hydra takes as they are, and `~` in them expanded.
 
     Hydra's grammar would read 2024_11 as a number and refuse most punctuation. What is quoted or
     escaped for it stays, and so does what a sweep takes for several values.
     """
-    sweep = not SWEEP.isdisjoint(overrides)
+    sweep = not SWEEP_FLAGS.isdisjoint(overrides)
     paths = {key for key, one in settings_of(schema).items() if one.facts.is_path}
-    taken = []
+    quoted = []
     for override in overrides:
         key, _, value = override.partition("=")
         several = sweep and "," in value
         if key in paths and value not in ("", "null") and value[0] not in "'\"" and not several:
-            override = _quoted(key, os.path.expanduser(value))
-        taken.append(override)
-    return taken
+            override = _quote_path(key, os.path.expanduser(value))
+        quoted.append(override)
+    return quoted
 
 
-def _quoted(key: str, path: str) -> str:
+def _quote_path(key: str, path: str) -> str:
     try:
         parsed = OverridesParser.create().parse_override(f"{key}={path}")
         as_it_is = "\\" in path or parsed.value() == path
@@ -77,7 +78,7 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
 
 
 def _check_form(override: str, schema: type[RunConfig]) -> None:
-    """Refuse what is no key=value, and a single value where a list is wanted."""
+    """Refuse an override that is no key=value, and a single value where a list is wanted."""
     key, equals, value = override.partition("=")
     if not equals and not key.startswith(("~", "-")):
         raise ValueError(f"settings are given as key=value; got {override!r}.")

@@ -1,4 +1,5 @@
-"""How every command reports an error: one sentence on its own line; a sweep lists what failed."""
+"""How every command reports an error: one sentence on its own line; a sweep lists its failed
+jobs."""
 
 from __future__ import annotations
 
@@ -13,42 +14,43 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
-from training.config.command_line import SWEEP, check_keys, quoted
+from training.config.command_line import SWEEP_FLAGS, check_keys, quote_paths
 from training.config.schema import RunConfig
 from training.system import machine
 from training.system.files import make_folder
-from training.system.messages import Lines, complain, sentence, use_legible_output
+from training.system.messages import LineStream, complain, sentence, use_legible_output
 from training.system.processes import is_first, say
 
-EXPECTED = (ValueError, TypeError, FloatingPointError, OSError)
-OF_LIGHTNING = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
-_failed: list[str] = []  # jobs of a sweep
-_command: list[str] = []  # the command line, whole: Hydra is not shown its first words
+EXPECTED_ERRORS = (ValueError, TypeError, FloatingPointError, OSError)
+LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
+_failed_jobs: list[str] = []  # jobs of a sweep
+_command_line: list[str] = []  # the command line, whole: Hydra is not shown its first words
 
 
 def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
     """Run a Hydra command, or its sweep.
 
     Args:
-        main: the command. schema: its settings.
-        words: what stands before the settings on the command line.
+        main: the command.
+        schema: dataclass of its settings.
+        words: words before the settings on the command line.
 
     Raises:
         SystemExit: a wrong command line, or jobs of a sweep that failed, with a list of them.
     """
     use_legible_output()
-    sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)
-    script, *given = sys.argv
-    overrides = quoted(given[len(words) :], schema)
+    sys.stdout, sys.stderr = LineStream(sys.stdout), LineStream(sys.stderr)
+    script, *arguments = sys.argv
+    overrides = quote_paths(arguments[len(words) :], schema)
     check_keys(overrides, schema)
     # to the front: Lightning appends settings for further processes, which must not follow it
-    overrides = sorted(overrides, key=lambda argument: argument not in SWEEP)
-    _command[:] = [script, *words, *overrides]
+    overrides = sorted(overrides, key=lambda argument: argument not in SWEEP_FLAGS)
+    _command_line[:] = [script, *words, *overrides]
     sys.argv = [script, *overrides]
-    if SWEEP & set(overrides):  # Hydra writes into this folder before any job
-        named = [a.removeprefix("runs=").strip("'\"") for a in overrides if a.startswith("runs=")]
+    if SWEEP_FLAGS & set(overrides):  # Hydra writes into this folder before any job
+        folders = [a.removeprefix("runs=").strip("'\"") for a in overrides if a.startswith("runs=")]
         try:
-            make_folder(Path(named[-1] if named else schema.runs))
+            make_folder(Path(folders[-1] if folders else schema.runs))
         except ValueError as error:
             raise SystemExit(f"error: {error}") from None
     try:
@@ -58,40 +60,35 @@ def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(1) from None
     finally:
-        _command.clear()
-    if _failed:
-        complain(
-            "\n".join(
-                [
-                    f"error: {len(_failed)} of the sweep's jobs failed:",
-                    *(f"  {job}" for job in _failed),
-                ]
-            )
-        )
+        _command_line.clear()
+    if _failed_jobs:
+        heading = f"error: {len(_failed_jobs)} of the sweep's jobs failed:"
+        complain("\n  ".join([heading, *_failed_jobs]))
         raise SystemExit(1)
 
 
 @contextlib.contextmanager
-def sentences(kept: str) -> Iterator[None]:
+def report_errors(kept_work: str) -> Iterator[None]:
     """Report an error in a job as one sentence and end the command; a sweep continues.
 
     Args:
-        kept: what is kept after an interruption, as a clause: "Every complete epoch is kept".
+        kept_work: clause on the work that survives an interruption, such as "Every complete epoch
+            is kept".
 
     Raises:
         SystemExit: 130 after an interruption, 1 after an error.
     """
-    if _command:
-        sys.argv = list(_command)  # by which Lightning starts further processes
+    if _command_line:
+        sys.argv = list(_command_line)  # by which Lightning starts further processes
     try:
         yield
     except KeyboardInterrupt:
-        again = machine.command([a for a in sys.argv if not a.startswith("resume=")])
-        say(f"\nInterrupted. {kept}; the same command continues:\n  {again}")
+        command = machine.command([a for a in sys.argv if not a.startswith("resume=")])
+        say(f"\nInterrupted. {kept_work}; the same command continues:\n  {command}")
         raise SystemExit(130) from None
     except Exception as error:
         job = _job_of_a_sweep()
-        if not (isinstance(error, EXPECTED) or type(error).__name__ == OF_LIGHTNING):
+        if not (isinstance(error, EXPECTED_ERRORS) or type(error).__name__ == LIGHTNING_ERROR):
             if job is None:
                 raise
             complain(traceback.format_exc())
@@ -100,7 +97,7 @@ def sentences(kept: str) -> Iterator[None]:
         # the processes of this run are not started again for the next job
         if job is None or torch.distributed.is_initialized():
             raise SystemExit(1) from None
-        _failed.append(f"{job}: {sentence(error).splitlines()[0]}")
+        _failed_jobs.append(f"{job}: {sentence(error).splitlines()[0]}")
 
 
 def _job_of_a_sweep() -> str | None:

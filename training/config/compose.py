@@ -1,4 +1,5 @@
-"""What Hydra composes: the settings, the data sets and the recipes; and what --help prints."""
+"""The configurations that Hydra composes, of settings, data sets and recipes; and the text of
+--help."""
 
 from __future__ import annotations
 
@@ -10,27 +11,34 @@ from pathlib import Path
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from training.config.schema import DATA, DEFAULT_DATA, EPOCHS, RECIPES
-from training.config.settings import Setting, settings_of, written
+from training.config.data_sets import DATA, DEFAULT_DATA, EPOCHS
+from training.config.schema import RECIPES
+from training.config.settings import Setting, as_argument, settings_of
 
-PLACES = {"run": {"dir": "."}, "sweep": {"dir": "${runs}", "subdir": "."}, "output_subdir": None}
+HYDRA_FOLDERS = {
+    "run": {"dir": "."},
+    "sweep": {"dir": "${runs}", "subdir": "."},
+    "output_subdir": None,
+}
 NO_LOGGING = (
     {"override hydra/job_logging": "none"},
     {"override hydra/hydra_logging": "none"},
 )
-WITH_DATA = ({"data": DEFAULT_DATA},)
-WITH_RECIPE = (*WITH_DATA, {"optional epochs": "${data}"}, {"recipe": "clean"})
+DATA_GROUPS = ({"data": DEFAULT_DATA},)
+RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean"})
 HELP_WIDTH = 100  # characters
 
 
 def register(
-    name: str, schema: type, defaults: Sequence[dict[str, str]], about: str | None
+    name: str, schema: type, defaults: Sequence[dict[str, str]], description: str | None
 ) -> None:
     """Register a command with Hydra: its settings, and the data sets and recipes that set them.
 
     Args:
-        name: of the configuration. schema: a dataclass of settings.
-        defaults: of the groups of settings. about: what the command does, for --help.
+        name: name of the configuration.
+        schema: dataclass of the settings.
+        defaults: default choice of each group of settings.
+        description: text on the command, for --help.
     """
     store = ConfigStore.instance()
     for data, node in DATA.items():
@@ -43,10 +51,10 @@ def register(
     store.store(name=f"{name}_schema", node=schema)
     # the settings of a command line stand above those of a recipe
     order = [f"{name}_schema", *defaults, "_self_", *NO_LOGGING]
-    chosen = {key: value for group in defaults for key, value in group.items()}
-    text = help_text(about, schema, chosen).replace("$", "$$")  # of string.Template
+    default_groups = {key: value for group in defaults for key, value in group.items()}
+    text = help_text(description, schema, default_groups).replace("$", "$$")  # of string.Template
     help_page = {"help": {"template": text}}
-    store.store(name=name, node={"defaults": order, "hydra": PLACES | help_page})
+    store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS | help_page})
 
 
 def recipe_files() -> list[Path]:
@@ -54,18 +62,18 @@ def recipe_files() -> list[Path]:
     return sorted(RECIPES.glob("*.yaml"))
 
 
-def help_text(about: str | None, schema: type, chosen: Mapping[str, str]) -> str:
-    """Return what --help prints: what a command does, and each setting with its default.
+def help_text(description: str | None, schema: type, default_groups: Mapping[str, str]) -> str:
+    """Return the text of --help: the command's description, and each setting with its default.
 
     Args:
-        chosen: the group of settings that is chosen by default, by its key.
+        default_groups: default choice of each group of settings, by its key.
     """
-    lines = [inspect.cleandoc(about or ""), "", "Settings:", ""]
+    lines = [inspect.cleandoc(description or ""), "", "Settings:", ""]
     for one in settings_of(schema).values():
         key = one.key.removesuffix(".name")  # a group is chosen by its own name
-        lines.append(f"  {key}={chosen.get(key, written(one.default))}")
+        lines.append(f"  {key}={default_groups.get(key, as_argument(one.default))}")
         if one.facts.help:
-            text = f"{one.facts.help}{allowed(one)}"
+            text = f"{one.facts.help}{allowed_values(one)}"
             indent = " " * 6
             lines += textwrap.wrap(
                 text, HELP_WIDTH, initial_indent=indent, subsequent_indent=indent
@@ -73,7 +81,7 @@ def help_text(about: str | None, schema: type, chosen: Mapping[str, str]) -> str
     return "\n".join(lines)
 
 
-def allowed(one: Setting) -> str:
+def allowed_values(one: Setting) -> str:
     """Return which values a setting may have, as the end of a sentence; "" for any."""
     facts = one.facts
     if facts.choices:

@@ -9,31 +9,24 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from moireaug.evaluation.suites import OPTION_SUITES, check_used
-from training.config.schema import (
-    DATA,
-    DEFAULT_DATA,
-    EPOCHS,
-    RECIPES,
-    Config,
-    ReattackConfig,
-    Trainer,
-    as_config,
-)
+from training.config.data_sets import DATA, DEFAULT_DATA, EPOCHS
+from training.config.schema import RECIPES, Config, ReattackConfig, Trainer, as_config
 from training.config.settings import Facts, settings_of, value_of, with_values
 
 DEMOIRE_SUITES = ("defences", "demoireing", "paper")  # suites that have a use for demoire=
 
 
-def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
+def check(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
     """Refuse overrides that a re-attack would ignore.
 
     Args:
-        cfg: as composed. given: the overrides of the command line.
+        cfg: the composed settings.
+        overrides: overrides of the command line, key=value each.
 
     Raises:
         ValueError: with what to do instead.
     """
-    for key in keys(given):
+    for key in keys(overrides):
         top = key.split(".")[0]
         facts = _facts_of(key)
         if facts and all(one.trains for one in facts):
@@ -63,7 +56,7 @@ def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
 
 
 def _facts_of(key: str) -> list[Facts]:
-    """Return what is known of the setting of a key, or of those that start with it."""
+    """Return the facts on the setting of a key, or on those that start with it."""
     return [
         one.facts
         for name, one in settings_of(ReattackConfig).items()
@@ -80,27 +73,31 @@ def _has_no_effect(key: str, trainer: Trainer, suite: str) -> bool:
     return suite == "ladder" or key in ("precision", "deterministic")
 
 
-def keys(given: Sequence[str]) -> list[str]:
+def keys(overrides: Sequence[str]) -> list[str]:
     """Return the keys that a command line sets."""
-    return [override.lstrip("+~").split("=", 1)[0] for override in given]
+    return [override.lstrip("+~").split("=", 1)[0] for override in overrides]
 
 
-def onto(own: Config, cfg: ReattackConfig, given: Sequence[str]) -> ReattackConfig:
-    """Return a re-attack's settings: those of the run, except for what the command line gives.
+def merge_run_settings(
+    run_cfg: Config, cfg: ReattackConfig, overrides: Sequence[str]
+) -> ReattackConfig:
+    """Return a re-attack's settings: those of the run, except for those of the command line.
 
     Options that make a command import, fetch or start something come from the command line alone.
 
     Args:
-        own: the run's settings. cfg: as composed. given: the overrides of the command line.
+        run_cfg: settings of the run.
+        cfg: the composed settings.
+        overrides: overrides of the command line, key=value each.
     """
-    named = keys(given)
+    given_keys = keys(overrides)
     values: dict[str, Any] = {}
     for key, one in settings_of(Config).items():
-        is_given = any(key == name or key.startswith(f"{name}.") for name in named)
+        is_given = any(key == name or key.startswith(f"{name}.") for name in given_keys)
         if one.facts.from_run and not is_given:
-            values[key] = copy.deepcopy(value_of(own, key))
-    if "data.size" not in named:
-        values["data.size"] = own.data.size  # what the model was trained on, whatever the data
+            values[key] = copy.deepcopy(value_of(run_cfg, key))
+    if "data.size" not in given_keys:
+        values["data.size"] = run_cfg.data.size  # what the model was trained on, whatever the data
     if cfg.suite not in OPTION_SUITES["eps"]:
         values["reattack.eps"] = None  # a run's own is of its ladder
     return with_values(cfg, values)
@@ -115,13 +112,13 @@ def command_line(cfg: Config) -> list[str]:
     if recipe.is_file():
         layers.append(OmegaConf.load(recipe))
     merged = OmegaConf.merge(OmegaConf.structured(Config), *layers)
-    usual: Config = as_config(merged)  # type: ignore[arg-type]
+    default_cfg: Config = as_config(merged)  # type: ignore[arg-type]
     line = [f"recipe={cfg.recipe}"]
     if cfg.data.name != DEFAULT_DATA:
         line.append(f"data={cfg.data.name}")
     for key in settings_of(Config):
         value = value_of(cfg, key)
-        if value != value_of(usual, key):
+        if value != value_of(default_cfg, key):
             line.append(f"{key}={literal(value)}")
     return line
 

@@ -17,14 +17,17 @@ from training.system.messages import use_legible_output
 Schema = TypeVar("Schema")
 
 
-def parse(argv: Sequence[str], schema: type[Schema], example: str, about: str | None) -> Schema:
-    """Return the settings of a command line; --help prints what they are, and ends the command.
+def parse(
+    argv: Sequence[str], schema: type[Schema], example: str, description: str | None
+) -> Schema:
+    """Return the settings of a command line; --help prints them and ends the command.
 
     Args:
-        argv: key=value each.
-        schema: a dataclass of settings. A key that is a Python keyword has an underscore appended
-            there: in_ is in=.
-        example: a valid command, for the error messages. about: what the command does.
+        argv: arguments of the form key=value.
+        schema: dataclass of the settings. A key that is a Python keyword has an underscore
+            appended there: in_ is in=.
+        example: a valid command, for the error messages.
+        description: text on the command, for --help.
 
     Raises:
         SystemExit: 0 after --help.
@@ -35,7 +38,7 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str, about: str | 
     cfg = OmegaConf.structured(schema)
     fields = {str(field).removesuffix("_"): str(field) for field in cfg}
     if {"-h", "--help"} & set(argv):
-        print(help_text(about, schema, {}))
+        print(help_text(description, schema, {}))
         raise SystemExit(0)
     for argument in argv:
         key, equals, value = argument.partition("=")

@@ -14,7 +14,7 @@ from training.system.files import UniqueKeyLoader
 SUFFIXES = (".yaml", ".yml")
 
 
-def inlined(scene: Any) -> Any:
+def inline_files(scene: Any) -> Any:
     """Return a command line's scene with the content of a YAML file in place of its name.
 
     A run's settings thus hold the scene itself, and no file is read again.
@@ -27,7 +27,7 @@ def inlined(scene: Any) -> Any:
         ValueError: a file that holds no scene.
     """
     if isinstance(scene, (list, tuple)):
-        return [inlined(one) for one in scene]
+        return [inline_files(one) for one in scene]
     if isinstance(scene, str) and scene.endswith(SUFFIXES):
         return read(Path(scene))
     return scene
@@ -39,7 +39,7 @@ def load(scene: str) -> Scene | Mixture:
     Raises:
         ValueError: an unknown name, or a file that holds no scene.
     """
-    return as_scenes(inlined(scene))
+    return as_scenes(inline_files(scene))
 
 
 def load_one(scene: str) -> Scene:
@@ -48,13 +48,13 @@ def load_one(scene: str) -> Scene:
     Raises:
         ValueError: as `load`, and a file that holds a list of several.
     """
-    found = load(scene)
-    if isinstance(found, Mixture):
+    scene_or_mixture = load(scene)
+    if isinstance(scene_or_mixture, Mixture):
         raise ValueError(
-            f"scene={scene} holds a list of {len(found.scenes)} scenes; this command takes one at "
-            "a time. Put each into a file of its own."
+            f"scene={scene} holds a list of {len(scene_or_mixture.scenes)} scenes; this command "
+            "takes one at a time. Put each into a file of its own."
         )
-    return found
+    return scene_or_mixture
 
 
 def read(path: Path) -> dict[str, Any] | list[Any]:
@@ -77,8 +77,8 @@ def read(path: Path) -> dict[str, Any] | list[Any]:
     except OSError as error:
         raise ValueError(f"scene={path} could not be read ({error.strerror}).") from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        said = " ".join(str(error).split())
-        raise ValueError(f"scene={path} could not be read as YAML: {said}.") from error
+        reason = " ".join(str(error).split())
+        raise ValueError(f"scene={path} could not be read as YAML: {reason}.") from error
     if not isinstance(values, (dict, list)):
         raise ValueError(
             f"scene={path} holds no scene: it must be a YAML mapping of its parts, or a list of "

@@ -1,4 +1,4 @@
-"""Every setting of a classifier's run, and of an attack on it; `recipes/` holds what differs.
+"""Every setting of a classifier's run, and of an attack on it; `recipes/` holds differences.
 
 Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 """
@@ -13,6 +13,7 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 
 from moireaug.mixtures import Mixture, as_scenes
 from moireaug.scenes import Scene
+from training.config.data_sets import Data
 from training.config.settings import section, setting
 
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"
@@ -20,79 +21,7 @@ MAX_SEED = 2**32 - 1
 # weights are float32 in all of them: the average, the attack and every re-attack need that
 PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
 ACCELERATORS = ("auto", "cpu", "gpu", "cuda", "mps")
-AUGMENTATIONS = ("none", "shift", "shift_flip", "affine")
-PUBLISHED = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
 Settings = TypeVar("Settings", bound="RunConfig")
-
-
-@dataclass
-class Data:
-    """Which images, of what size, and how many."""
-
-    name: str = setting(MISSING, "signs, cifar10, cifar100, gtsrb or folder")
-    root: str | None = setting(
-        None,
-        "the data's folder; data=folder: holds train/ and test/, or class folders alone (then all "
-        "of it is test data)",
-        is_path=True,
-        only_for=("folder", *PUBLISHED),
-        may_differ=True,
-    )
-    size: int = setting(
-        64,
-        "images are resized to size x size pixels: the larger, the less of a photo is lost in the "
-        "lens's blur",
-        bounds=(16, 8192),
-    )
-    train: int | None = setting(None, "training images; null is all there are", bounds=(1, None))
-    val: int | None = setting(
-        None,
-        "validation images; null is a tenth of the training images; for signs, their default",
-        bounds=(1, None),
-    )
-    test: int | None = setting(None, "test images; null is all there are", bounds=(1, None))
-    class_index: str | None = setting(
-        None,
-        "CSV of folder (or wnid) and class_index among the 1000 of published weights",
-        is_path=True,
-        only_for=("folder",),
-    )
-    augment: str = setting(
-        "none",
-        "of clean training images; shift is by up to an eighth, affine a small rotation, shift, "
-        "zoom and shear, a change of brightness and contrast, and at times an erased part",
-        choices=AUGMENTATIONS,
-        trains=True,
-    )
-    workers: int = setting(
-        0,
-        "processes that read images",
-        bounds=(0, 1024),
-        changes_result=False,
-        may_differ=True,
-        from_run=False,
-    )
-    download: bool = setting(
-        False,
-        "whether to fetch a published data set",
-        changes_result=False,
-        may_differ=True,
-        from_run=False,
-        only_for=PUBLISHED,
-    )
-
-
-DATA = {
-    "signs": Data(name="signs", size=48, train=12000, val=320, test=1600),
-    "cifar10": Data(name="cifar10", root="data", augment="shift_flip"),
-    "cifar100": Data(name="cifar100", root="data", augment="shift_flip"),
-    "gtsrb": Data(name="gtsrb", root="data", augment="affine"),
-    "folder": Data(name="folder", augment="shift"),
-}
-
-
-DEFAULT_DATA = "signs"
-EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
 
 
 @dataclass

@@ -24,20 +24,20 @@ class Facts:
     """What is known of a setting besides its name, its type and its default.
 
     Args:
-        help: what it is, in a line or two.
+        help: description, in a line or two.
         bounds: least and greatest number; None is no bound.
-        choices: the words that it may be; empty for any.
-        example: a value, for the errors of a list.
+        choices: allowed words; empty for any.
+        example: a value, for the error messages of a list.
         is_path: whether it is a file or a folder: taken literally on a command line, and absolute
             in a run's settings. An identifier in place of a path of weights is a name of weights.
-        only_for: the data sets that it has an effect on; empty for all.
+        only_for: data sets that it has an effect on; empty for all.
         changes_result: whether a run's result depends on it, so that a run with another value is
             another run.
-        may_differ: whether runs that are compared may differ in it.
-        trains: whether it says how a model is trained: an attack on a trained model refuses it.
+        may_differ: whether compared runs may differ in it.
+        trains: whether it is a setting of training, which an attack on a trained model refuses.
         from_run: whether an attack on a run takes it from the run's folder, which may be a
-            stranger's; else from its command line alone.
-        run_has: what a run has in its place, so that it does not go with `run=`.
+            stranger's; else from the command line alone.
+        run_has: the run's counterpart, as a noun; a setting that has one does not go with `run=`.
     """
 
     help: str = ""
@@ -57,8 +57,8 @@ def setting(default: Any, help: str, **facts: Any) -> Any:
     """Declare a setting: the field of a dataclass.
 
     Args:
-        default: its value; a function makes one for each instance.
-        help, facts: as of `Facts`.
+        default: default value, or a function that makes one for each instance.
+        help, facts: fields of `Facts`.
     """
     metadata = {"facts": Facts(help, **facts)}
     if callable(default):
@@ -70,7 +70,8 @@ def section(schema: Callable[[], Any], *, trains: bool = False, from_run: bool =
     """Declare settings that share a prefix: those of a dataclass.
 
     Args:
-        trains, from_run: as of `Facts`, of all of them.
+        schema: dataclass of the settings.
+        trains, from_run: fields of `Facts`, of all of these settings.
     """
     return field(
         default_factory=schema, metadata={"facts": Facts(trains=trains, from_run=from_run)}
@@ -81,9 +82,10 @@ class Setting(NamedTuple):
     """A declared setting.
 
     Args:
-        key: as on a command line, such as "train.lr".
-        type: of its values. default: its value where none is given.
-        facts: what else is known of it.
+        key: key on a command line, such as "train.lr".
+        type: type of its values.
+        default: value where none is given.
+        facts: its other facts.
     """
 
     key: str
@@ -102,24 +104,25 @@ def settings_of(schema: Any) -> Mapping[str, Setting]:
 
     A field that is named after a keyword of Python with an underscore loses it: in_ is in=.
     """
-    found: dict[str, Setting] = {}
+    settings: dict[str, Setting] = {}
     types = get_type_hints(schema)
     for one in dataclasses.fields(schema):
         key, facts = one.name.removesuffix("_"), one.metadata.get("facts", Facts())
         if is_dataclass(one.default_factory):
             for inner in settings_of(one.default_factory).values():
-                own = dataclasses.replace(
+                inner_key = f"{key}.{inner.key}"
+                inner_facts = dataclasses.replace(
                     inner.facts,
                     trains=facts.trains or inner.facts.trains,
                     from_run=facts.from_run and inner.facts.from_run,
                 )
-                found[f"{key}.{inner.key}"] = inner._replace(key=f"{key}.{inner.key}", facts=own)
+                settings[inner_key] = inner._replace(key=inner_key, facts=inner_facts)
             continue
         default = one.default
         if one.default_factory is not dataclasses.MISSING:
             default = one.default_factory()
-        found[key] = Setting(key, types[one.name], default, facts)
-    return found
+        settings[key] = Setting(key, types[one.name], default, facts)
+    return settings
 
 
 def value_of(cfg: Any, key: str) -> Any:
@@ -130,17 +133,17 @@ def value_of(cfg: Any, key: str) -> Any:
 
 def with_values(cfg: Schema, values: dict[str, Any]) -> Schema:
     """Return a copy of a configuration with other values, by key."""
-    own: dict[str, Any] = {}
-    inner: dict[str, dict[str, Any]] = {}
+    direct: dict[str, Any] = {}
+    nested: dict[str, dict[str, Any]] = {}
     for key, value in values.items():
-        first, _, rest = key.partition(".")
-        if rest:
-            inner.setdefault(first, {})[rest] = value
+        name, _, inner_key = key.partition(".")
+        if inner_key:
+            nested.setdefault(name, {})[inner_key] = value
         else:
-            own[first] = value
-    for first, some in inner.items():
-        own[first] = with_values(own.get(first, getattr(cfg, first)), some)
-    return dataclasses.replace(cfg, **own)  # type: ignore[type-var]
+            direct[name] = value
+    for name, inner_values in nested.items():
+        direct[name] = with_values(direct.get(name, getattr(cfg, name)), inner_values)
+    return dataclasses.replace(cfg, **direct)  # type: ignore[type-var]
 
 
 def check(cfg: Any) -> None:
@@ -183,7 +186,7 @@ def with_absolute_paths(cfg: Schema) -> Schema:
     return with_values(cfg, absolute)
 
 
-def written(value: Any) -> str:
+def as_argument(value: Any) -> str:
     """Return a value as a command line takes it; "" where one must be given."""
     if value == MISSING:
         return ""

@@ -6,10 +6,10 @@ import lightning as L
 from torch.utils.data import DataLoader, Dataset
 from torch.utils.data.distributed import DistributedSampler
 
-from training.data.eval_batches import PIXELS
+from training.data.eval_batches import batch_size_for
 from training.data.splits import Splits
 
-MOST_VAL = 320  # images of a batch of validation
+MAX_VAL_BATCH = 320  # images
 
 
 def require_even(batch_size: int, processes: int) -> None:
@@ -35,18 +35,18 @@ class Batches(L.LightningDataModule):
 
     Args:
         splits: the images.
-        batch_size: of all ranks together, to train; a multiple of their number.
+        batch_size: training images of a batch on all ranks together; a multiple of their number.
         workers: processes of each loader that read images.
-        seed: of the order of the images.
-        first: the epoch that training begins or resumes with.
+        seed: seed of the order of the images.
+        first_epoch: epoch that training begins or resumes with.
     """
 
     def __init__(
-        self, splits: Splits, batch_size: int, *, workers: int, seed: int, first: int = 0
+        self, splits: Splits, batch_size: int, *, workers: int, seed: int, first_epoch: int = 0
     ) -> None:
         super().__init__()
         self.splits, self.batch_size = splits, batch_size
-        self.workers, self.seed, self.first = workers, seed, first
+        self.workers, self.seed, self.first_epoch = workers, seed, first_epoch
 
     def _sampler(self, data: Dataset, *, shuffle: bool) -> DistributedSampler:
         ranks, rank = 1, 0
@@ -68,10 +68,10 @@ class Batches(L.LightningDataModule):
     def train_dataloader(self) -> DataLoader:
         sampler = self._sampler(self.splits.train, shuffle=True)
         # Lightning starts the workers before it has read from which epoch training resumes
-        sampler.set_epoch(self.first)
+        sampler.set_epoch(self.first_epoch)
         return self._loader(sampler, self.batch_size, True)
 
     def val_dataloader(self) -> DataLoader:
         side = self.splits.val[0][0].shape[-1]
-        size = max(1, min(MOST_VAL, PIXELS // side**2))  # they are attacked, with gradients
+        size = batch_size_for(side, MAX_VAL_BATCH)  # they are attacked, with gradients
         return self._loader(self._sampler(self.splits.val, shuffle=False), size, False)

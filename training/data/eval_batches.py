@@ -7,11 +7,21 @@ from torch import Tensor
 from torch.utils.data import Subset, default_collate
 
 from training.config.schema import Reattack
-from training.data.splits import Splits, shuffled
+from training.data.splits import Splits, shuffled_indices
 
 # of a batch by default: a few gigabytes for a large network and its gradients
-PIXELS = 25 * 224 * 224
-MOST = 96
+MAX_BATCH_PIXELS = 25 * 224 * 224
+MAX_BATCH_IMAGES = 96
+
+
+def batch_size_for(side: int, max_images: int) -> int:
+    """Return the number of images of a batch that is attacked.
+
+    Args:
+        side: side of the images, in pixels.
+        max_images: number of small images.
+    """
+    return max(1, min(max_images, MAX_BATCH_PIXELS // side**2))
 
 
 class EvalBatches:
@@ -19,18 +29,19 @@ class EvalBatches:
     (B,)).
 
     Args:
-        splits: of the data. reattack: its n, batch_size and seed are used. side: of the images, in
-            pixels.
-        device: where the batches go.
+        splits: splits of the data, of which the test images are used.
+        reattack: settings of the attack, of which n, batch_size and seed are used.
+        side: side of the images, in pixels.
+        device: device of the batches.
     """
 
     def __init__(self, splits: Splits, reattack: Reattack, side: int, device: torch.device) -> None:
         self.data, self.device = splits.test, device
         total = len(self.data)  # type: ignore[arg-type]
-        order = shuffled(total, reattack.seed)
+        order = shuffled_indices(total, reattack.seed)
         self.n = min(reattack.n, total)
         self.order, self.rest = order[: self.n], order[self.n :]
-        self.size = reattack.batch_size or max(1, min(MOST, PIXELS // side**2))
+        self.size = reattack.batch_size or batch_size_for(side, MAX_BATCH_IMAGES)
 
     def __len__(self) -> int:
         return -(-self.n // self.size)
@@ -42,9 +53,9 @@ class EvalBatches:
         images, labels = default_collate([self.data[i] for i in rows])
         return images.to(self.device).float() / 255, labels.to(self.device)
 
-    def others(self, splits: Splits) -> Subset:
-        """Return images that are not attacked: the training images or, if a folder has no split,
-        the rest."""
+    def unattacked_images(self, splits: Splits) -> Subset:
+        """Return the images that are not attacked: the training images or, if a folder has no
+        split, the remaining test images."""
         if splits.train is not splits.val:
             return Subset(splits.train, range(len(splits.train)))  # type: ignore[arg-type]
         return Subset(splits.test, self.rest)

@@ -15,14 +15,14 @@ from torchvision.transforms import v2
 
 from moireaug.images import read_picture
 from moireaug.synthesis.pictures import SUFFIXES
-from training.config.schema import Data
-from training.data.splits import Splits, has_parts, held, split, take
+from training.config.data_sets import Data
+from training.data.splits import Splits, cache_if_small, has_parts, random_subset, split
 from training.system.files import read_table
 from training.system.locks import locked
 
 GTSRB_CLASSES = 43  # which torchvision does not name
-IMAGENET = 1000  # classes of torchvision's published weights, which a class_index refers to
-# each set, and what its parts to train and to test on are called
+IMAGENET_CLASSES = 1000  # of torchvision's published weights, which a class_index refers to
+# each set, and the arguments of its parts to train and to test on
 SETS: dict[str, tuple[Callable[..., Dataset], dict, dict]] = {
     "cifar10": (CIFAR10, {"train": True}, {"train": False}),
     "cifar100": (CIFAR100, {"train": True}, {"train": False}),
@@ -36,7 +36,7 @@ def _resize(size: int) -> v2.Compose:
     return v2.Compose([v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
 
 
-def published(cfg: Data) -> Splits:
+def load_published(cfg: Data) -> Splits:
     """Load one of torchvision's data sets.
 
     Raises:
@@ -47,32 +47,33 @@ def published(cfg: Data) -> Splits:
             f"data={cfg.name} needs data.root=DIR, the folder where torchvision has put the "
             "data set, or puts it with data.download=true."
         )
-    make, train, test = SETS[cfg.name]
-    given = {"transform": _resize(cfg.size), "download": cfg.download}
+    make, train_part, test_part = SETS[cfg.name]
+    options = {"transform": _resize(cfg.size), "download": cfg.download}
     try:
-        with _alone(cfg):
-            known, seen = make(cfg.root, **train, **given), make(cfg.root, **test, **given)
+        with _download_lock(cfg):
+            train_set = make(cfg.root, **train_part, **options)
+            test_set = make(cfg.root, **test_part, **options)
     except (RuntimeError, OSError) as error:
         raise ValueError(
             f"The data set {cfg.name!r} was not found under data.root={cfg.root!r} ({error}). "
             "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
             "has put it."
         ) from error
-    names = getattr(seen, "classes", None) or [str(i) for i in range(GTSRB_CLASSES)]
-    train_part, val_part = split(held(known, cfg), cfg)
-    test_part = take(held(seen, cfg), cfg.test)
-    return Splits(train_part, val_part, test_part, dict(enumerate(names)), len(names))
+    names = getattr(test_set, "classes", None) or [str(i) for i in range(GTSRB_CLASSES)]
+    train, val = split(cache_if_small(train_set, cfg), cfg)
+    test = random_subset(cache_if_small(test_set, cfg), cfg.test)
+    return Splits(train, val, test, dict(enumerate(names)), len(names))
 
 
-def _alone(cfg: Data) -> contextlib.AbstractContextManager[None]:
+def _download_lock(cfg: Data) -> contextlib.AbstractContextManager[None]:
     """Let one process at a time download into a folder; the others find the data set there."""
     if not cfg.download:
         return contextlib.nullcontext()
     os.makedirs(cfg.root or "", exist_ok=True)
-    return locked(Path(cfg.root or "", ".download.lock"), "", wait=-1)
+    return locked(Path(cfg.root or "", ".download.lock"), "", wait_seconds=-1)
 
 
-def folder(cfg: Data) -> Splits:
+def load_folder(cfg: Data) -> Splits:
     """Load a folder with train/ and test/, or with class folders alone, which are all test images.
 
     Raises:
@@ -89,22 +90,25 @@ def folder(cfg: Data) -> Splits:
             f"inside it."
         )
     if not has_parts(root):  # class folders alone: all of it is test data
-        every = _pictures(root, cfg)
-        classes = _label(every, cfg)
-        images = held(every, cfg)
-        return Splits(images, images, take(images, cfg.test), classes, _count(classes, cfg))
-    known, seen = _pictures(root / "train", cfg), _pictures(root / "test", cfg)
+        pictures = _read_pictures(root, cfg)
+        classes = _label_pictures(pictures, cfg)
+        images = cache_if_small(pictures, cfg)
+        test = random_subset(images, cfg.test)
+        return Splits(images, images, test, classes, _num_classes(classes, cfg))
+    train_pictures = _read_pictures(root / "train", cfg)
+    test_pictures = _read_pictures(root / "test", cfg)
     # with data.class_index, a class need not be in both
-    if known.classes != seen.classes and not cfg.class_index:
-        odd = sorted(set(known.classes) ^ set(seen.classes))
+    if train_pictures.classes != test_pictures.classes and not cfg.class_index:
+        differing = sorted(set(train_pictures.classes) ^ set(test_pictures.classes))
         raise ValueError(
             f"train/ and test/ under {cfg.root!r} must hold the same class folders; these "
-            f"differ: {odd[:5]}."
+            f"differ: {differing[:5]}."
         )
-    classes = _label(known, cfg) | _label(seen, cfg)
-    train, val = split(held(known, cfg), cfg)
-    test = take(held(seen, cfg), cfg.test)
-    return Splits(train, val, test, classes, _count(classes, cfg), _fingerprint(known))
+    classes = _label_pictures(train_pictures, cfg) | _label_pictures(test_pictures, cfg)
+    train, val = split(cache_if_small(train_pictures, cfg), cfg)
+    test = random_subset(cache_if_small(test_pictures, cfg), cfg.test)
+    num_classes = _num_classes(classes, cfg)
+    return Splits(train, val, test, classes, num_classes, _fingerprint(train_pictures))
 
 
 def _fingerprint(pictures: ImageFolder) -> str:
@@ -115,7 +119,7 @@ def _fingerprint(pictures: ImageFolder) -> str:
     return sums.hexdigest()[:16]
 
 
-class Photos(ImageFolder):
+class UprightFolder(ImageFolder):
     """A folder of classes, read upright; hidden files and folders, which file managers and
     notebooks leave behind, are no part of it."""
 
@@ -138,9 +142,9 @@ def _hidden(path: Path) -> bool:
     return any(part.startswith(".") for part in path.parts)
 
 
-def _pictures(root: Path, cfg: Data) -> ImageFolder:
+def _read_pictures(root: Path, cfg: Data) -> ImageFolder:
     try:
-        return Photos(root, _resize(cfg.size))
+        return UprightFolder(root, _resize(cfg.size))
     except (FileNotFoundError, RuntimeError) as error:
         raise ValueError(
             f"data.root={cfg.root!r} does not look like an image folder: {error}. "
@@ -149,51 +153,52 @@ def _pictures(root: Path, cfg: Data) -> ImageFolder:
         ) from error
 
 
-def _label(pictures: ImageFolder, cfg: Data) -> dict[int, str]:
-    """Have a folder's pictures labelled by `_numbers`; return the names of its classes."""
-    numbers = _numbers(pictures.classes, cfg)
+def _label_pictures(pictures: ImageFolder, cfg: Data) -> dict[int, str]:
+    """Have a folder's pictures labelled by `_class_numbers`; return the names of its classes."""
+    numbers = _class_numbers(pictures.classes, cfg)
     labels = [numbers[name] for name in pictures.classes]
     pictures.target_transform = labels.__getitem__
     return {number: name for name, number in numbers.items()}
 
 
-def _count(classes: dict[int, str], cfg: Data) -> int:
+def _num_classes(classes: dict[int, str], cfg: Data) -> int:
     """Return the number of logits."""
-    return IMAGENET if cfg.class_index else len(classes)
+    return IMAGENET_CLASSES if cfg.class_index else len(classes)
 
 
-def _numbers(names: list[str], cfg: Data) -> dict[str, int]:
-    """Return the class of each folder: its place in the order, or what the CSV says."""
+def _class_numbers(names: list[str], cfg: Data) -> dict[str, int]:
+    """Return the class of each folder: its place in the order, or its class_index in the CSV."""
     if not cfg.class_index:
         return {name: i for i, name in enumerate(names)}
-    known = _class_index(Path(cfg.class_index))
-    lost = [n for n in names if not 0 <= known.get(n, IMAGENET) < IMAGENET]
-    if lost:
+    class_index = _read_class_index(Path(cfg.class_index))
+    published = range(IMAGENET_CLASSES)
+    unnumbered = [name for name in names if class_index.get(name) not in published]
+    if unnumbered:
         raise ValueError(
-            f"{cfg.class_index} names no class_index from 0 to {IMAGENET - 1} for the folders "
-            f"{lost[:5]} of {cfg.root!r}: add them."
+            f"{cfg.class_index} names no class_index from 0 to {IMAGENET_CLASSES - 1} for the "
+            f"folders {unnumbered[:5]} of {cfg.root!r}: add them."
         )
-    found: dict[int, str] = {}
+    folder_of: dict[int, str] = {}
     for name in names:
-        first = found.setdefault(known[name], name)
+        first = folder_of.setdefault(class_index[name], name)
         if first != name:
             raise ValueError(
                 f"{cfg.class_index} gives the folders {first!r} and {name!r} of {cfg.root!r} one "
-                f"class_index, {known[name]}: give each its own, or make them one folder."
+                f"class_index, {class_index[name]}: give each its own, or make them one folder."
             )
-    return {name: known[name] for name in names}
+    return {name: class_index[name] for name in names}
 
 
-def _class_index(path: Path) -> dict[str, int]:
+def _read_class_index(path: Path) -> dict[str, int]:
     """Return folder name to class index, from a CSV with the columns folder (or wnid) and
     class_index."""
-    found: dict[str, int] = {}
+    class_index: dict[str, int] = {}
     try:
         for row in read_table(path):
             name, number = row.get("folder") or row["wnid"], int(row["class_index"])
-            if found.setdefault(name, number) != number:
-                raise ValueError(f"{name} has two, {found[name]} and {number}")
-        return found
+            if class_index.setdefault(name, number) != number:
+                raise ValueError(f"{name} has two, {class_index[name]} and {number}")
+        return class_index
     except (OSError, KeyError, ValueError, TypeError, csv.Error) as error:
         raise ValueError(
             f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV file "

@@ -9,14 +9,14 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from moireaug.scene.fields import one_of
-from training.config.schema import AUGMENTATIONS, DATA, Data
+from training.config.data_sets import AUGMENTATIONS, DATA, Data
 from training.config.settings import settings_of
 from training.data import signs
 from training.data.splits import Splits, has_parts
 
 
 def load(cfg: Data) -> Splits:
-    """Load the data set that `cfg.name` names.
+    """Load a data set by its name, `cfg.name`.
 
     Raises:
         ValueError: an unknown name or augmentation, a missing folder, folders that do not fit; says
@@ -24,10 +24,10 @@ def load(cfg: Data) -> Splits:
     """
     one_of("data.augment", cfg.augment, AUGMENTATIONS)
     if one_of("data", cfg.name, DATA) == "signs":
-        return _signs(cfg)
+        return _load_signs(cfg)
     from training.data import image_sets
 
-    return image_sets.folder(cfg) if cfg.name == "folder" else image_sets.published(cfg)
+    return image_sets.load_folder(cfg) if cfg.name == "folder" else image_sets.load_published(cfg)
 
 
 def require_used(cfg: Data) -> None:
@@ -76,20 +76,20 @@ class Signs(Dataset):
         return self.n
 
     def __getitem__(self, index: int) -> tuple[Tensor, Tensor]:
-        images, labels = self._drawn
+        images, labels = self._images_and_labels
         return images[index], labels[index]
 
     @functools.cached_property
-    def _drawn(self) -> tuple[Tensor, Tensor]:
+    def _images_and_labels(self) -> tuple[Tensor, Tensor]:
         return signs.make(self.split, self.n, self.size)
 
 
-def _signs(cfg: Data) -> Splits:
-    made = {}
+def _load_signs(cfg: Data) -> Splits:
+    parts = {}
     for split in signs.SPLITS:
         n = getattr(cfg, split)
         if n is None:
             n = getattr(DATA["signs"], split)
-        made[split] = Signs(split, n, cfg.size)
+        parts[split] = Signs(split, n, cfg.size)
     classes = dict(enumerate(signs.CLASSES))
-    return Splits(made["train"], made["val"], made["test"], classes, len(classes))
+    return Splits(parts["train"], parts["val"], parts["test"], classes, len(classes))

@@ -57,7 +57,7 @@ def _wear(rng: np.random.Generator, paint: np.ndarray, alpha: np.ndarray) -> np.
 
 
 def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float) -> None:
-    """Draw what hides parts of the sign: a sticker, a scribble, a twig with leaves from beyond the
+    """Draw covers of parts of the sign: a sticker, a scribble, a twig with leaves from beyond the
     rim."""
     if rng.random() < 0.2:
         x, y = middle + rng.uniform(-0.6, 0.6, 2) * radius

@@ -9,18 +9,20 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset, Subset
 
-from training.config.schema import Data
+from training.config.data_sets import Data
 
-HELD_BYTES = 1 << 30  # of decoded images that are kept
+MAX_CACHE_BYTES = 1 << 30  # of decoded images
 
 
 class Splits(NamedTuple):
-    """Three data sets of (uint8 image, label), the classes' names, and the number of classes of a
-    model for them.
+    """Three data sets of images (3, size, size) uint8 with labels, and their classes.
 
     Args:
-        files: fingerprint of the files that are trained and validated on; empty where the settings
-            say which images these are.
+        train, val, test: images to train, validate and test on.
+        classes: name of each class.
+        num_classes: number of logits of a model for them.
+        files: fingerprint of the files of train and val; empty where the settings determine these
+            images.
     """
 
     train: Dataset
@@ -37,8 +39,8 @@ def has_parts(root: str | Path) -> bool:
     return all((Path(root) / part).is_dir() for part in ("train", "test"))
 
 
-class Held(Dataset):
-    """Keeps the images of a data set in memory once they are read, for later epochs."""
+class CachedDataset(Dataset):
+    """A data set whose images stay in memory once they are read, for later epochs."""
 
     def __init__(self, data: Dataset) -> None:
         self.data = data
@@ -53,23 +55,24 @@ class Held(Dataset):
         return self.items[index]
 
 
-def held(data: Dataset, cfg: Data) -> Dataset:
-    """Keep a data set in memory if it is small and no workers, which share no memory, read it."""
+def cache_if_small(data: Dataset, cfg: Data) -> Dataset:
+    """Return a data set that is cached in memory if it is small and no workers, which share no
+    memory, read it."""
     size = len(data) * 3 * cfg.size**2  # type: ignore[arg-type]
-    return data if cfg.workers or size > HELD_BYTES else Held(data)
+    return data if cfg.workers or size > MAX_CACHE_BYTES else CachedDataset(data)
 
 
-def shuffled(n: int, seed: int) -> list[int]:
-    """Return the numbers below n in a random order, the same for a seed."""
+def shuffled_indices(n: int, seed: int) -> list[int]:
+    """Return the indices below n in a random order, the same for a seed."""
     generator = torch.Generator().manual_seed(seed)
     return torch.randperm(n, generator=generator, device="cpu").tolist()
 
 
-def take(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
+def random_subset(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
     """Return a fixed random subset of n items; all of them if n is None or not smaller."""
     if n is None or n >= len(data):  # type: ignore[arg-type]
         return data
-    return Subset(data, shuffled(len(data), seed)[:n])  # type: ignore[arg-type]
+    return Subset(data, shuffled_indices(len(data), seed)[:n])  # type: ignore[arg-type]
 
 
 def split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
@@ -79,11 +82,12 @@ def split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
         ValueError: either of them would be empty.
     """
     total = len(data)  # type: ignore[arg-type]
-    held = cfg.val if cfg.val is not None else max(1, total // 10)
-    if not 0 < held < total:
+    val_count = cfg.val if cfg.val is not None else max(1, total // 10)
+    if not 0 < val_count < total:
         raise ValueError(
-            f"data.val must be at least 1 and leave training images; got {held} of {total}. "
+            f"data.val must be at least 1 and leave training images; got {val_count} of {total}. "
             "Pass another data.val=N."
         )
-    order = shuffled(total, 0)
-    return take(Subset(data, order[held:]), cfg.train), Subset(data, order[:held])
+    order = shuffled_indices(total, 0)
+    train = random_subset(Subset(data, order[val_count:]), cfg.train)
+    return train, Subset(data, order[:val_count])

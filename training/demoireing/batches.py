@@ -16,11 +16,13 @@ from training.demoireing.schema import DemoireConfig
 VAL_BATCH = 16
 
 
-class Numbers(Sampler[int]):
+class PairNumbers(Sampler[int]):
     """The numbers of one rank's pairs in an epoch, different in every epoch.
 
     Args:
-        count: pairs per epoch, of all ranks together.
+        count: pairs of an epoch, of all ranks together.
+        ranks: number of processes.
+        rank: number of this process, from 0.
     """
 
     def __init__(self, count: int, ranks: int, rank: int) -> None:
@@ -31,8 +33,8 @@ class Numbers(Sampler[int]):
         self.epoch = epoch
 
     def __iter__(self) -> Iterator[int]:
-        first = self.epoch * self.count
-        return iter(range(first + self.rank, first + self.count, self.ranks))
+        start = self.epoch * self.count
+        return iter(range(start + self.rank, start + self.count, self.ranks))
 
     def __len__(self) -> int:
         return len(range(self.rank, self.count, self.ranks))
@@ -42,13 +44,14 @@ class PairBatches(L.LightningDataModule):
     """Serves pairs as loaders; the validation pairs are made once.
 
     Args:
-        cfg: the run's settings. splits: its pictures. first: the epoch that training begins or
-            resumes with.
+        cfg: settings of the run.
+        splits: its pictures.
+        first_epoch: epoch that training begins or resumes with.
     """
 
-    def __init__(self, cfg: DemoireConfig, splits: Splits, first: int = 0) -> None:
+    def __init__(self, cfg: DemoireConfig, splits: Splits, first_epoch: int = 0) -> None:
         super().__init__()
-        self.cfg, self.splits, self.first = cfg, splits, first
+        self.cfg, self.splits, self.first_epoch = cfg, splits, first_epoch
         self.scenes = list(scenes_of(cfg).values())
 
     def _pairs(self, pictures: Source, seed: int) -> SimulatedPairs:
@@ -61,9 +64,9 @@ class PairBatches(L.LightningDataModule):
         )
         train, workers = self.cfg.train, self.cfg.data.workers
         size = max(1, train.batch_size // ranks)
-        numbers = Numbers(train.check_every * size * ranks, ranks, rank)
+        numbers = PairNumbers(train.check_every * size * ranks, ranks, rank)
         # Lightning starts the workers before it has read from which epoch training resumes
-        numbers.set_epoch(self.first)
+        numbers.set_epoch(self.first_epoch)
         return DataLoader(
             self._pairs(self.splits.train, self.cfg.seed),
             size,
@@ -75,6 +78,6 @@ class PairBatches(L.LightningDataModule):
 
     def val_dataloader(self) -> DataLoader:
         pairs = self._pairs(self.splits.val, VAL_SEED)
-        made = [pairs[k] for k in range(self.cfg.data.val)]
-        photos, targets = (torch.stack(side) for side in zip(*made, strict=True))
+        val_pairs = [pairs[k] for k in range(self.cfg.data.val)]
+        photos, targets = (torch.stack(side) for side in zip(*val_pairs, strict=True))
         return DataLoader(TensorDataset(photos, targets), VAL_BATCH)

@@ -38,9 +38,13 @@ from training.system.messages import sentence
 
 EXAMPLE = "python training/demoire.py clean in=DIR out=DIR weights=FILE"
 DEVICES = ("cpu", "cuda", "mps")
-JPEG = {"quality": 95, "subsampling": "4:4:4"}  # much of the moiré that remains is colour
-LOSSLESS = {"lossless": True}
-OPTIONS: dict[str, dict[str, Any]] = {".jpg": JPEG, ".jpeg": JPEG, ".webp": LOSSLESS}
+JPEG_OPTIONS = {"quality": 95, "subsampling": "4:4:4"}  # much of the moiré that remains is colour
+LOSSLESS_OPTIONS = {"lossless": True}
+FORMAT_OPTIONS: dict[str, dict[str, Any]] = {
+    ".jpg": JPEG_OPTIONS,
+    ".jpeg": JPEG_OPTIONS,
+    ".webp": LOSSLESS_OPTIONS,
+}
 
 
 @dataclass
@@ -88,8 +92,8 @@ def device_of(name: str) -> torch.device:
     try:
         device = torch.empty(0, device=name).device
     except (RuntimeError, AssertionError) as error:
-        said = str(error).splitlines()[0]
-        raise ValueError(f"device={name} cannot be used ({said}). Use device=cpu.") from error
+        reason = str(error).splitlines()[0]
+        raise ValueError(f"device={name} cannot be used ({reason}). Use device=cpu.") from error
 
     if device.type not in DEVICES:
         kinds = ", ".join(DEVICES)
@@ -107,41 +111,41 @@ def clean_folder(cfg: Config) -> list[str]:
     device = device_of(cfg.device)
     network = demoire.load(cfg.weights).to(device)
     tile = cfg.tile - cfg.tile % network.multiple  # tiles lie on the grid of the whole photo
-    found = Pictures(cfg.in_, 1)
+    pictures = Pictures(cfg.in_, 1)
     failed: list[str] = []
-    began = time.perf_counter()
-    with tqdm(found.names, unit="photo", disable=None) as bar:
+    start = time.perf_counter()
+    with tqdm(pictures.names, unit="photo", disable=None) as bar:
         for name in bar:
-            path = found.folder / name
+            path = pictures.folder / name
             try:
                 photo = read_picture(path)
                 content = encoded(clean(network, photo, tile), photo, path.suffix)
             except (ValueError, MemoryError, RuntimeError) as error:
-                said = reason(error, path)
-                failed.append(said)
-                bar.write(f"not cleaned: {said}", file=sys.stderr)
+                problem = reason(error, path)
+                failed.append(problem)
+                bar.write(f"not cleaned: {problem}", file=sys.stderr)
                 continue
             write_bytes(Path(cfg.out) / name, content)
-    seconds = time.perf_counter() - began
-    done = len(found) - len(failed)
-    print(f"Photos cleaned into {cfg.out}: {done}, in {seconds:.1f} s.")
-    if found.others:
-        print(f"Files in {cfg.in_} that are not pictures by their names: {len(found.others)}.")
+    seconds = time.perf_counter() - start
+    cleaned = len(pictures) - len(failed)
+    print(f"Photos cleaned into {cfg.out}: {cleaned}, in {seconds:.1f} s.")
+    if pictures.others:
+        print(f"Files in {cfg.in_} that are not pictures by their names: {len(pictures.others)}.")
     return failed
 
 
 def reason(error: Exception, path: Path) -> str:
     """Return why a photo could not be cleaned; an error that tells of a mistake in the code is
     raised again."""
-    said = str(error)
-    if isinstance(error, (MemoryError, torch.OutOfMemoryError)) or "allocate memory" in said:
+    message = str(error)
+    if isinstance(error, (MemoryError, torch.OutOfMemoryError)) or "allocate memory" in message:
         least = 2 * TILE_OVERLAP
         return f"{path} needs more memory than there is: pass tile={least}, or device=cpu."
     if not isinstance(error, ValueError):
         raise error
-    if str(path) in said:
-        return said
-    return f"{path} could not be written: {said}"  # of the encoder, which knows no name
+    if str(path) in message:
+        return message
+    return f"{path} could not be written: {message}"  # of the encoder, which knows no name
 
 
 @torch.inference_mode()
@@ -158,17 +162,17 @@ def clean(network: DemoireNet, photo: Image.Image, tile: int) -> Image.Image:
 def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
     """Return a picture encoded in the format of a suffix, with the profile and EXIF data of the
     photo that it was made from."""
-    options = dict(OPTIONS.get(suffix.lower(), {}))
+    options = dict(FORMAT_OPTIONS.get(suffix.lower(), {}))
     if exif := photo.info.get("exif"):
         options["exif"] = exif
     profile = photo.info.get("icc_profile")
     if profile and profile[16:20] == b"RGB ":  # a CMYK or grey profile does not fit RGB pixels
         options["icc_profile"] = profile
-    form = Image.registered_extensions()[suffix.lower()]
+    format_name = Image.registered_extensions()[suffix.lower()]
     if suffix.lower() == ".pgm":  # of greys alone, as its name says
         picture = picture.convert("L")
     file = io.BytesIO()
-    picture.save(file, form, **options)
+    picture.save(file, format_name, **options)
     return file.getvalue()
 
 

@@ -1,4 +1,4 @@
-"""How close two pictures are: PSNR and SSIM, as they are or after the best colour map."""
+"""The likeness of two pictures: PSNR and SSIM, as they are or after the best colour map."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from moireaug.evaluation.visibility import psnr, ssim
 from moireaug.synthesis.tone import ColourMap
 
 
-def mapped(picture: Tensor, wanted: Tensor) -> Tensor:
+def map_colours(picture: Tensor, target: Tensor) -> Tensor:
     """Return a picture (3, H, W) in [0, 1] after the best global colour map onto another."""
-    codes, aim = (255 * side.float().cpu().contiguous().numpy() for side in (picture, wanted))
+    codes, aim = (255 * side.float().cpu().contiguous().numpy() for side in (picture, target))
     return torch.from_numpy(ColourMap.fit(codes, aim)(codes)) / 255
 
 
-def fidelity(picture: Tensor, wanted: Tensor) -> dict[str, float]:
+def fidelity_scores(picture: Tensor, target: Tensor) -> dict[str, float]:
     """Return `psnr` in dB and `ssim` of a picture (3, H, W) in [0, 1] against another, and with the
     prefix `mapped_` those after the best global colour map."""
-    found = {}
-    for prefix, shown in (("", picture), ("mapped_", mapped(picture, wanted))):
-        found[f"{prefix}psnr"] = float(psnr(shown[None], wanted[None]))
-        found[f"{prefix}ssim"] = float(ssim(shown[None], wanted[None]))
-    return found
+    scores = {}
+    for prefix, candidate in (("", picture), ("mapped_", map_colours(picture, target))):
+        scores[f"{prefix}psnr"] = float(psnr(candidate[None], target[None]))
+        scores[f"{prefix}ssim"] = float(ssim(candidate[None], target[None]))
+    return scores

@@ -38,7 +38,7 @@ from training.config.settings import with_absolute_paths
 from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
 from training.demoireing.schema import DemoireConfig
-from training.demoireing.testing import summary, test
+from training.demoireing.testing import summarise, test_network
 from training.runs.resume import require_resumable
 from training.runs.run import Run
 from training.system import machine
@@ -49,14 +49,14 @@ Metrics = dict[str, Any]
 
 
 def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
-    """Train, test and report a run, or what is left of it; return its metrics.
+    """Train, test and report a run, or the rest of it; return its metrics.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_network`.
     """
     cfg = with_absolute_paths(as_config(cfg))
-    cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
+    cfg = replace(cfg, scene=scenes.inline_files(cfg.scene))
     check(cfg)
     run = Run(cfg)
     with run.locked():
@@ -85,10 +85,10 @@ def check(cfg: DemoireConfig) -> None:
             f"demoire.vgg= has no effect on {cfg.model}, whose published loss compares no "
             "features: leave it out."
         )
-    seen = scenes_of(cfg)
+    trained_scenes = scenes_of(cfg)
     for name in cfg.test.unseen:
         check_aligned(as_scene(name))
-        if name in seen:
+        if name in trained_scenes:
             raise ValueError(
                 f"test.unseen names {name}, which is trained on too: leave it out of one of them."
             )
@@ -101,17 +101,17 @@ def report_finished(run: Run[DemoireConfig]) -> Metrics:
     """Print the figures of a finished run and return its metrics; test it again where other real
     pairs are given."""
     cfg, folder = run.config, run.folder
-    known = read_metrics(folder) or {}
+    metrics = read_metrics(folder) or {}
     if not is_first():
-        return known
-    if cfg.pairs and fingerprint(find_pairs(Path(cfg.pairs))) != known.get("pairs_fingerprint"):
+        return metrics
+    if cfg.pairs and fingerprint(find_pairs(Path(cfg.pairs))) != metrics.get("pairs_fingerprint"):
         splits = pictures.load(cfg)
         pictures.require_same(folder, splits)
         network = demoire.load(folder / "weights.pt")
-        return test_and_report(run, network, known["train"], splits)
-    show(report.said(known))
+        return test_and_report(run, network, metrics["train"], splits)
+    show(report.terminal_parts(metrics))
     print(f"{folder} is already finished; resume=false trains it again.")
-    return known
+    return metrics
 
 
 def complete(run: Run[DemoireConfig]) -> Metrics:
@@ -126,7 +126,7 @@ def complete(run: Run[DemoireConfig]) -> Metrics:
         if run.can_resume():
             pictures.require_same(run.folder, splits)
         run.prepare()
-        pictures.keep(run.folder, splits)
+        pictures.write_names(run.folder, splits)
     network, train = train_network(run, splits)
     if not is_first():
         return {}
@@ -146,8 +146,8 @@ def test_and_report(
     metrics."""
     cfg, folder = run.config, run.folder
     network.to(machine.device(cfg.trainer.accelerator))  # training leaves it on the CPU
-    began = time.perf_counter()
-    found = test(network, cfg, splits)
+    start = time.perf_counter()
+    result = test_network(network, cfg, splits)
     metrics = {
         "recipe": cfg.recipe,
         "seed": cfg.seed,
@@ -158,18 +158,18 @@ def test_and_report(
         "pairs": cfg.pairs,
         "pairs_fingerprint": fingerprint(find_pairs(Path(cfg.pairs))) if cfg.pairs else None,
         "train": train,
-        "test": summary(found.scores),
-        "time": {"train": train["wall_seconds"], "test": time.perf_counter() - began},
+        "test": summarise(result.scores),
+        "time": {"train": train["wall_seconds"], "test": time.perf_counter() - start},
         "scenes": {name: scene.to_dict() for name, scene in scenes_of(cfg).items()},
         "config": run.settings,
         "fingerprint": run.fingerprint,
         "environment": machine.environment(cfg.trainer.accelerator),
         "command": machine.command(),
     }
-    write_text(folder / "scores.csv", found.scores.to_csv(index=False, float_format="%.6g"))
-    write_text(folder / "report.html", report.page(metrics, found.shown))
+    write_text(folder / "scores.csv", result.scores.to_csv(index=False, float_format="%.6g"))
+    write_text(folder / "report.html", report.page(metrics, result.examples))
     write_text(folder / "metrics.json", json.dumps(metrics, indent=1))
-    show(report.said(metrics))
+    show(report.terminal_parts(metrics))
     print(f"Weights: {folder / 'weights.pt'}")
     print(f"Report: {folder / 'report.html'}")
     return metrics
@@ -178,7 +178,7 @@ def test_and_report(
 @hydra.main(version_base="1.3", config_path=None, config_name="demoire")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.sentences(kept="What was validated is kept"):
+    with commands.report_errors(kept_work="What was validated is kept"):
         fit(cfg)
 
 

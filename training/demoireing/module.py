@@ -15,7 +15,7 @@ from moireaug.defenses.demoire.losses import LOSSES, VGGFeatures
 from moireaug.evaluation.visibility import psnr, ssim
 from training.demoireing.schema import Demoire, Train
 
-CLIP = 1.0  # norm of a step's gradient: the networks have no normalisation
+MAX_GRADIENT_NORM = 1.0  # of a step: the networks have no normalisation
 
 
 class Demoireing(L.LightningModule):
@@ -23,7 +23,8 @@ class Demoireing(L.LightningModule):
     photos, and for comparison the photos' own PSNR.
 
     Args:
-        network: of `demoire.build`. demoire, train: how it is trained.
+        network: network of `demoire.build`.
+        demoire, train: settings of its training.
     """
 
     def __init__(self, network: DemoireNet, demoire: Demoire, train: Train) -> None:
@@ -38,7 +39,7 @@ class Demoireing(L.LightningModule):
         self.history: list[dict[str, float]] = []
         self._losses: list[Tensor] = []
         self._scores: dict[str, list[Tensor]] = {}
-        self._began = self._trained = 0.0
+        self._epoch_start = self._training_seconds = 0.0
 
     def forward(self, photos: Tensor) -> Tensor:
         """Return photos (B, 3, H, W) in [0, 1], cleaned."""
@@ -49,7 +50,7 @@ class Demoireing(L.LightningModule):
         return self._features[0].to(self.device) if self._features else None
 
     def on_train_epoch_start(self) -> None:
-        self._losses, self._began = [], time.perf_counter()
+        self._losses, self._epoch_start = [], time.perf_counter()
 
     def training_step(self, batch: tuple[Tensor, Tensor], index: int) -> Tensor:
         photos, targets = (codes.float() / 255 for codes in batch)
@@ -66,7 +67,7 @@ class Demoireing(L.LightningModule):
         return loss
 
     def on_validation_epoch_start(self) -> None:
-        self._trained = time.perf_counter() - self._began
+        self._training_seconds = time.perf_counter() - self._epoch_start
         self._scores = {"psnr": [], "ssim": [], "photo_psnr": []}
 
     def validation_step(self, batch: tuple[Tensor, Tensor], index: int) -> None:
@@ -77,12 +78,12 @@ class Demoireing(L.LightningModule):
         self._scores["photo_psnr"].append(psnr(photos, targets))
 
     def on_validation_epoch_end(self) -> None:
-        validation = time.perf_counter() - self._began - self._trained
+        validation = time.perf_counter() - self._epoch_start - self._training_seconds
         loss = torch.tensor(self._losses, dtype=torch.float32, device=self.device).mean()
         row = {
             "steps": float(self.global_step),
             "loss": float(self.trainer.strategy.reduce(loss, reduce_op="mean")),
-            "seconds": self._trained,
+            "seconds": self._training_seconds,
             "validation_seconds": validation,
         }
         for name, values in self._scores.items():
@@ -103,11 +104,13 @@ class Demoireing(L.LightningModule):
         warmup = min(train.warmup, train.steps // 2)
         if step < warmup:
             return (step + 1) / warmup
-        done = (step - warmup) / max(1, train.steps - warmup)
-        return 0.5 * (1 + math.cos(math.pi * min(1.0, done)))
+        progress = (step - warmup) / max(1, train.steps - warmup)
+        return 0.5 * (1 + math.cos(math.pi * min(1.0, progress)))
 
     def configure_gradient_clipping(self, optimizer: Any, *_: Any, **__: Any) -> None:
-        self.clip_gradients(optimizer, gradient_clip_val=CLIP, gradient_clip_algorithm="norm")
+        self.clip_gradients(
+            optimizer, gradient_clip_val=MAX_GRADIENT_NORM, gradient_clip_algorithm="norm"
+        )
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["history"] = list(self.history)

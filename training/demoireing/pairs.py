@@ -26,24 +26,26 @@ def scenes_of(cfg: DemoireConfig) -> dict[str, Scene]:
     Raises:
         TypeError, ValueError: no scene, or one whose photos are not aligned with their originals.
     """
-    given = cfg.scene if isinstance(cfg.scene, (list, tuple)) else [cfg.scene]
-    if not given:
+    listed = cfg.scene if isinstance(cfg.scene, (list, tuple)) else [cfg.scene]
+    if not listed:
         raise ValueError("scene=[] names no scene: name at least one.")
-    found = {}
-    for number, one in enumerate(given, 1):
+    scenes = {}
+    for number, one in enumerate(listed, 1):
         name = one if isinstance(one, str) else f"scene {number}"
-        found[name] = as_scene(one)
-        check_aligned(found[name])
-    return found
+        scenes[name] = as_scene(one)
+        check_aligned(scenes[name])
+    return scenes
 
 
 class SimulatedPairs(Dataset):
     """Photos and their targets by number: (3, size, size) uint8 each; scenes take turns.
 
     Args:
-        pictures: where their pictures come from. scenes: where they are photographed.
-        size: side in pixels. target: "twin", "original" or "toned".
-        seed: as of `moireaug.synthesis.Pairs`.
+        pictures: source of their pictures.
+        scenes: scenes that photograph them.
+        size: side of a pair, in pixels.
+        target: "twin", "original" or "toned".
+        seed: seed of `moireaug.synthesis.Pairs`.
     """
 
     def __init__(
@@ -54,25 +56,25 @@ class SimulatedPairs(Dataset):
 
     def pair(self, k: int) -> Pair:
         """Return a pair with all that is known of it, always with its twin."""
-        return self._made(k, twin=True)
+        return self._make(k, twin=True)
 
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
-        pair = self._made(k, twin=self.target == "twin")
+        pair = self._make(k, twin=self.target == "twin")
         if self.target == "toned":
-            return pair.photo, toned(pair.original, pair.photo)
+            return pair.photo, tone_to(pair.original, pair.photo)
         return pair.photo, pair.pictures()[self.target]
 
-    def _made(self, k: int, *, twin: bool) -> Pair:
+    def _make(self, k: int, *, twin: bool) -> Pair:
         scene = self.scenes[k % len(self.scenes)]
         return make_pair(k, self.pictures, scene, self.size, twin=twin, seed=self.seed)
 
 
-def toned(original: Tensor, photo: Tensor) -> Tensor:
+def tone_to(original: Tensor, photo: Tensor) -> Tensor:
     """Return the original under the linear colour map that brings it closest to its photo: without
     moiré, noise, blur and shading, but with the photo's exposure and tint. All are (3, H, W) uint8.
     """
-    codes, wanted = original.numpy().astype(np.float32), photo.numpy().astype(np.float32)
-    mapped = ColourMap.fit(codes, wanted, squares=False)(codes)
+    codes, target = original.numpy().astype(np.float32), photo.numpy().astype(np.float32)
+    mapped = ColourMap.fit(codes, target, squares=False)(codes)
     return torch.from_numpy(mapped.round().astype(np.uint8))
 
 
@@ -80,9 +82,9 @@ def test_pairs(cfg: DemoireConfig, splits: Splits) -> Mapping[str, SimulatedPair
     """Return the pairs that a trained network is tested on, by the name of their scene: those that
     it was trained in come first."""
     scenes = scenes_of(cfg) | {name: as_scene(name) for name in cfg.test.unseen}
-    found = {}
+    pairs_by_scene = {}
     for name, scene in scenes.items():
-        found[name] = SimulatedPairs(
+        pairs_by_scene[name] = SimulatedPairs(
             splits.test, [scene], cfg.test.size, cfg.demoire.target, TEST_SEED
         )
-    return found
+    return pairs_by_scene

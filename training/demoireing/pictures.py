@@ -12,17 +12,17 @@ from PIL import Image
 from moireaug.files import write_text
 from moireaug.synthesis.pictures import Pictures, Source
 from training.data import signs
-from training.data.splits import has_parts, shuffled
+from training.data.splits import has_parts, shuffled_indices
 from training.demoireing.schema import DemoireConfig
 from training.system.files import read_json
 from training.system.messages import counted
 
-NAMES = "pictures.json"  # of a run: the names of each split's pictures
-HELD_OUT = 10  # one picture in ten validates, and one in ten tests
+NAMES_FILE = "pictures.json"  # of a run, with the names of each split's pictures
+SPLIT_DIVISOR = 10  # a tenth of the pictures validates, and a tenth tests
 
 
 class Splits(NamedTuple):
-    """Where the pairs that train, validate and test take their pictures; none is in two of them."""
+    """The pictures of the pairs that train, validate and test; none is in two of them."""
 
     train: Source
     val: Source
@@ -33,7 +33,7 @@ class DrawnSigns:
     """The project's own signs, a new one for every pair.
 
     Args:
-        side: of a picture, in pixels.
+        side: side of a picture, in pixels.
     """
 
     def __init__(self, side: int) -> None:
@@ -53,8 +53,8 @@ def load(cfg: DemoireConfig) -> Splits:
     """
     side, test_side = cfg.data.size, cfg.test.size
     if not cfg.data.root:
-        drawn = DrawnSigns(side)
-        return Splits(drawn, drawn, DrawnSigns(test_side))
+        training_signs = DrawnSigns(side)
+        return Splits(training_signs, training_signs, DrawnSigns(test_side))
     root = Path(cfg.data.root)
     if has_parts(root):
         train, val = _parts(Pictures(root / "train", side), 2)
@@ -80,21 +80,21 @@ def require_usable(splits: Splits) -> None:
             ) from error
 
 
-def keep(folder: Path, splits: Splits) -> None:
+def write_names(folder: Path, splits: Splits) -> None:
     """Write the names of each split's pictures into a run's folder."""
     if names := _names(splits):
-        write_text(folder / NAMES, json.dumps(names, indent=1))
+        write_text(folder / NAMES_FILE, json.dumps(names, indent=1))
 
 
 def require_same(folder: Path, splits: Splits) -> None:
-    """Refuse to go on with a run whose pictures have changed: those that it was trained on could
-    test it.
+    """Refuse to resume a run whose pictures have changed: those that it was trained on could test
+    it.
 
     Raises:
         ValueError: with what to do instead.
     """
-    there = read_json(folder / NAMES)
-    if there is not None and there != _names(splits):
+    stored_names = read_json(folder / NAMES_FILE)
+    if stored_names is not None and stored_names != _names(splits):
         raise ValueError(
             f"data.root holds other pictures than when {folder} was trained, so pictures that it "
             "was trained on could test it. Restore them, or pass resume=false to train again."
@@ -103,11 +103,11 @@ def require_same(folder: Path, splits: Splits) -> None:
 
 def _names(splits: Splits) -> dict[str, list[str]]:
     """Return the names of each split's pictures; empty where they are drawn."""
-    found = {}
+    names = {}
     for split, source in splits._asdict().items():
         if isinstance(source, Pictures):
-            found[split] = source.names
-    return found
+            names[split] = source.names
+    return names
 
 
 def _parts(pictures: Pictures, parts: int) -> list[Pictures]:
@@ -120,7 +120,7 @@ def _parts(pictures: Pictures, parts: int) -> list[Pictures]:
             f"{pictures.folder} holds {counted(total, 'picture')}: at least {parts} are needed, to "
             f"{uses} on different ones."
         )
-    held = max(1, total // HELD_OUT)
-    order = shuffled(total, 0)
-    others = [pictures.subset(order[n * held : (n + 1) * held]) for n in range(parts - 1)]
-    return [pictures.subset(order[(parts - 1) * held :]), *others]
+    count = max(1, total // SPLIT_DIVISOR)
+    order = shuffled_indices(total, 0)
+    small_parts = [pictures.subset(order[n * count : (n + 1) * count]) for n in range(parts - 1)]
+    return [pictures.subset(order[(parts - 1) * count :]), *small_parts]

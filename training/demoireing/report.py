@@ -24,22 +24,23 @@ from moireaug.evaluation.visibility import SSIM_WINDOW
 from training.demoireing.testing import GroupedPair
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
-STRONGER = 4  # factor by which what was removed is amplified
+REMOVED_AMPLIFICATION = 4  # factor of the removed part in a picture
 Row = Mapping[str, Any]
 
-# what a photo is compared with: the reference, and the prefix of its measures' names
-COLUMNS = {
+# columns of the table: a reference, and the prefix of the names of its measures
+REFERENCE_COLUMNS = {
     "the twin": ("twin", ""),
     "the original": ("original", ""),
     "the original, colours mapped": ("original", "mapped_"),
 }
 
 
-def page(metrics: Mapping[str, Any], shown: Sequence[tuple[GroupedPair, Tensor]]) -> str:
+def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tensor]]) -> str:
     """Return the report of a run as a self-contained page.
 
     Args:
-        metrics: what metrics.json holds. shown: pairs and their cleaned photos, as they are shown.
+        metrics: content of metrics.json.
+        examples: pairs of the report, and their cleaned photos.
     """
     lead = []
     for kind in ("seen", "unseen", "real"):
@@ -51,10 +52,10 @@ def page(metrics: Mapping[str, Any], shown: Sequence[tuple[GroupedPair, Tensor]]
         title=f"{metrics['model']}, trained on simulated pairs alone",
         lead=lead,
         facts={name: metrics[name] for name in ("data", "model", "width", "target", "seed")},
-        columns=list(COLUMNS),
-        rows=table(metrics["test"]),
-        examples=[block(pair, cleaned) for pair, cleaned in shown],
-        curves=curves(metrics["train"]["history"], metrics["train"]["best_steps"]),
+        columns=list(REFERENCE_COLUMNS),
+        rows=table_rows(metrics["test"]),
+        examples=[example_block(pair, cleaned) for pair, cleaned in examples],
+        curves=training_curves(metrics["train"]["history"], metrics["train"]["best_steps"]),
         phases={"parts": time, "total": sum(time.values())},
         metrics={**metrics, "scene": None, "plan": None},
         target=metrics["target"],
@@ -63,7 +64,7 @@ def page(metrics: Mapping[str, Any], shown: Sequence[tuple[GroupedPair, Tensor]]
 
 
 def headline(metrics: Mapping[str, Any], kind: str) -> str | None:
-    """Return what cleaning does to the photos of a kind, as a sentence; None where none were
+    """Return the effect of cleaning on the photos of a kind, as a sentence; None where none were
     tested."""
     reference, measure = main_figure(metrics, kind)
     rows = []
@@ -74,8 +75,8 @@ def headline(metrics: Mapping[str, Any], kind: str) -> str | None:
         return None
     n = sum(row["n"] for row in rows)
     before, after = (sum(row[k] * row["n"] for row in rows) / n for k in ("before", "after"))
-    gained = sum(row["gained"] for row in rows)
-    what = {
+    gain_count = sum(row["gained"] for row in rows)
+    subject = {
         "seen": "Simulated photos of scenes that it was trained on",
         "unseen": "Simulated photos of scenes that it was not trained on",
         "real": "Real photos",
@@ -84,13 +85,13 @@ def headline(metrics: Mapping[str, Any], kind: str) -> str | None:
     if measure == "mapped_psnr":
         against += ", colours mapped"
     return (
-        f"{what}: PSNR against {against} from {before:.2f} to {after:.2f} dB; {gained} of {n} gain."
+        f"{subject}: PSNR against {against} from {before:.2f} to {after:.2f} dB; "
+        f"{gain_count} of {n} gain."
     )
 
 
 def main_figure(metrics: Mapping[str, Any], kind: str) -> tuple[str, str]:
-    """Return the reference and the measure that say whether a network does what it was trained
-    to."""
+    """Return the reference and the measure that tell whether a network meets its target."""
     if metrics["target"] == "original":
         return "original", "psnr"
     if metrics["target"] == "twin" and kind != "real":
@@ -98,21 +99,21 @@ def main_figure(metrics: Mapping[str, Any], kind: str) -> tuple[str, str]:
     return "original", "mapped_psnr"
 
 
-def table(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return one row per group, with a cell for PSNR and SSIM under each of `COLUMNS`; None where
-    there is no such reference."""
-    found: dict[str, dict[str, Any]] = {}
+def table_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return one row per group, with a cell for PSNR and SSIM under each of `REFERENCE_COLUMNS`;
+    None where there is no such reference."""
+    by_group: dict[str, dict[str, Any]] = {}
     for row in rows:
-        about = {k: row[k] for k in ("group", "kind", "n", "milliseconds", "megapixels")}
-        found.setdefault(row["group"], about | {"cells": [None] * 2 * len(COLUMNS)})
-        for column, (reference, prefix) in enumerate(COLUMNS.values()):
+        facts = {k: row[k] for k in ("group", "kind", "n", "milliseconds", "megapixels")}
+        by_group.setdefault(row["group"], facts | {"cells": [None] * 2 * len(REFERENCE_COLUMNS)})
+        for column, (reference, prefix) in enumerate(REFERENCE_COLUMNS.values()):
             for side, name in enumerate(("psnr", "ssim")):
                 if (row["reference"], row["measure"]) == (reference, prefix + name):
-                    found[row["group"]]["cells"][2 * column + side] = cell(row, 2 + side)
-    return list(found.values())
+                    by_group[row["group"]]["cells"][2 * column + side] = cell_text(row, 2 + side)
+    return list(by_group.values())
 
 
-def cell(row: Row, digits: int) -> dict[str, str]:
+def cell_text(row: Row, digits: int) -> dict[str, str]:
     """Return a row's figures as they are printed."""
     gain = f"{row['gain']:+.{digits}f}"
     if row["gain_interval"]:
@@ -126,12 +127,12 @@ def cell(row: Row, digits: int) -> dict[str, str]:
     }
 
 
-def said(metrics: Mapping[str, Any]) -> list[Part]:
+def terminal_parts(metrics: Mapping[str, Any]) -> list[Part]:
     """Return the figures for a terminal: PSNR in dB and SSIM, before and after."""
     rows = [["pairs", "n", "against", "PSNR, dB", "gain", "twin", "SSIM"]]
-    for row in table(metrics["test"]):
+    for row in table_rows(metrics["test"]):
         group = f"{row['group']} ({row['kind']})" if row["kind"] != "real" else row["group"]
-        for column, against in enumerate(COLUMNS):
+        for column, against in enumerate(REFERENCE_COLUMNS):
             psnr, ssim = row["cells"][2 * column : 2 * column + 2]
             if psnr is None:
                 continue
@@ -148,15 +149,15 @@ def said(metrics: Mapping[str, Any]) -> list[Part]:
     return [Grid(rows), cost]
 
 
-def block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
+def example_block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
     """Return the pictures of a pair, side by side."""
-    removed = 128 + STRONGER * (pair.photo.int() - cleaned.int())
+    removed = 128 + REMOVED_AMPLIFICATION * (pair.photo.int() - cleaned.int())
     sides = {
         "photo": pair.photo,
         "cleaned": cleaned,
         "twin": pair.twin,
         "original": pair.original,
-        f"removed × {STRONGER}": removed.clamp(0, 255).byte(),
+        f"removed × {REMOVED_AMPLIFICATION}": removed.clamp(0, 255).byte(),
     }
     cells = []
     for title, picture in sides.items():
@@ -165,7 +166,7 @@ def block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
     return {"label": f"{pair.group}: {pair.name}", "cells": cells}
 
 
-def curves(history: Sequence[Mapping[str, float]], best: int) -> list[dict[str, str]]:
+def training_curves(history: Sequence[Mapping[str, float]], best: int) -> list[dict[str, str]]:
     """Return the plots of a training: its loss, and PSNR on the pairs that validate."""
     steps = [row["steps"] for row in history]
     loss = Figure(FIGURE_INCHES, layout="constrained")

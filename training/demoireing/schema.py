@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from moireaug.synthesis.pairs import SIZE_RANGE
-from training.config.schema import DEFAULT_DATA, RunConfig
+from training.config.data_sets import DEFAULT_DATA
+from training.config.schema import RunConfig
 from training.config.settings import section, setting
 
 # what phones in front of LCDs and OLEDs take
@@ -19,7 +20,7 @@ UNSEEN_SCENES = ("phone_at_television", "webcam_at_phone", "phone_at_led_wall")
 
 @dataclass
 class Pictures:
-    """What is photographed."""
+    """The pictures that are photographed."""
 
     root: str | None = setting(
         None,
@@ -40,7 +41,7 @@ class Pictures:
 
 @dataclass
 class Demoire:
-    """What the network is, and what it learns."""
+    """The network and its target."""
 
     target: str = setting(
         "twin",
@@ -78,8 +79,8 @@ class Train:
 
 
 @dataclass
-class HeldOut:
-    """What the trained network is tested on."""
+class TestPairs:
+    """The pairs that test the trained network."""
 
     size: int = setting(256, "side of the pairs", bounds=SIZE_RANGE)
     unseen: list[str] = setting(
@@ -106,7 +107,7 @@ class DemoireConfig(RunConfig):
     data: Pictures = section(Pictures)
     demoire: Demoire = section(Demoire)
     train: Train = section(Train)
-    test: HeldOut = section(HeldOut)
+    test: TestPairs = section(TestPairs)
     pairs: str | None = setting(
         None,
         "real photos and what was on the screen, for the report: as training/calibrate.py takes "

@@ -17,22 +17,25 @@ from moireaug.defenses.demoire import DemoireNet
 from moireaug.defenses.demoire.tiles import tiled
 from moireaug.evaluation.statistics import t_interval
 from training.calibration.pairs import find_pairs, read_pairs
-from training.demoireing.fidelity import fidelity
+from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.pairs import test_pairs
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 
 MEASURES = ("psnr", "ssim", "mapped_psnr", "mapped_ssim")
-SHOWN = 300  # pixels of a picture that the report shows
-MOST_SHOWN = 12  # real photos that it shows
+EXAMPLE_SIDE = 300  # pixels, of the pictures of the report
+MAX_REAL_EXAMPLES = 12
 
 
 class GroupedPair(NamedTuple):
-    """A photo and the picture that it shows, (3, H, W) uint8 each.
+    """A photo and the picture on its screen.
 
     Args:
-        group: its scene's name, or "real photos". kind: "seen" or "unseen" scene, or "real".
-        name: of the picture. twin: the same shot without moiré; None for a real photo.
+        group: name of its scene, or "real photos".
+        kind: "seen" or "unseen", of its scene, or "real".
+        name: name of the picture.
+        photo, original: photo and picture, (3, H, W) uint8.
+        twin: the same shot without moiré; None for a real photo.
     """
 
     group: str
@@ -43,22 +46,22 @@ class GroupedPair(NamedTuple):
     twin: Tensor | None
 
 
-class Outcome(NamedTuple):
-    """A test's figures and pictures.
+class CleaningResult(NamedTuple):
+    """The figures and pictures of a test.
 
     Args:
         scores: one row per pair, reference ("twin" or "original") and state ("photo", "cleaned" or,
             against the original, "twin"), with `MEASURES`, and the seconds and pixels of the
             cleaning.
-        shown: the middle of the first pair of every scene, and of the first real ones, with its
+        examples: the middle of the first pair of every scene, and of the first real ones, with its
             cleaned photo.
     """
 
     scores: pd.DataFrame
-    shown: list[tuple[GroupedPair, Tensor]]
+    examples: list[tuple[GroupedPair, Tensor]]
 
 
-def simulated(cfg: DemoireConfig, splits: Splits) -> Iterator[GroupedPair]:
+def simulated_pairs(cfg: DemoireConfig, splits: Splits) -> Iterator[GroupedPair]:
     """Make the simulated pairs of every scene that the network is tested on."""
     for name, pairs in test_pairs(cfg, splits).items():
         kind = "unseen" if name in cfg.test.unseen else "seen"
@@ -67,18 +70,19 @@ def simulated(cfg: DemoireConfig, splits: Splits) -> Iterator[GroupedPair]:
             yield GroupedPair(name, kind, pair.picture, pair.photo, pair.original, pair.twin)
 
 
-def real(source: str) -> Iterator[GroupedPair]:
-    """Read the real pairs that `pairs=` names.
+def real_pairs(source: str) -> Iterator[GroupedPair]:
+    """Read the real pairs of `pairs=`.
 
     Raises:
         ValueError: as `find_pairs` and `read_pairs`.
     """
-    for shown in read_pairs(find_pairs(Path(source))):
-        if shown.original is not None:
-            yield GroupedPair("real photos", "real", shown.name, shown.photo, shown.original, None)
+    for screen_photo in read_pairs(find_pairs(Path(source))):
+        name, photo, original = screen_photo
+        if original is not None:
+            yield GroupedPair("real photos", "real", name, photo, original, None)
 
 
-def clean(network: DemoireNet, photo: Tensor) -> Tensor:
+def clean_photo(network: DemoireNet, photo: Tensor) -> Tensor:
     """Return a photo (3, H, W) uint8, cleaned, as 8-bit codes."""
     device = next(network.parameters()).device
     images = photo[None].to(device).float() / 255
@@ -87,55 +91,56 @@ def clean(network: DemoireNet, photo: Tensor) -> Tensor:
     return (255 * cleaned).round().to(torch.uint8).cpu()
 
 
-def test(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> Outcome:
-    """Clean the photos of all pairs, and compare them with what they should be."""
-    found = simulated(cfg, splits)
+def test_network(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> CleaningResult:
+    """Clean the photos of all pairs, and compare them with their references."""
+    pairs = simulated_pairs(cfg, splits)
     if cfg.pairs:
-        found = itertools.chain(found, real(cfg.pairs))  # a pair at a time: they may be many
+        pairs = itertools.chain(pairs, real_pairs(cfg.pairs))  # a pair at a time: they may be many
     rows: list[dict[str, Any]] = []
-    shown: list[tuple[GroupedPair, Tensor]] = []
-    for pair in tqdm(found, desc="Testing", unit="pair", disable=None, leave=False):
-        began = time.perf_counter()
-        cleaned = clean(network, pair.photo)
-        seconds = time.perf_counter() - began
-        already = sum(pair.group == other.group for other, _ in shown)
-        if already < (MOST_SHOWN if pair.kind == "real" else 1):
-            shown.append((middles(pair), middle(cleaned)))
-        for row in compared(pair, cleaned):
+    examples: list[tuple[GroupedPair, Tensor]] = []
+    for pair in tqdm(pairs, desc="Testing", unit="pair", disable=None, leave=False):
+        start = time.perf_counter()
+        cleaned = clean_photo(network, pair.photo)
+        seconds = time.perf_counter() - start
+        count = sum(pair.group == earlier.group for earlier, _ in examples)
+        if count < (MAX_REAL_EXAMPLES if pair.kind == "real" else 1):
+            examples.append((middle_of_pair(pair), middle_of(cleaned)))
+        for row in compare_pair(pair, cleaned):
             rows.append(row | {"seconds": seconds, "pixels": pair.photo[0].numel()})
-    return Outcome(pd.DataFrame(rows), shown)
+    return CleaningResult(pd.DataFrame(rows), examples)
 
 
-def middles(pair: GroupedPair) -> GroupedPair:
+def middle_of_pair(pair: GroupedPair) -> GroupedPair:
     """Return the middle of each of a pair's pictures."""
-    twin = None if pair.twin is None else middle(pair.twin)
-    return pair._replace(photo=middle(pair.photo), original=middle(pair.original), twin=twin)
+    twin = None if pair.twin is None else middle_of(pair.twin)
+    return pair._replace(photo=middle_of(pair.photo), original=middle_of(pair.original), twin=twin)
 
 
-def middle(picture: Tensor) -> Tensor:
-    """Return the middle of a picture (3, H, W), at most `SHOWN` pixels wide and high, as a copy: a
-    view would keep all of it."""
-    top, left = (max(0, (length - SHOWN) // 2) for length in picture.shape[1:])
-    return picture[:, top : top + SHOWN, left : left + SHOWN].clone()
+def middle_of(picture: Tensor) -> Tensor:
+    """Return the middle of a picture (3, H, W), at most `EXAMPLE_SIDE` pixels wide and high, as a
+    copy: a view would keep all of it."""
+    top, left = (max(0, (length - EXAMPLE_SIDE) // 2) for length in picture.shape[1:])
+    return picture[:, top : top + EXAMPLE_SIDE, left : left + EXAMPLE_SIDE].clone()
 
 
-def compared(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:
-    """Yield how close the photo and the cleaned photo are to each reference there is, and the twin
-    to the original: what a network that removes all moiré and nothing else would reach."""
-    about = {"group": pair.group, "kind": pair.kind, "picture": pair.name}
+def compare_pair(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:
+    """Yield the likeness of the photo and of the cleaned photo to each reference that there is, and
+    of the twin to the original, which a network would reach that removes all moiré and nothing
+    else."""
+    facts = {"group": pair.group, "kind": pair.kind, "picture": pair.name}
     for reference in ("twin", "original"):
-        wanted = getattr(pair, reference)
-        if wanted is None:
+        target = getattr(pair, reference)
+        if target is None:
             continue
         states = {"photo": pair.photo, "cleaned": cleaned}
         if reference == "original" and pair.twin is not None:
             states["twin"] = pair.twin
         for state, picture in states.items():
-            likeness = fidelity(picture.float() / 255, wanted.float() / 255)
-            yield about | {"reference": reference, "state": state} | likeness
+            likeness = fidelity_scores(picture.float() / 255, target.float() / 255)
+            yield facts | {"reference": reference, "state": state} | likeness
 
 
-def summary(scores: pd.DataFrame) -> list[dict[str, Any]]:
+def summarise(scores: pd.DataFrame) -> list[dict[str, Any]]:
     """Return one row per group, reference and measure: the means before and after, the twins' mean
     (None where there are none), the mean gain with its 95 % interval (Student's t over the pairs;
     None for a single one), and how many of the pairs gained."""

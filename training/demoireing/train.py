@@ -51,10 +51,11 @@ def try_out(run: Run[DemoireConfig]) -> None:
 
 
 def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, dict[str, Any]]:
-    """Train, and return the averaged weights that did best on validation, with what it cost.
+    """Train, and return the averaged weights that did best on validation, and the cost.
 
     Args:
-        run: its settings and folder. splits: its pictures.
+        run: settings and folder of the run.
+        splits: pictures of the run.
 
     Raises:
         ValueError: a checkpoint that is missing or damaged, or pictures that cannot be used.
@@ -65,15 +66,15 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     """
     cfg = run.config
     L.seed_everything(cfg.seed, verbose=False)
-    out, resumed = run.folder, run.can_resume()
+    out, resumes = run.folder, run.can_resume()
     last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
     module = module_of(cfg)
     network = module.network
-    if resumed and (train := read_json(train_json)):
+    if resumes and (train := read_json(train_json)):
         module.load_state_dict(read_checkpoint(best)["state_dict"])
         say(f"Training is complete: the weights are read from {best}.")
         return network.eval(), train
-    done = read_checkpoint(last)["history"] if resumed else []
+    history = read_checkpoint(last)["history"] if resumes else []
     if is_first():
         run.write_settings()
     millions = sum(weights.numel() for weights in network.parameters()) / 1e6
@@ -82,17 +83,18 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
         f"pairs of {cfg.data.name}, target {cfg.demoire.target}: {cfg.train.steps} steps of "
         f"{cfg.train.batch_size}."
     )
-    if done:
-        say(f"Resuming from {last} after {done[-1]['steps']:.0f} steps.")
-    batches = PairBatches(cfg, splits, first=len(done))
+    if history:
+        say(f"Resuming from {last} after {history[-1]['steps']:.0f} steps.")
+    batches = PairBatches(cfg, splits, first_epoch=len(history))
     trainer = trainer_of(cfg, out)
-    began = time.perf_counter()
-    ranks.fit(trainer, module, batches, last if resumed else None)
-    wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
+    start_time = time.perf_counter()
+    ranks.fit(trainer, module, batches, last if resumes else None)
+    wall_seconds = time.perf_counter() - start_time
+    wall_seconds += sum(row["seconds"] + row["validation_seconds"] for row in history)
     state = read_checkpoint(best)
     module.load_state_dict(state["state_dict"])
     train = cost(module.history, cfg.train.batch_size) | {
-        "wall_seconds": wall,
+        "wall_seconds": wall_seconds,
         "best_steps": int(state["history"][-1]["steps"]),
         "weights": round(1e6 * millions),
     }

@@ -1,6 +1,12 @@
 """The room of `training/explore.py`: a local page that photographs pictures and attacks a run's
 model.
 
-The page itself is in `page`, and needs Gradio; everything that it shows is computed by plain
-functions in the other modules.
+The page and its tabs need Gradio; their contents are computed by plain functions in the other
+modules.
 """
+
+import os
+
+# Gradio reads these when it is imported
+os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
+os.environ["HF_HUB_DISABLE_TELEMETRY"] = "1"

@@ -1,4 +1,4 @@
-"""The ladder of one picture: what a run's model says about it, clean, photographed and attacked."""
+"""The ladder of one picture: a run's model on it when clean, photographed and attacked."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from training.data import load as data
 from training.explorer.photo import Picture, as_picture
 from training.runs.trained import read
 
-IMAGES = 24  # how many of a run's test images there are to choose from
+MAX_IMAGES = 24  # of a run's test images, to choose from
 
 
-class Run(NamedTuple):
+class OpenedRun(NamedTuple):
     """A trained model, and test images (N, 3, H, W) in [0, 1] with their labels (N,)."""
 
     name: str
@@ -34,7 +34,7 @@ class Run(NamedTuple):
 
 
 class Rung(NamedTuple):
-    """One rung of the ladder: what was shown, and the model's answer with its probability."""
+    """One rung of the ladder: its picture, and the model's answer with its probability."""
 
     title: str
     picture: Picture
@@ -48,7 +48,7 @@ class Rung(NamedTuple):
         return "right" if self.right else "wrong"
 
 
-def open_run(folder: str) -> Run:
+def open_run(folder: str) -> OpenedRun:
     """Read a run's model, and the first of its test images.
 
     Raises:
@@ -56,27 +56,33 @@ def open_run(folder: str) -> Run:
     """
     if not folder.strip():
         raise ValueError("name the folder of a run, such as runs/moire_at/seed0.")
-    found = read(Path(folder.strip()))
-    wanted = replace(found.cfg.data, train=1, val=1, test=IMAGES)
-    splits = data.load(wanted)
-    found.check_classes(splits, wanted)
+    trained = read(Path(folder.strip()))
+    data_settings = replace(trained.cfg.data, train=1, val=1, test=MAX_IMAGES)
+    splits = data.load(data_settings)
+    trained.check_classes(splits, data_settings)
     pictures, labels = [], []
     for index in range(len(splits.test)):  # type: ignore[arg-type]
         picture, label = splits.test[index]
         pictures.append(picture)
         labels.append(int(label))
     images = torch.stack(pictures).float() / 255
-    return Run(
-        folder.strip(), found.model(), images, torch.tensor(labels, device="cpu"), splits.classes
+    return OpenedRun(
+        folder.strip(), trained.model(), images, torch.tensor(labels, device="cpu"), splits.classes
     )
 
 
-def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int = 0) -> list[Rung]:
+def ladder(
+    run: OpenedRun, index: int, scene: Scene, eps: float, steps: int, seed: int = 0
+) -> list[Rung]:
     """Show a run's model one of its test images, rung by rung: each adds one thing.
 
     Args:
-        index: of the test image. eps: bound of the noise, in [0, 1] units. steps: of each attack.
-        seed: of the shot and of all that is random in the rungs.
+        run: model and its test images.
+        index: index of the test image.
+        scene: scene of the shot.
+        eps: bound of the noise, in [0, 1] units.
+        steps: steps of each attack.
+        seed: seed of the shot and of the random rungs.
 
     Raises:
         ValueError: the index is out of range, or the attacks do not accept eps or steps.
@@ -92,22 +98,22 @@ def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int
     batch = EvalBatch(
         run.model, image, label, likeliest, scene.sample(1, size, generator), generator
     )
-    found = []
+    rungs = []
     for condition in ladder_conditions(SuiteConfig(scene=scene, eps=(eps,), steps=steps)):
         photo = condition.show(batch).detach()
         with torch.no_grad():
             chances = run.model(photo)[0].softmax(0)
         answer = int(chances.argmax())
-        named = run.classes.get(answer, str(answer))
+        class_name = run.classes.get(answer, str(answer))
         rung = Rung(
             title_of(condition.name, "ladder"),
             as_picture(photo),
-            named,
+            class_name,
             float(chances[answer]),
             answer == int(label),
         )
-        found.append(rung)
-    return found
+        rungs.append(rung)
+    return rungs
 
 
 def as_html(rungs: Sequence[Rung]) -> str:
@@ -116,10 +122,10 @@ def as_html(rungs: Sequence[Rung]) -> str:
     for rung in rungs:
         picture = embedded_picture(rung.picture, rung.title)
         title, answer = html.escape(rung.title), html.escape(rung.answer)
-        said = f"{answer}, {rung.probability:.0%}: {rung.verdict}"
+        caption = f"{answer}, {rung.probability:.0%}: {rung.verdict}"
         figures.append(
             f'<figure><img src="{picture["uri"]}" alt="{title}">'
-            f'<figcaption>{title}<br><span class="{rung.verdict}">{said}</span>'
+            f'<figcaption>{title}<br><span class="{rung.verdict}">{caption}</span>'
             "</figcaption></figure>"
         )
     return f'<div class="rungs">{"".join(figures)}</div>'

@@ -16,7 +16,7 @@ from moireaug.scene.parts import PARTS
 from moireaug.scenes import Scene
 
 # of sliders, where the range that a field allows is too wide for one
-LIMITS: dict[str, tuple[float, float]] = {
+SLIDER_LIMITS: dict[str, tuple[float, float]] = {
     "panel.width": (20.0, 2000.0),
     "panel.scale": (0.2, 4.0),
     "panel.lit": (0.05, 1.0),
@@ -66,26 +66,26 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "develop.denoise": (None, *parts.DENOISERS),
     "develop.resize": parts.RESIZES,
 }
-# what is said in one of two ways: a scene that states the first has no control of the second
-EITHER = {"panel.width": "panel.scale", "sensor.pitch": "sensor.scale"}
-WIDTH_STEP = 4.0  # panel pixels
+# fields that exclude each other: a scene that states the first has no control of the second
+ALTERNATIVES = {"panel.width": "panel.scale", "sensor.pitch": "sensor.scale"}
+WIDTH_STEP_PIXELS = 4.0
 
 
 class Control(NamedTuple):
     """One field of a scene.
 
     Args:
-        part, field: its name.
+        part, field: its two names.
         kind: "range", two numbers; "number", one; "switch", a bool; "choice", one of `choices`.
-        about: the first sentence of the field's documentation.
-        low, high, step: of a slider.
-        choices: the allowed values; None is shown as "none".
+        description: first sentence of the field's documentation.
+        low, high, step: limits and step of a slider.
+        choices: allowed values; None is shown as "none".
     """
 
     part: str
     field: str
     kind: str
-    about: str
+    description: str
     low: float = 0.0
     high: float = 1.0
     step: float = 0.01
@@ -97,13 +97,13 @@ class Control(NamedTuple):
         return f"{self.part}.{self.field}"
 
     @property
-    def width(self) -> int:
-        """Return how many values it takes."""
+    def value_count(self) -> int:
+        """Return the number of its values."""
         return 2 if self.kind == "range" else 1
 
-    def is_for(self, scene: Scene) -> bool:
-        """Return whether a scene has this control: all but one of each two in `EITHER`."""
-        for stated, other in EITHER.items():
+    def applies_to(self, scene: Scene) -> bool:
+        """Return whether a scene has this control: all but one of each two in `ALTERNATIVES`."""
+        for stated, other in ALTERNATIVES.items():
             if self.name in (stated, other):
                 part, field = stated.split(".")
                 is_stated = bounds(getattr(getattr(scene, part), field))[1] > 0
@@ -114,63 +114,63 @@ class Control(NamedTuple):
         """Return the values that this control shows of a scene; its lowest where the scene does not
         state the field."""
         value = getattr(getattr(scene, self.part), self.field)
-        if self.name in EITHER and not self.is_for(scene):
+        if self.name in ALTERNATIVES and not self.applies_to(scene):
             value = self.low
         return list(bounds(value)) if self.kind == "range" else [value]
 
-    def value(self, shown: Sequence[Any]) -> Any:
-        """Return the field's value from what this control shows; the ends of a range may come in
+    def value(self, values: Sequence[Any]) -> Any:
+        """Return the field's value from the values of this control; the ends of a range may come in
         either order.
 
         Raises:
             ValueError: a number that was deleted.
         """
-        if self.kind in ("range", "number") and None in shown:
+        if self.kind in ("range", "number") and None in values:
             raise ValueError(f"{self.name} is empty: enter a number.")
         if self.kind == "range":
-            low, high = sorted(float(end) for end in shown)
+            low, high = sorted(float(end) for end in values)
             return low if low == high else (low, high)
-        return float(shown[0]) if self.kind == "number" else shown[0]
+        return float(values[0]) if self.kind == "number" else values[0]
 
 
 def _controls() -> Iterator[Control]:
     for part, cls in PARTS.items():
-        about = documented(cls)
+        descriptions = argument_sentences(cls)
         for field in dataclasses.fields(cls):
-            yield _control(part, field, about.get(field.name, ""))
+            yield _control(part, field, descriptions.get(field.name, ""))
 
 
-def _control(part: str, field: dataclasses.Field[Any], about: str) -> Control:
+def _control(part: str, field: dataclasses.Field[Any], description: str) -> Control:
     name = f"{part}.{field.name}"
     if name in CHOICES:
-        return Control(part, field.name, "choice", about, choices=CHOICES[name])
+        return Control(part, field.name, "choice", description, choices=CHOICES[name])
     if isinstance(field.default, bool):
-        return Control(part, field.name, "switch", about)
+        return Control(part, field.name, "switch", description)
     allowed = field.metadata
-    low, high = LIMITS[name] if name in LIMITS else (allowed["low"], allowed["high"])
+    low, high = SLIDER_LIMITS[name] if name in SLIDER_LIMITS else (allowed["low"], allowed["high"])
     step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # 100 to 1000 positions
     if name == "panel.width":
-        step = WIDTH_STEP
+        step = WIDTH_STEP_PIXELS
     kind = "range" if "low" in allowed else "number"
-    return Control(part, field.name, kind, about, low, high, step)
+    return Control(part, field.name, kind, description, low, high, step)
 
 
-def documented(cls: type) -> dict[str, str]:
+def argument_sentences(cls: type) -> dict[str, str]:
     """Return the first sentence about each argument in a class's docstring."""
     args = inspect.cleandoc(cls.__doc__ or "").partition("Args:\n")[2]
-    found = {}
+    sentences = {}
     for entry in re.split(r"\n(?=    \w)", "\n" + args):
         names, colon, text = " ".join(entry.split()).partition(": ")
         if colon:
             for name in names.split(", "):
-                found[name] = re.split(r"\.(?: |$)", text)[0] + "."
-    return found
+                sentences[name] = re.split(r"\.(?: |$)", text)[0] + "."
+    return sentences
 
 
 CONTROLS: tuple[Control, ...] = tuple(_controls())
 
 
-def shown(scene: Scene) -> list[Any]:
+def values_of(scene: Scene) -> list[Any]:
     """Return the values of all controls for a scene, one after another."""
     values: list[Any] = []
     for control in CONTROLS:
@@ -179,7 +179,7 @@ def shown(scene: Scene) -> list[Any]:
 
 
 def scene_of(values: Sequence[Any], like: Scene) -> Scene:
-    """Return the scene that the values of all controls describe; the inverse of `shown`.
+    """Return the scene that the values of all controls describe; the inverse of `values_of`.
 
     Args:
         like: a scene with the same controls, such as the preset that they started from.
@@ -187,10 +187,10 @@ def scene_of(values: Sequence[Any], like: Scene) -> Scene:
     Raises:
         ValueError, TypeError: a scene does not allow the values; the message says what it allows.
     """
-    given: dict[str, dict[str, Any]] = {part: {} for part in PARTS}
-    rest = list(values)
+    parts_values: dict[str, dict[str, Any]] = {part: {} for part in PARTS}
+    remaining = list(values)
     for control in CONTROLS:
-        own, rest = rest[: control.width], rest[control.width :]
-        if control.is_for(like):
-            given[control.part][control.field] = control.value(own)
-    return Scene.from_dict(given)
+        own_values, remaining = remaining[: control.value_count], remaining[control.value_count :]
+        if control.applies_to(like):
+            parts_values[control.part][control.field] = control.value(own_values)
+    return Scene.from_dict(parts_values)

@@ -1,4 +1,4 @@
-"""What the explorer shows of one picture: its photo, a crop, a spectrum, and the time it took."""
+"""The photo of one picture, a crop of it, its spectrum, and the time of each effect."""
 
 from __future__ import annotations
 
@@ -23,32 +23,33 @@ from training.data import signs
 
 Picture = NDArray[np.uint8]  # (H, W, 3)
 
-MOST = 2_000_000  # pixels of a picture: about a second on one core
-TIMED = 128  # side in pixels of the crop whose effects are timed
+MAX_PIXELS = 2_000_000  # of a picture: about a second on one core
+TIMED_SIDE = 128  # pixels of the crop whose effects are timed
 REPEATS = 3
-CROP, MAGNIFIED = 64, 6  # side of the crop in pixels, and how often each pixel is repeated
+CROP_SIDE = 64  # pixels
+MAGNIFICATION = 6  # of the crop
 
 
-class Taken(NamedTuple):
-    """A photo (1, 3, H, W) in [0, 1], its shot, and the seconds that it took."""
+class TimedPhoto(NamedTuple):
+    """A photo (1, 3, H, W) in [0, 1], its shot, and its time in seconds."""
 
     photo: Tensor
     shot: Shot
     seconds: float
 
 
-def sign() -> Picture:
+def draw_sign() -> Picture:
     """Draw a traffic sign."""
-    drawn, _ = signs.make("test", 10, size=256, seed=4)
-    return drawn[9].permute(1, 2, 0).numpy()
+    pictures, _ = signs.make("test", 10, size=256, seed=4)
+    return pictures[9].permute(1, 2, 0).numpy()
 
 
-def grey() -> Picture:
+def grey_screen() -> Picture:
     """Return a grey screen, on which only the effects of panel and camera show."""
     return np.full((256, 256, 3), 190, np.uint8)
 
 
-def bundled(name: str) -> Picture:
+def read_bundled(name: str) -> Picture:
     """Return one of scikit-image's own pictures, in RGB."""
     from skimage import data
 
@@ -56,10 +57,10 @@ def bundled(name: str) -> Picture:
 
 
 SAMPLES = {
-    "cat": lambda: bundled("chelsea"),
-    "page of text": lambda: bundled("page"),
-    "traffic sign": sign,
-    "grey screen": grey,
+    "cat": lambda: read_bundled("chelsea"),
+    "page of text": lambda: read_bundled("page"),
+    "traffic sign": draw_sign,
+    "grey screen": grey_screen,
 }
 
 
@@ -67,14 +68,14 @@ def read(path: str) -> Picture:
     """Return the picture in a file, upright.
 
     Raises:
-        ValueError: the file cannot be read as a picture, or has more than `MOST` pixels.
+        ValueError: the file cannot be read as a picture, or has more than `MAX_PIXELS` pixels.
     """
     width, height = images.size_of(path)
-    if width * height > MOST:
+    if width * height > MAX_PIXELS:
         raise ValueError(
             f"{Path(path).name} has {width} x {height} pixels, more than the explorer's limit of "
-            f"{MOST / 1e6:g} megapixels. Make it smaller, or use moireaug.capture, which takes any "
-            "size."
+            f"{MAX_PIXELS / 1e6:g} megapixels. Make it smaller, or use moireaug.capture, which "
+            "takes any size."
         )
     return np.asarray(images.read_picture(path))
 
@@ -90,13 +91,13 @@ def as_picture(photo: Tensor) -> Picture:
 
 
 @torch.no_grad()
-def photograph(shown: Tensor, scene: Scene, seed: int) -> Taken:
+def photograph(image: Tensor, scene: Scene, seed: int) -> TimedPhoto:
     """Photograph a picture (1, 3, H, W) in [0, 1] off a screen."""
-    size = (shown.shape[-2], shown.shape[-1])
+    size = (image.shape[-2], image.shape[-1])
     shot = scene.sample(1, size, torch.Generator().manual_seed(seed))
-    began = time.perf_counter()
-    photo = capture(shown, shot)
-    return Taken(photo, shot, time.perf_counter() - began)
+    start = time.perf_counter()
+    photo = capture(image, shot)
+    return TimedPhoto(photo, shot, time.perf_counter() - start)
 
 
 def magnify(photo: Picture, x: float = 0.5, y: float = 0.5) -> Picture:
@@ -106,13 +107,13 @@ def magnify(photo: Picture, x: float = 0.5, y: float = 0.5) -> Picture:
         x, y: the point, as shares of the photo's width and height.
     """
     height, width = photo.shape[:2]
-    top = min(max(0, round(y * height) - CROP // 2), max(0, height - CROP))
-    left = min(max(0, round(x * width) - CROP // 2), max(0, width - CROP))
-    crop = photo[top : top + CROP, left : left + CROP]
-    return crop.repeat(MAGNIFIED, 0).repeat(MAGNIFIED, 1)
+    top = min(max(0, round(y * height) - CROP_SIDE // 2), max(0, height - CROP_SIDE))
+    left = min(max(0, round(x * width) - CROP_SIDE // 2), max(0, width - CROP_SIDE))
+    crop = photo[top : top + CROP_SIDE, left : left + CROP_SIDE]
+    return crop.repeat(MAGNIFICATION, 0).repeat(MAGNIFICATION, 1)
 
 
-def spectrum(photo: Picture, side: int = CROP * MAGNIFIED) -> Picture:
+def spectrum(photo: Picture, side: int = CROP_SIDE * MAGNIFICATION) -> Picture:
     """Return a photo's power spectrum, logarithmic and in false colours: frequency zero in the
     middle, half a cycle per pixel at the edges.
 
@@ -131,32 +132,32 @@ def spectrum(photo: Picture, side: int = CROP * MAGNIFIED) -> Picture:
 
 
 @torch.no_grad()
-def milliseconds(shown: Tensor, scene: Scene, seed: int) -> list[tuple[str, float | None]]:
+def time_effects(image: Tensor, scene: Scene, seed: int) -> list[tuple[str, float | None]]:
     """Time each effect of a scene's plan in the reference, on the middle of a picture.
 
     Args:
-        shown: (1, 3, H, W) in [0, 1]; at most the 128 x 128 pixels in its middle are timed.
+        image: (1, 3, H, W) in [0, 1]; at most the 128 x 128 pixels in its middle are timed.
 
     Returns:
         Each effect's name, in the order of the plan, with the median of three runs in milliseconds;
         None for those that the exposure integrates.
     """
-    height, width = (min(TIMED, side) for side in shown.shape[-2:])
-    top, left = (shown.shape[-2] - height) // 2, (shown.shape[-1] - width) // 2
-    crop = shown[..., top : top + height, left : left + width]
+    height, width = (min(TIMED_SIDE, side) for side in image.shape[-2:])
+    top, left = (image.shape[-2] - height) // 2, (image.shape[-1] - width) // 2
+    crop = image[..., top : top + height, left : left + width]
     shot = scene.sample(1, (height, width), torch.Generator().manual_seed(seed))
-    taken: dict[str, list[float]] = {}
+    seconds: dict[str, list[float]] = {}
     effects = [effect for effect in (*EXPOSE, *DEVELOP) if effect.name in shot.plan]
     for _ in range(REPEATS):
         light = crop
         for effect in effects:
-            began = time.perf_counter()
+            start = time.perf_counter()
             light = effect(light, shot)
-            taken.setdefault(effect.name, []).append(time.perf_counter() - began)
-    found: list[tuple[str, float | None]] = []
+            seconds.setdefault(effect.name, []).append(time.perf_counter() - start)
+    times: list[tuple[str, float | None]] = []
     for effect in effects:
         if isinstance(effect, WithinExposure):
-            found.append((effect.name, None))
+            times.append((effect.name, None))
         elif effect.shown:
-            found.append((effect.name, 1e3 * statistics.median(taken[effect.name])))
-    return found
+            times.append((effect.name, 1e3 * statistics.median(seconds[effect.name])))
+    return times

@@ -15,8 +15,8 @@ from moireaug.weights import read_state_dict
 from training.models.small_convnet import AttentionConvNet
 from training.models.small_resnet import SmallResNet
 
-# the project's own models: the number of classes to a model
-OWN: dict[str, Callable[[int], nn.Module]] = {
+# the project's own models, each a function of the number of classes
+OWN_MODELS: dict[str, Callable[[int], nn.Module]] = {
     "attention_convnet": AttentionConvNet,
     "attention_resnet": partial(SmallResNet, width=32, activation=nn.SiLU, heads=4),
     "small_resnet": SmallResNet,
@@ -37,14 +37,16 @@ def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = 
     """
     # in this layout convolutions are up to twice as fast on CPU
     model = build(name, num_classes, weights, whole=whole).to(memory_format=torch.channels_last)
-    return model if name in OWN else Normalized(model)
+    return model if name in OWN_MODELS else Normalized(model)
 
 
 def check_side(model: nn.Module, name: str, side: int) -> None:
     """Refuse images that are too small, or of another size than a model's own.
 
     Args:
-        model: in [0, 1] images; its mode is kept. side: of the images, pixels.
+        model: classifier of [0, 1] images; its mode is kept.
+        name: name of the model.
+        side: side of the images, in pixels.
 
     Raises:
         ValueError: with what to do.
@@ -68,16 +70,16 @@ def _torchvision() -> ModuleType:
     return torchvision.models
 
 
-def names() -> list[str]:
+def model_names() -> list[str]:
     """Return every name that `build` knows, own models first."""
     models = _torchvision()
-    return [*OWN, *models.list_models(module=models)]
+    return [*OWN_MODELS, *models.list_models(module=models)]
 
 
 def class_names(name: str) -> dict[int, str]:
     """Return the names of the classes that a torchvision model was published with; empty for a
     model of our own."""
-    if name in OWN:
+    if name in OWN_MODELS:
         return {}
     published = _torchvision().get_model_weights(name).DEFAULT
     return dict(enumerate(published.meta.get("categories", ())))
@@ -89,14 +91,14 @@ def build(
     """Return a classifier by name, freshly initialised or with weights.
 
     Args:
-        name: one of `OWN`, which take [0, 1] images, or any torchvision classifier,
+        name: name among `OWN_MODELS`, which take [0, 1] images, or any torchvision classifier,
             whose ImageNet normalisation is the caller's to apply.
         num_classes: number of logits.
-        weights: a file that `moireaug.weights.read_state_dict` reads, or the name of torchvision
-            weights such as "IMAGENET1K_V1" or "DEFAULT". When they were made for another number of
-            classes, the head stays freshly initialised and all else is loaded.
-        whole: refuse weights made for another number of classes: a model with a fresh head cannot
-            be evaluated.
+        weights: file that `moireaug.weights.read_state_dict` reads, or name of torchvision
+            weights such as "IMAGENET1K_V1" or "DEFAULT". Of weights for another number of classes,
+            the head is left out and stays freshly initialised.
+        whole: whether to refuse weights for another number of classes: a model with a fresh head
+            cannot be evaluated.
 
     Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of
     another model.
@@ -120,19 +122,19 @@ def require_known(name: str) -> None:
     Raises:
         ValueError: says which names there are.
     """
-    if name not in OWN and name not in names():
-        closest = difflib.get_close_matches(name, names(), n=3, cutoff=0.3)
+    if name not in OWN_MODELS and name not in model_names():
+        closest = difflib.get_close_matches(name, model_names(), n=3, cutoff=0.3)
         hint = f" Closest: {', '.join(closest)}." if closest else ""
         raise ValueError(
             f"There is no model named {name!r}.{hint} "
-            f"Please use {', '.join(map(repr, OWN))}, or a name from "
+            f"Please use {', '.join(map(repr, OWN_MODELS))}, or a name from "
             "torchvision.models.list_models(module=torchvision.models)."
         )
 
 
 def _fresh(name: str, num_classes: int) -> nn.Module:
-    if name in OWN:
-        return OWN[name](num_classes)
+    if name in OWN_MODELS:
+        return OWN_MODELS[name](num_classes)
     return _torchvision().get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
 
 
@@ -141,13 +143,13 @@ def _state(name: str, weights: str) -> Mapping[str, Tensor]:
     published = _published_names(name)
     if weights in published:
         return _published(name, weights)
-    other = f", or one of {', '.join(published)}" if published else ""
-    advice = f"Please pass a file that torch.save(model.state_dict(), path) wrote{other}."
+    published_hint = f", or one of {', '.join(published)}" if published else ""
+    advice = f"Please pass a file that torch.save(model.state_dict(), path) wrote{published_hint}."
     return read_state_dict(weights, name, advice)
 
 
 def _published_names(name: str) -> list[str]:
-    if name in OWN:
+    if name in OWN_MODELS:
         return []
     return list(_torchvision().get_model_weights(name).__members__)
 
@@ -167,23 +169,27 @@ def _published(name: str, weights: str) -> Mapping[str, Tensor]:
 def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
     """Copy state into model, except for a head made for another number of classes; raise ValueError
     if anything else differs."""
-    own = model.state_dict()
-    given = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
+    expected = model.state_dict()
+    state = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
     # Files written before PyTorch 0.4.1 lack these counters, which matter only without a momentum.
-    missing = [key for key in own if key not in given and not key.endswith("num_batches_tracked")]
-    surplus = [key for key in given if key not in own]
-    changed = [key for key in given if key in own and given[key].shape != own[key].shape]
+    absent = [key for key in expected if key not in state]
+    missing = [key for key in absent if not key.endswith("num_batches_tracked")]
+    unknown = [key for key in state if key not in expected]
+    common = [key for key in state if key in expected]
+    reshaped = [key for key in common if state[key].shape != expected[key].shape]
     head = []
-    if not whole and _is_head(changed, own, given):
-        head = changed
+    if not whole and _is_head(reshaped, expected, state):
+        head = reshaped
     shapes = []
-    for key in changed:
+    for key in reshaped:
         if key not in head:
-            shapes.append(f"{key} {tuple(given[key].shape)} instead of {tuple(own[key].shape)}")
+            got, wanted = tuple(state[key].shape), tuple(expected[key].shape)
+            shapes.append(f"{key} {got} instead of {wanted}")
     problems = []
-    for found, what in ((missing, "missing"), (surplus, "unknown"), (shapes, "of another shape")):
-        if found:
-            problems.append(f"{len(found)} {what} ({_first(found)})")
+    by_problem = {"missing": missing, "unknown": unknown, "of another shape": shapes}
+    for problem, keys in by_problem.items():
+        if keys:
+            problems.append(f"{len(keys)} {problem} ({_first_three(keys)})")
     if problems:
         advice = "; only the number of classes may differ."
         if whole:
@@ -192,29 +198,31 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: 
             f"{complaint}: of their tensors, {' and '.join(problems)}. "
             f"Please name the model that they were saved from{advice}"
         )
-    fitting = {key: value for key, value in given.items() if key not in head}
-    model.load_state_dict(own | fitting)
+    fitting_state = {key: value for key, value in state.items() if key not in head}
+    model.load_state_dict(expected | fitting_state)
 
 
-def _first(names: list[str]) -> str:
+def _first_three(names: list[str]) -> str:
     """Return at most three of the names."""
-    more = ", ..." if len(names) > 3 else ""
-    return ", ".join(names[:3]) + more
+    ellipsis = ", ..." if len(names) > 3 else ""
+    return ", ".join(names[:3]) + ellipsis
 
 
-def _is_head(changed: list[str], own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> bool:
+def _is_head(
+    reshaped: list[str], expected: Mapping[str, Tensor], state: Mapping[str, Tensor]
+) -> bool:
     """Return whether the tensors that changed shape are those of one layer, and only in their
     number of outputs.
 
     Any layer but the last would change the inputs of the next one too.
     """
-    layers = {key.rpartition(".")[0] for key in changed}
+    layers = {key.rpartition(".")[0] for key in reshaped}
     if len(layers) != 1:
         return False
-    whole = [key for key in own if key.rpartition(".")[0] in layers]
-    if len(whole) != len(changed):
+    layer_keys = [key for key in expected if key.rpartition(".")[0] in layers]
+    if len(layer_keys) != len(reshaped):
         return False
-    for key in changed:
-        if given[key].dim() == 0 or given[key].shape[1:] != own[key].shape[1:]:
+    for key in reshaped:
+        if state[key].dim() == 0 or state[key].shape[1:] != expected[key].shape[1:]:
             return False
     return True

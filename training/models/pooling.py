@@ -1,4 +1,4 @@
-"""What turns the last features of a network into one vector: a mean, or learnt attention."""
+"""Pooling of a network's last features into one vector: a mean, or learnt attention."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A compact convolutional network for small images, with what helps it against an attacker."""
+"""A compact convolutional network for small images, robust by its activation and pooling."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class AttentionConvNet(nn.Module):
 
     Args:
         num_classes: number of logits.
-        channels: of the stem, which has a stride of 2, and of the stages, each of which halves the
-            resolution.
-        heads: of the `AttentionPooling` before the last layer.
+        channels: channels of the stem, which has a stride of 2, and of the stages, each of which
+            halves the resolution.
+        heads: heads of the `AttentionPooling` before the last layer.
 
     Takes images (B, 3, H, W), float in [0, 1], and returns logits (B, num_classes). The input is
     centred inside, so an attack in [0, 1] needs no wrapper.

@@ -1,4 +1,4 @@
-"""A compact ResNet for small images, plain or with what helps it against an attacker."""
+"""A compact ResNet for small images, plain or with a robust activation and pooling."""
 
 from __future__ import annotations
 

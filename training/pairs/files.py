@@ -28,8 +28,10 @@ class EncodedPair:
     """A pair as it is written.
 
     Args:
-        index: its number. pictures: the files' content by name ("photo.png"). made_from: see
-            `Pair.to_dict`. skipped: why pictures were skipped, those newly found unusable.
+        index: number of the pair.
+        pictures: content of its files, by their names ("photo.png").
+        made_from: numbers that replay it, see `Pair.to_dict`.
+        skipped: sentences on the pictures newly skipped as unusable.
     """
 
     index: int
@@ -47,8 +49,9 @@ class EncodedPairs(Dataset):
     """Pairs by their numbers, encoded.
 
     Args:
-        pairs: what makes them. encoding: a key of `SUFFIXES`.
-        quality: 1 to 100; None is lossless, and for JPEG 95.
+        pairs: pairs to encode.
+        encoding: key of `SUFFIXES`.
+        quality: quality, 1 to 100; None is lossless, and for JPEG 95.
     """
 
     def __init__(self, pairs: Pairs, encoding: str, quality: int | None) -> None:
@@ -56,10 +59,10 @@ class EncodedPairs(Dataset):
 
     def __getitem__(self, k: int) -> EncodedPair:
         unusable = self.pairs.pictures.unusable
-        known = len(unusable)
+        known_count = len(unusable)
         pair = self.pairs.make_pair(k)
         files = encode_pair(pair, self.encoding, self.quality)
-        return EncodedPair(k, files, pair.to_dict(), list(unusable.values())[known:])
+        return EncodedPair(k, files, pair.to_dict(), list(unusable.values())[known_count:])
 
 
 def encode_pair(pair: Pair, encoding: str, quality: int | None) -> dict[str, bytes]:
@@ -128,8 +131,8 @@ def _write(path: Path, content: bytes) -> None:
 
 
 class Format(NamedTuple):
-    """How `per_shard` pairs are kept together: the suffix after the number in the name, and the
-    function that writes."""
+    """A format of files: the suffix after the number in their names, and the function that writes
+    one."""
 
     suffix: str
     write: Callable[[Path, Iterable[EncodedPair]], None]

@@ -21,32 +21,34 @@ from training.pairs.schema import Config
 from training.pairs.sets import PairSet, Share
 
 
-def make(cfg: Config, pairs: Pairs, found: PairSet, share: Share) -> None:
-    """Write the files of a share that are missing, and say how long it took."""
-    missing = found.missing(share)
-    total = sum(len(found.pairs(number)) for number in missing)
+def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
+    """Write the missing files of a share, and print the time."""
+    missing = pair_set.missing(share)
+    total = sum(len(pair_set.pairs(number)) for number in missing)
     if not total:
         return
     skipped: set[str] = set()
-    began = time.perf_counter()
+    start = time.perf_counter()
     encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality)
-    wanted = itertools.chain.from_iterable(map(found.pairs, missing))
+    numbers = itertools.chain.from_iterable(map(pair_set.pairs, missing))
     with tqdm(total=total, unit="pair", disable=None) as bar:
-        made = _noted(loader(encoded, wanted, min(workers_of(cfg), total)), bar, skipped)
-        for number, group in itertools.groupby(made, lambda pair: pair.index // cfg.per_shard):
-            write(found.path(number), group, cfg.format, share)
-    seconds = time.perf_counter() - began
+        loaded = loader(encoded, numbers, min(workers_of(cfg), total))
+        encoded_pairs = _with_progress(loaded, bar, skipped)
+        files = itertools.groupby(encoded_pairs, lambda pair: pair.index // cfg.per_shard)
+        for number, group in files:
+            write(pair_set.path(number), group, cfg.format, share)
+    seconds = time.perf_counter() - start
     if skipped:
         print(f"{len(skipped)} pictures were skipped, see above; others were drawn instead.")
     print(f"{total} pairs in {seconds:.1f} s: {total / seconds:.1f} pairs per second.")
 
 
-def loader(encoded: EncodedPairs, wanted: Iterable[int], workers: int) -> DataLoader:
+def loader(encoded: EncodedPairs, numbers: Iterable[int], workers: int) -> DataLoader:
     """Return a loader of pairs in the order of their numbers, from single-threaded processes."""
     return DataLoader(
         encoded,
         batch_size=None,
-        sampler=wanted,
+        sampler=numbers,
         num_workers=workers,
         collate_fn=_as_it_is,  # type: ignore[arg-type]  # without batches it gets a pair
         multiprocessing_context="spawn" if workers else None,  # threads do not survive a fork
@@ -57,26 +59,28 @@ def _as_it_is(pair: EncodedPair) -> EncodedPair:
     return pair
 
 
-def _noted(pairs: Iterable[EncodedPair], bar: tqdm, skipped: set[str]) -> Iterator[EncodedPair]:
-    """Pass pairs on, count them, and say which pictures were skipped, each once."""
+def _with_progress(
+    pairs: Iterable[EncodedPair], bar: tqdm, reasons: set[str]
+) -> Iterator[EncodedPair]:
+    """Pass pairs on, count them, and print the pictures that were skipped, each once."""
     for pair in pairs:
         for reason in pair.skipped:
-            if reason not in skipped:  # every process finds the same ones
-                skipped.add(reason)
+            if reason not in reasons:  # every process finds the same ones
+                reasons.add(reason)
                 bar.write(f"skipped: {reason}", file=sys.stderr)
         bar.update()
         yield pair
 
 
-def write(path: Path, pairs: Iterable[EncodedPair], form: str, share: Share) -> None:
+def write(path: Path, pairs: Iterable[EncodedPair], format_name: str, share: Share) -> None:
     """Write one file of pairs, whole or not at all.
 
     Raises:
         OSError: the disk is full or not writable; says how many MB are free.
     """
     try:
-        with unfinished(path, f"{share.mark}.{uuid.uuid4().hex[:8]}") as beside:
-            FORMATS[form].write(beside, pairs)
+        with unfinished(path, f"{share.label}.{uuid.uuid4().hex[:8]}") as temporary:
+            FORMATS[format_name].write(temporary, pairs)
     except OSError as error:
         free = shutil.disk_usage(path.parent).free / 1e6
         raise OSError(
@@ -86,7 +90,7 @@ def write(path: Path, pairs: Iterable[EncodedPair], form: str, share: Share) -> 
 
 
 def workers_of(cfg: Config) -> int:
-    """Return how many processes are asked for; 0 is this one alone."""
+    """Return the number of processes; 0 is this one alone."""
     if cfg.workers is not None:
         return cfg.workers
     if hasattr(os, "sched_getaffinity"):

@@ -1,8 +1,8 @@
-"""A data set of pairs in its folder: which files it has, which command makes them, and with what
-settings."""
+"""A data set of pairs in its folder: its files, their shares among commands, and its settings."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 from collections.abc import Iterator
@@ -15,23 +15,24 @@ from moireaug.files import write_text
 from training.system.files import read_json
 from training.system.locks import locked
 
-SHARE = re.compile(r"(\d+)/(\d+)")
-WAIT = 60.0  # seconds for another command to write dataset.json
-MOST_TOLD, LONGEST = 3, 24  # settings that differ, and characters of each, in a message
+SHARE_PATTERN = re.compile(r"(\d+)/(\d+)")
+MAX_WAIT_SECONDS = 60.0  # for another command to write dataset.json
+# of a message on settings that differ
+MAX_SHOWN_DIFFERENCES, MAX_VALUE_CHARACTERS = 3, 24
 LIBRARIES = ("torch", "numpy", "numba", "pillow")
 
 
 @dataclass(frozen=True)
 class Share:
-    """The part of the work that is this command's: number `index` of `of`, counted from 0."""
+    """This command's share of the work: number `index` of `count`, counted from 0."""
 
     index: int
-    of: int
+    count: int
 
     @property
-    def mark(self) -> str:
+    def label(self) -> str:
         """Return the share as a part of a file's name."""
-        return f"{self.index}-of-{self.of}"
+        return f"{self.index}-of-{self.count}"
 
 
 class PairSet(NamedTuple):
@@ -49,7 +50,7 @@ class PairSet(NamedTuple):
     def numbers(self, share: Share) -> list[int]:
         """Return the numbers of a share's files: every `share.of`-th."""
         count = -(-self.n // self.per_shard)
-        return list(range(share.index, count, share.of))
+        return list(range(share.index, count, share.count))
 
     def missing(self, share: Share) -> list[int]:
         """Return the numbers of a share's files that are not there yet."""
@@ -61,14 +62,14 @@ class PairSet(NamedTuple):
 
 
 def share_of(shard: str) -> Share:
-    """Return what `shard=i/n` says.
+    """Return the share of `shard=i/n`.
 
     Raises:
         ValueError: not two whole numbers with 0 <= i < n.
     """
-    found = SHARE.fullmatch(shard)
-    share = Share(int(found[1]), int(found[2])) if found else None
-    if share is None or share.index >= share.of:
+    match = SHARE_PATTERN.fullmatch(shard)
+    share = Share(int(match[1]), int(match[2])) if match else None
+    if share is None or share.index >= share.count:
         raise ValueError(
             f"shard must be i/n with 0 <= i < n, the number of this command among n; got {shard}. "
             "It counts from 0: with Slurm, --array=0-15 and "
@@ -87,7 +88,7 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
     """
     path = out / "dataset.json"
     out.mkdir(parents=True, exist_ok=True)
-    with locked(out / ".dataset.lock", f"another command has held {out} for {WAIT:g} s.", WAIT):
+    with _locked(out):
         if not path.exists():
             if any(not other.name.startswith(".") for other in out.iterdir()):
                 raise ValueError(
@@ -95,16 +96,18 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
                 )
             made_with = {name: version(name) for name in LIBRARIES}
             write_text(path, json.dumps({"settings": settings, "made_with": made_with}, indent=1))
-    there = (read_json(path) or {}).get("settings")
-    if there is None:
+    stored = (read_json(path) or {}).get("settings")
+    if stored is None:
         raise ValueError(f"{path} is damaged. Name a new folder, or restore the file.")
-    told: list[str] = []
-    for key, now in settings.items():
-        told += _apart(there.get(key), now, key)
-    if told:
-        some = "; ".join(told[:MOST_TOLD]) + ("; ..." if len(told) > MOST_TOLD else "")
+    differences: list[str] = []
+    for key, current in settings.items():
+        differences += _differences(stored.get(key), current, key)
+    if differences:
+        text = "; ".join(differences[:MAX_SHOWN_DIFFERENCES])
+        if len(differences) > MAX_SHOWN_DIFFERENCES:
+            text += "; ..."
         raise ValueError(
-            f"{out} holds a data set with other settings ({some}). Pass those in its dataset.json, "
+            f"{out} holds a data set with other settings ({text}). Pass those in its dataset.json, "
             "or another out=DIR."
         )
 
@@ -112,21 +115,27 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
 def release(out: Path) -> None:
     """Give up a folder in which no file was begun, so that other settings can claim it."""
     path = out / "dataset.json"
-    with locked(out / ".dataset.lock", f"another command has held {out} for {WAIT:g} s.", WAIT):
+    with _locked(out):
         others = [p for p in out.iterdir() if p != path and p.suffix != ".lock"]
         if not others:
             path.unlink(missing_ok=True)
 
 
-def _apart(there: Any, now: Any, name: str) -> Iterator[str]:
-    """Yield what differs between two settings, field by field."""
-    if isinstance(there, dict) and isinstance(now, dict):
-        for key in sorted(there.keys() | now.keys()):
-            yield from _apart(there.get(key), now.get(key), f"{name}.{key}")
-    elif there != now:
-        yield f"{name}: {_short(there)} there, {_short(now)} now"
+def _locked(out: Path) -> contextlib.AbstractContextManager[None]:
+    """Lock the dataset.json of a folder, after a wait for another command."""
+    busy = f"another command has held {out} for {MAX_WAIT_SECONDS:g} s."
+    return locked(out / ".dataset.lock", busy, MAX_WAIT_SECONDS)
 
 
-def _short(value: Any) -> str:
+def _differences(stored: Any, current: Any, name: str) -> Iterator[str]:
+    """Yield the differences between two settings, field by field."""
+    if isinstance(stored, dict) and isinstance(current, dict):
+        for key in sorted(stored.keys() | current.keys()):
+            yield from _differences(stored.get(key), current.get(key), f"{name}.{key}")
+    elif stored != current:
+        yield f"{name}: {_shortened(stored)} there, {_shortened(current)} now"
+
+
+def _shortened(value: Any) -> str:
     text = str(value)
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+    return text if len(text) <= MAX_VALUE_CHARACTERS else f"{text[:MAX_VALUE_CHARACTERS]}..."

@@ -7,19 +7,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from moireaug.evaluation import report
-from training.attack.protocol import Attacked, Protocol, attack, protocol_of
-from training.attack.results import about, compare, describe, publish, write_metrics
+from training.attack.protocol import attack, attack_run, protocol_of
+from training.attack.results import ladder_metrics, publish, run_facts, run_metrics, write_metrics
 from training.config.schema import Config
 from training.data.load import load
 from training.data.splits import Splits
-from training.runs.resume import (
-    damage,
-    metrics_of_trained,
-    other_data,
-    other_weights,
-    require_same_data,
-    trained_run,
-)
+from training.runs.resume import damage, data_difference, require_same_data, weights_difference
+from training.runs.reuse import metrics_of_trained, read_trained
 from training.runs.run import Run, baseline_of, start_of
 from training.system.files import read_metrics
 from training.system.processes import is_first, say
@@ -35,32 +29,41 @@ def report_finished(run: Run[Config]) -> Metrics:
 
     One that was trained as the start or baseline of another run is attacked and reported now.
     """
-    known = read_metrics(run.folder) or {}
+    metrics = read_metrics(run.folder) or {}
     if not is_first():
-        return known
-    if "trust" in known:
-        report.show(report.run_parts(known))
+        return metrics
+    if "trust" in metrics:
+        report.show(report.run_parts(metrics))
     else:
-        splits = load(run.config.data)
-        require_same_data(run, splits)
-        attacked = attack_trained(run, protocol_of(run.config, splits), check=True)
-        trained_on = known["environment"]
-        known |= {**about(run.config), **describe(attacked), "environment": trained_on}
-        run.write_settings()
-        seconds = {**(known.get("time") or {}), **attacked.seconds}
-        results = {run.config.recipe: attacked}
-        known = publish(run.folder, known, results, splits.classes, seconds)
+        metrics = report_trained(run, metrics)
     print(f"{run.folder} is already finished; resume=false trains it again.")
-    return known
+    return metrics
+
+
+def report_trained(run: Run[Config], metrics: Metrics) -> Metrics:
+    """Attack and report a run that was trained as the start or baseline of another; return its
+    metrics.
+
+    Args:
+        metrics: metrics of its training.
+    """
+    splits = load(run.config.data)
+    require_same_data(run, splits)
+    result = attack_run(read_trained(run), protocol_of(run.config, splits), check=True)
+    environment = metrics["environment"]  # of its training
+    metrics |= {**run_facts(run.config), **ladder_metrics(result), "environment": environment}
+    run.write_settings()
+    seconds = {**(metrics.get("time") or {}), **result.seconds}
+    return publish(run.folder, metrics, {run.config.recipe: result}, splits.classes, seconds)
 
 
 def plain_runs(run: Run[Config], splits: Splits) -> tuple[Metrics | None, Metrics | None]:
     """Return the metrics of the start and the baseline, reused or trained; None for neither."""
     start = baseline = None
-    if wanted := start_of(run):
-        start = plain_run(wanted, splits, None, role="start")
-    if wanted := baseline_of(run):
-        baseline = plain_run(wanted, splits, start, role="baseline")
+    if start_run := start_of(run):
+        start = plain_run(start_run, splits, None, role="start")
+    if baseline_run := baseline_of(run):
+        baseline = plain_run(baseline_run, splits, start, role="baseline")
     return start, baseline
 
 
@@ -71,28 +74,28 @@ def plain_run(run: Run[Config], splits: Splits, start: Metrics | None, *, role: 
 
     Args:
         start: metrics of the run whose weights it starts from, if any.
-        role: "start" or "baseline", for what is printed.
+        role: "start" or "baseline", for the messages.
     """
     with run.locked():
-        if reason := damage(run) or other_weights(run) or other_data(run, splits):
+        if reason := damage(run) or weights_difference(run) or data_difference(run, splits):
             say(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
-        elif known := metrics_of_trained(run):
+        elif metrics := metrics_of_trained(run):
             say(f"The {role} is reused from {run.folder}.")
-            return known
+            return metrics
         else:
             say(f"The {role} comes first: recipe {run.config.recipe}, with the same settings.")
         _, train = train_run(run, splits, start)
         if not is_first():
             return {}
-        metrics = compare(run.config, {}, train, start, None)
+        metrics = run_metrics(run.config, {}, train, start, None)
         return write_metrics(run.folder, metrics | {"time": {"train": train["wall_seconds"]}})
 
 
 def train_run(
     run: Run[Config], splits: Splits, start: Metrics | None
 ) -> tuple[Classifier, dict[str, Any]]:
-    """Train a run in its folder, or what is left of it; see `train_model`.
+    """Train a run in its folder, or the rest of it; see `train_model`.
 
     Args:
         start: metrics of the run whose weights it starts from, if any.
@@ -102,13 +105,6 @@ def train_run(
     if is_first():
         run.prepare()
     return train_model(run, splits, before=start["train"] if start else None)
-
-
-def attack_trained(run: Run[Config], protocol: Protocol, *, check: bool = False) -> Attacked:
-    """Attack a run that was trained, reusing what its records hold."""
-    trained = trained_run(run)
-    records = trained.folder / "records"
-    return attack(trained.model(), protocol, records, run.config.recipe, check=check)
 
 
 def complete(
@@ -121,18 +117,20 @@ def complete(
     """Train, attack, compare and report one run; returns its metrics, {} in all but one process.
 
     Args:
-        start, baseline: metrics of the runs beside it. seconds: spent so far, by phase.
+        start, baseline: metrics of the runs beside it.
+        seconds: time spent so far, by phase.
     """
     classifier, train = train_run(run, splits, start)
     if not is_first():
         return {}
     recipe, protocol = run.config.recipe, protocol_of(run.config, splits)
-    own = attack(classifier.model, protocol, run.folder / "records", recipe)
-    results = {recipe: own}
+    result = attack(classifier.model, protocol, run.folder / "records", recipe)
+    results = {recipe: result}
     # also where its records are there: a folder's images may have changed since
-    if baseline and (other := baseline_of(run)):
-        results[other.config.recipe] = attack_trained(other, protocol)
-        baseline = baseline | describe(results[other.config.recipe])
-    metrics = compare(run.config, describe(own), train, start, baseline)
-    seconds = {**seconds, "train": train["wall_seconds"], **own.seconds}
+    if baseline and (baseline_run := baseline_of(run)):
+        baseline_result = attack_run(read_trained(baseline_run), protocol)
+        results[baseline_run.config.recipe] = baseline_result
+        baseline = baseline | ladder_metrics(baseline_result)
+    metrics = run_metrics(run.config, ladder_metrics(result), train, start, baseline)
+    seconds = {**seconds, "train": train["wall_seconds"], **result.seconds}
     return publish(run.folder, metrics, results, splits.classes, seconds)

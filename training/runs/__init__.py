@@ -1,1 +1,1 @@
-"""Runs in their folders: how far they have come, what they hold, and what they report."""
+"""Runs in their folders: their identity, stage, trained weights and cost."""

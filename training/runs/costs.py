@@ -1,4 +1,4 @@
-"""What a training cost, its start and plain training beside it: epochs, and time without
+"""The cost of a training, of its start and of plain training beside it: epochs, and time without
 validation."""
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ Metrics = dict[str, Any]
 def cost(
     history: Sequence[Mapping[str, float]], collapsed_at: int | None, images: int
 ) -> dict[str, Any]:
-    """Return what a classifier's training cost.
+    """Return the cost of a classifier's training.
 
     Args:
-        history: a row per epoch. collapsed_at: the epoch in which it collapsed, if any.
-        images: that an epoch trains on.
+        history: figures of each epoch.
+        collapsed_at: epoch in which it collapsed, if any.
+        images: number of images of an epoch.
     """
     seconds = sum(h["seconds"] for h in history)
     return {
@@ -34,8 +35,8 @@ def with_totals(train: Mapping[str, Any], before: Mapping[str, Any] | None) -> d
     """Return `train` with the epochs and seconds of a training and its start together.
 
     Args:
-        train: `train` of a run's metrics.
-        before: that of the run whose weights it started from, if any.
+        train: cost of the training.
+        before: cost of the run whose weights it started from, if any.
     """
     epochs, seconds = train["epochs"], train["seconds"]
     if before:
@@ -45,16 +46,16 @@ def with_totals(train: Mapping[str, Any], before: Mapping[str, Any] | None) -> d
 
 
 def steady_seconds(train: Metrics) -> float:
-    """Return the time of a training whose every epoch takes as long as the median one: a machine
-    that slept, or was busy for a while, does not make a recipe dear. After a collapse, epochs of
-    more steps have a median of their own."""
+    """Return the time of a training by its median epoch: a machine that slept, or was busy for a
+    while, does not make a recipe dear. Epochs after a collapse take more steps, and have a median
+    of their own."""
     epochs = [epoch["seconds"] for epoch in train.get("history", ())]
     if not epochs:
         return train["seconds"]
     collapsed_at = train.get("collapsed_at")
-    same = len(epochs) if collapsed_at is None else collapsed_at + 1
+    before_collapse = len(epochs) if collapsed_at is None else collapsed_at + 1
     total = 0.0
-    for part in (epochs[:same], epochs[same:]):
+    for part in (epochs[:before_collapse], epochs[before_collapse:]):
         if part:
             total += statistics.median(part) * len(part)
     return total
@@ -64,7 +65,9 @@ def start_seconds(train: Metrics, folder: Path, trained: Mapping[Path, Metrics])
     """Return the training time of the weights that a training began with; 0 for random ones.
 
     Args:
-        train: of the run in the folder, or of the baseline that it is compared with.
+        train: cost of the run in the folder, or of its baseline.
+        folder: folder of the run.
+        trained: metrics of all runs, by their folders.
     """
     if train["init"] != "clean":
         return 0.0
@@ -80,21 +83,21 @@ def start_seconds(train: Metrics, folder: Path, trained: Mapping[Path, Metrics])
 
 
 def plain_seconds(folder: Path, trained: Mapping[Path, Metrics]) -> float | None:
-    """Return the time of plain training with the same seed, its start included; None where neither
-    the run nor a run beside it says."""
-    plain: Metrics | None = trained[folder]
+    """Return the time of plain training with the same seed, its start included; None where it is
+    neither in the run's metrics nor in those of a run beside it."""
+    baseline: Metrics | None = trained[folder]
     if trained[folder]["recipe"] != "baseline":
-        plain = _beside(folder, trained, "baseline", "baseline")
-    if plain is None:
+        baseline = _beside(folder, trained, "baseline", "baseline")
+    if baseline is None:
         return None
-    return steady_seconds(plain["train"]) + start_seconds(plain["train"], folder, trained)
+    return steady_seconds(baseline["train"]) + start_seconds(baseline["train"], folder, trained)
 
 
 def _beside(
     folder: Path, trained: Mapping[Path, Metrics], role: str, recipe: str
 ) -> Metrics | None:
-    """Return the metrics of a run's start or baseline: as the run kept them, else those of the
-    finished run of that recipe with the same seed."""
+    """Return the metrics of a run's start or baseline: those among its own metrics, else those of
+    the finished run of that recipe with the same seed."""
     return trained[folder].get(role) or trained.get(_twin(folder, recipe))
 
 

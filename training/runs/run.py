@@ -1,13 +1,10 @@
-"""A run: its settings, its folder, and how far it has come there."""
+"""A run: its settings, its folder, and its stage there; the plain runs that belong to it."""
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
 import os
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -15,43 +12,29 @@ from typing import Any, Generic, TypeVar
 from omegaconf import OmegaConf
 
 from moireaug.files import write_text
-from training.config.schema import (
-    DEFAULT_DATA,
-    RECIPES,
-    Adversary,
-    Config,
-    RunConfig,
-    as_config,
-    as_values,
-)
-from training.config.settings import settings_of
-from training.system.files import (
-    free_name,
-    make_folder,
-    read_json,
-    read_metrics,
-    read_settings,
-)
+from training.config.schema import RECIPES, Adversary, Config, RunConfig, as_config, as_values
+from training.runs.identity import fingerprint_of, group_of, result_settings, result_values
+from training.system.files import free_name, make_folder, read_json, read_metrics, read_settings
 from training.system.locks import locked
 from training.system.processes import is_first
 
-PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: what the others are compared with
+PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: the others are compared with them
 Settings = TypeVar("Settings", bound=RunConfig)
 
 
 @dataclass(frozen=True)
 class Run(Generic[Settings]):
-    """A run that is wanted, which its folder may hold already, in part or whole.
+    """A run, which its folder may hold already, in part or whole.
 
     Args:
-        config: its settings.
+        config: settings of the run.
     """
 
     config: Settings
 
     @property
     def folder(self) -> Path:
-        """Where it is kept: `runs`/<recipe>/seed<k> for the default data and model, else
+        """Folder of the run: `runs`/<recipe>/seed<k> for the default data and model, else
         `runs`/<data>-<model>/<recipe>/seed<k> without the part that is the default, as runs in
         different groups cannot be compared."""
         cfg = self.config
@@ -59,12 +42,12 @@ class Run(Generic[Settings]):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What its result depends on, as plain values."""
+        """Settings that the result depends on, as plain values."""
         return result_settings(self.config)
 
     @property
     def fingerprint(self) -> str:
-        """Twelve hex digits that change with any of these."""
+        """Twelve hex digits that change with any of these settings."""
         return fingerprint_of(self.settings)
 
     def stage(self) -> str:
@@ -75,9 +58,9 @@ class Run(Generic[Settings]):
         """
         path = self.folder
         best, metrics = (path / "best.ckpt").is_file(), read_metrics(path)
-        present = self._fingerprint_in_folder()
-        if present != self.fingerprint:
-            holds_a_run = present or metrics or any(path.glob("*.ckpt"))
+        fingerprint = self._fingerprint_in_folder()
+        if fingerprint != self.fingerprint:
+            holds_a_run = fingerprint or metrics or any(path.glob("*.ckpt"))
             return "other" if holds_a_run else "new"
         if best and metrics:
             return "finished"
@@ -90,18 +73,15 @@ class Run(Generic[Settings]):
         return self.config.resume is not False and self.stage() in ("begun", "trained")
 
     def prepare(self) -> None:
-        """Make the folder ready: nothing in it is lost, and nothing makes the run look finished.
-
-        What is not resumed is moved aside.
-        """
+        """Make the folder ready for training: a run that is not resumed is moved aside, and
+        nothing makes the run look finished."""
         path, stage = self.folder, self.stage()
         if stage == "other" or (self.config.resume is False and stage != "new"):
-            aside = free_name(
-                path.with_name(f"{path.name}-{self._fingerprint_in_folder() or 'old'}")
-            )
+            suffix = self._fingerprint_in_folder() or "old"
+            aside = free_name(path.with_name(f"{path.name}-{suffix}"))
             os.replace(path, aside)
-            moved = "a run with other settings" if stage == "other" else "this run"
-            print(f"{path} held {moved}; it is now {aside}")
+            held_run = "a run with other settings" if stage == "other" else "this run"
+            print(f"{path} held {held_run}; it is now {aside}")
         path.mkdir(parents=True, exist_ok=True)
         for stale in (path / "metrics.json", path / "report.html", *path.glob(".*.tmp")):
             stale.unlink(missing_ok=True)
@@ -124,11 +104,11 @@ class Run(Generic[Settings]):
             yield
 
     def _fingerprint_in_folder(self) -> str | None:
-        """Return the fingerprint of the run in the folder; None for none, "damaged" if
-        unreadable."""
+        """Return the fingerprint of the run in the folder; None for none, "damaged" where it cannot
+        be read."""
         try:
             values = as_values(OmegaConf.create(read_settings(self.folder / "config.yaml")))
-            return fingerprint_of(_without_free(values, type(self.config)))
+            return fingerprint_of(result_values(values, type(self.config)))
         except FileNotFoundError:
             return None
         except Exception:  # not YAML, or not a run's
@@ -140,7 +120,7 @@ def start_of(run: Run[Config]) -> Run[Config] | None:
 
     None where it starts from random weights, or from those of `weights=`.
     """
-    return _plain(run.config, "clean") if run.config.train.init == "clean" else None
+    return _plain_run(run.config, "clean") if run.config.train.init == "clean" else None
 
 
 def baseline_of(run: Run[Config]) -> Run[Config] | None:
@@ -152,52 +132,18 @@ def baseline_of(run: Run[Config]) -> Run[Config] | None:
     cfg = run.config
     if cfg.recipe in PLAIN_RECIPES:
         return None
-    plain = _plain(cfg, "baseline").config
-    return Run(replace(plain, train=replace(plain.train, init=cfg.train.init)))
+    baseline = _plain_run(cfg, "baseline").config
+    return Run(replace(baseline, train=replace(baseline.train, init=cfg.train.init)))
 
 
-def _plain(cfg: Config, recipe: str) -> Run[Config]:
+def _plain_run(cfg: Config, recipe: str) -> Run[Config]:
     """Return the run of a recipe of `PLAIN_RECIPES`, all other settings as in `cfg`."""
-    own = OmegaConf.load(RECIPES / f"{recipe}.yaml")
+    recipe_settings = OmegaConf.load(RECIPES / f"{recipe}.yaml")
     no_adversary = {"adversary": asdict(Adversary())}
     merged = OmegaConf.merge(
-        OmegaConf.structured(cfg), no_adversary, own, {"recipe": recipe, "resume": None}
+        OmegaConf.structured(cfg), no_adversary, recipe_settings, {"recipe": recipe, "resume": None}
     )
     return Run(as_config(merged))  # type: ignore[arg-type]
-
-
-def group_of(data: Any, model: str) -> str:
-    """Return the name of a group of runs that can be compared: "" for default data and model.
-
-    Args:
-        data: settings of the data; its name and root are used.
-    """
-    name = data.name
-    if name == "folder" and data.root:
-        own = re.sub(r"[^\w.-]+", "_", Path(data.root).resolve().name)
-        name = f"folder-{own}"
-    usual = (DEFAULT_DATA, Config.model)
-    return "-".join(part for part in (name, model) if part not in usual)
-
-
-def result_settings(cfg: RunConfig) -> dict[str, Any]:
-    """Return the settings that a result depends on, as plain values."""
-    return _without_free(as_values(cfg), type(cfg))
-
-
-def _without_free(values: dict[str, Any], schema: type[RunConfig]) -> dict[str, Any]:
-    """Return the plain values of a schema's settings, without those that no result depends on."""
-    for key, one in settings_of(schema).items():
-        *outer, last = key.split(".")
-        if not one.facts.changes_result:
-            inner = values[outer[0]] if outer else values
-            inner.pop(last, None)
-    return values
-
-
-def fingerprint_of(values: Mapping[str, Any] | list[Any]) -> str:
-    """Return twelve hex digits that change with any value."""
-    return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
 
 @contextlib.contextmanager

@@ -17,9 +17,10 @@ from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
 from moireaug.scene.fields import one_of
-from training.config.schema import DATA, Config, Data, as_config, scene_of
+from training.config.data_sets import DATA, Data
+from training.config.schema import Config, as_config, scene_of
 from training.data.splits import Splits
-from training.models.classifiers import OWN, as_model, names
+from training.models.classifiers import OWN_MODELS, as_model, model_names
 from training.system.files import read_checkpoint, read_metrics, read_settings
 
 
@@ -27,8 +28,10 @@ class TrainedRun(NamedTuple):
     """A run as it was read from its folder.
 
     Args:
-        folder: where it is. cfg: the settings that it was trained with. state: its best weights.
-        classes: the name of each logit; None where the checkpoint does not say.
+        folder: folder of the run.
+        cfg: settings of its training.
+        state: its best weights.
+        classes: name of each logit; None where the checkpoint has no names.
     """
 
     folder: Path
@@ -124,8 +127,8 @@ def read_config(path: Path) -> Config:
         if not re.fullmatch(r"[\w.-]+", cfg.recipe):
             raise ValueError(f"recipe must be a name; got {cfg.recipe!r}.")
         one_of("data.name", cfg.data.name, DATA)
-        if cfg.model not in OWN:
-            one_of("model", cfg.model, names())
+        if cfg.model not in OWN_MODELS:
+            one_of("model", cfg.model, model_names())
         scene_of(cfg)
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
@@ -137,21 +140,21 @@ def read_config(path: Path) -> Config:
     return as_config(cfg)  # type: ignore[arg-type]
 
 
-def training_cost(folder: Path) -> dict[str, Any] | None:
-    """Read what a run's metrics say about its training; None if they are missing or damaged."""
+def read_training_cost(folder: Path) -> dict[str, Any] | None:
+    """Read the cost of a run's training from its metrics; None if they are missing or damaged."""
     train = (read_metrics(folder) or {}).get("train")
     if not isinstance(train, dict) or not isinstance(train.get("history"), list):
         return None
     rows = [train | {"history": 0, "init": 0}, *train["history"]]
-    plain = all(isinstance(row, Mapping) and all(map(_is_number, row.values())) for row in rows)
-    return train if plain and train.get("init") in ("random", "clean") else None
+    is_plain = all(isinstance(row, Mapping) and all(map(_is_number, row.values())) for row in rows)
+    return train if is_plain and train.get("init") in ("random", "clean") else None
 
 
-def class_names(kept: Any) -> dict[int, str] | None:
-    """Return the names of the classes as a checkpoint keeps them; None where it does not."""
-    if not isinstance(kept, dict):
+def class_names(stored: Any) -> dict[int, str] | None:
+    """Return the names of the classes that are stored in a checkpoint; None where it has none."""
+    if not isinstance(stored, dict):
         return None
-    return {int(number): str(name) for number, name in kept.items()}
+    return {int(number): str(name) for number, name in stored.items()}
 
 
 def _is_number(value: Any) -> bool:

@@ -14,10 +14,10 @@ from typing import Any
 import torch
 import yaml
 
-LONGEST = 1_000_000  # bytes of a config.yaml; fit.py writes about two thousand
-MAX_REASON_CHARACTERS = 300  # of PyYAML's words that are shown
+MAX_SETTINGS_BYTES = 1_000_000  # of a config.yaml; fit.py writes about two thousand
+MAX_REASON_CHARACTERS = 300  # of PyYAML's message
 MERGE_TAG = "tag:yaml.org,2002:merge"  # of "<<", which may stand more than once
-DEEPEST = 32  # levels of its lists and mappings; fit.py writes four; time grows as their square
+MAX_YAML_LEVELS = 32  # of lists and mappings; fit.py writes four; time grows as their square
 
 
 class UniqueKeyLoader(yaml.SafeLoader):
@@ -45,7 +45,7 @@ def make_folder(path: Path, setting: str = "runs=DIR") -> None:
     """Make a folder and check that files can be written there, before time is spent.
 
     Args:
-        setting: the one that names another folder.
+        setting: setting that names another folder, for the error messages.
 
     Raises:
         ValueError: there is a file in its place, or the disk is full or not writable.
@@ -90,11 +90,11 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         ValueError: a file that is missing or damaged.
     """
     try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
-        found["epoch"]
-        if not all(torch.is_tensor(value) for value in found["state_dict"].values()):
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+        checkpoint["epoch"]
+        if not all(torch.is_tensor(value) for value in checkpoint["state_dict"].values()):
             raise TypeError("a value of its state_dict is no tensor")
-        return found
+        return checkpoint
     except (
         Exception
     ) as error:  # whichever byte is damaged: UnpicklingError, EOFError, RuntimeError, KeyError ...
@@ -119,10 +119,10 @@ def read_metrics(path: Path) -> dict[str, Any] | None:
 def read_json(path: Path) -> dict[str, Any] | None:
     """Read a JSON file that holds a mapping; None where it is missing or damaged."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        values = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) else None
+    return values if isinstance(values, dict) else None
 
 
 def read_settings(path: Path) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def read_settings(path: Path) -> dict[str, Any]:
         ValueError: no YAML mapping, or one with interpolations or aliases.
         OSError: a file that cannot be read.
     """
-    if path.stat().st_size > LONGEST:
+    if path.stat().st_size > MAX_SETTINGS_BYTES:
         raise ValueError(f"{path} is far too long for the settings of a run.")
     text = path.read_text(encoding="utf-8")
     try:
@@ -140,8 +140,8 @@ def read_settings(path: Path) -> dict[str, Any]:
         values = None if aliases else yaml.load(text, UniqueKeyLoader)
         plain = json.dumps(values, default=str)
     except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
-        said = " ".join(str(error).split())[:MAX_REASON_CHARACTERS]
-        raise ValueError(f"{path} could not be read as YAML: {said}.") from error
+        reason = " ".join(str(error).split())[:MAX_REASON_CHARACTERS]
+        raise ValueError(f"{path} could not be read as YAML: {reason}.") from error
     if aliases or "${" in plain:
         raise ValueError(
             f"{path} holds a YAML alias or an interpolation (${{...}}). A run's settings are plain "
@@ -168,6 +168,6 @@ def _has_aliases(text: str) -> bool:
             depth += 1
         if isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
-        if depth > DEEPEST:
-            raise ValueError(f"more than {DEEPEST} levels")
+        if depth > MAX_YAML_LEVELS:
+            raise ValueError(f"more than {MAX_YAML_LEVELS} levels")
     return False

@@ -18,19 +18,20 @@ _NO_LOCKS = (
 
 
 @contextlib.contextmanager
-def locked(path: Path, busy: str, wait: float = 0) -> Iterator[None]:
+def locked(path: Path, busy: str, wait_seconds: float = 0) -> Iterator[None]:
     """Lock a file for this command; the kernel releases it however the command ends.
 
     Args:
-        path: the lock's own file. busy: message of the error if another command holds it.
-        wait: seconds to wait for that command; -1 is as long as it takes.
+        path: the lock's own file.
+        busy: message of the error if another command holds the lock.
+        wait_seconds: time to wait for that command; -1 is without end.
 
     Raises:
         ValueError: another command still holds it.
         OSError: the file cannot be opened or locked.
     """
     # a soft lock would outlive a killed command
-    lock = FileLock(path, timeout=wait, fallback_to_soft=False)
+    lock = FileLock(path, timeout=wait_seconds, fallback_to_soft=False)
     with contextlib.ExitStack() as stack:
         try:
             stack.enter_context(lock)

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 CPUINFO = Path("/proc/cpuinfo")
-BFLOAT16 = {"amx_bf16", "avx512_bf16"}  # flags of CPUs that multiply it faster than float32
+BFLOAT16_FLAGS = {"amx_bf16", "avx512_bf16"}  # flags of CPUs that multiply it faster than float32
 
 
 def environment(accelerator: str) -> dict[str, Any]:
@@ -25,13 +25,13 @@ def environment(accelerator: str) -> dict[str, Any]:
     import numpy
     import torchvision
 
-    found: dict[str, Any] = {"python": platform.python_version()}
+    facts: dict[str, Any] = {"python": platform.python_version()}
     for module in (torch, torchvision, kornia, lightning, numpy):
-        found[module.__name__] = module.__version__
-    found["cpu"] = _cpu()
-    found["threads"] = torch.get_num_threads()
-    found["device"] = torch.cuda.get_device_name() if _on_gpu(accelerator) else "cpu"
-    return found
+        facts[module.__name__] = module.__version__
+    facts["cpu"] = _cpu()
+    facts["threads"] = torch.get_num_threads()
+    facts["device"] = torch.cuda.get_device_name() if _on_gpu(accelerator) else "cpu"
+    return facts
 
 
 def _cpu() -> str:
@@ -44,12 +44,12 @@ def _cpu() -> str:
         return platform.processor() or platform.machine()
 
 
-def precision(asked: Any, accelerator: str) -> Any:
-    """Return the precision that a classifier is trained in: what is set, or for null "bf16-mixed"
+def precision(precision_setting: Any, accelerator: str) -> Any:
+    """Return the precision that a classifier is trained in: the setting, or for null "bf16-mixed"
     on hardware that multiplies bfloat16 (NVIDIA's GPUs from Ampere on, CPUs with AMX or
     AVX512_BF16) and "32-true" on any other."""
-    if asked is not None:
-        return asked
+    if precision_setting is not None:
+        return precision_setting
     return "bf16-mixed" if _multiplies_bfloat16(accelerator) else "32-true"
 
 
@@ -69,7 +69,7 @@ def _multiplies_bfloat16(accelerator: str) -> bool:
         flags = set(CPUINFO.read_text("utf-8").split())
     except OSError:  # not Linux
         return False
-    return not flags.isdisjoint(BFLOAT16)
+    return not flags.isdisjoint(BFLOAT16_FLAGS)
 
 
 def command(argv: list[str] | None = None) -> str:

@@ -9,8 +9,9 @@ from typing import Any, TextIO
 from moireaug.printing import use_legible
 
 
-class Lines:
-    """Wraps an output stream and knows if its last line is complete: a progress bar's is not."""
+class LineStream:
+    """Wraps an output stream and knows whether its last line is complete: a progress bar's is
+    not."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self.unfinished = stream, False
@@ -25,8 +26,8 @@ class Lines:
 
 
 def use_legible_output() -> None:
-    """Have standard output and error print what their encoding lacks legibly, so that no command
-    ends in a UnicodeEncodeError after its work is done."""
+    """Have standard output and error print legibly the characters that their encoding lacks, so
+    that no command ends in a UnicodeEncodeError after its work is done."""
     for stream in (sys.stdout, sys.stderr):
         use_legible(stream)
 
@@ -39,13 +40,13 @@ def complain(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def counted(n: int, what: str) -> str:
-    """Return a number of things, in the singular for one."""
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+def counted(n: int, noun: str) -> str:
+    """Return a number with its noun, in the singular for one."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 def sentence(error: Exception) -> str:
-    """Return what an error says, without the traceback that a DataLoader's worker adds."""
+    """Return the message of an error, without the traceback that a DataLoader's worker adds."""
     if isinstance(error, OSError) and error.errno:  # the system's own words
         advice = "Everything complete is kept: fix this, and resume with the same command."
         return f"{error}. {advice}"

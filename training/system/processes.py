@@ -8,17 +8,17 @@ from datetime import timedelta
 from lightning_utilities.core.rank_zero import rank_zero_only
 
 # While one process attacks, the others wait for it: longer than the half hour that torch allows
-WAIT = timedelta(days=30)
+MAX_WAIT = timedelta(days=30)
 
 
 def wait_long(strategy: object) -> None:
     """Have the processes of a strategy of Lightning's, if it runs several, wait for the slowest."""
     if hasattr(strategy, "_timeout"):
-        strategy._timeout = WAIT
+        strategy._timeout = MAX_WAIT
 
 
 # of the variables that launchers set, the first that is there says the process's number
-RANKS = ("RANK", "LOCAL_RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK")
+RANK_VARIABLES = ("RANK", "LOCAL_RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK")
 
 
 def is_first() -> bool:
@@ -28,7 +28,7 @@ def is_first() -> bool:
     """
     rank = getattr(rank_zero_only, "rank", None)
     if rank is None:
-        rank = next((os.environ[name] for name in RANKS if name in os.environ), 0)
+        rank = next((os.environ[name] for name in RANK_VARIABLES if name in os.environ), 0)
     return int(rank) == 0
 
 

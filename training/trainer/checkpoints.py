@@ -39,7 +39,9 @@ class RunCheckpoint(ModelCheckpoint):
     """Keeps one checkpoint under one name in a run's folder.
 
     Args:
-        folder: where it is kept. name: without the suffix. settings: passed to ModelCheckpoint.
+        folder: folder of the run.
+        name: file name, without its suffix.
+        settings: further arguments of ModelCheckpoint.
     """
 
     def __init__(self, folder: Path, name: str, **settings: Any) -> None:
@@ -52,23 +54,24 @@ class RunCheckpoint(ModelCheckpoint):
         def here(path: str) -> str:
             return path and str(Path(self.dirpath) / Path(path).name)  # type: ignore[arg-type]
 
-        moved = {
+        moved_paths = {
             k: here(state_dict[k])
             for k in ("best_model_path", "kth_best_model_path", "last_model_path")
         }
         best = {here(path): score for path, score in state_dict["best_k_models"].items()}
         super().load_state_dict(
-            state_dict | moved | {"best_k_models": best, "dirpath": self.dirpath}
+            state_dict | moved_paths | {"best_k_models": best, "dirpath": self.dirpath}
         )
 
 
 class Origin(L.Callback):
-    """Writes into each checkpoint what it was trained on and from, so that it is not evaluated on
-    other classes, or taken up on other images or with other weights.
+    """Writes its data and its first weights into each checkpoint, so that it is not evaluated on
+    other classes, or resumed on other images or with other weights.
 
     Args:
-        classes: the name of each logit. files: see `Splits`.
-        weights: the digest of the file of `weights=`; empty where there is none.
+        classes: name of each logit.
+        files: fingerprint of the files, as in `Splits`.
+        weights: digest of the file of `weights=`; empty where there is none.
     """
 
     def __init__(self, classes: dict[int, str], files: str, weights: str) -> None:

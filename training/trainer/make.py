@@ -42,22 +42,23 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
     prints a line per epoch if the output is not a terminal.
 
     Args:
-        settings: passed on; a null precision is "32-true".
-        callbacks: what keeps and averages the weights.
+        settings: settings of Lightning's trainer; a null precision is "32-true".
+        epochs: number of epochs.
+        callbacks: callbacks that save and average the weights.
     """
-    quiet()
-    given = asdict(settings)
-    if given["precision"] is None:
-        given["precision"] = "32-true"
-    if given["accelerator"] == "auto" and not torch.cuda.is_available():
-        given["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
+    silence_lightning()
+    options = asdict(settings)
+    if options["precision"] is None:
+        options["precision"] = "32-true"
+    if options["accelerator"] == "auto" and not torch.cuda.is_available():
+        options["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
     plugins: list[Any] = [AtomicCheckpointIO()]
     if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
         plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself
     terminal = sys.stdout.isatty()
     progress = TQDMProgressBar(leave=False) if terminal else EpochLines()
     trainer = L.Trainer(
-        **given,
+        **options,
         max_epochs=epochs,
         callbacks=[*callbacks, progress],
         enable_progress_bar=terminal,
@@ -73,7 +74,7 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
 
 
 # Lightning's warnings at every start that a user of these recipes cannot act on
-KNOWN = (
+KNOWN_WARNINGS = (
     ".*does not have many workers.*",
     ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
     ".*Checkpoint directory .* exists and is not empty.*",
@@ -83,9 +84,9 @@ KNOWN = (
 )
 
 
-def quiet() -> None:
-    """Silence what Lightning says at every start; its import undoes what was set before."""
+def silence_lightning() -> None:
+    """Silence Lightning's messages at every start; its import undoes earlier settings."""
     for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
         logging.getLogger(name).setLevel(logging.WARNING)
-    for message in KNOWN:
+    for message in KNOWN_WARNINGS:
         warnings.filterwarnings("ignore", message)

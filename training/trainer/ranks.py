@@ -20,13 +20,13 @@ from torch.distributed import DistError
 from training.system.messages import complain
 from training.system.processes import wait_long
 
-LOST = (
+LOST_PROCESS = (
     "another process of this run was lost: it was killed, ran out of memory, or failed with the "
     "error above. What is complete is kept, and the same command resumes from there."
 )
-PERIOD = 0.5  # seconds between looks
-GRACE = 5.0  # seconds for a process to notice by itself, and clean up
-_SAID = r"gloo|DataLoader worker \(pid"  # in the messages of plain RuntimeErrors
+POLL_SECONDS = 0.5  # between looks at the other processes
+GRACE_SECONDS = 5.0  # for a process to notice by itself, and clean up
+_LOST_PATTERN = r"gloo|DataLoader worker \(pid"  # in the messages of plain RuntimeErrors
 _children: list[subprocess.Popen] = []
 _ending = threading.Event()
 
@@ -47,14 +47,14 @@ def fit(
         KeyboardInterrupt: Ctrl-C or SIGTERM.
     """
     try:
-        with together(trainer):
+        with tied_together(trainer):
             trainer.fit(module, batches, ckpt_path=checkpoint)
     except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
         raise KeyboardInterrupt from None
 
 
 @contextlib.contextmanager
-def together(trainer: L.Trainer) -> Iterator[None]:
+def tied_together(trainer: L.Trainer) -> Iterator[None]:
     """Tie the training processes together: none outlives the others, or waits for a lost one.
 
     Raises:
@@ -76,9 +76,9 @@ def together(trainer: L.Trainer) -> Iterator[None]:
             child.kill()
         _children.clear()
         if isinstance(error, RuntimeError) and (
-            isinstance(error, DistError) or re.search(_SAID, str(error))
+            isinstance(error, DistError) or re.search(_LOST_PATTERN, str(error))
         ):
-            raise ConnectionError(f"{LOST} ({str(error).splitlines()[0]})") from error
+            raise ConnectionError(f"{LOST_PROCESS} ({str(error).splitlines()[0]})") from error
         raise
 
 
@@ -107,15 +107,15 @@ def _observe(children: list[subprocess.Popen]) -> None:
 def _end_with_children() -> None:
     """End this process if it has not noticed that a child failed: a GPU would wait for ever."""
     while not any(child.poll() for child in _children):
-        time.sleep(PERIOD)
-    if not _ending.wait(GRACE):
+        time.sleep(POLL_SECONDS)
+    if not _ending.wait(GRACE_SECONDS):
         for child in _children:
             child.kill()
-        complain(f"error: {LOST}")
+        complain(f"error: {LOST_PROCESS}")
         os._exit(1)
 
 
 def _end_with_parent(parent: int) -> None:
     while os.getppid() == parent:
-        time.sleep(PERIOD)
+        time.sleep(POLL_SECONDS)
     os._exit(1)

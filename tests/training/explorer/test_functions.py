@@ -20,24 +20,24 @@ from moireaug.scene.parts import PARTS, Lens
 from moireaug.scene.presets import PRESETS
 from training import explore
 from training.config import scenes
-from training.explorer import attack, photo, words
-from training.explorer.controls import CONTROLS, documented, scene_of, shown
+from training.explorer import attack, photo, scene_code
+from training.explorer.controls import CONTROLS, argument_sentences, scene_of, values_of
 
 
 def test_every_field_of_a_scene_has_one_described_control():
     fields = [f"{part}.{f.name}" for part, cls in PARTS.items() for f in dataclasses.fields(cls)]
     assert [control.name for control in CONTROLS] == fields
     for control in CONTROLS:
-        assert len(control.about) > 10 and control.about.endswith("."), control.name
+        assert len(control.description) > 10 and control.description.endswith("."), control.name
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_controls_show_every_preset_and_give_it_back(preset):
     scene = Scene.preset(preset)
-    values = shown(scene)
+    values = values_of(scene)
     assert scene_of(values, scene) == scene
     for control in CONTROLS:
-        own, values = values[: control.width], values[control.width :]
+        own, values = values[: control.value_count], values[control.value_count :]
         if control.kind in ("range", "number"):
             for value in own:
                 assert control.low <= value <= control.high, control.name
@@ -59,8 +59,8 @@ def test_limits_of_sliders_lie_within_what_is_allowed():
 
 
 def test_the_ends_of_a_range_come_in_any_order():
-    values = shown(Scene())
-    at = shown(Scene()).index(40.0)  # view.fov
+    values = values_of(Scene())
+    at = values_of(Scene()).index(40.0)  # view.fov
     values[at : at + 2] = [60.0, 20.0]
     assert bounds(scene_of(values, Scene()).view.fov) == (20.0, 60.0)
 
@@ -70,13 +70,15 @@ def test_a_screen_has_width_and_pitch_and_no_scales():
     wide = dataclasses.replace(Scene.preset("screen_photo"), panel=Panel(width=(20.0, 2000.0)))
     for scene, own in ((wide, ["width", "pitch"]), (Scene.preset("paper"), ["scale", "scale"])):
         named = [c for c in CONTROLS if c.field in ("width", "scale", "pitch") and c.part != "view"]
-        assert [c.field for c in named if c.is_for(scene)] == own
-        assert scene_of(shown(scene), scene) == scene
+        assert [c.field for c in named if c.applies_to(scene)] == own
+        assert scene_of(values_of(scene), scene) == scene
 
 
 def test_a_field_is_described_by_its_documentations_first_sentence():
-    assert documented(Lens)["blur"].startswith("standard deviation of the Gaussian point spread")
-    assert documented(Lens)["k1"] == documented(Lens)["k2"] == "radial distortion."
+    assert argument_sentences(Lens)["blur"].startswith(
+        "standard deviation of the Gaussian point spread"
+    )
+    assert argument_sentences(Lens)["k1"] == argument_sentences(Lens)["k2"] == "radial distortion."
 
 
 SCENES = {
@@ -92,20 +94,20 @@ SCENES = {
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_code_and_yaml_build_the_scene(scene, tmp_path):
     names = {}
-    exec(words.as_python(scene, "phone_at_phone"), names)
+    exec(scene_code.as_python(scene, "phone_at_phone"), names)
     assert names["scene"] == names["transform"].scene == scene
     file = tmp_path / "scene.yaml"
-    file.write_text(words.as_yaml(scene, "phone_at_phone"))
+    file.write_text(scene_code.as_yaml(scene, "phone_at_phone"))
     assert scenes.load(str(file)) == scene
 
 
 def test_only_differences_are_written():
     scene = dataclasses.replace(Scene.preset("paper"), lens=Lens(k1=(-0.05, 0.05), blur=0.5))
-    assert words.differences(scene, "paper") == {"preset": "paper", "lens": {"blur": 0.5}}
+    assert scene_code.differences(scene, "paper") == {"preset": "paper", "lens": {"blur": 0.5}}
 
 
 def test_the_photo_is_the_captures_own():
-    scene, picture = Scene.preset("screen_photo"), photo.sign()[:48, :40]
+    scene, picture = Scene.preset("screen_photo"), photo.draw_sign()[:48, :40]
     taken = photo.photograph(photo.as_batch(picture), scene, seed=3)
     assert torch.equal(taken.photo, capture(photo.as_batch(picture), taken.shot))
     assert photo.as_picture(taken.photo).shape == (48, 40, 3)
@@ -116,7 +118,7 @@ def test_the_photo_is_the_captures_own():
 def test_samples_are_pictures_that_are_not_too_large(name):
     picture = photo.SAMPLES[name]()
     assert picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3
-    assert picture.shape[0] * picture.shape[1] <= photo.MOST
+    assert picture.shape[0] * picture.shape[1] <= photo.MAX_PIXELS
 
 
 def test_a_crop_is_magnified_in_place_and_stays_inside():
@@ -130,7 +132,7 @@ def test_a_crop_is_magnified_in_place_and_stays_inside():
 
 def test_a_number_that_was_deleted_is_named():
     scene = Scene.preset("screen_photo")
-    values = shown(scene)
+    values = values_of(scene)
     values[0] = None
     with pytest.raises(ValueError, match=rf"^{CONTROLS[0].name} is empty: enter a number"):
         scene_of(values, scene)
@@ -147,7 +149,7 @@ def test_the_spectrum_of_stripes_is_two_points_at_their_frequency():
 
 def test_every_planned_effect_is_timed_or_within_the_exposure():
     scene = Scene.preset("screen_photo")
-    found = dict(photo.milliseconds(torch.rand(1, 3, 20, 300), scene, 0))
+    found = dict(photo.time_effects(torch.rand(1, 3, 20, 300), scene, 0))
     plan = scene.plan((20, 128))
     assert list(found) == [step.name for step in plan.called]
     within = {e.name for e in EXPOSE if e.name in plan and isinstance(e, WithinExposure)}
@@ -188,7 +190,7 @@ def test_a_ladder_climbs_from_clean_to_fooling_images():
     images = torch.full((2, 3, 16, 16), 0.45)
     model = bright()
     label = int(model(images[:1]).argmax())
-    run = attack.Run("here", model, images, torch.full((2,), label), {0: "dark", 1: "middle"})
+    run = attack.OpenedRun("here", model, images, torch.full((2,), label), {0: "dark", 1: "middle"})
     rungs = attack.ladder(run, 1, Scene.preset("screen_photo"), 16 / 255, 3)
     assert [rung.title for rung in rungs][:4] == [
         "clean image", "dimmed to the photo's mean", "photo, no moiré", "photo with moiré, no noise"
@@ -212,7 +214,7 @@ def test_a_folder_that_holds_no_run_is_refused(folder, said):
 
 
 def test_an_image_that_is_not_there_is_refused():
-    run = attack.Run("here", bright(), torch.rand(2, 3, 8, 8), torch.zeros(2).long(), {})
+    run = attack.OpenedRun("here", bright(), torch.rand(2, 3, 8, 8), torch.zeros(2).long(), {})
     with pytest.raises(ValueError, match="image must be 0 to 1; got 2"):
         attack.ladder(run, 2, Scene.preset("paper"), 4 / 255, 1)
 

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from moireaug import Scene
-from training.explorer.controls import CONTROLS, shown
+from training.explorer.controls import CONTROLS, values_of
 
 # Gradio and its imports issue warnings of their own
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -23,20 +23,20 @@ pytestmark = pytest.mark.filterwarnings("ignore")
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     gradio = pytest.importorskip("gradio", reason="the extra [explore] is not installed")
-    from training.explorer import page
+    from training.explorer import page, photograph_tab, widgets
 
 SCRIPT = Path(__file__).resolve().parents[3] / "training/explore.py"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-VALUES = shown(Scene.preset("screen_photo"))
+VALUES = values_of(Scene.preset("screen_photo"))
 
 
 def test_an_event_returns_all_that_the_page_shows():
     settings = ("screen_photo", "traffic sign", None, 0, *VALUES)
-    told, photo, crop, spectrum, plan, python, yaml = page.photographed(*settings)
+    told, photo, crop, spectrum, plan, python, yaml = photograph_tab.show_photo(*settings)
     assert told.startswith("256 x 256 pixels, photographed in ")
     assert photo.shape == (256, 256, 3) and crop.shape == spectrum.shape == (384, 384, 3)
     assert plan == str(Scene.preset("screen_photo").plan((256, 256)))
-    assert ["pose", "in the exposure"] in page.timed(*settings)
+    assert ["pose", "in the exposure"] in photograph_tab.show_times(*settings)
     assert 'Scene.preset("screen_photo")' in python and yaml == "preset: screen_photo\n"
 
 
@@ -52,10 +52,12 @@ def test_a_refusal_is_a_sentence_and_leaves_the_rest(tmp_path):
         (None, 1e20, VALUES, "below 2^53; got 1e+20"),
         (None, -1, VALUES, "must be at least 0"),
     ):
-        told, *rest = page.photographed("screen_photo", "cat", file, seed, *values)
+        told, *rest = photograph_tab.show_photo("screen_photo", "cat", file, seed, *values)
         assert told.startswith("**Not possible:**") and said in told
         assert len(rest) == 6 and all(one == gradio.skip() for one in rest)
-        assert page.timed("screen_photo", "cat", file, seed, *values) == gradio.skip()
+        assert (
+            photograph_tab.show_times("screen_photo", "cat", file, seed, *values) == gradio.skip()
+        )
 
 
 def test_a_preset_has_the_controls_of_what_it_states():
@@ -64,17 +66,18 @@ def test_a_preset_has_the_controls_of_what_it_states():
         ("screen_photo", {"panel.scale", "sensor.scale"}),
         ("paper", {"panel.width", "sensor.pitch"}),
     ):
-        values = page.chosen_preset(name)[: len(VALUES)]
-        groups = page.chosen_preset(name)[len(VALUES) :]
+        values = widgets.preset_updates(name)[: len(VALUES)]
+        groups = widgets.preset_updates(name)[len(VALUES) :]
         told = {c.name: group["visible"] for c, group in zip(CONTROLS, groups, strict=True)}
         assert {key for key, visible in told.items() if visible == "hidden"} == hidden
-        *_, yaml = page.photographed(name, *settings, *values)
+        *_, yaml = photograph_tab.show_photo(name, *settings, *values)
         assert yaml == f"preset: {name}\n"  # of the hidden ones, nothing is read
 
 
 def test_a_cleared_shot_number_is_the_first_shot():
     first, cleared = (
-        page.photographed("screen_photo", "grey screen", None, seed, *VALUES) for seed in (0, None)
+        photograph_tab.show_photo("screen_photo", "grey screen", None, seed, *VALUES)
+        for seed in (0, None)
     )
     assert np.array_equal(first[1], cleared[1])
 

@@ -13,18 +13,18 @@ from moireaug.scenes import Scene
 
 
 def differences(scene: Scene, preset: str) -> dict[str, Any]:
-    """Return what `Scene.from_dict` takes to build a scene from a preset: the preset's name, and
-    the fields that differ from it."""
+    """Return the argument of `Scene.from_dict` for a scene: a preset's name, and the fields that
+    differ from it."""
     ours, theirs = scene.to_dict(), Scene.preset(preset).to_dict()
-    found: dict[str, Any] = {"preset": preset}
+    settings: dict[str, Any] = {"preset": preset}
     for part in PARTS:
         changed = {}
         for field, value in ours[part].items():
             if value != theirs[part][field]:
                 changed[field] = value
         if changed:
-            found[part] = changed
-    return found
+            settings[part] = changed
+    return settings
 
 
 def as_yaml(scene: Scene, preset: str) -> str:
@@ -38,15 +38,15 @@ def as_yaml(scene: Scene, preset: str) -> str:
 
 def as_python(scene: Scene, preset: str) -> str:
     """Return Python code that builds a scene and a transform with it."""
-    found = differences(scene, preset)
-    made = f'Scene.preset("{preset}")'
-    if len(found) > 1:
-        values = pprint.pformat(found, sort_dicts=False, width=80)
-        made = f"Scene.from_dict(\n{textwrap.indent(values, '    ')}\n)"
+    settings = differences(scene, preset)
+    code = f'Scene.preset("{preset}")'
+    if len(settings) > 1:
+        values = pprint.pformat(settings, sort_dicts=False, width=80)
+        code = f"Scene.from_dict(\n{textwrap.indent(values, '    ')}\n)"
     lines = [
         "from moireaug import Scene, transforms",
         "",
-        f"scene = {made}",
+        f"scene = {code}",
         "transform = transforms.RandomMoire(scene=scene, p=0.5)",
     ]
     return "\n".join(lines) + "\n"

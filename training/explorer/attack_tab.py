@@ -1,0 +1,53 @@
+"""The second tab: a run's model, attacked on one of its test images."""
+
+from __future__ import annotations
+
+import gradio as gr
+
+from moireaug.scene.presets import PRESETS
+from moireaug.scenes import Scene
+from training.explorer import attack
+from training.explorer.photograph_tab import DEFAULT_PRESET, REFUSALS
+
+
+def attack_tab(run: str) -> None:
+    """Lay out the second tab."""
+    with gr.Row():
+        with gr.Column(scale=2, min_width=320):
+            folder = gr.Textbox(
+                run,
+                label="Folder of a run",
+                placeholder="runs/moire_at/seed0",
+                elem_id="run",
+            )
+            preset = gr.Dropdown(list(PRESETS), value=DEFAULT_PRESET, label="Scene")
+            index = gr.Slider(0, attack.MAX_IMAGES - 1, 0, step=1, label="Test image", buttons=[])
+            eps = gr.Slider(0.5, 16, 4, step=0.5, label="eps, in 1/255", buttons=[])
+            steps = gr.Slider(1, 100, 20, step=1, label="Steps", buttons=[])
+            button = gr.Button("Attack", variant="primary", elem_id="attack")
+        with gr.Column(scale=3, min_width=320):
+            summary = gr.Markdown(
+                "Each rung shows the model the same image through the same shot, and adds one "
+                "thing to the previous rung.",
+                elem_id="attacked",
+            )
+            rungs = gr.HTML(elem_id="ladder")
+    button.click(show_ladder, [folder, preset, index, eps, steps], [summary, rungs])
+
+
+def show_ladder(
+    folder: str, preset: str, index: float, eps: float, steps: float
+) -> tuple[str, str]:
+    """Return the ladder of one image, or the reason why there is none."""
+    try:
+        run = attack.open_run(folder)
+        rungs = attack.ladder(run, int(index), Scene.preset(preset), eps / 255, int(steps))
+    except REFUSALS as error:
+        return f"**Not possible:** {error}", ""
+    label = int(run.labels[int(index)])
+    right = sum(rung.right for rung in rungs)
+    summary = (
+        f"The image's class is **{run.classes.get(label, label)}**. The model is right on "
+        f"{right} of {len(rungs)} rungs."
+    )
+    return summary, attack.as_html(rungs)

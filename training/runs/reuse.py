@@ -1,0 +1,96 @@
+"""Trained runs that are reused: as the start or baseline of another, or beside a re-attack."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from training.config.overrides import command_line
+from training.config.schema import Config
+from training.runs.identity import result_settings
+from training.runs.run import Run, baseline_of
+from training.runs.trained import TrainedRun, read
+from training.system.files import read_metrics
+from training.system.processes import is_first
+
+Metrics = dict[str, Any]
+
+
+def metrics_of_trained(run: Run[Config]) -> Metrics | None:
+    """Return the metrics of the run in the folder; None unless it was trained with these settings.
+    Those of its re-attack may differ."""
+    metrics = read_metrics(run.folder)
+    if not metrics or not (run.folder / "best.ckpt").is_file():
+        return None
+    return metrics if _same_training(metrics.get("config") or {}, run.settings) else None
+
+
+def is_unreported(run: Run[Config]) -> bool:
+    """Return whether a run was trained as the start or baseline of another, and not attacked."""
+    metrics = metrics_of_trained(run)
+    return metrics is not None and "reattack" not in metrics
+
+
+def read_trained(run: Run[Config]) -> TrainedRun:
+    """Read the trained run in the folder; the settings of its re-attack may differ.
+
+    Raises:
+        ValueError: as `read`; or another command has replaced it.
+    """
+    trained = read(run.folder)
+    # in another process of this run, the first may still be writing the metrics
+    is_complete = not is_first() or read_metrics(trained.folder) is not None
+    if is_complete and same_training(trained.cfg, run.config):
+        return trained
+    raise ValueError(
+        f"{trained.folder} no longer holds the run that was trained there for this one: another "
+        "command has replaced it. Run this command again, and one of the two with another "
+        "runs=DIR."
+    )
+
+
+def read_baseline_of(run: TrainedRun) -> TrainedRun | None:
+    """Read the run that this one is compared with, where it is beside it with the same settings.
+
+    None where there is none; a note says why if its folder is there.
+    """
+    baseline = baseline_of(Run(run.cfg))
+    if baseline is None:
+        return None
+    wanted = baseline.config
+    folder = Path(os.path.abspath(run.folder)).parent.parent / wanted.recipe / f"seed{run.cfg.seed}"
+    if not (folder / "metrics.json").is_file():
+        return None
+    try:
+        baseline_run = read(folder)
+    except ValueError as error:
+        wanted_there = replace(wanted, runs=str(folder.parent.parent))
+        command = shlex.join(
+            ["python", "training/fit.py", *command_line(wanted_there), "resume=false"]
+        )
+        print(
+            f"note: no baseline is attacked beside this run. {error}\n"
+            f"This trains it again:\n  {command}"
+        )
+        return None
+    if not same_training(baseline_run.cfg, wanted):
+        print(
+            f"note: {folder} was trained with other settings: "
+            "no baseline is attacked beside this run."
+        )
+        return None
+    return baseline_run
+
+
+def same_training(one: Config, other: Config) -> bool:
+    """Return whether the settings of two runs are the same but for those of the re-attack."""
+    return _same_training(result_settings(one), result_settings(other))
+
+
+def _same_training(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    no_attack = {"reattack": None}
+    return {**one, **no_attack} == {**other, **no_attack}
