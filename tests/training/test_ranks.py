@@ -18,6 +18,7 @@ from training import fit
 from training.classifier.train import classifier_of, train_model, trainer_of
 from training.classifier.tuning import tuning_of
 from training.data.load import load
+from training.demoireing import fit as demoireing  # noqa: F401  # registers its settings with Hydra
 from training.demoireing.train import module_of
 from training.runs.run import Run
 from training.system.processes import MAX_WAIT
