@@ -35,7 +35,7 @@ from training.attack.protocol import check_attack
 from training.classifier import adversaries
 from training.config import commands, scenes
 from training.config.compose import RECIPE_GROUPS, register
-from training.config.schema import Adversary, Config, as_config
+from training.config.schema import RECIPES, Adversary, Config, as_config
 from training.config.settings import with_absolute_paths
 from training.data.load import load, require_training_images
 from training.models.classifiers import require_known
@@ -97,7 +97,7 @@ def check(cfg: Config) -> None:
         )
 
 
-@hydra.main(version_base="1.3", config_path=None, config_name="fit")
+@hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="fit")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.report_errors(kept_work="Every complete epoch is kept"):

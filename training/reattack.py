@@ -39,7 +39,7 @@ from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suites import attack_by_suite
 from training.config import commands, overrides, scenes
 from training.config.compose import DATA_GROUPS, register
-from training.config.schema import ReattackConfig, as_config
+from training.config.schema import RECIPES, ReattackConfig, as_config
 from training.config.settings import with_absolute_paths
 from training.runs.reuse import read_baseline_of
 from training.runs.run import locked_folder
@@ -116,7 +116,7 @@ def baseline_metrics(run: TrainedRun, result: AttackResult) -> Metrics:
     return settings | {"train": read_training_cost(run.folder)} | ladder_metrics(result)
 
 
-@hydra.main(version_base="1.3", config_path=None, config_name="reattack")
+@hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="reattack")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.report_errors(kept_work="Every record is kept"):

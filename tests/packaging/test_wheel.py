@@ -99,7 +99,6 @@ def test_the_source_distribution_holds_the_commands_and_their_recipes(distributi
     (path,) = distributions.glob("*.tar.gz")
     with tarfile.open(path) as archive:
         files = {name.partition("/")[2] for name in archive.getnames()}
-    assert "recipes/demoireing/demoire.yaml" in files
     for folder in FOLDERS:
         assert files_of(folder) <= files
 

@@ -33,7 +33,7 @@ from training.calibration.pairs import find_pairs, fingerprint, require_one_size
 from training.config import commands, scenes
 from training.config.checks import check_run
 from training.config.compose import register
-from training.config.schema import as_config
+from training.config.schema import RECIPES, as_config
 from training.config.settings import with_absolute_paths
 from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
@@ -175,7 +175,7 @@ def test_and_report(
     return metrics
 
 
-@hydra.main(version_base="1.3", config_path=None, config_name="demoire")
+@hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="demoire")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.report_errors(kept_work="What was validated is kept"):
