@@ -198,6 +198,8 @@ class Attack(ABC):
         """Yield each point from which a step is taken, with the model's answer there, and the last
         point. Between two steps, `Search.keep` may drop images."""
         rules = self._rules(search.problem)
+        # where an image is black or white, a random start would have no gradient
+        point = point | {name: rules[name].project(point[name]) for name in rules}
         for k in range(self.steps):
             variables = {}
             for name, x in search.active_point(point).items():

@@ -164,8 +164,7 @@ def row_of(row: str, columns: Mapping[str, Condition]) -> list[Cell]:
 
 def worst_of(cells: Iterable[Cell], row: str, eps: float, column: str = "worst") -> Cell:
     """Return the cell of the worst case: an image counts as right only if its judge gets it right
-    in the photo alone and under every attack of these cells that counts, see
-    `is_in_worst_case`."""
+    under every condition of these cells that counts, see `is_in_worst_case`."""
     conditions: dict[str, Condition] = {}
     judge = UNDEFENDED
     for cell in cells:
@@ -178,8 +177,8 @@ def worst_of(cells: Iterable[Cell], row: str, eps: float, column: str = "worst")
 
 def is_in_worst_case(condition: Condition, eps: float) -> bool:
     """Return whether a condition counts in the worst case at a bound: the photo alone, and every
-    untargeted attack through the camera at that bound. Random noise, and attacks on pixels, do
-    not."""
+    attack through the camera that stays within that bound, whatever its target. Random noise, and
+    attacks on pixels, do not."""
     if isinstance(condition, Attacker):
-        return condition.on_screen and not condition.targeted and condition.eps == eps
+        return condition.on_screen and condition.eps <= eps
     return isinstance(condition, Photo)

@@ -116,8 +116,10 @@ def test_the_worst_case_is_each_images_worst(measured):
 
 @pytest.mark.parametrize("suite", SUITES)
 def test_the_worst_case_means_the_same_in_every_table(suite):
-    """The photo alone, and each untargeted attack through the camera at its bound."""
+    """The photo alone, and each attack through the camera within its bound."""
     (table,) = tables_of(suite, CONFIG)
+    # attackers that rows with a defence lack
+    left_out = ("pose_unknown", "turning") if suite == "adaptive" else ()
     for worst in (cell for cell in table.cells if cell.worst):
         names = {condition.name for condition in worst.conditions}
         assert "moire" in names and len(names) == len(worst.conditions) > 2
@@ -127,7 +129,8 @@ def test_the_worst_case_means_the_same_in_every_table(suite):
             (condition, *others) = cell.conditions
             if not others:
                 through_camera = isinstance(condition, Attacker) and condition.on_screen
-                counts = through_camera and condition.eps == eps and not condition.targeted
+                counts = through_camera and condition.eps <= eps
+                counts = counts and cell.column not in left_out
                 counts = counts or condition.name == "moire"
                 assert (condition.name in names) == counts, (worst.row, condition.name)
 

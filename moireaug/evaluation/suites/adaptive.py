@@ -32,8 +32,10 @@ def adaptive(config: SuiteConfig) -> Table:
         judge = config.behind(name)
         cells += cross({name: judge}, controls(eps) | {"ma": plain})
         cells.append(Cell(name, "adaptive", (Apgd(eps=eps, steps=steps, knows=judge),), judge))
+    # of the attackers that every row has, or rows could not be compared
+    shared = [cell for cell in cells if cell.column not in ("pose_unknown", "turning")]
     for row in ("undefended", *ATTACKED_DEFENCES):
-        cells.append(worst_of([cell for cell in cells if cell.row == row], row, eps))
+        cells.append(worst_of([cell for cell in shared if cell.row == row], row, eps))
     return Table("adaptive", tuple(cells), facts={"why_not_turned": reason})
 
 
