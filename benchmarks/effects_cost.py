@@ -164,11 +164,11 @@ def changed(scene: Scene, changes: dict[str, Any]) -> Scene:
 def run_by(scene: Scene) -> str:
     """Return the stages of a capture that the engine runs, and with which effect it leaves off."""
     parts = program.program_of(scene, scene.plan())
-    why_not = {"expose": parts.no_exposing, "develop": parts.no_developing}
+    why_not = {"expose": parts.why_not_expose, "develop": parts.why_not_develop}
     stages = [stage for stage, reason in why_not.items() if not reason]
     line = " and ".join(stages) or "nothing"
-    if "develop" in stages and parts.rest:
-        line += f"; reference from {parts.rest[0]!r} on"
+    if "develop" in stages and parts.reference_effects:
+        line += f"; reference from {parts.reference_effects[0]!r} on"
     return line
 
 

@@ -33,7 +33,7 @@ def runs_of(shots: dict[str, Shot], shown: Tensor, before: Checkout | None) -> d
     says so."""
     runs = {}
     for name, shot in shots.items():
-        by = "reference" if program.program_of(shot.scene, shot.plan).no_exposing else "engine"
+        by = "reference" if program.program_of(shot.scene, shot.plan).why_not_expose else "engine"
         runs[name] = Run(
             by, shot, partial(expose, shown, shot), partial(expose, shown[:1], shot[:1])
         )

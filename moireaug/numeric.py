@@ -1,4 +1,4 @@
-"""Arithmetic whose gradient is right at the bounds."""
+"""Arithmetic in the right dtype, and with the right gradient at bounds."""
 
 from __future__ import annotations
 

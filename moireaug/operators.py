@@ -19,7 +19,7 @@ from moireaug.scenes import Scene, Shot
 
 
 def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> Shot:
-    """Return the shot that an operator's arguments describe; see `graph.SHOT`."""
+    """Return the shot that an operator's arguments describe; see `graph.SHOT_SCHEMA`."""
     scene = _scene(text)
     parts = parts_with(scene, dict(zip(values_of(scene), numbers, strict=True)))
     return Shot(scene=scene, size=(size[0], size[1]), seed=seeds, **parts)

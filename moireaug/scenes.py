@@ -57,7 +57,7 @@ class Scene(SceneRecord):
 
     @staticmethod
     def preset(name: str) -> Scene:
-        """Return the scene of that name in `moireaug.scene.presets.PRESETS`.
+        """Return the scene of that name, one of the keys of `moireaug.scene.presets.PRESETS`.
 
         Raises:
             ValueError: an unknown name; the message lists the known ones and the closest.

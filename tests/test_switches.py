@@ -71,7 +71,7 @@ def test_the_reference_runs_where_numba_compiles_nothing(environment, reason, mo
     try:
         scene = Scene.preset("screen_photo")
         found = program.program_of(scene, scene.plan())
-        for why in (found.no_exposing, found.no_developing):
+        for why in (found.why_not_expose, found.why_not_develop):
             assert why.startswith(reason) and bool(why) == bool(reason)
     finally:
         switch._without_compiler.cache_clear()

@@ -147,8 +147,8 @@ def _content(camera, sensor, cell, e, i):
 def _cell_of(cell, centre):
     """Return a Cell with the centres of one image."""
     return Cell(
-        cell.whole, cell.period, cell.orders, cell.channel, cell.kind, cell.height, cell.row,
-        centre, cell.pixel, cell.radius,
+        cell.whole, cell.period, cell.orders, cell.channel, cell.kind, cell.y_group,
+        cell.kind_y_group, centre, cell.pixel, cell.radius,
     )  # fmt: skip
 
 

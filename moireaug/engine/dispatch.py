@@ -63,7 +63,7 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
     program = program_of(shot.scene, shot.plan)
-    first = program.kernels
+    first = program.engine_effects
     if shot.scene.cells == "binned":
         first = tuple(name for name in first if name not in ("saturate", "demosaic"))
 
@@ -71,4 +71,4 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
         return pipeline.apply(first, raw, shot)
 
     photo = run.develop(raw, lower_development(shot), reference)
-    return pipeline.apply(program.rest, photo, shot)
+    return pipeline.apply(program.reference_effects, photo, shot)

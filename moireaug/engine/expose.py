@@ -80,7 +80,7 @@ def expose(raw, panel, size, image, top, bottom):
 
     Args:
         panel: (3, ...) float32, from `panel.fill_panel`.
-        size: (height, width) of the panel in panel pixels, rounded up.
+        size: (height, width) of the picture in panel pixels, rounded up.
         image: see `exposure_records.FullImage`.
     """
     planes, _, w = raw.shape

@@ -1,5 +1,5 @@
 """The records that the kernels of exposing take, of plain numbers and arrays: one `Camera` per
-image, one `Cell` and one `Sites` per batch."""
+image, one `Cell` (of binned readings, one per image) and one `Sites` per batch."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class Cell(NamedTuple):
         whole: (2,) int64, a common period of all kinds, panel pixels along x and y.
         period: (kinds, 2) int64, panel pixels along x and y.
         orders: (kinds, 2) int64, the highest harmonic along x and y, in cycles per cell.
-        channel, kind: (n,) int64. height: (n,) int64, equal for subpixels of the same height and
-            period along y. row: (n,) int64, equal for those that are of the same kind, too.
+        channel, kind: (n,) int64. y_group: (n,) int64, equal for subpixels whose centres have the
+            same y and period along it. kind_y_group: (n,) int64, equal for those of one kind, too.
         centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it
             shows.
         radius: r in cells; content is taken from 2 r + 1 of them along each axis.
@@ -67,8 +67,8 @@ class Cell(NamedTuple):
     orders: np.ndarray
     channel: np.ndarray
     kind: np.ndarray
-    height: np.ndarray
-    row: np.ndarray
+    y_group: np.ndarray
+    kind_y_group: np.ndarray
     centre: np.ndarray
     pixel: np.ndarray
     radius: int

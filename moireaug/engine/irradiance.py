@@ -165,11 +165,11 @@ def panel_irradiance(work, panel, size, image, plane, v):
         if cell.period[kind, 0] != last_period:
             last_period = cell.period[kind, 0]
             _locate_along_x(row, size, cell, kind)
-        if cell.height[i] != last_height:
-            last_height = cell.height[i]
+        if cell.y_group[i] != last_height:
+            last_height = cell.y_group[i]
             _locate_along_y(row, size, cell, i)
-        if cell.row[i] != last_row:
-            last_row = cell.row[i]
+        if cell.kind_y_group[i] != last_row:
+            last_row = cell.kind_y_group[i]
             _fill_weights_along_y(work, nodes, plane, kind)
             _add_up_harmonics(row, nodes, image.sites, plane, kind, v)
         _add_subpixel(work, pixels, stride, size, image, plane, i)

@@ -64,11 +64,11 @@ def lower_cell(
     kind = np.array([s[2] for s in subpixels], np.int64)
     pixel = np.floor(centre).astype(np.int64)
     period = np.array(periods, np.int64)
-    height = _numbered(period[kind, 1], centre[:, 1])
-    row = _numbered(kind, height)
+    y_group = _numbered(period[kind, 1], centre[:, 1])
+    kind_y_group = _numbered(kind, y_group)
     whole = np.array([math.lcm(*lengths) for lengths in zip(*periods, strict=True)], np.int64)
     highest = np.array([_highest(o) for o in orders], np.int64)
-    return Cell(whole, period, highest, channel, kind, height, row, centre, pixel, radius)
+    return Cell(whole, period, highest, channel, kind, y_group, kind_y_group, centre, pixel, radius)
 
 
 def _numbered(*columns: np.ndarray) -> np.ndarray:

@@ -22,15 +22,15 @@ class Program(NamedTuple):
     """Which execution computes what of a photo on the CPU.
 
     Args:
-        no_exposing, no_developing: why the reference does all of it; "" where the engine runs.
-        kernels: the developing effects that the engine computes.
-        rest: those after them, which it has no kernel for.
+        why_not_expose, why_not_develop: why the reference does all of it; "" where the engine runs.
+        engine_effects: names of the developing effects that kernels compute.
+        reference_effects: names of those after them, for which there are none.
     """
 
-    no_exposing: str
-    no_developing: str
-    kernels: tuple[str, ...]
-    rest: tuple[str, ...]
+    why_not_expose: str
+    why_not_develop: str
+    engine_effects: tuple[str, ...]
+    reference_effects: tuple[str, ...]
 
 
 def program_of(scene: SceneRecord, plan: Plan) -> Program:
@@ -44,7 +44,7 @@ def program_of(scene: SceneRecord, plan: Plan) -> Program:
     first = min([len(names), *[names.index(name) for name in unknown if name in names]])
     off = why_unavailable()
     return Program(
-        off or _no_exposing(plan), off or _no_developing(plan), names[:first], names[first:]
+        off or _why_not_expose(plan), off or _why_not_develop(plan), names[:first], names[first:]
     )
 
 
@@ -66,10 +66,10 @@ def explain(scene: SceneRecord) -> str:
         )
     program = program_of(scene, pipeline.make_plan(scene.at()))
     lines = []
-    for stage, reason in (("expose", program.no_exposing), ("develop", program.no_developing)):
+    for stage, reason in (("expose", program.why_not_expose), ("develop", program.why_not_develop)):
         line = f"reference: {reason}" if reason else "engine, on the CPU in float32"
-        if stage == "develop" and program.rest and not reason:
-            line += f"; reference from {program.rest[0]!r} on"
+        if stage == "develop" and program.reference_effects and not reason:
+            line += f"; reference from {program.reference_effects[0]!r} on"
         lines.append(f"{stage:8} {line}")
     return "\n".join(lines)
 
@@ -78,14 +78,14 @@ def can_expose(light: Tensor, shot: ShotRecord) -> bool:
     """Return whether the engine can expose these images (B, 3, H, W)."""
     asks = torch.is_grad_enabled() and (light.requires_grad or shot.requires_grad)
     runs = not asks and _is_plain(light) and not _is_dual(shot)
-    return runs and not program_of(shot.scene, shot.plan).no_exposing
+    return runs and not program_of(shot.scene, shot.plan).why_not_expose
 
 
 def can_develop(raw: Tensor, shot: ShotRecord) -> bool:
     """Return whether the engine can develop these readings."""
     asks = torch.is_grad_enabled() and shot.requires_grad
     runs = not asks and _is_plain(raw) and not _is_dual(shot)
-    return runs and not program_of(shot.scene, shot.plan).no_developing
+    return runs and not program_of(shot.scene, shot.plan).why_not_develop
 
 
 def _is_plain(tensor: Tensor) -> bool:
@@ -104,7 +104,7 @@ def _is_dual(shot: ShotRecord) -> bool:
     return any(may_be_dual(values) for values in shot.numbers().values())
 
 
-def _no_exposing(plan: Plan) -> str:
+def _why_not_expose(plan: Plan) -> str:
     method = plan.method
     if "exposure" not in plan:
         return "nothing is exposed"
@@ -113,7 +113,7 @@ def _no_exposing(plan: Plan) -> str:
     return ""
 
 
-def _no_developing(plan: Plan) -> str:
+def _why_not_develop(plan: Plan) -> str:
     if not any(step in plan for step in ("demosaic", "resize", "register", "encode")):
         return "the engine would be no faster"
     return ""

@@ -106,7 +106,7 @@ def cell_in_bins(taps: int) -> Cell:
     subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
     cell = lowering.lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, taps // 2)
     # none at the same height: centres differ
-    return cell._replace(height=np.arange(3), row=np.arange(3))
+    return cell._replace(y_group=np.arange(3), kind_y_group=np.arange(3))
 
 
 def lower_beats(shot: ShotRecord, sensors: np.ndarray, seen: Content, scales: BinScales) -> Beats:

@@ -32,8 +32,8 @@ from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_by
 
 
 def lower_development(shot: ShotRecord) -> Development:
-    """Return a shot's Development, without `Program.rest`; if it is denoised, it ends at
-    the codes of every sensor pixel."""
+    """Return a shot's Development, without `Program.reference_effects`; if it is denoised, it ends
+    at the codes of every sensor pixel."""
     plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)
     whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
     stencil, rows, cols = _resampling(shot.scene, shot.size, whole=whole)

@@ -1,2 +1,1 @@
-"""What stands in front of the camera: the five parts, the Scene that holds them, and the Shot drawn
-from it."""
+"""What stands in front of the camera, as plain data: five parts, their checked fields, presets."""
