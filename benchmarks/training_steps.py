@@ -163,7 +163,7 @@ def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
     optimizer = make_optimizer(model.parameters(), chosen, cfg.train.momentum)
     shown = (images("photo", batch, side) * 255).to(torch.uint8)
     labels = torch.arange(batch) % 16
-    half = machine.precision(cfg.trainer) == "bf16-mixed"
+    half = machine.precision(cfg.trainer.precision, cfg.trainer.accelerator) == "bf16-mixed"
 
     def once() -> None:
         with torch.autocast("cpu", torch.bfloat16, enabled=half):
