@@ -95,7 +95,7 @@ def make_plan(scene: SceneRecord) -> Plan:
             verdict = effect.verdict(scene)
             if verdict.called:
                 computed[stage].append(effect.name)
-            if effect.shown:
+            if effect.in_plan:
                 steps.append(Step(effect.name, *verdict))
     exposing, developing = (tuple(names) for names in computed.values())
     return Plan(tuple(steps), exposing, developing, method_of(scene), most_lost(scene))

@@ -11,7 +11,7 @@ from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, capture,
 from moireaug.effects.sensor import averaged_pixels
 from moireaug.engine import switch
 from moireaug.exposure import extremes
-from moireaug.exposure.bins import pixels_on_photo
+from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
 from tests.engine.readings import assert_equal, readings

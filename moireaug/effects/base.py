@@ -34,7 +34,7 @@ class Effect(ABC):
     light is left out if it changes no value by more than the scene's tolerance."""
 
     name: str
-    shown = True  # in the plan; effects that only clip are not
+    in_plan = True  # effects that only clip are not
 
     @abstractmethod
     def verdict(self, scene: SceneRecord) -> Verdict:
@@ -52,23 +52,23 @@ class WithinExposure(Effect):
         return light
 
 
-def show(value: Range) -> str:
+def format_range(value: Range) -> str:
     """Return a range as text, such as "0.2 to 0.4"."""
     low, high = bounds(value)
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-def off(value: Range, identity: float) -> float:
+def deviation(value: Range, identity: float) -> float:
     """Return how far a range extends from an effect's identity."""
     return max(abs(v - identity) for v in bounds(value))
 
 
 def varies(value: Range, identity: float = 0.0) -> bool:
     """Whether a range leaves an effect's identity at all."""
-    return off(value, identity) > 0
+    return deviation(value, identity) > 0
 
 
-def judged(change: float, scene: SceneRecord, why: str, why_not: str) -> Verdict:
+def verdict_of(change: float, scene: SceneRecord, why: str, why_not: str) -> Verdict:
     """Call for an effect that changes some value by more than the tolerance."""
     if change > scene.tolerance:
         return called(why)

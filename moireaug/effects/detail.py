@@ -10,7 +10,15 @@ import torch
 from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show
+from moireaug.effects.base import (
+    Effect,
+    Verdict,
+    called,
+    deviation,
+    format_range,
+    left_out,
+    verdict_of,
+)
 from moireaug.exposure.extreme_views import least_bin_scale
 from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds
@@ -33,7 +41,7 @@ class ChromaBlur(Effect):
         blur = scene.develop.chroma_blur
         if bounds(blur)[1] == 0:
             return left_out("colour keeps its detail")
-        return called(f"colour smoothed by {show(blur)} sensor pixels")
+        return called(f"colour smoothed by {format_range(blur)} sensor pixels")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         size = kernel_size(photo_sigma(shot.scene, "chroma_blur", shot.size))
@@ -47,10 +55,9 @@ class Sharpen(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         develop = scene.develop
-        why = (
-            f"unsharp mask of {show(develop.sharpen)}, {show(develop.sharpen_radius)} sensor pixels"
-        )
-        return judged(off(develop.sharpen, 0), scene, why, "not asked for")
+        amount, radius = format_range(develop.sharpen), format_range(develop.sharpen_radius)
+        why = f"unsharp mask of {amount}, {radius} sensor pixels"
+        return verdict_of(deviation(develop.sharpen, 0), scene, why, "not asked for")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         size = kernel_size(photo_sigma(shot.scene, "sharpen_radius", shot.size))
@@ -62,7 +69,7 @@ class ClipDetail(Effect):
     """Clips a smoothed or sharpened photo to [0, 1]."""
 
     name = "clip_detail"
-    shown = False
+    in_plan = False
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         if ChromaBlur().verdict(scene).called or Sharpen().verdict(scene).called:

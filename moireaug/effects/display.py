@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, judged, off, show
+from moireaug.effects.base import Effect, Verdict, deviation, format_range, verdict_of
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.effects.srgb import in_codes
 from moireaug.exposure.filters import filters_of
@@ -25,9 +25,9 @@ class BlackLevel(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         black = scene.panel.black
-        why = f"black pixels emit {show(black)} of a white one's light"
+        why = f"black pixels emit {format_range(black)} of a white one's light"
         change = bounds(black)[1] * bounds(scene.sensor.gain)[1]
-        return judged(in_codes(change, scene), scene, why, "black is black")
+        return verdict_of(in_codes(change, scene), scene, why, "black is black")
 
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         return light + per_image(shot.panel.black, light) * (1 - light)
@@ -40,9 +40,9 @@ class Glare(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         glare = scene.panel.glare
-        why = f"the glass reflects {show(glare)} of a white screen's light"
+        why = f"the glass reflects {format_range(glare)} of a white screen's light"
         change = most_reflected(scene) * bounds(scene.sensor.gain)[1]
-        return judged(in_codes(change, scene), scene, why, "the glass reflects nothing")
+        return verdict_of(in_codes(change, scene), scene, why, "the glass reflects nothing")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         share = reflected(*photo_coordinates(shot, raw.device), shot.size, shot.panel)
@@ -53,7 +53,7 @@ class Glare(Effect):
 def most_reflected(scene: SceneRecord) -> float:
     """Return the most light that the glass can reflect, which it does in a corner of the photo."""
     panel = scene.panel
-    return bounds(panel.glare)[1] * (1 + off(panel.glare_x, 0) + off(panel.glare_y, 0))
+    return bounds(panel.glare)[1] * (1 + deviation(panel.glare_x, 0) + deviation(panel.glare_y, 0))
 
 
 def reflected(u: Tensor, v: Tensor, size: tuple[int, int], panel) -> Tensor:

@@ -6,7 +6,15 @@ import math
 
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, WithinExposure, called, left_out, show, varies
+from moireaug.effects.base import (
+    Effect,
+    Verdict,
+    WithinExposure,
+    called,
+    format_range,
+    left_out,
+    varies,
+)
 from moireaug.exposure import extreme_views, extremes
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.choose import method_of
@@ -32,7 +40,7 @@ class Subpixels(WithinExposure):
             return left_out(f"{name} gives its mean light alone: nothing else is asked for")
         if not isinstance(method, (Spectral, Binned)):
             low, high = bounds(panel.scale)
-            pitch = show((scene.sensor.scale / high, scene.sensor.scale / low))
+            pitch = format_range((scene.sensor.scale / high, scene.sensor.scale / low))
             return called(f"{name}, {pitch} sensor pixels a panel pixel when frontal")
         if not method.harmonics:
             where = "in the photo" if scene.is_binned else "at the sensor"
@@ -57,7 +65,7 @@ class Pose(WithinExposure):
         view, angles = scene.view, []
         for angle in ("yaw", "pitch", "roll"):
             if varies(getattr(view, angle)):
-                angles.append(f"{angle} {show(getattr(view, angle))}")
+                angles.append(f"{angle} {format_range(getattr(view, angle))}")
         reason = ", ".join(angles) + " degrees" if angles else "zoom or shift"
         if view.pose == "released":
             reason = f"the released code's homography, {reason}"
@@ -73,7 +81,7 @@ class Distortion(WithinExposure):
         lens = scene.lens
         if not is_bent(scene):
             return left_out("no distortion, k1 = k2 = 0")
-        return called(f"k1 {show(lens.k1)}, k2 {show(lens.k2)}")
+        return called(f"k1 {format_range(lens.k1)}, k2 {format_range(lens.k2)}")
 
 
 class Crosstalk(WithinExposure):
@@ -85,7 +93,7 @@ class Crosstalk(WithinExposure):
         crosstalk = scene.sensor.crosstalk
         if not varies(crosstalk):
             return left_out("each filter passes its own colour alone")
-        return called(f"{show(crosstalk)} of a filter's light from its neighbours' colours")
+        return called(f"{format_range(crosstalk)} of a filter's light from its neighbours' colours")
 
 
 class Exposure(Effect):
@@ -104,11 +112,11 @@ class Exposure(Effect):
         if scene.is_binned:
             least = extreme_views.least_bin_scale(scene, bounds(scene.panel.scale)[0])
             reason += f", in bins of {least:.2g} sensor pixels a side or more"
-        reason += f"; aperture {show(scene.sensor.fill)}, spread {show(lens.blur)}"
+        reason += f"; aperture {format_range(scene.sensor.fill)}, spread {format_range(lens.blur)}"
         if varies(lens.motion_x) or varies(lens.motion_y):
-            reason += f", motion {show(lens.motion_x)} and {show(lens.motion_y)}"
+            reason += f", motion {format_range(lens.motion_x)} and {format_range(lens.motion_y)}"
         if varies(lens.olpf):
-            reason += f", low-pass {show(lens.olpf)}"
+            reason += f", low-pass {format_range(lens.olpf)}"
         return called(f"{reason} sensor pixels")
 
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:

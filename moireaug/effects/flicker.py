@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, judged, show
+from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
@@ -22,10 +22,14 @@ class Flicker(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         panel, sensor = scene.panel, scene.sensor
-        why = f"pulses of {show(panel.pwm)} Hz, {show(panel.duty)} on, through a shutter of "
-        why += f"{show(sensor.shutter)} s, rows read in {show(sensor.readout)} s"
-        return judged(
-            bounds(sensor.gain)[1] * depth(scene), scene, why, "no pulses, or no shutter given"
+        why = f"pulses of {format_range(panel.pwm)} Hz, {format_range(panel.duty)} on, through a "
+        why += f"shutter of {format_range(sensor.shutter)} s, rows read in "
+        why += f"{format_range(sensor.readout)} s"
+        return verdict_of(
+            bounds(sensor.gain)[1] * modulation_depth(scene),
+            scene,
+            why,
+            "no pulses, or no shutter given",
         )
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
@@ -48,7 +52,7 @@ def light_of_rows(rows: Tensor, shot: ShotRecord) -> Tensor:
     return bands.unflatten(1, (-1, ROWS_OF_A_BIN)).mean(2)
 
 
-def depth(scene: SceneRecord) -> float:
+def modulation_depth(scene: SceneRecord) -> float:
     """Return the most by which a row's light can differ from the mean, as a share of it."""
     panel, (short, long) = scene.panel, bounds(scene.sensor.shutter)
     (slow, fast), duty = bounds(panel.pwm), bounds(panel.duty)[0]

@@ -10,7 +10,7 @@ from kornia.enhance import jpeg_codec_differentiable
 from PIL import Image
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, called, left_out, show
+from moireaug.effects.base import Effect, Verdict, called, format_range, left_out
 from moireaug.effects.codes import check_not_dual, from_codes, to_codes
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
@@ -31,7 +31,7 @@ class Jpeg(Effect):
         quality = scene.develop.jpeg
         if bounds(quality)[1] == 0:
             return left_out("no quality given")
-        return called(f"quality {show(quality)}")
+        return called(f"quality {format_range(quality)}")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return jpeg(photo, shot.develop.jpeg)

@@ -12,12 +12,12 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
-from moireaug.exposure import content, extreme_views, extremes
+from moireaug.exposure import extreme_views, extremes
 from moireaug.exposure.bin_content import content_of
+from moireaug.exposure.bin_geometry import bins_on_image
 from moireaug.exposure.binned import Binned
-from moireaug.exposure.bins import bins_on_image
 from moireaug.exposure.choose import method_of
-from moireaug.exposure.content import Footprint
+from moireaug.exposure.footprints import Footprint, fitted
 from moireaug.exposure.optics import optics_of
 from moireaug.exposure.sampled import Sampled
 from moireaug.exposure.sight import WHOLE_PIXEL, footprints_of
@@ -81,11 +81,11 @@ def variance_at(points: Tensor, shot: ShotRecord) -> Tensor:
 
 def _lost_by_bins(points: Tensor, shot: ShotRecord) -> Tensor:
     """Return the variance that bins lose at image points (B, h, w, 2); see `variance_at`."""
-    shown, bins = content_of(shot), bins_on_image(points, shot)
-    step = bins.step / shown.ratio[:, None, None, None, None]
+    content, bins = content_of(shot), bins_on_image(points, shot)
+    step = bins.step / content.ratio[:, None, None, None, None]
     one = torch.ones_like(shot.panel_scale)[:, None, None]
-    footprints = [(shown.footprint(axis, step, bins.sides), one, 1) for axis in (0, 1)]
-    return lost_variance(footprints, shown.scale[:, None, None], shot.plan.method.taps)
+    footprints = [(content.footprint(axis, step, bins.sides), one, 1) for axis in (0, 1)]
+    return lost_variance(footprints, content.scale[:, None, None], shot.plan.method.taps)
 
 
 def lost_variance(
@@ -96,7 +96,7 @@ def lost_variance(
     image pixel."""
     lost = []
     for footprint, width, period in footprints:
-        lost.append(content.fitted(footprint, width, taps)[1] * (period / alpha) ** 2)
+        lost.append(fitted(footprint, width, taps)[1] * (period / alpha) ** 2)
     return torch.stack(lost).amax(0)
 
 

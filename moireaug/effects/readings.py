@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from moireaug.exposure.bins import pixels_on_photo
+from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.geometry.sensor import pack
 from moireaug.shot import ShotRecord
 

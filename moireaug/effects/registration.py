@@ -6,7 +6,7 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.effects.exposure import is_bent, is_posed
-from moireaug.exposure.bins import pixels_on_photo
+from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.geometry import grids
 from moireaug.numeric import bounded
 from moireaug.scene.fields import bounds
@@ -33,8 +33,8 @@ class Registration(Effect):
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         if shot.scene.is_rectified:
-            _, shown = pixels_on_photo(shot)
-            return photo * shown.to(photo.dtype)[:, None]
+            _, on_photo = pixels_on_photo(shot)
+            return photo * on_photo.to(photo.dtype)[:, None]
         return register(photo, shot.matrix(), shot.distortion)
 
 

@@ -5,9 +5,17 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show
+from moireaug.effects.base import (
+    Effect,
+    Verdict,
+    called,
+    deviation,
+    format_range,
+    left_out,
+    verdict_of,
+)
 from moireaug.effects.display import most_reflected
-from moireaug.effects.flicker import depth
+from moireaug.effects.flicker import modulation_depth
 from moireaug.effects.random_numbers import normal
 from moireaug.effects.srgb import in_codes
 from moireaug.exposure.binned import Binned
@@ -28,7 +36,7 @@ class Gain(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         gain = scene.sensor.gain
-        return judged(off(gain, 1), scene, f"raw times {show(gain)}", "gain is 1")
+        return verdict_of(deviation(gain, 1), scene, f"raw times {format_range(gain)}", "gain is 1")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         return raw * per_image(shot.sensor.gain, raw)
@@ -42,11 +50,11 @@ class Noise(Effect):
     def verdict(self, scene: SceneRecord) -> Verdict:
         sensor = scene.sensor
         read, shot = bounds(sensor.read_noise)[1], bounds(sensor.shot_noise)[1]
-        why = f"standard deviation {show(sensor.read_noise)}"
+        why = f"standard deviation {format_range(sensor.read_noise)}"
         if shot:
-            why += f", and {show(sensor.shot_noise)} times the root of the reading"
+            why += f", and {format_range(sensor.shot_noise)} times the root of the reading"
         change = NOISE_SIGMAS * (read**2 + shot**2) ** 0.5
-        return judged(in_codes(change, scene), scene, why, "read_noise and shot_noise are 0")
+        return verdict_of(in_codes(change, scene), scene, why, "read_noise and shot_noise are 0")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         read, photons = shot.sensor.read_noise, shot.sensor.shot_noise
@@ -64,7 +72,7 @@ class FullWell(Effect):
     """
 
     name = "full_well"
-    shown = False
+    in_plan = False
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         if Saturation().verdict(scene).called or Noise().verdict(scene).called:
@@ -88,7 +96,7 @@ class Saturation(Effect):
     name = "saturate"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        brightest = 1 + depth(scene) + most_reflected(scene)  # of a white screen's light
+        brightest = 1 + modulation_depth(scene) + most_reflected(scene)  # of a white screen's light
         if bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance:
             return called("the reading can exceed a full well")
         return left_out("no reading exceeds a full well")
@@ -107,7 +115,7 @@ class Quantisation(Effect):
         if bits is None or scene.is_binned:
             return left_out("a mean is not rounded" if bits else "the reading is not rounded")
         step = 1 / (2**bits - 1)
-        return judged(in_codes(step / 2, scene), scene, f"{bits} bits", "")
+        return verdict_of(in_codes(step / 2, scene), scene, f"{bits} bits", "")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         bits = shot.scene.sensor.bits

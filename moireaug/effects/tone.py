@@ -7,7 +7,16 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show, varies
+from moireaug.effects.base import (
+    Effect,
+    Verdict,
+    called,
+    deviation,
+    format_range,
+    left_out,
+    varies,
+    verdict_of,
+)
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.numeric import clip, mix_colours, per_image
 from moireaug.scene.record import SceneRecord
@@ -23,8 +32,10 @@ class WhiteBalance(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         red, blue = scene.develop.red, scene.develop.blue
-        why = f"red times {show(red)}, blue {show(blue)}"
-        return judged(max(off(red, 1), off(blue, 1)), scene, why, "red and blue as they are read")
+        why = f"red times {format_range(red)}, blue {format_range(blue)}"
+        return verdict_of(
+            max(deviation(red, 1), deviation(blue, 1)), scene, why, "red and blue as they are read"
+        )
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return balance(photo, shot.develop.red, shot.develop.blue)
@@ -39,7 +50,9 @@ class ColourMatrix(Effect):
         crosstalk, saturation = scene.sensor.crosstalk, scene.develop.saturation
         if not varies(crosstalk) and not varies(saturation, 1.0):
             return left_out("the sensor's own colours")
-        return called(f"crosstalk of {show(crosstalk)} undone, saturation {show(saturation)}")
+        return called(
+            f"crosstalk of {format_range(crosstalk)} undone, saturation {format_range(saturation)}"
+        )
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         matrix = colour_matrix(shot.sensor.crosstalk, shot.develop.saturation)
@@ -47,15 +60,15 @@ class ColourMatrix(Effect):
 
 
 class ToneCurve(Effect):
-    """Rolls off highlights, then adds contrast, on codes."""
+    """Rolls deviation highlights, then adds contrast, on codes."""
 
     name = "tone_curve"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         contrast, shoulder = scene.develop.contrast, scene.develop.shoulder
-        most = off(contrast, 0) / CONTRAST_PER_CODE + shoulder_shift(off(shoulder, 0))
-        why = f"shoulder {show(shoulder)}, contrast {show(contrast)}"
-        return judged(most, scene, why, "a straight line")
+        most = deviation(contrast, 0) / CONTRAST_PER_CODE + shoulder_shift(deviation(shoulder, 0))
+        why = f"shoulder {format_range(shoulder)}, contrast {format_range(contrast)}"
+        return verdict_of(most, scene, why, "a straight line")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return tone_curve(photo, shot.develop.contrast, shot.develop.shoulder)
@@ -68,7 +81,9 @@ class Brighten(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         brighten = scene.develop.brighten
-        return judged(off(brighten, 0), scene, f"{show(brighten)} added", "nothing to add")
+        return verdict_of(
+            deviation(brighten, 0), scene, f"{format_range(brighten)} added", "nothing to add"
+        )
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return photo + per_image(shot.develop.brighten, photo)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, judged, show
+from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
@@ -18,8 +18,8 @@ class Vignetting(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         lost = bounds(scene.lens.vignetting)[1]
-        why = f"{show(scene.lens.vignetting)} of the light lost in the corners"
-        return judged(
+        why = f"{format_range(scene.lens.vignetting)} of the light lost in the corners"
+        return verdict_of(
             bounds(scene.sensor.gain)[1] * lost, scene, why, "no light lost in the corners"
         )
 

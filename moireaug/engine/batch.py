@@ -54,7 +54,14 @@ def views_fit(e):
         camera = _camera(e.cameras[i])
         h, w = panel.shape(e.size, camera.alpha, e.cell)
         out[i] = h * w <= most and nodes.can_follow_view(
-            camera, _camera(e.lenses[i]), e.cell, e.widths[i], e.skew[i], e.sites, e.dark, e.budget
+            camera,
+            _camera(e.lenses[i]),
+            e.cell,
+            e.widths[i],
+            e.added_variance[i],
+            e.sites,
+            e.dark,
+            e.budget,
         )
     return out
 
@@ -98,14 +105,14 @@ def show(shown, light, pictures, e, first, last):
 @part
 def _nodes(camera, cell, e, i):
     """Return the Nodes of image i."""
-    lens, shapes = _camera(e.lenses[i]), (e.coefficients[i], e.widths[i], e.skew[i])
+    lens, shapes = _camera(e.lenses[i]), (e.coefficients[i], e.widths[i], e.added_variance[i])
     return nodes.nodes_of(camera, lens, cell, shapes[0], shapes[1], shapes[2], e.sites, e.budget)
 
 
 @part
 def _readout(camera, e, i):
     """Return the Readout of image i."""
-    dark, photons = np.float32(camera.read), np.float32(camera.shot)
+    dark, photons = np.float32(camera.dark_noise), np.float32(camera.photon_noise)
     return Readout(e.noisy, dark, photons, keys(e.seeds[i]), e.clips)
 
 
@@ -140,7 +147,9 @@ def _content(camera, sensor, cell, e, i):
     if not stencil.has_stencil(camera, sensor):
         return _nodes(camera, cell, e, i), stencil.no_stencil()
     none, lens = nodes.no_nodes(len(e.widths[i])), _camera(e.lenses[i])
-    return none, stencil.stencil_of(camera, lens, cell, e.widths[i], e.skew[i], e.sites, e.budget)
+    return none, stencil.stencil_of(
+        camera, lens, cell, e.widths[i], e.added_variance[i], e.sites, e.budget
+    )
 
 
 @part

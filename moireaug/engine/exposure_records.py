@@ -36,8 +36,8 @@ class Camera(NamedTuple):
     blur: float
     olpf: float
     gain: float
-    read: float  # standard deviation of the noise in the dark
-    shot: float  # standard deviation of photon noise at full scale
+    dark_noise: float  # standard deviation of the noise in the dark
+    photon_noise: float  # standard deviation of photon noise at full scale
     falloff: float  # squared tangent of the corner's ray; 0 is no vignetting
     motion_x: float  # standard deviation of motion blur, sensor pixels
     motion_y: float
@@ -120,8 +120,9 @@ class Exposure(NamedTuple):
         black: (B,) float32, light of a black pixel as a share of a white one's.
         coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L
             of each kind's mask, in cycles per cell.
-        widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: (B, kinds, 2)
-            float64, the variance that its slant adds, in squared cells.
+        widths: (B, kinds, 2) float64, of each kind along x and y, in cells.
+        added_variance: (B, kinds, 2) float64, squared cells: of a kind's slant; in bins, `hold` of
+            `bin_content.Content`.
         flicker: (B, rows) float64, each sensor row's light relative to the mean; or (B, 0).
         seeds: (B,) int64, of the noise. noisy: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
@@ -130,7 +131,8 @@ class Exposure(NamedTuple):
         dark: the panel is black beyond the picture, else it repeats the outermost pixel.
         clips: the reading is clipped to [0, 1].
         budget: what is left out.
-        point: of a point exposure, which does not use coefficients, widths and skew; else None.
+        point: of a point exposure, which does not use coefficients, widths and added_variance;
+            else None.
     """
 
     size: tuple[int, int]
@@ -142,7 +144,7 @@ class Exposure(NamedTuple):
     cell: Cell
     coefficients: np.ndarray
     widths: np.ndarray
-    skew: np.ndarray
+    added_variance: np.ndarray
     sites: Sites
     flicker: np.ndarray
     seeds: np.ndarray

@@ -87,7 +87,7 @@ def lower_shapes(
     periods: Sequence[tuple[int, int]],
     orders: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coefficients, widths and skews of `exposure_records.Exposure`.
+    """Return the coefficients, widths and added variances of `exposure_records.Exposure`.
 
     Args:
         edges: (B, kinds, 2, 2), two edge vectors of each kind, x then y, in panel pixels.

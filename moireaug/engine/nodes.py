@@ -12,7 +12,7 @@ from moireaug.engine.budget import MAX_NODES
 from moireaug.engine.compiling import fill, inner, loop, part
 from moireaug.engine.exposure_records import Nodes
 from moireaug.engine.view import jacobian
-from moireaug.exposure.content import MIN_BLUR_VARIANCE
+from moireaug.exposure.footprints import MIN_BLUR_VARIANCE
 
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
 BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken
@@ -131,25 +131,27 @@ def counts(rows, cols, camera, lens, cell, budget):
 
 
 @loop
-def _narrowed(rows, cols, camera, lens, cell, widths, skew):
+def _narrowed(rows, cols, camera, lens, cell, widths, added_variance):
     """Return whether any of a few sensor pixels over the photo sees more cells than its taps."""
     blur = np.empty((2, 2), np.float64)
     for i in range(BLUR_SAMPLES):
         for j in range(BLUR_SAMPLES):
             u, v = sample(cols, j, BLUR_SAMPLES), sample(rows, i, BLUR_SAMPLES)
             for kind in range(len(widths)):
-                subpixel = weights.SubpixelSize(cell.period[kind], widths[kind], skew[kind])
+                subpixel = weights.SubpixelSize(
+                    cell.period[kind], widths[kind], added_variance[kind]
+                )
                 if weights.fill_blur(blur, u, v, camera, lens, subpixel, cell.radius):
                     return True
     return False
 
 
 @loop
-def can_follow_view(camera, lens, cell, widths, skew, sites, dark, budget):
+def can_follow_view(camera, lens, cell, widths, added_variance, sites, dark, budget):
     """Return whether the kernels can follow a view: not one near the horizon, nor, if `dark`, one
     from so far away that a pixel sees more cells than its taps. Arguments as in
     `nodes_of` and `panel.fill_panel`."""
-    if dark and _narrowed(sites.rows, sites.cols, camera, lens, cell, widths, skew):
+    if dark and _narrowed(sites.rows, sites.cols, camera, lens, cell, widths, added_variance):
         return False
     count, most = counts(sites.rows, sites.cols, camera, lens, cell, budget), 0
     for k in range(2):
@@ -170,14 +172,14 @@ def node_line(positions, count):
 
 
 @inner
-def bracket(at, first, step, count, most):
-    """Return the first of `most` + 1 neighbouring nodes around a position, and how many steps
+def bracket(at, first, step, count, degree):
+    """Return the first of `degree` + 1 neighbouring nodes around a position, and how many steps
     past it the position is.
 
     first, step, count: the line of nodes.
     """
     t = (at - first) / step
-    base = min(max(math.floor(t) - (most - 1) // 2, 0), count - 1 - most)
+    base = min(max(math.floor(t) - (degree - 1) // 2, 0), count - 1 - degree)
     return base, t - base
 
 
@@ -202,7 +204,7 @@ def fill_cubics(ends, weight, positions, first, step):
 
 
 @part
-def nodes_of(camera, lens, cell, coefficients, widths, skew, sites, budget):
+def nodes_of(camera, lens, cell, coefficients, widths, added_variance, sites, budget):
     """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
     count = counts(rows, cols, camera, lens, cell, budget)
@@ -221,7 +223,7 @@ def nodes_of(camera, lens, cell, coefficients, widths, skew, sites, budget):
     us, step_uw = node_line(cols, count[1, 0])
     vs, step_vw = node_line(rows, count[1, 1])
     tables, phases, taps = weights.tap_weight_tables(
-        us, vs, camera, lens, cell, widths, skew, budget
+        us, vs, camera, lens, cell, widths, added_variance, budget
     )
     return Nodes(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)
 

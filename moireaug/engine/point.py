@@ -13,7 +13,7 @@ from moireaug.engine.panel import shrink
 from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import look
-from moireaug.exposure.shown import EDGE_PIXELS
+from moireaug.exposure.displayed import EDGE_PIXELS
 
 MIN_LIGHT = 1e-12  # that a weighted mean is divided by
 ZERO = np.float32(0)

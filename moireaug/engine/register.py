@@ -75,8 +75,8 @@ def _fill_ideal(x, y, square, r, view, per_square, h, w):
     )
     for i in range(len(x)):
         u = i + 0.5 - half_w
-        far = 1 / max(az * u + bz, NEAR_HORIZON)
-        right, below = (ax * u + bx) * far, (ay * u + by) * far
+        nearness = 1 / max(az * u + bz, NEAR_HORIZON)
+        right, below = (ax * u + bx) * nearness, (ay * u + by) * nearness
         poke(x, i, right)
         poke(y, i, below)
         poke(square, i, min((right * right + below * below) * bend * per_square, last))

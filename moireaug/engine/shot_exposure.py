@@ -53,9 +53,15 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
             seen = content_of(shot)
         scales = bin_scales(shot, drawn, magnified)
         cameras, lenses, sensors = lower_bin_cameras(shot, inverse, fields, seen, scales)
-        cell, (coefficients, widths, skew) = cell_in_bins(plan.method.taps), shapes_in_bins(seen)
+        cell, (coefficients, widths, added_variance) = (
+            cell_in_bins(plan.method.taps),
+            shapes_in_bins(seen),
+        )
     else:
-        cell, (coefficients, widths, skew) = _cell(shot.scene, plan.method), _shapes_of(shot)
+        cell, (coefficients, widths, added_variance) = (
+            _cell(shot.scene, plan.method),
+            _shapes_of(shot),
+        )
         rows, cols = shot.sampled_pixels()
         fields |= {"alpha": panel_scale_of(shot, drawn)}
         back = pose.from_corner(inverse, shot.size)
@@ -78,7 +84,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         cell=cell,
         coefficients=coefficients,
         widths=widths,
-        skew=skew,
+        added_variance=added_variance,
         sites=_sites(shot.scene, shot.size),
         flicker=_flicker_of(shot),
         seeds=np.ascontiguousarray(shot.seed.numpy()),  # kernels are compiled for each layout
@@ -118,7 +124,7 @@ def _fields_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, np.n
 
 
 def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coefficients, widths and skews of the cell's kinds of subpixel."""
+    """Return the coefficients, widths and added variances of the cell's kinds of subpixel."""
     if shot.plan.method.name == "mean":
         widths = np.ones((len(shot), 3, 2))
         return _mean_light(shot)[:, :, None, None], widths, np.zeros_like(widths)

@@ -11,7 +11,7 @@ from moireaug.engine.nodes import bracket, counts, node_line
 from moireaug.engine.panel import margin
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.weights import SubpixelSize, fill_blurs, light_from
-from moireaug.exposure.content import NEAREST_GUARD_SHARE
+from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
 
 ZERO = np.float32(0)
 FUSED_TAPS = 3  # along each axis, of which no sum is kept in memory
@@ -110,14 +110,14 @@ def _fill_lines(lines, start, weights, tap, ends, node_share):
 
 
 @loop
-def _tap_weights_at(us, vs, camera, lens, cell, widths, skew):
+def _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance):
     """Return the tap weights at nodes of the photo, (colours, axes, nodes, pixels) float64: at
     least a pixel to each side, without light if the cell's radius is 0."""
     radius, nodes = cell.radius, len(us) * len(vs)
     blur, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
     for i in range(len(cell.channel)):
         colour, kind = cell.channel[i], cell.kind[i]
-        subpixel = SubpixelSize(cell.period[kind], widths[kind], skew[kind])
+        subpixel = SubpixelSize(cell.period[kind], widths[kind], added_variance[kind])
         fill_blurs(blur, us, vs, camera, lens, subpixel, radius)
         for axis in range(2):
             past = 0.5 - cell.centre[i, axis]  # no more than half a pixel
@@ -128,13 +128,13 @@ def _tap_weights_at(us, vs, camera, lens, cell, widths, skew):
 
 
 @loop
-def stencil_of(camera, lens, cell, widths, skew, sites, budget):
-    """Return the BinStencil of an image that has one; widths, skew: (kinds, 2), see
+def stencil_of(camera, lens, cell, widths, added_variance, sites, budget):
+    """Return the BinStencil of an image that has one; widths, added_variance: (kinds, 2), see
     `exposure_records.Exposure`. budget: an `ErrorBudget`."""
     count = counts(sites.rows, sites.cols, camera, lens, cell, budget)[1]
     us, step_u = node_line(sites.cols, count[0])
     vs, step_v = node_line(sites.rows, count[1])
-    weights = _tap_weights_at(us, vs, camera, lens, cell, widths, skew)
+    weights = _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance)
     table = weights.reshape(-1, weights.shape[3])
     half, reach = weights.shape[3] // 2, _reach(table, budget.tap_weight)
     _trim(table, reach)

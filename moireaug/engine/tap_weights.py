@@ -13,7 +13,7 @@ from moireaug.engine.compiling import fill, inner
 from moireaug.engine.harmonics import lagrange
 from moireaug.engine.tables import integrals
 from moireaug.engine.vectors import peek, poke
-from moireaug.exposure.content import NEAREST_GUARD_SHARE
+from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
 
 
 class Scratch(NamedTuple):

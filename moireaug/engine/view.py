@@ -27,9 +27,9 @@ def look(x, y, cols, v, camera):
         u = peek(cols, i)
         a = u * u
         bent = c0 + a * (c1 + a * c2)
-        far = 1 / max((az * u + bz) * bent + dz, NEAR_HORIZON)
-        poke(x, i, ((ax * u + bx) * bent + dx) * far)
-        poke(y, i, ((ay * u + by) * bent + dy) * far)
+        nearness = 1 / max((az * u + bz) * bent + dz, NEAR_HORIZON)
+        poke(x, i, ((ax * u + bx) * bent + dx) * nearness)
+        poke(y, i, ((ay * u + by) * bent + dy) * nearness)
 
 
 @inner
@@ -65,8 +65,8 @@ def to_photo(x, y, camera):
     """Return where an image point lies on the photo, both about the centre; camera: a rectified
     one."""
     a, b, d, e, f, g, p, q, r = inverse(camera)
-    far = 1 / max(p * x + q * y + r, NEAR_HORIZON)
-    u, v = (a * x + b * y + d) * far, (e * x + f * y + g) * far
+    nearness = 1 / max(p * x + q * y + r, NEAR_HORIZON)
+    u, v = (a * x + b * y + d) * nearness, (e * x + f * y + g) * nearness
     if camera.k1 != 0 or camera.k2 != 0:
         ideal = math.sqrt((u * u + v * v) * camera.bend)
         if ideal > 1e-9:
@@ -86,10 +86,10 @@ def jacobian(u, v, camera):
     bent, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.bend * (c.k1 + 2 * c.k2 * r2)
     uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
     p, q = u * bent, v * bent
-    far = 1 / max(c.h20 * p + c.h21 * q + c.h22, NEAR_HORIZON)
-    x, y = (c.h00 * p + c.h01 * q + c.h02) * far, (c.h10 * p + c.h11 * q + c.h12) * far
-    xp, xq = (c.h00 - x * c.h20) * far, (c.h01 - x * c.h21) * far
-    yp, yq = (c.h10 - y * c.h20) * far, (c.h11 - y * c.h21) * far
+    nearness = 1 / max(c.h20 * p + c.h21 * q + c.h22, NEAR_HORIZON)
+    x, y = (c.h00 * p + c.h01 * q + c.h02) * nearness, (c.h10 * p + c.h11 * q + c.h12) * nearness
+    xp, xq = (c.h00 - x * c.h20) * nearness, (c.h01 - x * c.h21) * nearness
+    yp, yq = (c.h10 - y * c.h20) * nearness, (c.h11 - y * c.h21) * nearness
     by_u, by_v = c.alpha / c.scale_u, c.alpha / c.scale_v
     return (
         by_u * (xp * uu + xq * uv),

@@ -17,7 +17,7 @@ from moireaug.engine.tables import integral
 from moireaug.engine.tap_weights import Scratch, cubic_margin, fill_node, weights_per_node
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import jacobian
-from moireaug.exposure.content import MIN_BLUR_VARIANCE, TAIL_SIGMAS
+from moireaug.exposure.footprints import MIN_BLUR_VARIANCE, TAIL_SIGMAS
 
 PHASE_MULTIPLE = 16  # of which the number of phases is a multiple
 
@@ -26,13 +26,13 @@ class SubpixelSize(NamedTuple):
     """The size of one kind of subpixel.
 
     Args:
-        period: (2,) int64, of its cell in panel pixels. width, skew: (2,) float64, in cells and
-            squared cells, see `exposure_records.Exposure`.
+        period: (2,) int64, of its cell in panel pixels. width, added_variance: (2,) float64, in
+            cells and squared cells, see `exposure_records.Exposure`.
     """
 
     period: np.ndarray
     width: np.ndarray
-    skew: np.ndarray
+    added_variance: np.ndarray
 
 
 @inner
@@ -72,7 +72,7 @@ def _fill_axis(out, steps, camera, lens, subpixel, axis, radius):
     long = max(abs(by_u), abs(by_v)) * camera.fill / period
     moves = motion_sigma(lens_u, lens_v, lens)
     variance = still_variance(by_u, by_v, camera.fill, lens_u, lens_v, lens) + moves * moves
-    variance = variance / (period * period) + subpixel.skew[axis]
+    variance = variance / (period * period) + subpixel.added_variance[axis]
     sigma = math.sqrt(variance + MIN_BLUR_VARIANCE)
     reach = long / 2 + TAIL_SIGMAS * sigma
     room = max(radius + 0.5 - subpixel.width[axis] / 2, MIN_BLUR_VARIANCE)
@@ -84,7 +84,7 @@ def _fill_axis(out, steps, camera, lens, subpixel, axis, radius):
 @inner
 def fill_blur(out, u, v, camera, lens, subpixel, radius):
     """Fill out (axis, 2) with the blur at a photo point: the box and the standard deviation along
-    both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `exposure.content.fitted`
+    both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `exposure.footprints.fitted`
     does. Return whether any was narrowed.
 
     camera, lens: see `exposure_records.Exposure`. subpixel: a SubpixelSize.
@@ -136,21 +136,21 @@ def fill_blurs(out, us, vs, camera, lens, subpixel, radius):
 
 
 @loop
-def tap_weight_tables(us, vs, camera, lens, cell, widths, skew, budget):
+def tap_weight_tables(us, vs, camera, lens, cell, widths, added_variance, budget):
     """Return the tap weights on nodes of the photo, the phases of each kind along both axes,
     (kinds, 2) int64, and its taps along each axis, (kinds,) int64.
 
     The weights are (kinds, rows, n) float32: of the nodes of a row one after another, (phases + 2,
     taps) along x and then along y; see `tap_weights.fill_node`.
 
-    widths, skew: (kinds, 2), see `exposure_records.Exposure`. budget: an `ErrorBudget`.
+    widths, added_variance: (kinds, 2), see `exposure_records.Exposure`. budget: an `ErrorBudget`.
     """
     kinds, rows, cols, radius = len(widths), len(vs), len(us), cell.radius
     blur = np.empty((kinds, rows * cols, 2, 2), np.float64)
     phases, taps = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
     most, finest, farthest = 0, 0, radius + 0.5
     for kind in range(kinds):
-        subpixel = SubpixelSize(cell.period[kind], widths[kind], skew[kind])
+        subpixel = SubpixelSize(cell.period[kind], widths[kind], added_variance[kind])
         fill_blurs(blur[kind], us, vs, camera, lens, subpixel, radius)
         for axis in range(2):
             phases[kind, axis] = _phases(blur[kind], axis, budget.phase_error)

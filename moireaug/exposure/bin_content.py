@@ -9,8 +9,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.exposure import content
-from moireaug.exposure.content import Footprint
+from moireaug.exposure import footprints
+from moireaug.exposure.footprints import Footprint
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.panel.fourier import emitting_share
 from moireaug.scene.fields import bounds
@@ -54,8 +54,8 @@ class Content(NamedTuple):
         along = step[..., axis, :]
         zero, one = torch.zeros_like(self.hold), torch.ones_like(self.hold)
         across_bin = (along[..., None] * sides).sum(-2)
-        box = content.footprint(across_bin, Optics(one, zero, zero, zero, zero))
-        return Footprint(box.box, box.variance + content.blur_variance(along, self.optics))
+        box = footprints.footprint(across_bin, Optics(one, zero, zero, zero, zero))
+        return Footprint(box.box, box.variance + footprints.blur_variance(along, self.optics))
 
 
 def content_of(shot: ShotRecord) -> Content:

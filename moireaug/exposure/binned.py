@@ -1,5 +1,6 @@
 """Binned readings: for each photo pixel, the mean of what the sensor pixels of each colour read in
-it. The content of the picture there, times the share that the subpixels fill as `binning` finds."""
+it. The content of the picture there, times the share that the subpixels fill, by
+`alias_transfer`."""
 
 from __future__ import annotations
 
@@ -9,12 +10,12 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
+from moireaug.exposure.alias_transfer import Wave, plane_waves, power_left, times
 from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.bin_content import Content, content_of
-from moireaug.exposure.binning import Wave, plane_waves, power_left, times
-from moireaug.exposure.bins import Bins, bins_at, middle_bins
-from moireaug.exposure.content import Footprint
+from moireaug.exposure.bin_geometry import Bins, bins_at, middle_bins
 from moireaug.exposure.filters import filters_of
+from moireaug.exposure.footprints import Footprint
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.exposure.sight import (
@@ -57,12 +58,12 @@ class Binned(ExposureMethod):
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse = torch.linalg.inv(shot.matrix())
-        shown = content_of(shot)
-        screen = Screen(light, shot, self.taps, shown.scale)
+        content = content_of(shot)
+        screen = Screen(light, shot, self.taps, content.scale)
 
         def read(band: Tensor) -> Tensor:
             bins = bins_at(band, cols, inverse, light.dtype, shot)
-            return self.read(screen, shown, bins, shot)
+            return self.read(screen, content, bins, shot)
 
         recompute = shot.requires_grad and torch.is_grad_enabled() and not is_transformed()
         largest = max(self.taps**2, 16 * len(self.harmonics))  # numbers of one reading
@@ -75,14 +76,14 @@ class Binned(ExposureMethod):
         (site,) = CFA[shot.scene.cells]
         return torch.cat(planes, 2)[:, list(site.channels)]
 
-    def read(self, screen: Screen, shown: Content, bins: Bins, shot: ShotRecord) -> Tensor:
+    def read(self, screen: Screen, content: Content, bins: Bins, shot: ShotRecord) -> Tensor:
         """Return what the pixels of each colour filter read in bins: (B, 3, h, w)."""
         dtype, layout = screen.light.dtype, as_layout(shot.scene.panel.layout)
         width, height = emitting_share(shot.panel)
         filters = filters_of(shot).to(dtype)[..., None, None]
         passed_channels = OVERLAPPING if "crosstalk" in shot.plan else SEPARATE
         modulation = self.modulation(bins, layout, shot)
-        picture = [self.content(screen, shown, channel, bins, shot) for channel in range(3)]
+        picture = [self.picture_of(screen, content, channel, bins, shot) for channel in range(3)]
         planes = []
         for plane in range(3):
             total = torch.zeros_like(picture[0])
@@ -94,19 +95,19 @@ class Binned(ExposureMethod):
             planes.append(total)
         return torch.stack(planes, 1)
 
-    def content(
-        self, screen: Screen, shown: Content, channel: int, bins: Bins, shot: ShotRecord
+    def picture_of(
+        self, screen: Screen, content: Content, channel: int, bins: Bins, shot: ShotRecord
     ) -> Tensor:
         """Return the picture in one channel as bins see it, (B, h, w)."""
         dtype = bins.step.dtype
-        step = bins.step / shown.ratio.to(dtype)[:, None, None, None, None]
+        step = bins.step / content.ratio.to(dtype)[:, None, None, None, None]
 
         def along(axis: int) -> AlongAxis:
-            shift = shown.shift[:, channel, axis, None, None]
-            at = bins.position[..., axis] / shown.ratio[:, None, None] - shift
-            view = shown.footprint(axis, step, bins.sides)
-            variance = view.variance + shown.hold.to(dtype)[:, None, None]
-            width = shown.width[:, channel, axis, None, None].to(dtype)
+            shift = content.shift[:, channel, axis, None, None]
+            at = bins.position[..., axis] / content.ratio[:, None, None] - shift
+            view = content.footprint(axis, step, bins.sides)
+            variance = view.variance + content.hold.to(dtype)[:, None, None]
+            width = content.width[:, channel, axis, None, None].to(dtype)
             place = Place(axis, 0.5, 1, 0.5)
             whole = Footprint(view.box, variance)
             return shares_along(place, at, whole, width, shot, screen)

@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from moireaug.exposure.bin_content import gaussian_optics
-from moireaug.exposure.content import Footprint, blur_variance, footprint
 from moireaug.exposure.extreme_views import (
     FLOAT64_ON_CPU,
     inside,
@@ -20,6 +19,7 @@ from moireaug.exposure.extreme_views import (
     steps,
     views,
 )
+from moireaug.exposure.footprints import Footprint, blur_variance, footprint
 from moireaug.exposure.optics import Optics
 from moireaug.exposure.sight import WHOLE_PIXEL, footprints_of
 from moireaug.panel.fourier import coefficient, own_orders
@@ -48,14 +48,16 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """
     px, py = as_layout(scene.panel.layout).period
     k, l = _orders(px, py)
-    shown = 2 * bounds(scene.sensor.gain)[1] * _strongest(scene, k, l)
+    amplitude = 2 * bounds(scene.sensor.gain)[1] * _strongest(scene, k, l)
     step = steps(scene)
 
     # cycles per sensor pixel, at least, in any view; along one axis no less than this over sqrt 2
     least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)
-    most = shown * _through_aperture(scene, least / 2**0.5) * _through_lens(scene, least.square())
+    most = (
+        amplitude * _through_aperture(scene, least / 2**0.5) * _through_lens(scene, least.square())
+    )
     possible = most > scene.tolerance
-    k, l, shown = k[possible], l[possible], shown[possible]
+    k, l, amplitude = k[possible], l[possible], amplitude[possible]
     if not len(k):
         return []
 
@@ -63,7 +65,7 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     frequency = (k / px)[:, None, None] * step[:, 0] + (l / py)[:, None, None] * step[:, 1]
     passed = _through_aperture(scene, frequency).prod(-1)
     passed *= _through_lens(scene, frequency.square().sum(-1))
-    contrast = shown * passed.amax(1)
+    contrast = amplitude * passed.amax(1)
     strong = []
     for k_, l_, strength in zip(k.tolist(), l.tolist(), contrast.tolist(), strict=True):
         if strength > scene.tolerance:

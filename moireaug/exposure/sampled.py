@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from moireaug.exposure.base import ExposureMethod
+from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import optics_of
-from moireaug.exposure.shown import Shown
 from moireaug.geometry import grids
 from moireaug.geometry.sensor import CFA, cell
 from moireaug.panel.fourier import emitting_share
@@ -27,7 +27,7 @@ class Sampled(ExposureMethod):
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         pixels, alpha = shot.sampled_pixels(), shot.panel_scale[:, None, None]
         rows, cols = (axis.positions(light.device) for axis in pixels)
-        shown, offsets = Shown(light, shot), self.offsets(shot)
+        shown, offsets = DisplayedPicture(light, shot), self.offsets(shot)
         down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
         inverse, cfa = torch.linalg.inv(shot.matrix()), colours_seen(shot)
         planes = []
@@ -50,7 +50,9 @@ class Sampled(ExposureMethod):
         centre in sensor pixels."""
 
     @abstractmethod
-    def read(self, shown: Shown, x: Tensor, y: Tensor, shot: ShotRecord, channel: int) -> Tensor:
+    def read(
+        self, shown: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
+    ) -> Tensor:
         """Return one channel's light at panel positions x, y (B, h, w): (B, h, w)."""
 
 
@@ -69,7 +71,9 @@ class Point(Sampled):
     def offsets(self, shot: ShotRecord) -> Tensor:
         return shot.panel_scale.new_zeros(len(shot), 2, 1)
 
-    def read(self, shown: Shown, x: Tensor, y: Tensor, shot: ShotRecord, channel: int) -> Tensor:
+    def read(
+        self, shown: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
+    ) -> Tensor:
         layout, alpha = as_layout(shot.scene.panel.layout), shot.panel_scale[:, None, None]
         width, height = emitting_share(shot.panel)
         ends: tuple = (None, None)
@@ -132,7 +136,9 @@ class Supersample(Sampled):
     def offsets(self, shot: ShotRecord) -> Tensor:
         return optics_of(shot).offsets(self.n)
 
-    def read(self, shown: Shown, x: Tensor, y: Tensor, shot: ShotRecord, channel: int) -> Tensor:
+    def read(
+        self, shown: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
+    ) -> Tensor:
         width, height = (t[:, None, None] for t in emitting_share(shot.panel))
         total = torch.zeros_like(x, dtype=shown.light.dtype)
         for s in as_layout(shot.scene.panel.layout).of(channel):
@@ -140,7 +146,9 @@ class Supersample(Sampled):
             total = total + self._content(shown, s, x, y, shot) * lit
         return total
 
-    def _content(self, shown: Shown, s: Subpixel, x: Tensor, y: Tensor, shot: ShotRecord) -> Tensor:
+    def _content(
+        self, shown: DisplayedPicture, s: Subpixel, x: Tensor, y: Tensor, shot: ShotRecord
+    ) -> Tensor:
         """Return what the nearest copies of a subpixel show, at panel points."""
         alpha = shot.panel_scale[:, None, None]
         column, row = cell_of(s, x, y)

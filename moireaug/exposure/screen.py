@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.exposure.shown import Shown
+from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.scene.layout import as_layout
 from moireaug.shot import ShotRecord
 
@@ -27,7 +27,7 @@ class Screen:
         """`alpha` (B,) is the number of pixels per image pixel of another panel than the shot's,
         at most 1, whose cells are single pixels."""
         self.light, self.taps = light, taps
-        self.shown = Shown(light, shot, alpha)
+        self.shown = DisplayedPicture(light, shot, alpha)
         self.alpha = self.shown.alpha
         px, py = as_layout(shot.scene.panel.layout).period if alpha is None else (1, 1)
         # far enough past the picture for all taps to show its edge pixels
@@ -102,7 +102,7 @@ class Gather(torch.autograd.Function):
         return along.expand(len(steps), -1, -1).gather(2, first + steps[:, None, None])
 
 
-def on_panel(shown: Shown, size: tuple[int, int], margin: tuple[int, int]) -> Tensor:
+def on_panel(shown: DisplayedPicture, size: tuple[int, int], margin: tuple[int, int]) -> Tensor:
     """Return what the panel's pixels show of a picture, (B, 3, h, w), starting a margin before the
     picture."""
     (height, width), (above, before) = size, margin

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.exposure import content
-from moireaug.exposure.content import Footprint
+from moireaug.exposure import footprints
+from moireaug.exposure.footprints import Footprint
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.geometry import grids
@@ -69,7 +69,7 @@ def footprint_of(
     down = (subpixel.down[axis] * lit_y).abs() / period
     width, slant = torch.maximum(across, down), torch.minimum(across, down).square() / 12
     width, slant = (t.to(step.dtype)[:, None, None] for t in (width, slant))
-    footprint = content.footprint(step[..., axis, :] / period, optics)
+    footprint = footprints.footprint(step[..., axis, :] / period, optics)
     return Footprint(footprint.box, footprint.variance + slant), width
 
 
@@ -116,16 +116,16 @@ def shares_along(
     taps, dtype, period = screen.taps, screen.light.dtype, place.period
     cells = (at - place.centre) / period
     nearest = cells.detach().round()
-    narrowed, lost = content.fitted(footprint, width, taps)
-    shares = content.tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)
-    share = content.normalised(shares.to(dtype))
+    narrowed, lost = footprints.fitted(footprint, width, taps)
+    shares = footprints.tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)
+    share = footprints.normalised(shares.to(dtype))
     lit = None
     if not shot.scene.develop.registered:
         ends = screen.alpha * shot.size[1 - place.axis]
         pixel = nearest * period + place.pixel
         whole = _share_on_picture(at, footprint, ends, period)
         # a narrowed view sees as much of the picture as the whole view does
-        tap = pixel + period * content.around(taps, pixel)
+        tap = pixel + period * footprints.around(taps, pixel)
         alone = ((tap >= 0) & (tap < ends)).double()
         lit = torch.where(lost > 0, whole, alone).to(dtype)
     return AlongAxis(cells, nearest, narrowed, width, share, lit)
@@ -135,7 +135,7 @@ def _share_on_picture(at: Tensor, footprint: Footprint, ends: Tensor, period: in
     """Return the share of the views at positions `at` that falls on the picture, which reaches from
     0 to `ends`, (B, h, w) float64; positions in panel pixels."""
     precise = Footprint(*(t.double() for t in footprint))
-    (share,) = content.tap_weights((at - ends / 2) / period, precise, ends / period, 1)
+    (share,) = footprints.tap_weights((at - ends / 2) / period, precise, ends / period, 1)
     return share.clamp(min=0)
 
 
@@ -144,7 +144,7 @@ def covered(along: AlongAxis) -> Tensor:
     past the taps."""
     every = 4 * len(along.share) + 1
     from_nearest = (along.cells - along.nearest).to(along.width.dtype)
-    share = content.tap_weights(from_nearest, along.footprint, along.width, every)
+    share = footprints.tap_weights(from_nearest, along.footprint, along.width, every)
     return share.sum(0).to(along.share.dtype)
 
 

@@ -32,7 +32,8 @@ class Sensor(Part):
         reading: "full", a value for each sensor pixel; or "binned", for each photo pixel the mean
             of each colour's sensor pixels in it, interpolated bilinearly: the same photo, at a
             price that does not depend on the number of sensor pixels; see
-            `moireaug.exposure.binning`. "auto" is binned where `Panel.width` or `pitch` is given.
+            `moireaug.exposure.alias_transfer`. "auto" is binned where `Panel.width` or `pitch` is
+            given.
         cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
         crosstalk: share of its light that a colour filter receives from its neighbours in the
             spectrum: red and blue from green, green from both. The colour matrix undoes it for

@@ -85,9 +85,9 @@ def resized_first(effects):
 
 TRANSFER, FOOTPRINT = (
     "moireaug.exposure.optics.Optics.transfer",
-    "moireaug.exposure.content.footprint",
+    "moireaug.exposure.footprints.footprint",
 )
-SHARES, PREFILTER = "moireaug.exposure.content.tap_weights", "moireaug.effects.prefilter.mipmap"
+SHARES, PREFILTER = "moireaug.exposure.footprints.tap_weights", "moireaug.effects.prefilter.mipmap"
 DEMOSAICS, FLICKER = "moireaug.effects.demosaic.DEMOSAICS", "moireaug.effects.flicker.flicker"
 FALLOFF, NOISE = "moireaug.effects.vignetting.falloff", "moireaug.effects.sensor.add_noise"
 BROKEN = [  # check, where the effect is looked up, how it is spoilt

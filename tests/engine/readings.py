@@ -4,7 +4,7 @@ import torch
 
 from moireaug import expose, pipeline
 from moireaug.engine import program
-from moireaug.exposure.bins import pixels_on_photo
+from moireaug.exposure.bin_geometry import pixels_on_photo
 
 RMS, MOST = 1e-4, 1 / 512
 

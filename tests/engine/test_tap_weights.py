@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from moireaug.engine import tap_weights
-from moireaug.exposure.content import NEAREST_GUARD_SHARE
+from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
 
 RADIUS, TAPS = 2, 8
 PHASES = np.array([48, 512])

@@ -15,7 +15,7 @@ from moireaug.shot import ShotRecord
 EDGE_PIXELS = 2  # panel pixels ahead of a picture, and behind it, until all is its edge pixels
 
 
-class Shown:
+class DisplayedPicture:
     """What panels show of a picture (B, 3, H, W), and its edge pixels past it.
 
     A panel pixel shows the mean under a triangle, along each axis, which ends one panel pixel or

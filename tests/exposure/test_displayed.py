@@ -11,8 +11,8 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.engine import batch, panel
 from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.exposure.screen import on_panel
-from moireaug.exposure.shown import Shown
 from tests.engine.readings import assert_equal, readings
 
 ALPHAS = (0.01, 0.3, 0.73, 1.0, 1.7, 3.0)
@@ -49,7 +49,7 @@ def shown_by(alpha, picture):
     """What the reference shows of a picture (B, 3, H, W)."""
     size = tuple(picture.shape[2:])
     shot = Scene(panel=Panel(scale=alpha)).sample(len(picture), size)
-    return on_panel(Shown(picture, shot), panel_size(alpha, size), MARGIN)
+    return on_panel(DisplayedPicture(picture, shot), panel_size(alpha, size), MARGIN)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -67,7 +67,7 @@ def test_each_image_of_a_batch_has_its_own_panel():
     alphas = shot.panel_scale.tolist()
     assert min(alphas) < 1 < max(alphas)
     size = panel_size(max(alphas), (12, 15))
-    seen = on_panel(Shown(picture, shot), size, MARGIN)
+    seen = on_panel(DisplayedPicture(picture, shot), size, MARGIN)
     for shown, of, alpha in zip(seen, picture, alphas, strict=True):
         assert torch.allclose(shown, by_matrix(of, alpha, size, MARGIN), atol=1e-12)
 
@@ -139,7 +139,7 @@ def test_what_a_panel_shows_has_its_slope(alpha):
 
     def show(picture, width):
         drawn = dataclasses.replace(shot, panel=dataclasses.replace(shot.panel, width=width))
-        return on_panel(Shown(picture, drawn), panel_size(alpha, (6, 7)), MARGIN)
+        return on_panel(DisplayedPicture(picture, drawn), panel_size(alpha, (6, 7)), MARGIN)
 
     assert torch.autograd.gradcheck(show, (picture, width), fast_mode=True)
     assert torch.autograd.gradgradcheck(show, (picture, width), fast_mode=True)
@@ -152,7 +152,11 @@ def test_a_slope_forward_is_the_slope_backward(alpha):
     given, along = (picture, torch.full((2,), alpha).double()), (torch.rand_like(picture), ONES)
 
     def show(picture, alpha):
-        return on_panel(Shown(picture, SHOT, alpha), panel_size(1, (6, 7)), MARGIN).square().sum()
+        return (
+            on_panel(DisplayedPicture(picture, SHOT, alpha), panel_size(1, (6, 7)), MARGIN)
+            .square()
+            .sum()
+        )
 
     _, forward = torch.func.jvp(show, given, along)
     backward = torch.func.grad(show, argnums=(0, 1))(*given)

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
-from moireaug.exposure.bins import middle_bins, pixels_on_photo
+from moireaug.exposure.bin_geometry import middle_bins, pixels_on_photo
 from moireaug.exposure.extreme_views import least_bin_scale
 from moireaug.geometry import grids
 

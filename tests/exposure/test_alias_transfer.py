@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moireaug.effects.demosaic import demosaic_bilinear
-from moireaug.exposure.binning import plane_waves, power_left
+from moireaug.exposure.alias_transfer import plane_waves, power_left
 
 PIXELS = 6  # photo pixels along each axis, of which the outermost are not looked at
 # what is farther away than four aliases: the fewer sensor pixels a photo pixel has, the more

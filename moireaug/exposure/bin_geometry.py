@@ -90,8 +90,8 @@ def photo_points(images: Tensor, shot: ShotRecord) -> tuple[Tensor, Tensor]:
     flat = grids.image_to_photo(images.flatten(1, 2), shot.matrix(), shot.size, shot.distortion)
     points = flat.reshape(images.shape)
     size = points.new_tensor(shot.size[::-1])
-    shown = ((points >= 0) & (points <= size)).all(-1)
-    return torch.minimum(torch.maximum(points, torch.zeros_like(size)), size), shown
+    on_photo = ((points >= 0) & (points <= size)).all(-1)
+    return torch.minimum(torch.maximum(points, torch.zeros_like(size)), size), on_photo
 
 
 def pixels_on_photo(shot: ShotRecord) -> tuple[Tensor, Tensor]:
