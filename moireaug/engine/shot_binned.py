@@ -91,8 +91,8 @@ def _noise_of_bins(shot: ShotRecord, scale: np.ndarray) -> dict[str, np.ndarray]
 
 
 def shapes_in_bins(seen: Content) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coefficients, widths and added variances of `exposure_records.Exposure`: of pixels that emit
-    all over."""
+    """Return the coefficients, widths and added variances of `exposure_records.Exposure`: of pixels
+    that emit all over."""
     width, hold = seen.width.detach().numpy(), seen.hold.detach().numpy()
     added_variance = np.repeat(hold, 6).reshape(-1, 3, 2)
     return np.ones((len(hold), 3, 1, 1)), np.ascontiguousarray(width), added_variance
