@@ -35,6 +35,8 @@ def lower_cameras(
         "bend": 4 / (h * h + w * w),
         "scale_u": scales[1],
         "scale_v": scales[0],
+        "dark_noise": fields["read"],
+        "photon_noise": fields["shot"],
         "falloff": (1 - fields["vignetting"]) ** -0.5 - 1,
         "glare_u": fields["glare"] * fields["glare_x"] * 2 / w,
         "glare_v": fields["glare"] * fields["glare_y"] * 2 / h,
