@@ -11,6 +11,7 @@ from moireaug.attacks.answers import reaches
 from moireaug.attacks.checks import check_answers, check_classes, check_count
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest_wrong_classes, margin
+from moireaug.attacks.model import is_repeatable
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
 from moireaug.mixed_shot import MixedShot
@@ -22,10 +23,11 @@ class MultiTargeted:
     """Run an attack toward each of the likeliest wrong classes of the unattacked photo in turn
     (Gowal et al., 2019).
 
-    Any wrong class is a success. An image is done at its first success; for the others the greatest
-    margin is kept. With the rule "apgd" and the loss "dlr" it is APGD-T, the second attack of
-    AutoAttack (Croce & Hein, 2020, section 5): `MultiTargeted(MoireAttack(model, rule="apgd",
-    loss="dlr", steps=100))`.
+    Any wrong class is a success. An image is done at its first success, unless the model answers
+    the same input differently when asked twice: being fooled once says little then. For the others
+    the greatest margin is kept. With the rule "apgd" and the loss "dlr" it is APGD-T, the second
+    attack of AutoAttack (Croce & Hein, 2020, section 5): `MultiTargeted(MoireAttack(model,
+    rule="apgd", loss="dlr", steps=100))`.
 
     Args:
         attack: a MoireAttack, PGD or another `Attack`, whose loss steers toward the class.
@@ -57,7 +59,8 @@ class MultiTargeted:
     ) -> Result:
         """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
 
-        Photos that are wrong without an attack are returned unchanged. `loss` in the Result is of
+        Photos that are wrong without an attack are returned unchanged, where they are so each time.
+        `loss` in the Result is of
         the last class that was tried, over the images that were left.
         """
         return self.attack.attack_batch(self._best_result, images, labels, None, shot, generator)
@@ -66,10 +69,11 @@ class MultiTargeted:
         """Return the result of the searches toward each class, each of the images that are still
         right."""
         best = search.problem.clean_point()
-        _, logits = search.photo(best)
+        images, logits = search.photo(best)
         check_classes(search.labels, logits, 1)
         check_answers(logits, self.attack.model, search.problem.images)
-        is_fooled = reaches(logits, search.labels, None)
+        stops = is_repeatable(self.attack.model, images, logits)
+        is_fooled = reaches(logits, search.labels, None) & stops
         margins = margin(logits.float(), search.labels)
         values, classes = likeliest_wrong_classes(logits, search.labels, self.targets)
         for value, targets in zip(values.T, classes.T, strict=True):
@@ -80,7 +84,7 @@ class MultiTargeted:
             toward = search.toward(targets[rows], rows)
             point = self.attack.best(toward)
             _, logits = toward.photo(point)
-            is_success = reaches(logits, toward.labels, None)
+            is_success = reaches(logits, toward.labels, None) & stops
             new_margins = margin(logits.float(), toward.labels)
             is_better = is_success | (new_margins > margins[rows])
             better_rows = rows[is_better]

@@ -185,8 +185,8 @@ def test_more_targets_never_leave_more_right(learnt):
 
 
 def test_what_is_done_is_not_asked_again(learnt):
-    """Four targets of five classes, and in each only the images that are still right: one query for
-    the photos without noise; for each target three of steps, one of the last point, one of the best
+    """Four targets of five classes, and in each only the images that are still right: two queries
+    for the photos without noise, the second to see whether answers repeat; for each target three of steps, one of the last point, one of the best
     ones; and one that judges the result."""
     model, images, labels, shot = learnt
     asked = []
@@ -197,8 +197,8 @@ def test_what_is_done_is_not_asked_again(learnt):
 
     attack = MoireAttack(counting, scene=SCENE, eps=EPS, steps=3, rule="apgd", loss="dlr")
     result = MultiTargeted(attack)(images, labels, shot=shot)
-    assert asked[0] == asked[-1] == N and len(asked) == 1 + 4 * 5 + 1
-    rounds = asked[1:-1:5]
+    assert asked[0] == asked[-1] == N and len(asked) == 2 + 4 * 5 + 1
+    rounds = asked[2:-1:5]
     assert (
         rounds == sorted(rounds, reverse=True)
         and N > rounds[0] > rounds[-1] >= (~result.success).sum()
@@ -288,3 +288,18 @@ def test_three_classes_have_no_targeted_ratio(model, batch):
         ValueError, match="'dlr', targeted, needs a model of at least 4 classes; got logits of 3"
     ):
         MultiTargeted(attack)(images, predicted(attack.model, images))
+
+
+def test_no_image_is_done_by_one_lucky_draw(model, batch):
+    """Of a model that answers at random, every image is attacked toward every class."""
+
+    class Random(nn.Module):
+        def forward(self, images):
+            asked.append(len(images))
+            logits = model(images)
+            return logits + logits.detach().std() * torch.randn_like(logits)
+
+    images, labels = batch
+    asked = []
+    MultiTargeted(PGD(Random(), steps=1, loss="margin"), targets=2)(images, labels)
+    assert asked.count(len(images)) == len(asked)
