@@ -185,9 +185,10 @@ def test_more_targets_never_leave_more_right(learnt):
 
 
 def test_what_is_done_is_not_asked_again(learnt):
-    """Four targets of five classes, and in each only the images that are still right: two queries
-    for the photos without noise, the second to see whether answers repeat; for each target three of steps, one of the last point, one of the best
-    ones; and one that judges the result."""
+    """Four targets of five classes, and in each only the images that are still right: two
+    queries for the photos without noise, the second to see whether answers repeat; for each
+    target three of steps, one of the last point, one of the best ones; and one that judges the
+    result."""
     model, images, labels, shot = learnt
     asked = []
 
