@@ -249,3 +249,16 @@ def test_unread_sensor_pixels_get_no_noise(model, batch):
     raw = expose(batch[0], result.shot)
     assert result.noise.shape == raw.shape
     assert (result.noise[:, :, 0] == 0).float().mean() > 0.2
+
+
+def test_a_random_start_has_a_gradient_on_white_pictures():
+    """From above 1, where pixels are clipped, none would take its step."""
+
+    class Bright(nn.Module):
+        def forward(self, images):
+            light = 10 * images.mean((1, 2, 3))
+            return torch.stack([light, -light], 1)
+
+    images, labels = torch.ones(4, 3, 8, 8), torch.zeros(4, dtype=torch.int64)
+    darkened = PGD(Bright(), eps=0.1, steps=1).last(images, labels)
+    assert torch.allclose(darkened, torch.full_like(images, 0.9))
