@@ -22,7 +22,7 @@ from training.data import signs
 
 SIGN = 9
 SCENES = ("screen_photo", "phone_at_phone", "webcam_at_phone", "phone_at_led_wall")
-SIDE, SHOWN = 256, 128  # pixels of the photo, and of its middle, which is shown
+SIDE, SHOWN_SIDE = 256, 128  # pixels of the photo, and of its middle, which is shown
 DRAWS = 16  # shots of a scene, of which the one with the strongest moiré is shown
 STRONGER = 8  # times, of what was removed
 
@@ -30,7 +30,7 @@ STRONGER = 8  # times, of what was removed
 def draw(weights: str) -> None:
     network = demoire.load(weights).eval()
     sign = signs.make("test", 16, SIDE)[0][SIGN, None].float() / 255
-    middle = slice((SIDE - SHOWN) // 2, (SIDE + SHOWN) // 2)
+    middle = slice((SIDE - SHOWN_SIDE) // 2, (SIDE + SHOWN_SIDE) // 2)
     figure = Figure((10, 2.18 * len(SCENES)), layout="constrained")
     for row, name in zip(figure.subplots(len(SCENES), 5), SCENES, strict=True):
         shots = Scene.preset(name).sample(DRAWS, (SIDE, SIDE), torch.Generator().manual_seed(0))

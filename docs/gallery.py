@@ -39,7 +39,7 @@ PLAIN = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
 # Panel pixels 16 sensor pixels wide: the subpixels themselves.
 CLOSE = Scene(panel=Panel(scale=1 / 16), lens=Lens(blur=0.3), sensor=Sensor(cfa="none", gain=2.5))
 
-OWN = Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 0.5), (2, 0.5, 0.5, 1, 1)))
+OWN_LAYOUT = Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 0.5), (2, 0.5, 0.5, 1, 1)))
 
 
 def close(layout: str | Layout, gain: float = 2.5, **panel: float) -> Scene:
@@ -69,7 +69,7 @@ EFFECTS: dict[str, Scene] = {
     },
     "layout even,\nmagnified 16 times": close("even", gain=1.0),
     "rgb_stripe, 40 % of each\nsubpixel lit": close("rgb_stripe", lit=0.4),
-    "a unit cell of one's own": close(OWN),
+    "a unit cell of one's own": close(OWN_LAYOUT),
     "layout: moiré of the stripes": MOIRE,
     "exposure point, as the paper:\nmuch more than a lens passes": moire(
         sensor={"exposure": "point"}

@@ -32,7 +32,7 @@ from training import calibrate
 from training.config import scenes
 
 START = "screen_photo"
-SHOWN = ("astronaut", "chelsea", "coffee", "rocket")  # pictures of scikit-image
+PICTURE_NAMES = ("astronaut", "chelsea", "coffee", "rocket")  # pictures of scikit-image
 
 
 def make_pairs(folder: Path) -> None:
@@ -46,7 +46,7 @@ def make_pairs(folder: Path) -> None:
     )
     for kind in ("photo", "original"):
         (folder / kind).mkdir()
-    for seed, name in enumerate(SHOWN):
+    for seed, name in enumerate(PICTURE_NAMES):
         picture = Image.fromarray(getattr(data, name)()).resize((256, 256))
         images = to_dtype(to_image(picture), torch.float32, scale=True)[None]
         photos = camera.capture(images, torch.Generator().manual_seed(seed))

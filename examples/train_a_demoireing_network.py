@@ -26,7 +26,7 @@ from moireaug import Develop, Lens, Panel, Scene, Sensor, View
 from moireaug.defenses import demoire
 from moireaug.synthesis import Pairs
 
-SHOWN = ("astronaut", "chelsea", "coffee", "rocket", "immunohistochemistry")
+PICTURE_NAMES = ("astronaut", "chelsea", "coffee", "rocket", "immunohistochemistry")
 SCENE = Scene(  # a sharp lens and a panel it barely resolves: strong moiré
     panel=Panel(scale=(0.9, 1.2)), view=View(yaw=(-15, 15), roll=(-8, 8)), lens=Lens(blur=0.25),
     sensor=Sensor(scale=2, gain=(2.4, 3.0)), develop=Develop(linear_light=True),
@@ -51,7 +51,7 @@ def main() -> None:
     torch.manual_seed(0)
     with tempfile.TemporaryDirectory() as made:
         if args.pictures is None:
-            for name in SHOWN:
+            for name in PICTURE_NAMES:
                 Image.fromarray(getattr(data, name)()).save(Path(made) / f"{name}.png")
         folder = args.pictures or made
         pairs = Pairs(folder, SCENE, args.crop, twin=True, seed=0)

@@ -148,6 +148,22 @@ def test_a_model_that_answers_at_random_is_attacked_in_every_step(problem, facto
     assert counted.asked == (STEPS + 1 + 1 + 1) * len(images)
 
 
+def test_no_image_is_done_by_one_lucky_draw(problem):
+    """Where answers do not repeat, every image is attacked toward every class."""
+    model, images, labels, shot = problem
+    asked = []
+
+    class Random(nn.Module):
+        def forward(self, images):
+            asked.append(len(images))
+            logits = model(images)
+            return logits + logits.detach().std() * torch.randn_like(logits)
+
+    attack = MoireAttack(Random(), scene=SCENE, eps=EPS, steps=1)
+    MultiTargeted(attack, targets=2)(images, labels, shot=shot)
+    assert asked.count(len(images)) == len(asked)
+
+
 def test_a_search_toward_several_classes_says_what_is_fooled(problem):
     model, images, labels, shot = problem
     attack = MoireAttack(model, scene=SCENE, eps=4 / 255, steps=STEPS, until_fooled=True)

@@ -125,14 +125,11 @@ def test_the_worst_case_means_the_same_in_every_table(suite):
         assert "moire" in names and len(names) == len(worst.conditions) > 2
         eps = max(condition.eps for condition in worst.conditions)
         beside = [cell for cell in table.cells if cell.row == worst.row or len(table.columns) == 1]
-        for cell in beside:
-            (condition, *others) = cell.conditions
-            if not others:
-                through_camera = isinstance(condition, Attacker) and condition.on_screen
-                counts = through_camera and condition.eps <= eps
-                counts = counts and cell.column not in left_out
-                counts = counts or condition.name == "moire"
-                assert (condition.name in names) == counts, (worst.row, condition.name)
+        for cell in (cell for cell in beside if len(cell.conditions) == 1):
+            (condition,) = cell.conditions
+            attacks = isinstance(condition, Attacker) and cell.column not in left_out
+            counts = attacks and condition.on_screen and condition.eps <= eps
+            assert (condition.name in names) == (counts or condition.name == "moire"), worst.row
 
 
 def test_the_full_ladder_adds_rows_to_the_ladder(known):
