@@ -118,8 +118,7 @@ def test_the_worst_case_is_each_images_worst(measured):
 def test_the_worst_case_means_the_same_in_every_table(suite):
     """The photo alone, and each attack through the camera within its bound."""
     (table,) = tables_of(suite, CONFIG)
-    # attackers that rows with a defence lack
-    left_out = ("pose_unknown", "turning") if suite == "adaptive" else ()
+    left_out = ("pose_unknown", "turning") if suite == "adaptive" else ()  # rows lack them
     for worst in (cell for cell in table.cells if cell.worst):
         names = {condition.name for condition in worst.conditions}
         assert "moire" in names and len(names) == len(worst.conditions) > 2
