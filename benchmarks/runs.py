@@ -12,7 +12,8 @@ from torch import Tensor
 
 from benchmarks.checkouts import Checkout, plain
 from moireaug import Shot, engine, expose
-from moireaug.engine import program, run
+from moireaug.engine import program
+from moireaug.engine.cpu import run
 from moireaug.engine.shot_exposure import lower_exposure
 
 WITHOUT = "one panel pixel"

@@ -9,7 +9,7 @@ differentiable in the raw reading. The reference, `moireaug.pipeline`, does the 
 Importing this package does not import numba; the first photo does.
 """
 
-import moireaug.engine.forks  # noqa: F401  one thread in forked processes, before any is forked
+import moireaug.engine.cpu.forks  # noqa: F401  one thread in forked processes, before any is forked
 from moireaug.engine.program import explain
 from moireaug.engine.switch import reference
 

@@ -114,22 +114,6 @@ class Codes(NamedTuple):
     brighten: np.ndarray
 
 
-class Photos(NamedTuple):
-    """What the development of a batch fills.
-
-    Args:
-        photos: (B, 3, H, W) float32, sRGB codes.
-        in_camera: (`batch.photo_size`,) float32, workspace: a photo in the camera's frame,
-            with zeros after it.
-            A look-up at a plane's last pixels reads beyond them with weight 0.
-        unclipped: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
-    """
-
-    photos: np.ndarray
-    in_camera: np.ndarray
-    unclipped: np.ndarray
-
-
 class Development(NamedTuple):
     """A batch's development, as `run.develop` takes it.
 

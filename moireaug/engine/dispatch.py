@@ -21,7 +21,7 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     does for float32."""
     if torch.compiler.is_compiling():
         return graph.expose(light, shot)
-    from moireaug.engine import run
+    from moireaug.engine.cpu import run
     from moireaug.engine.shot_exposure import lower_exposure
 
     # over the image: the reference does that blur
@@ -49,7 +49,7 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     readings."""
     if torch.compiler.is_compiling():
         return graph.develop(raw, shot)
-    from moireaug.engine import run
+    from moireaug.engine.cpu import run
     from moireaug.engine.shot_development import lower_development
 
     finite = raw.detach().sum((1, 2, 3)).isfinite()

@@ -157,96 +157,36 @@ class Exposure(NamedTuple):
     point: Point | None = None
 
 
-class Nodes(NamedTuple):
-    """What varies slowly over one image's photo, from `nodes.nodes_of`.
+class Beats(NamedTuple):
+    """What a batch's binned readings take of the panel besides its Exposure, whose cameras are of
+    photo pixels and whose cell holds one pixel of each colour.
 
     Args:
-        terms: (T, 4) int64, see `harmonics`.
-        lines: (columns of a filter cell, rows of nodes, T * w) float32, each term's amplitude at
-            each pixel of a row.
-        step_v: from one row of nodes to the next.
-        tables, phases, taps: from `weights.tap_weight_tables`, on `columns` nodes a row.
-        step_uw, step_vw: from one of the tables' nodes to the next.
+        cameras: (B, fields) float64, those of one `Camera` per image, of sensor pixels.
+        enlargement: (B,) float64, factor by which bins are enlarged to the size of a sensor pixel.
+            triangle: (B,) float64, see `exposure.bins.Bins`. ratio: (B,) float64, panel pixels per
+            pixel of the panel that is shown.
+        centres: (B, 3, 2) float64, where each colour's pixel lies in its cell.
+        period: (2,) int64, of the layout. orders: (K, 2) int64, its harmonics.
+        coefficients: (B, 3, K, 2) float32, twice those of each channel's light, real and imaginary
+            part. strength: (B, K) float64, the greatest of a harmonic. mean: (B, 3) float64, share
+            of the panel's area that emits each channel.
+        lost_noise_variance: (B, 2) float32, of the noise that bins average away: in the dark, and
+            what a reading of 1 adds.
+        saturates: whether the pattern can fill a sensor pixel's well. bayer: whether the sensor has
+            colour filters.
     """
 
-    terms: np.ndarray
-    lines: np.ndarray
-    step_v: float
-    tables: np.ndarray
-    phases: np.ndarray
-    taps: np.ndarray
-    columns: int
-    step_uw: float
-    step_vw: float
-
-
-class TapWeights(NamedTuple):
-    """Where in a table the tap weights of n pixels lie, along one axis and for one kind of
-    subpixel.
-
-    Args:
-        table: flat float32, from `weights.tap_weight_tables`. to_next: int32, from a node's weights
-            to the next node's.
-        weight_index: (n,) int32, index in the table of the weights of the phase before each pixel.
-        phase_share: (n,) float32, how far the pixel is towards the next phase. node_share: (n,)
-            float32, how far it is towards the next node.
-    """
-
-    table: np.ndarray
-    to_next: np.int32
-    weight_index: np.ndarray
-    phase_share: np.ndarray
-    node_share: np.ndarray
-
-
-class Readout(NamedTuple):
-    """How the sensor turns one image's light into readings; plain numbers.
-
-    Args:
-        noisy: whether readings have noise. dark_noise: float32, its standard deviation in the dark.
-            photon_noise: float32, that of photon noise at full scale.
-        keys: of the noise, two uint32 from `random_numbers.keys`.
-        clips: readings are clipped to [0, 1].
-    """
-
-    noisy: bool
-    dark_noise: np.float32
-    photon_noise: np.float32
-    keys: tuple[np.uint32, np.uint32]
-    clips: bool
-
-
-class FullImage(NamedTuple):
-    """What one image's full reading is computed from.
-
-    filters, white, flicker: the image's rows of its Exposure; see there.
-    """
-
-    camera: Camera
-    cell: Cell
-    nodes: Nodes
-    sites: Sites
-    filters: np.ndarray
-    white: np.ndarray
-    flicker: np.ndarray
-    readout: Readout
-
-
-class PointImage(NamedTuple):
-    """What one image's point exposure is computed from.
-
-    Args:
-        lit: share of each subpixel that emits.
-        filters, white, flicker: the image's rows of its Exposure; dark: as there.
-    """
-
-    camera: Camera
-    cell: Cell
-    point: Point
-    lit: float
-    sites: Sites
-    filters: np.ndarray
-    white: np.ndarray
-    flicker: np.ndarray
-    readout: Readout
-    dark: bool
+    cameras: np.ndarray
+    enlargement: np.ndarray
+    triangle: np.ndarray
+    ratio: np.ndarray
+    centres: np.ndarray
+    period: np.ndarray
+    orders: np.ndarray
+    coefficients: np.ndarray
+    strength: np.ndarray
+    mean: np.ndarray
+    lost_noise_variance: np.ndarray
+    saturates: bool
+    bayer: bool

@@ -10,8 +10,7 @@ import torch
 
 from moireaug.effects.sensor import averaged_pixels
 from moireaug.engine import lowering, pose
-from moireaug.engine.binned_records import Beats
-from moireaug.engine.exposure_records import Cell
+from moireaug.engine.exposure_records import Beats, Cell
 from moireaug.engine.shot_numbers import bin_scale_of, panel_scale_of, sensor_scale_of
 from moireaug.exposure.bin_content import Content
 from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light

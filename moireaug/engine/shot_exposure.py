@@ -11,9 +11,8 @@ import torch
 from moireaug.effects import prefilter
 from moireaug.effects.flicker import BANDS_PER_ROW, light_of_rows
 from moireaug.engine import lowering, pose
-from moireaug.engine.binned_records import Beats
 from moireaug.engine.budget import ErrorBudget
-from moireaug.engine.exposure_records import Cell, Exposure, Point, Sites
+from moireaug.engine.exposure_records import Beats, Cell, Exposure, Point, Sites
 from moireaug.engine.shot_binned import (
     bin_scales,
     cell_in_bins,

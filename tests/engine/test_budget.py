@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, Sensor, View, pipeline
-from moireaug.engine import run
 from moireaug.engine.budget import MAX_TOLERANCE, MIN_TOLERANCE, ErrorBudget
+from moireaug.engine.cpu import run
 from moireaug.engine.shot_exposure import lower_exposure
 from tests.engine.readings import readings
 

@@ -8,7 +8,8 @@ import torch
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
-from moireaug.engine import dispatch, program, run
+from moireaug.engine import dispatch, program
+from moireaug.engine.cpu import run
 from moireaug.engine.shot_exposure import lower_exposure
 from moireaug.scene.presets import PRESETS
 from tests.engine.readings import assert_equal, readings

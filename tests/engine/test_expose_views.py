@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from moireaug import Lens, Panel, Scene, Sensor, View, expose
-from moireaug.engine import run
+from moireaug.engine.cpu import run
 from moireaug.engine.shot_exposure import lower_exposure
 from tests.engine.readings import assert_equal, readings
 

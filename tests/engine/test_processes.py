@@ -36,7 +36,7 @@ def test_workers_see_the_same_photos(start):
 
 
 HALF = """
-from moireaug.engine.compiling import kernel
+from moireaug.engine.cpu.compiling import kernel
 
 @kernel
 def half(x):

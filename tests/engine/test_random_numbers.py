@@ -6,8 +6,8 @@ import torch
 from numba import njit
 
 from moireaug.effects.random_numbers import keys, normal
-from moireaug.engine.compiling import FAST_MATH
-from moireaug.engine.random_numbers import normal_row
+from moireaug.engine.cpu.compiling import FAST_MATH
+from moireaug.engine.cpu.random_numbers import normal_row
 
 
 # the kernels' products and sums are fused, which these must not be

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from moireaug import Scene, capture, develop, expose
-from moireaug.engine import ahead, compiling, run, threads
+from moireaug.engine.cpu import ahead, compiling, run, threads
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -186,7 +186,7 @@ def test_what_is_compiled_ahead_is_what_is_called(tmp_path):
     raw = expose(IMAGES, SHOT).requires_grad_()
     develop(raw, SHOT).sum().backward()  # compiled now, if never before
     count = """
-from moireaug.engine import batch
+from moireaug.engine.cpu import batch
 print([len(k.stats.cache_misses) for k in (batch.develop, batch.develop_back)])
 """
     given = [a + count if a == ahead.PROGRAM else a for a in ahead.PYTHON_ARGUMENTS]

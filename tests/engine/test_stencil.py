@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
-from moireaug.engine import program, run
+from moireaug.engine import program
+from moireaug.engine.cpu import run
 from moireaug.engine.exposure_records import Camera
 from moireaug.engine.shot_exposure import lower_exposure
 from tests.engine.readings import assert_equal

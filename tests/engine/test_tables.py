@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from moireaug.engine import tables
+from moireaug.engine.cpu import tables
 
 
 @pytest.fixture(scope="module")

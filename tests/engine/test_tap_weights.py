@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 
-from moireaug.engine import tap_weights
+from moireaug.engine.cpu import tap_weights
 from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
 
 RADIUS, TAPS = 2, 8

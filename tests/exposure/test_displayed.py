@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
-from moireaug.engine import batch, panel
+from moireaug.engine.cpu import batch, panel
 from moireaug.engine.shot_exposure import lower_exposure
 from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.exposure.screen import on_panel

@@ -1,0 +1,127 @@
+"""The grid of nodes on which a binned reading's beats are computed: how many a view needs, and the
+harmonics' frequencies and the bins' sides there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine.budget import MAX_BEAT_NODES
+from moireaug.engine.cpu import optics
+from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.nodes import VIEW_SAMPLES, sample
+from moireaug.engine.cpu.view import jacobian
+
+REFERENCE_AMPLITUDE = 0.3  # of a harmonic in a reading, for which budgets state `beat_cycles`
+
+
+class BeatGrid(NamedTuple):
+    """Harmonics and bins at points of a reading.
+
+    Args:
+        frequency: (rows, cols, K, 2) float64, of each harmonic along u and v, in cycles per sensor
+            pixel.
+        sides: (rows, cols, 4) float64, u and v of the bins' two sides, in sensor pixels; at least
+            a pixel long. triangle: float, see `exposure.bins.Bins`.
+    """
+
+    frequency: np.ndarray
+    sides: np.ndarray
+    triangle: float
+
+
+@loop
+def grid_at(us, vs, camera, enlargement, triangle, period, orders):
+    """Return the BeatGrid at points of a reading about its centre.
+
+    Args:
+        camera: of sensor pixels. enlargement, triangle, period, orders: of an image, see
+            `exposure_records.Beats`.
+    """
+    n = len(orders)
+    frequency = np.empty((len(vs), len(us), n, 2), np.float64)
+    sides = np.empty((len(vs), len(us), 4), np.float64)
+    for r in range(len(vs)):
+        for c in range(len(us)):
+            xu, xv, yu, yv = jacobian(us[c], vs[r], camera)
+            for h in range(n):
+                k, l = orders[h, 0] / period[0], orders[h, 1] / period[1]
+                frequency[r, c, h, 0] = k * xu + l * yu
+                frequency[r, c, h, 1] = k * xv + l * yv
+            side = sides[r, c]
+            side[0], side[1], side[2], side[3] = camera.scale_u * enlargement, 0.0, 0.0, 0.0
+            side[3] = camera.scale_v * enlargement
+            if camera.rectified != 0:
+                # one pixel of the image, from panel pixels to sensor pixels
+                by = camera.alpha * enlargement / (xu * yv - xv * yu)
+                side[0], side[1], side[2], side[3] = by * yv, -by * yu, -by * xv, by * xu
+    return BeatGrid(frequency, sides, triangle)
+
+
+@loop
+def sampled_grid(sites, camera, enlargement, triangle, period, orders):
+    """Return the BeatGrid at a few points over the reading; arguments as in `grid_at`."""
+    us, vs = np.empty(VIEW_SAMPLES, np.float64), np.empty(VIEW_SAMPLES, np.float64)
+    for i in range(VIEW_SAMPLES):
+        us[i], vs[i] = sample(sites.cols, i, VIEW_SAMPLES), sample(sites.rows, i, VIEW_SAMPLES)
+    return grid_at(us, vs, camera, enlargement, triangle, period, orders)
+
+
+@loop
+def transfer_of(grid, camera):
+    """Return a table of the modulation transfer for frequencies up to a little more than those of a
+    grid, and its steps per cycle per sensor pixel."""
+    most, frequency = 1e-9, grid.frequency
+    rows, cols, n, _ = frequency.shape
+    for r in range(rows):
+        for c in range(cols):
+            for h in range(n):
+                most = max(most, abs(frequency[r, c, h, 0]), abs(frequency[r, c, h, 1]))
+    most *= 1.25
+    steps = optics.transfer_steps(most)
+    return optics.transfer_table(camera, most, steps), steps / most
+
+
+@inner
+def _fastest_change(grid, amplitude, axis, least):
+    """Return how much the beats' frequency would change along u (0) or v (1), in cycles per photo
+    pixel, if it did over the whole photo as it does where it changes fastest.
+
+    amplitude: (K,), of harmonics in a reading; those below `least` are left out. The error
+    of a cubic grows with the fourth power of the step: fainter ones need fewer nodes.
+    """
+    most, frequency = 0.0, grid.frequency
+    for h in range(frequency.shape[2]):
+        if amplitude[h] < least:
+            continue
+        weight = min(amplitude[h] / REFERENCE_AMPLITUDE, 1.0) ** 0.25
+        for i in range(VIEW_SAMPLES):
+            for j in range(VIEW_SAMPLES - 1):
+                here, there, side = frequency[i, j, h], frequency[i, j + 1, h], grid.sides[i, j]
+                if axis == 1:
+                    here, there, side = frequency[j, i, h], frequency[j + 1, i, h], grid.sides[j, i]
+                u, v = there[0] - here[0], there[1] - here[1]
+                change = max(abs(u * side[0] + v * side[1]), abs(u * side[2] + v * side[3]))
+                most = max(most, weight * max(change, max(abs(u), abs(v))))
+    return most * (VIEW_SAMPLES - 1)
+
+
+@inner
+def _node_count(steps, fewest, pixels):
+    """Return how many nodes a change of frequency by so many steps needs: at most one per pixel,
+    and at most MAX_BEAT_NODES + 1."""
+    if steps < 5e-6:
+        return 4
+    return int(min(max(steps + 2, fewest), max(pixels, 4), MAX_BEAT_NODES + 1))
+
+
+@loop
+def node_counts(grid, amplitude, sites, camera, budget):
+    """Return how many nodes the amplitudes need along u and v; grid: from `sampled_grid`,
+    amplitude: from `beat_terms.max_amplitudes`, budget: an `ErrorBudget`."""
+    fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
+    across = _fastest_change(grid, amplitude, 0, budget.beat_amplitude) / budget.beat_cycles
+    down = _fastest_change(grid, amplitude, 1, budget.beat_amplitude) / budget.beat_cycles
+    n_u = _node_count(across, fewest, len(sites.cols))
+    return n_u, _node_count(down, fewest, len(sites.rows))

@@ -1,0 +1,264 @@
+"""The terms of beats: which aliases of which harmonics a binned reading shows, and how strong they
+are at nodes of the photo.
+
+A term is a harmonic (k, l) and an alias (m_u, m_v); see `exposure.binning`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from moireaug.engine.budget import MAX_BEAT_NODES, MAX_BEAT_TERMS, SINC_LOBES, STEPS_PER_LOBE
+from moireaug.engine.cpu import optics
+from moireaug.engine.cpu.beat_grid import (
+    node_counts,
+    sampled_grid,
+    transfer_of,
+)
+from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.nodes import VIEW_SAMPLES
+
+UNKNOWN_TRANSFER = 2.0  # above any transfer
+TRANSFER_MARGIN = 1.2  # by how much the transfer may be higher between the samples
+SINC_TABLE = np.sinc(np.arange(SINC_LOBES * STEPS_PER_LOBE + 2) / STEPS_PER_LOBE)
+ZERO = np.float32(0)
+
+
+@inner
+def sinc(x):
+    """Return sin(pi x) / (pi x)."""
+    x = abs(x)
+    if x < SINC_LOBES:
+        return optics.look_up(SINC_TABLE, x * STEPS_PER_LOBE)
+    return math.sin(math.pi * x) / (math.pi * x)
+
+
+@loop
+def max_amplitudes(grid, strength, table, steps, camera):
+    """Return the highest amplitude of each harmonic in a reading, (K,)."""
+    out = np.empty(len(strength), np.float64)
+    for h in range(len(strength)):
+        passed = _max_optics_transfer(grid.frequency, h, table, steps, camera)
+        out[h] = strength[h] * passed * max(camera.gain, 1.0)
+    return out
+
+
+@loop
+def can_follow_beats(sites, camera, enlargement, triangle, period, orders, strength, budget):
+    """Return whether the kernels can follow a view: not if its beats change too fast or are too
+    many."""
+    grid = sampled_grid(sites, camera, enlargement, triangle, period, orders)
+    table, steps = transfer_of(grid, camera)
+    amplitude = max_amplitudes(grid, strength, table, steps, camera)
+    across, down = node_counts(grid, amplitude, sites, camera, budget)
+    few = len(candidate_terms(grid, amplitude, budget.beat_amplitude)) < MAX_BEAT_TERMS
+    return few and max(across, down) <= MAX_BEAT_NODES
+
+
+@inner
+def _max_optics_transfer(frequency, h, table, steps, camera):
+    """Return about the highest transfer of aperture and lens for a harmonic, from every fourth
+    sample."""
+    most = 0.0
+    for i in range(0, VIEW_SAMPLES, 4):
+        for j in range(0, VIEW_SAMPLES, 4):
+            fu, fv = frequency[i, j, h, 0], frequency[i, j, h, 1]
+            most = max(most, abs(optics.transfer_at(fu, fv, table, steps, camera)))
+    return min(TRANSFER_MARGIN * most, 1.0)
+
+
+@loop
+def _with_twice_the_room(terms):
+    """Return terms (T, 3) with room for as many more."""
+    out = np.empty((2 * len(terms), 3), np.int64)
+    for t in range(len(terms)):
+        for j in range(3):
+            out[t, j] = terms[t, j]
+    return out
+
+
+@inner
+def _fill_ranges(ranges, grid, h):
+    """Fill ranges (4, 2) with the lowest and the highest frequency of a harmonic along u and v, and
+    cycles along the two sides of a bin."""
+    rows, cols = grid.sides.shape[:2]
+    for r in range(rows):
+        for c in range(cols):
+            (fu, fv), side = grid.frequency[r, c, h], grid.sides[r, c]
+            values = (fu, fv, fu * side[0] + fv * side[1], fu * side[2] + fv * side[3])
+            for j in range(4):
+                if r == 0 and c == 0:
+                    ranges[j, 0] = ranges[j, 1] = values[j]
+                ranges[j, 0] = min(ranges[j, 0], values[j])
+                ranges[j, 1] = max(ranges[j, 1], values[j])
+
+
+@inner
+def _fill_side_ranges(out, sides):
+    """Fill out (4, 2) with the least and the greatest of the sides' coordinates."""
+    rows, cols, _ = sides.shape
+    for j in range(4):
+        out[j, 0] = out[j, 1] = sides[0, 0, j]
+        for r in range(rows):
+            for c in range(cols):
+                out[j, 0], out[j, 1] = (
+                    min(out[j, 0], sides[r, c, j]),
+                    max(out[j, 1], sides[r, c, j]),
+                )
+
+
+@inner
+def _nearest(low, high):
+    """Return the least magnitude in a range."""
+    return 0.0 if low <= 0 <= high else min(abs(low), abs(high))
+
+
+@inner
+def _max_interpolation_transfer(low, high, m):
+    """Return the highest transfer of interpolation for an alias m of frequencies from `low` to
+    `high`."""
+    nearest = _nearest(low - m / 2, high - m / 2)
+    return max(1 - nearest * nearest, 0.0)
+
+
+@inner
+def _max_side_transfer(cycles, side_u, side_v, m_u, m_v):
+    """Return the highest transfer of the mean along a side for an alias, from the ranges of a
+    harmonic's cycles along it and of the side's coordinates."""
+    u = (m_u * side_u[0] / 2, m_u * side_u[1] / 2)
+    v = (m_v * side_v[0] / 2, m_v * side_v[1] / 2)
+    low = cycles[0] - max(u[0], u[1]) - max(v[0], v[1])
+    high = cycles[1] - min(u[0], u[1]) - min(v[0], v[1])
+    return min(1.0, 1 / (math.pi * _nearest(low, high) + 1e-9))
+
+
+@loop
+def candidate_terms(grid, amplitude, least):
+    """Return the terms (T, 3) int64, harmonic and alias along both axes, that may exceed
+    an amplitude of `least`, MAX_BEAT_TERMS where there are as many or more.
+
+    grid: from `sampled_grid`, so that its ends are about those over the photo. amplitude: from
+    `max_amplitudes`.
+    """
+    count, n = 0, grid.frequency.shape[2]
+    out = np.empty((64, 3), np.int64)
+    ranges, side = np.empty((4, 2), np.float64), np.empty((4, 2), np.float64)
+    _fill_side_ranges(side, grid.sides)
+    for h in range(n):
+        if amplitude[h] <= least:
+            continue
+        _fill_ranges(ranges, grid, h)
+        (low_u, high_u), (low_v, high_v) = ranges[0], ranges[1]
+        if max(high_u - low_u, high_v - low_v) > MAX_BEAT_TERMS / 2:
+            return np.zeros((MAX_BEAT_TERMS, 3), np.int64)
+        least_transfer = least / max(amplitude[h], 1e-30)
+        for m_u in range(math.floor(2 * low_u) - 1, math.floor(2 * high_u) + 3):
+            transfer_u = _max_interpolation_transfer(low_u, high_u, m_u)
+            if transfer_u <= least_transfer:
+                continue
+            for m_v in range(math.floor(2 * low_v) - 1, math.floor(2 * high_v) + 3):
+                left = transfer_u * _max_interpolation_transfer(low_v, high_v, m_v)
+                left *= _max_side_transfer(ranges[2], side[0], side[1], m_u, m_v)
+                left *= _max_side_transfer(ranges[3], side[2], side[3], m_u, m_v)
+                if left <= least_transfer:
+                    continue
+                if count == MAX_BEAT_TERMS:
+                    return out
+                if count == len(out):
+                    out = _with_twice_the_room(out)
+                out[count, 0], out[count, 1], out[count, 2] = h, m_u, m_v
+                count += 1
+    return out[:count]
+
+
+@loop
+def number_harmonics(terms):
+    """Return the harmonics of sorted terms, (H,) int64, and replace the terms' own by their indices
+    there."""
+    out, count = np.empty(len(terms), np.int64), 0
+    for t in range(len(terms)):
+        if count == 0 or terms[t, 0] != out[count - 1]:
+            out[count] = terms[t, 0]
+            count += 1
+        terms[t, 0] = count - 1
+    return out[:count]
+
+
+@inner
+def alias_transfer(fu, fv, m_u, m_v, side, triangle):
+    """Return the transfer of an alias before interpolation.
+
+    side: (4,), of the bin. triangle: see `exposure.bins.Bins`.
+    """
+    u, v = fu - m_u / 2, fv - m_v / 2
+    if abs(u) >= 1 or abs(v) >= 1:
+        return 0.0
+    first, second = u * side[0] + v * side[1], u * side[2] + v * side[3]
+    left = sinc(u) * sinc(v) * sinc(first) * sinc(second)
+    if triangle != 0:
+        left *= sinc(triangle * first) * sinc(triangle * second)
+    return left
+
+
+@inner
+def interpolation_transfer(even, m):
+    """Return the transfer of interpolation for an alias, from that for even ones."""
+    return even if m % 2 == 0 else 1 - even
+
+
+@inner
+def plane_transfers(even_u, even_v, m_u, m_v, bayer):
+    """Return the transfer of interpolation for an alias in the planes of red and blue, and in that
+    of green; without colour filters, in all planes."""
+    in_u, in_v = interpolation_transfer(even_u, m_u), interpolation_transfer(even_v, m_v)
+    even = (m_u + m_v) % 2 == 0
+    if bayer:
+        return in_u * in_v, (in_u + in_v) / 2 if even else 0.0
+    alone = 1.0 if even and m_u % 2 == 0 else 0.0
+    return alone, alone
+
+
+@loop
+def amplitudes(grid, terms, least, table, steps, camera, bayer):
+    """Return (rows, cols, T, 2) float32, each term's amplitude at nodes, as the planes of red and
+    blue, and of green, read it. Terms are sorted; of those of a harmonic that are below `least`
+    (H,), some are 0. table, steps: from `transfer_of`."""
+    rows, cols = grid.sides.shape[:2]
+    out = np.empty((rows, cols, len(terms), 2), np.float32)
+    for r in range(rows):
+        for c in range(cols):
+            last, passed, even_u, even_v, side = -1, UNKNOWN_TRANSFER, 0.0, 0.0, grid.sides[r, c]
+            for t in range(len(terms)):
+                h, m_u, m_v = terms[t, 0], terms[t, 1], terms[t, 2]
+                if h != last:
+                    last, passed = h, UNKNOWN_TRANSFER
+                fu, fv = grid.frequency[r, c, h, 0], grid.frequency[r, c, h, 1]
+                out[r, c, t, 0] = out[r, c, t, 1] = ZERO
+                left = alias_transfer(fu, fv, m_u, m_v, side, grid.triangle)
+                if abs(left) < least[h]:
+                    continue
+                if passed == UNKNOWN_TRANSFER:
+                    passed = optics.transfer_at(fu, fv, table, steps, camera)
+                    even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
+                coloured, green = plane_transfers(even_u, even_v, m_u, m_v, bayer)
+                out[r, c, t, 0], out[r, c, t, 1] = passed * left * coloured, passed * left * green
+    return out
+
+
+@loop
+def strong_terms(amplitude, terms, strength, least):
+    """Return which terms exceed `least` at any node; strength: (H,), of harmonics in a
+    reading."""
+    rows, cols, n, _ = amplitude.shape
+    out, count = np.empty(n, np.int64), 0
+    for t in range(n):
+        most = ZERO
+        for r in range(rows):
+            for c in range(cols):
+                most = max(most, abs(amplitude[r, c, t, 0]), abs(amplitude[r, c, t, 1]))
+        if most * strength[terms[t, 0]] > least:
+            out[count] = t
+            count += 1
+    return out[:count]

@@ -1,0 +1,187 @@
+"""Beats: the panel's harmonics as the pixels of a binned reading see them, each alias a slow wave.
+
+The amplitude of a term changes slowly over the photo: it is computed on a grid of nodes and
+interpolated by cubics.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from moireaug.engine.cpu import harmonics
+from moireaug.engine.cpu.beat_grid import grid_at, node_counts, sampled_grid, transfer_of
+from moireaug.engine.cpu.beat_pattern import lost_pattern_variance
+from moireaug.engine.cpu.beat_terms import (
+    amplitudes,
+    candidate_terms,
+    max_amplitudes,
+    number_harmonics,
+    strong_terms,
+)
+from moireaug.engine.cpu.compiling import fill, inner, part
+from moireaug.engine.cpu.nodes import bracket, fill_cubics, node_line
+from moireaug.engine.cpu.records import Terms
+from moireaug.engine.cpu.rows import U, V, X, Y
+from moireaug.engine.cpu.vectors import peek, poke
+
+ONE, ZERO = np.float32(1), np.float32(0)
+
+
+@inner
+def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
+    """Fill lines (rows, T * 2 * w) with the amplitudes of the `strong` terms at the pixels of each
+    row of nodes, and peak (rows, T) with the greatest of each, times strength (T,)."""
+    w = weight.shape[1]
+    for r in range(len(lines)):
+        for t in range(len(strong)):
+            peak[r, t] = ZERO
+            for plane in range(2):
+                start = (2 * t + plane) * w
+                line = lines[r, start : start + w]
+                fill(line, ZERO)
+                for j in range(len(ends) - 1):
+                    low, high = ends[j], ends[j + 1]
+                    for i in range(4):
+                        value = amplitude[r, j + i, strong[t], plane]
+                        peak[r, t] = max(peak[r, t], abs(value) * strength[t])
+                        harmonics.add_scaled(line[low:high], weight[i, low:high], value)
+
+
+@inner
+def _fill_waves(wave, sign, terms, strong, cycles, scale, size):
+    """Fill wave (T, 5) with each term's cycles per pixel of the shown panel along x and y, per
+    photo pixel along u and v, and in the photo's middle; and sign (T, 2) with its sign in the
+    planes of blue and of green; cycles: (H, 2), of each harmonic along x and y."""
+    for t in range(len(strong)):
+        h, m_u, m_v = terms[strong[t], 0], terms[strong[t], 1], terms[strong[t], 2]
+        wave[t, 0], wave[t, 1] = cycles[h, 0], cycles[h, 1]
+        wave[t, 2], wave[t, 3] = -m_u * scale / 2, -m_v * scale / 2
+        first = m_u * (scale * size[1] / 2 - 0.5) + m_v * (scale * size[0] / 2 - 0.5)
+        wave[t, 4] = -first / 2
+        sign[t, 0] = ONE if (m_u + m_v) % 2 == 0 else -ONE
+        sign[t, 1] = ONE if m_u % 2 == 0 else -ONE
+
+
+@part
+def terms_of(b, i, camera, filters, size, sites, budget):
+    """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor.
+    budget: an `ErrorBudget`."""
+    period, orders, enlargement = b.period, b.orders, b.enlargement[i]
+    triangle = b.triangle[i]
+    rough = sampled_grid(sites, camera, enlargement, triangle, period, orders)
+    table, steps = transfer_of(rough, camera)
+    most = max_amplitudes(rough, b.strength[i], table, steps, camera)
+    terms = candidate_terms(rough, most, budget.beat_amplitude)
+    used = number_harmonics(terms)
+    own, strength = np.empty((len(used), 2), np.int64), np.empty(len(used), np.float64)
+    least, cycles = np.empty(len(used), np.float64), np.empty((len(used), 2), np.float64)
+    for h in range(len(used)):
+        for axis in range(2):
+            own[h, axis] = orders[used[h], axis]
+            cycles[h, axis] = own[h, axis] / period[axis] * b.ratio[i]
+        strength[h] = b.strength[i, used[h]] * max(camera.gain, 1.0)
+        least[h] = budget.beat_amplitude / 8 / strength[h]
+    n_u, n_v = node_counts(rough, most, sites, camera, budget)
+    us, step_u = node_line(sites.cols, n_u)
+    vs, step_v = node_line(sites.rows, n_v)
+    grid = grid_at(us, vs, camera, enlargement, triangle, period, own)
+    amplitude = amplitudes(grid, terms, least, table, steps, camera, b.bayer)
+    strong = strong_terms(amplitude, terms, strength, budget.beat_amplitude)
+    w = len(sites.cols)
+    ends, weight = np.empty(n_u - 2, np.int64), np.empty((4, w), np.float32)
+    fill_cubics(ends, weight, sites.cols, us[0], step_u)
+    lines = np.empty((n_v, len(strong) * 2 * w), np.float32)
+    peak = np.empty((n_v, len(strong)), np.float32)
+    harmonic, shown = np.empty(len(strong), np.int64), np.empty(len(strong), np.float32)
+    for t in range(len(strong)):
+        harmonic[t] = used[terms[strong[t], 0]]
+        shown[t] = strength[terms[strong[t], 0]]
+    _fill_lines(lines, peak, amplitude, strong, ends, weight, shown)
+    wave, sign = np.empty((len(strong), 5), np.float64), np.empty((len(strong), 2), np.float32)
+    _fill_waves(wave, sign, terms, strong, cycles, camera.scale_u, size)
+    lost_variance = lost_pattern_variance(b, i, filters, camera, table, steps)
+    least = budget.beat_amplitude
+    return Terms(harmonic, wave, sign, lines, peak, least, step_v, lost_variance)
+
+
+@inner
+def _cubic(t):
+    """Return the weights of values at 0, 1, 2 and 3 in the cubic through them at t, float32."""
+    a, b, c, d = t, t - 1, t - 2, t - 3
+    outer, inner_ = np.float32(-b * c * d / 6), np.float32(a * c * d / 2)
+    return outer, inner_, np.float32(-a * b * d / 2), np.float32(a * b * c / 6)
+
+
+@inner
+def _phase(out, at, wave):
+    x, y, u, v = at[X], at[Y], at[U], at[V]
+    per_x, per_y, per_u, per_v, first = wave
+    for i in range(len(out)):
+        alias = per_u * peek(u, i) + per_v * peek(v, i) + first
+        cycles = per_x * peek(x, i) + per_y * peek(y, i) + alias
+        poke(out, i, np.float32(cycles - math.floor(cycles + 0.5)))
+
+
+@inner
+def _blend(out, first, second, third, fourth, weight):
+    wa, wb, wc, wd = weight
+    for i in range(len(out)):
+        low = wa * peek(first, i) + wb * peek(second, i)
+        poke(out, i, low + (wc * peek(third, i) + wd * peek(fourth, i)))
+
+
+@inner
+def _add_beat(out, amplitude, cos, sin, real, imaginary):
+    for i in range(len(out)):
+        seen = real * peek(cos, i) - imaginary * peek(sin, i)
+        poke(out, i, out[i] + peek(amplitude, i) * seen)
+
+
+@inner
+def modulate(out, work, terms, pattern, passes, position, v, first_row):
+    """Fill out (3, 3, w), by colour filter and channel, with the sum of the terms on a row v.
+
+    Args:
+        work: (5, w) float32, workspace.
+        terms: from `terms_of`. pattern: see `binned_records.Pattern`.
+        passes: (3, 3) bool, which channels a filter passes.
+        position: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of
+            the first nodes.
+    """
+    w = out.shape[2]
+    fill(out.reshape(-1), ZERO)
+    node, t = bracket(v, first_row, terms.step_v, len(terms.lines), 3)
+    four = _cubic(t)
+    d, cos, sin, coloured, green = work[0], work[1], work[2], work[3], work[4]
+    for i in range(len(terms.harmonic)):
+        most = max(
+            max(terms.peak[node, i], terms.peak[node + 1, i]),
+            max(terms.peak[node + 2, i], terms.peak[node + 3, i]),
+        )
+        if most < terms.least_amplitude:
+            continue
+        wave = terms.wave[i]
+        _phase(d, position, (wave[0], wave[1], wave[2], wave[3], wave[4]))
+        harmonics.fill_fundamental(cos, sin, d)
+        a, b, c = 2 * i * w, (2 * i + 1) * w, (2 * i + 2) * w
+        first, second = terms.lines[node], terms.lines[node + 1]
+        third, fourth = terms.lines[node + 2], terms.lines[node + 3]
+        _blend(coloured, first[a:b], second[a:b], third[a:b], fourth[a:b], four)
+        if pattern.bayer:
+            _blend(green, first[b:c], second[b:c], third[b:c], fourth[b:c], four)
+        h = terms.harmonic[i]
+        for plane in range(3):
+            sign = ONE
+            if pattern.bayer and plane > 0:
+                sign = terms.sign[i, 0] if plane == 2 else terms.sign[i, 1]
+            for channel in range(3):
+                if not passes[plane, channel]:
+                    continue
+                real = sign * pattern.coefficients[channel, h, 0]
+                imaginary = sign * pattern.coefficients[channel, h, 1]
+                if pattern.bayer and plane == 1:
+                    _add_beat(out[plane, channel], green, cos, sin, real, imaginary)
+                else:
+                    _add_beat(out[plane, channel], coloured, cos, sin, real, imaginary)

@@ -1,0 +1,165 @@
+"""Screen to a binned reading, one image per call: the content of the picture in each bin, times the
+share of the panel that is lit there, a row at a time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine.cpu import beats, stencil
+from moireaug.engine.cpu.compiling import copy, fill, inner, once, part
+from moireaug.engine.cpu.expose import MIN_BANDS, fill_band_weights
+from moireaug.engine.cpu.irradiance import panel_irradiance
+from moireaug.engine.cpu.register import photo_row, undistortion
+from moireaug.engine.cpu.rows import (
+    LIGHT,
+    NOISE,
+    NOISE_BITS,
+    Places,
+    Row,
+    U,
+    V,
+    X,
+    Y,
+    places_of,
+    row_of,
+)
+from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, reflect
+from moireaug.engine.cpu.view import inverse
+
+ZERO = np.float32(0)
+
+
+class _Work(NamedTuple):
+    """What a row of bins is computed in.
+
+    Args:
+        places, row: see there. modulation: (3, 3, w) float32, see `beats.modulate`. lines: (5, w)
+            float32. passes: (3, 3) bool, which channels each colour filter passes.
+        ideal: (3, w), forward: (3, 3), factor: (n,) and per_square, float64, see
+            `register.photo_row`.
+    """
+
+    places: Places
+    row: Row
+    modulation: np.ndarray
+    lines: np.ndarray
+    passes: np.ndarray
+    ideal: np.ndarray
+    forward: np.ndarray
+    factor: np.ndarray
+    per_square: float
+
+
+@part
+def _work_of(w, planes, image):
+    """Return the _Work of a reading w wide."""
+    forward, passes = np.empty((3, 3), np.float64), np.empty((3, 3), np.bool_)
+    back = inverse(image.sensor)
+    for i in range(3):
+        for j in range(3):
+            passes[i, j] = image.filters[i, j] != 0
+            forward[i, j] = back[3 * i + j]
+    factor, per_square = undistortion(image.sensor.k1, image.sensor.k2)
+    every_colour = np.ones((3, 3))  # in the irradiance; filters come after the beats
+    return _Work(
+        places_of(w, planes, image.sites, image.nodes, every_colour),
+        row_of(w, image.cell, image.nodes),
+        np.empty((3, 3, w), np.float32),
+        np.empty((5, w), np.float32),
+        passes,
+        np.empty((3, w), np.float64),
+        forward,
+        factor,
+        per_square,
+    )
+
+
+@inner
+def _locate(work, r, v, sensor, size):
+    """Fill where row r of the bins, v about the centre, lies on the photo."""
+    at = work.row.position
+    if sensor.rectified != 0:
+        photo_row(at[U], at[V], work.ideal, r, work.forward, work.factor, work.per_square, size)
+        return
+    u = work.places.u[0]
+    for i in range(len(u)):
+        at[U, i], at[V, i] = u[i], v
+
+
+@inner
+def _flicker(light, bands, v, height):
+    """Multiply a row by the panel's pulses at photo rows v (w,) about the centre."""
+    last = len(bands) - 2.0
+    for i in range(len(light)):
+        at = min(max((v[i] / height + 0.5) * last, 0.0), last)
+        k = int(at)
+        light[i] *= np.float32(bands[k] + (at - k) * (bands[k + 1] - bands[k]))
+
+
+@inner
+def _add_modulated(light, content, modulation, passed, mean):
+    """Add a row of content, modulated, to the light; passed: of it by the colour filter."""
+    for i in range(len(light)):
+        light[i] += content[i] * (passed * (mean + modulation[i]))
+
+
+@once
+def _expose(raw, panel, size, image, work, top, bottom):
+    """Do the same as `expose`, in buffers that it allocated."""
+    planes, h, w = raw.shape
+    pattern, nodes, sites = image.pattern, image.nodes, image.sites
+    row, passes, modulation = work.row, work.passes, work.modulation
+    position, first_row = row.position, sites.rows[0]
+    light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
+    band = max(1, h // MIN_BANDS)
+    for r in range(top, bottom):
+        v = sites.rows[r]
+        _locate(work, r, v, image.sensor, (h, w))
+        if image.stencil.taps > 0:
+            stencil.look_straight(position[X], position[Y], r)
+            line = work.lines[0]
+            stencil.content(row.irradiance, line, image.stencil, panel, image.cell, sites, r)
+        else:
+            if r % band == 0 or r == top:
+                start = r - r % band
+                middle = (sites.rows[start] + sites.rows[min(start + band, h) - 1]) / 2
+                fill_band_weights(row.weights, nodes, middle, first_row)
+            panel_irradiance(work, panel, size, image, 0, v)
+        beats.modulate(modulation, work.lines, image.terms, pattern, passes, position, v, first_row)
+        for plane in range(planes):
+            colour = sites.channel[plane]
+            fill(light, ZERO)
+            for channel in range(3):
+                if passes[colour, channel]:
+                    passed, beat = image.filters[colour, channel], modulation[colour, channel]
+                    content, mean = row.irradiance[channel], pattern.mean[channel]
+                    _add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
+            if len(image.flicker) > 0:
+                _flicker(light, image.flicker, position[V], h)
+            reflect(light, position[U], position[V], image.white[plane], image.camera)
+            attenuate(light, position[U], position[V], image.camera)
+            out, away = raw[plane, r], pattern.lost_noise_variance
+            add_noise(light, (plane * h + r) * w, image.readout, noise, bits)
+            if image.readout.clips:
+                lost_pattern_variance = (
+                    image.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
+                )
+                clip_mean(out, light, away[0], away[1], lost_pattern_variance)
+            else:
+                copy(out, light)
+
+
+@part
+def expose(raw, panel, size, image, top, bottom):
+    """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the binned reading of one
+    image.
+
+    Args:
+        panel: (3, ...) float32, from `panel.fill_panel`.
+        size: (height, width) of the picture in panel pixels, rounded up.
+        image: see `binned_records.BinnedImage`.
+    """
+    planes, _, w = raw.shape
+    _expose(raw, panel, size, image, _work_of(w, planes, image), top, bottom)

@@ -1,0 +1,116 @@
+"""Raw to photo, one image per call, a cell row at a time: to codes, and resized."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.cpu.codes import codes_of_row, is_read, workspace
+from moireaug.engine.cpu.compiling import fill, inner, part
+from moireaug.engine.cpu.vectors import add, peek, poke
+
+ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
+
+
+@inner
+def gather(out, row, index, weight):
+    """Fill out (n,) with sums over taps of weight[t] * row[index[t]]."""
+    for t in range(len(index)):
+        _add_gathered(out, row, index[t], weight[t], t == 0)
+
+
+@inner
+def _add_gathered(out, row, index, weight, first):
+    if first:
+        for i in range(len(out)):
+            poke(out, i, peek(weight, i) * peek(row, peek(index, i)))
+    else:
+        for i in range(len(out)):
+            poke(out, i, out[i] + peek(weight, i) * peek(row, peek(index, i)))
+
+
+@inner
+def _mean(out, even, odd):
+    for i in range(len(out)):
+        poke(out, i, HALF * (peek(even, i) + peek(odd, i)))
+
+
+@inner
+def _interleave(out, even, odd):
+    for i in range(len(odd)):
+        poke(out, 2 * i, peek(even, i))
+        poke(out, 2 * i + 1, peek(odd, i))
+    if len(even) > len(odd):
+        poke(out, len(out) - 1, peek(even, len(odd)))
+
+
+@inner
+def source_rows(rows, top, bottom):
+    """Return the first and one past the last sensor row that photo rows `top` to `bottom` are made
+    from."""
+    if bottom <= top:
+        return 0, 0
+    return rows.start[top], min(rows.start[bottom - 1] + rows.taps.shape[1], len(rows.first))
+
+
+@inner
+def resize_along_row(line, work, r, channel, cols):
+    """Fill line (W,) with one colour of row r of a cell, resized."""
+    even, odd = work.colours[2 * r, channel], work.colours[2 * r + 1, channel]
+    if work.step == 2 and cols.halves:
+        _mean(line, even, odd)
+    elif work.step == 2 and cols.is_identity:
+        _interleave(line, even[: (len(line) + 1) // 2], odd[: len(line) // 2])
+    else:
+        # the index counts on from the even columns to the odd ones, 3 rows of lanes further on
+        start = (2 * r * 3 + channel) * work.lanes
+        gather(line, work.colours.reshape(-1)[start:], cols.index, cols.weight)
+
+
+@inner
+def clear(photo, top, bottom):
+    """Fill rows `top` to `bottom` of photo (3, H, W) with zeros."""
+    for c in range(3):
+        fill(photo[c, top:bottom].reshape(-1), ZERO)
+
+
+@inner
+def clip(photo, top, bottom):
+    """Clip rows `top` to `bottom` of photo (3, H, W): sums of weighted codes round to just above 1.
+
+    The backward pass leaves this out, as the codes themselves lie in [0, 1]."""
+    for c in range(3):
+        rows = photo[c, top:bottom].reshape(-1)
+        for i in range(len(rows)):
+            rows[i] = min(max(rows[i], ZERO), ONE)
+
+
+@inner
+def _develop(photo, raw, codes, work, top, bottom):
+    """Do the same as `develop`, in buffers that it allocated."""
+    rows, line = codes.rows, work.resized
+    clear(photo, top, bottom)
+    first, last = source_rows(rows, top, bottom)
+    for y in range(first // work.step, (last + work.step - 1) // work.step):
+        codes_of_row(work, raw, y, codes)
+        for r in range(work.step):
+            row = y * work.step + r
+            if not is_read(rows, row):
+                continue
+            for channel in range(3):
+                resize_along_row(line, work, r, channel, codes.cols)
+                for i in range(rows.first[row], rows.last[row] + 1):
+                    if top <= i < bottom:
+                        add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
+    clip(photo, top, bottom)
+
+
+@part
+def develop(photo, raw, codes, image, top, bottom):
+    """Fill rows `top` to `bottom` of photo (3, H, W) float32, codes in the camera's frame, from raw
+    (4 or 3, h, w) float32.
+
+    Args:
+        codes: see `development_records.Codes`. image: index in the batch.
+    """
+    work = workspace(codes, image, raw.shape[2], photo.shape[2])
+    _develop(photo, raw, codes, work, top, bottom)

@@ -1,0 +1,89 @@
+"""Screen to raw, one image per call: from the panel's light to the clipped reading, a sensor row at
+a time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine.cpu.compiling import fill, inner, once, part
+from moireaug.engine.cpu.irradiance import panel_irradiance
+from moireaug.engine.cpu.nodes import bracket
+from moireaug.engine.cpu.rows import LIGHT, NOISE, NOISE_BITS, Places, Row, V, places_of, row_of
+from moireaug.engine.cpu.sensor import attenuate, read, reflect
+from moireaug.engine.cpu.tap_weights import weights_per_node
+from moireaug.engine.cpu.vectors import add
+from moireaug.engine.cpu.weights import blend
+
+ZERO = np.float32(0)
+# a photo is divided into at least so many bands, if it has the rows; rows of a band share their
+# tap weights
+MIN_BANDS = 224
+
+
+class _Work(NamedTuple):
+    """What a row of a reading is computed in; see `rows`."""
+
+    places: Places
+    row: Row
+
+
+@inner
+def fill_band_weights(out, nodes, v, first):
+    """Fill out (kinds, n) with the tap weights of all nodes on a row v; first: row of the first
+    nodes."""
+    kinds, rows = nodes.tables.shape[:2]
+    node, t = bracket(v, first, nodes.step_vw, rows, 1)
+    for kind in range(kinds):
+        n = nodes.columns * weights_per_node(nodes.phases[kind], nodes.taps[kind])[1]
+        low, high = nodes.tables[kind, node, :n], nodes.tables[kind, node + 1, :n]
+        blend(out[kind, :n], low, high, np.float32(t))
+
+
+@once
+def _expose(raw, panel, size, image, work, top, bottom):
+    """Do the same as `expose`, in buffers that it allocated."""
+    planes, h, w = raw.shape
+    row, places, camera, sites = work.row, work.places, image.camera, image.sites
+    rows, step = sites.rows, sites.step
+    light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
+    band = max(1, len(rows) // MIN_BANDS)
+    for r in range(top * step, bottom * step):
+        v = rows[r]
+        if r % band == 0 or r == top * step:
+            start = r - r % band
+            end = min(start + band, len(rows)) - 1
+            middle = (rows[start] + rows[end]) / 2
+            fill_band_weights(row.weights, image.nodes, middle, rows[0])
+        fill(row.position[V], v)
+        pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
+        for plane in range(planes):
+            if sites.row[plane] != r % step:
+                continue
+            if places.first[plane] == plane:
+                panel_irradiance(work, panel, size, image, plane, v)
+            fill(light, ZERO)
+            for colour in range(3):
+                passed = image.filters[sites.channel[plane], colour] * pulse
+                add(light, row.irradiance[colour], np.float32(passed))
+            u = places.u[plane]
+            reflect(light, u, row.position[V], image.white[plane], camera)
+            attenuate(light, u, row.position[V], camera)
+            out, start = raw[plane, r // step], (plane * h + r // step) * w
+            read(out, light, start, image.readout, noise, bits)
+
+
+@part
+def expose(raw, panel, size, image, top, bottom):
+    """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
+
+    Args:
+        panel: (3, ...) float32, from `panel.fill_panel`.
+        size: (height, width) of the picture in panel pixels, rounded up.
+        image: see `exposure_records.FullImage`.
+    """
+    planes, _, w = raw.shape
+    places = places_of(w, planes, image.sites, image.nodes, image.filters)
+    work = _Work(places, row_of(w, image.cell, image.nodes))
+    _expose(raw, panel, size, image, work, top, bottom)

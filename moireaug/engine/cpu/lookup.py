@@ -1,0 +1,100 @@
+"""Where a row of sensor pixels of one plane looks on the panel, and the content there.
+
+Each loop does one thing, so that it vectorises.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.cpu.compiling import inner
+from moireaug.engine.cpu.vectors import (
+    eight_by_eight,
+    eight_by_six,
+    fill_eight_weights,
+    fill_four_weights,
+    four_by_four,
+    peek,
+    poke,
+)
+
+ROUNDING_OFFSET = 1.5 * 2.0**52  # adding it to a float64 rounds to whole numbers
+HALF, ZERO = np.float32(0.5), np.float32(0)
+NARROW_TAPS, WIDE_TAPS = 4, 8  # cells along each axis that a pixel's content is taken from
+MAX_RADIUS_OF_SIX_ROWS = 2  # cells: up to it, the outermost two of WIDE_TAPS rows have no light
+
+
+@inner
+def split_into_cells(offset, cell, position, centre, period, low, high):
+    """Split panel coordinates (n,) into whole cells, (n,) int32 between `low` and `high`, and the
+    offset from there, (n,) float32 in cells.
+
+    position: (n,) float64, panel pixels. centre, period: of the cells, panel pixels.
+    """
+    scale = 1 / period
+    for i in range(len(position)):
+        q = (peek(position, i) - centre) * scale
+        whole = (q + ROUNDING_OFFSET) - ROUNDING_OFFSET
+        poke(offset, i, q - whole)
+        poke(cell, i, np.int32(min(max(whole, low), high)))
+
+
+@inner
+def locate_taps(first, index, phase_share, offset, nearest, start, phases, taps):
+    """Find each pixel's first tap along one axis, and its weights in a table of
+    `weights.tap_weight_tables`.
+
+    Args:
+        first: (n,) int32, filled with the cell of the first tap. index, phase_share: (n,) int32 and
+            float32, filled as in `exposure_records.TapWeights`.
+        offset, nearest: (n,), from `split_into_cells`. start: (n,) int32, index in the table of the
+            left node's weights along this axis. phases, taps: see `exposure_records.Nodes`.
+    """
+    scale, last = np.float32(phases), np.int32(phases - 1)
+    size, half = np.int32(taps), np.int32(taps // 2)
+    for i in range(len(offset)):
+        at = (peek(offset, i) + HALF) * scale
+        whole = np.int32(min(np.int32(at), last))
+        right = np.int32(peek(offset, i) >= ZERO)
+        poke(phase_share, i, at - np.float32(whole))
+        poke(index, i, np.int32(np.int32(np.int32(whole + right) * size) + peek(start, i)))
+        poke(first, i, np.int32(np.int32(peek(nearest, i) + right) - half))
+
+
+@inner
+def fill_base(base, x, y, stride, origin):
+    """Fill base (n,) int32 with the indices of cells (x, y) on the flattened panel."""
+    for i in range(len(base)):
+        row = np.int32(peek(y, i) * stride)
+        poke(base, i, np.int32(np.int32(row + peek(x, i)) + origin))
+
+
+@inner
+def fill_weights(out, weights, taps):
+    """Fill out (n * taps,) float32 with the pixels' tap weights along one axis.
+
+    weights: see `exposure_records.TapWeights`.
+    """
+    if taps == NARROW_TAPS:
+        fill_four_weights(out, weights)
+    else:
+        fill_eight_weights(out, weights)
+
+
+@inner
+def content(out, panel, base, stride, weights, weights_y, taps, radius):
+    """Fill out (n,) float32 with the weighted content of `taps` x `taps` cells.
+
+    Args:
+        panel: flat. base: (n,) int32, index of the first cell. stride: int32, from a row of cells
+            to the next.
+        weights: along x, see `exposure_records.TapWeights`. weights_y: along y, from
+            `fill_weights`.
+        radius: see `exposure_records.Cell`.
+    """
+    if taps == NARROW_TAPS:
+        four_by_four(out, panel, base, stride, weights, weights_y)
+    elif radius <= MAX_RADIUS_OF_SIX_ROWS:
+        eight_by_six(out, panel, base, stride, weights, weights_y)
+    else:
+        eight_by_eight(out, panel, base, stride, weights, weights_y)

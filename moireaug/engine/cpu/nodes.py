@@ -1,0 +1,236 @@
+"""Grids of nodes for what varies slowly over a photo. The view's change of scale decides how many
+nodes there are."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from moireaug.engine.budget import MAX_NODES
+from moireaug.engine.cpu import harmonics, optics, weights
+from moireaug.engine.cpu.compiling import fill, inner, loop, part
+from moireaug.engine.cpu.records import Nodes
+from moireaug.engine.cpu.view import jacobian
+from moireaug.exposure.footprints import MIN_BLUR_VARIANCE
+
+VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
+BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken
+PASSED_CYCLES_PER_BLUR = 0.8  # a Gaussian passes less than 1e-5 of higher frequencies
+
+
+@inner
+def sample(positions, k, count):
+    """Return the k-th of `count` positions from the first to the last."""
+    return positions[(len(positions) - 1) * k // (count - 1)]
+
+
+@inner
+def _fill_scales(scales, rows, cols, camera, lens):
+    """Fill scales (samples along v, along u, 2) with how many panel pixels a pixel spans along both
+    axes of the panel."""
+    for i in range(VIEW_SAMPLES):
+        for j in range(VIEW_SAMPLES):
+            u, v = sample(cols, j, VIEW_SAMPLES), sample(rows, i, VIEW_SAMPLES)
+            xu, xv, yu, yv = jacobian(u, v, camera)
+            x, y = xu * xu + xv * xv, yu * yu + yv * yv
+            if lens.rectified != 0:  # pixels are alike, and what varies is the lens's blur
+                xu, xv, yu, yv = jacobian(u, v, lens)
+                blur = 12 * lens.blur * lens.blur
+                x, y = x + (xu * xu + xv * xv) * blur, y + (yu * yu + yv * yv) * blur
+            scales[i, j, 0], scales[i, j, 1] = math.sqrt(x), math.sqrt(y)
+
+
+@inner
+def _fill_highest(highest, cell):
+    """Fill highest (2,) with the highest harmonic along both axes, in cycles per panel pixel."""
+    fill(highest, 0.0)
+    for kind in range(len(cell.period)):
+        for axis in range(2):
+            highest[axis] = max(highest[axis], cell.orders[kind, axis] / cell.period[kind, axis])
+
+
+@inner
+def _fastest_change(scales, axis_of_photo, highest, passed):
+    """Return how much the logarithm of the view's scale, and the highest frequency, would change
+    along u (0) or v (1), if they did over the whole photo as they do where they change fastest.
+
+    passed: the highest frequency that passes the lens, in cycles per sensor pixel.
+    """
+    least, cycles = 1.0, 0.0
+    for i in range(VIEW_SAMPLES):
+        for j in range(VIEW_SAMPLES - 1):
+            for axis in range(2):
+                here, there = scales[i, j, axis], scales[i, j + 1, axis]
+                if axis_of_photo == 1:
+                    here, there = scales[j, i, axis], scales[j + 1, i, axis]
+                high = max(here, there)
+                ratio = min(here, there) / high
+                least = min(least, ratio)
+                cycles = max(cycles, min(high * highest[axis], passed) * (1 - ratio))
+    return -math.log(least) * (VIEW_SAMPLES - 1), cycles * (VIEW_SAMPLES - 1)
+
+
+@inner
+def _motion_change(rows, cols, camera, lens, axis_of_photo):
+    """Return how much motion along the panel's axes would change along u (0) or v (1), as a share
+    of the rest of the blur, if it did over the whole photo as it does where it changes sign. There
+    the whole blur is least, with a kink if the rest is small."""
+    most = 0.0
+    for i in range(VIEW_SAMPLES):
+        for j in range(VIEW_SAMPLES - 1):
+            u, v = sample(cols, j, VIEW_SAMPLES), sample(rows, i, VIEW_SAMPLES)
+            u2, v2 = sample(cols, j + 1, VIEW_SAMPLES), v
+            if axis_of_photo == 1:
+                u, v = sample(cols, i, VIEW_SAMPLES), sample(rows, j, VIEW_SAMPLES)
+                u2, v2 = u, sample(rows, j + 1, VIEW_SAMPLES)
+            by_camera = jacobian(u, v, camera)
+            here = weights.lens_jacobian(by_camera, u, v, camera, lens)
+            there = weights.lens_jacobian(jacobian(u2, v2, camera), u2, v2, camera, lens)
+            for axis in range(2):
+                x, y = 2 * axis, 2 * axis + 1
+                a = weights.motion_sigma(here[x], here[y], lens)
+                b = weights.motion_sigma(there[x], there[y], lens)
+                if a * b < 0:
+                    variance = weights.still_variance(
+                        by_camera[x], by_camera[y], camera.fill, here[x], here[y], lens
+                    )
+                    most = max(most, abs(a - b) / math.sqrt(variance + MIN_BLUR_VARIANCE))
+    return most * (VIEW_SAMPLES - 1)
+
+
+@inner
+def _count(steps, fewest):
+    """Return how many nodes a change of so many steps needs: at least `fewest`, and at most
+    MAX_NODES + 1."""
+    return int(min(max(steps + 2, fewest), MAX_NODES + 1))
+
+
+@loop
+def counts(rows, cols, camera, lens, cell, budget):
+    """Return how many nodes the amplitudes and the tap weights (first axis) need along u and v
+    (second axis): (2, 2) int64, at most MAX_NODES + 1; budget: an `ErrorBudget`."""
+    scales, highest = np.empty((VIEW_SAMPLES, VIEW_SAMPLES, 2)), np.empty(2)
+    _fill_scales(scales, rows, cols, camera, lens)
+    _fill_highest(highest, cell)
+    change, cycles = np.empty(2), np.empty(2)
+    passed = PASSED_CYCLES_PER_BLUR / max(camera.blur, 1e-6)
+    for k in range(2):
+        change[k], cycles[k] = _fastest_change(scales, k, highest, passed)
+    out = np.empty((2, 2), np.int64)
+    fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
+    for k in range(2):
+        if max(change[0], change[1]) < budget.flat_log_scale:
+            out[0, k], out[1, k] = 4, 2
+            continue
+        steps = max(cycles[k] / budget.amplitude_cycles, change[k] / budget.amplitude_log_scale)
+        out[0, k] = _count(steps, fewest)
+        motion_steps = _motion_change(rows, cols, camera, lens, k) / budget.weight_motion
+        out[1, k] = _count(max(change[k] / budget.weight_log_scale, motion_steps), 5)
+    return out
+
+
+@loop
+def _narrowed(rows, cols, camera, lens, cell, widths, added_variance):
+    """Return whether any of a few sensor pixels over the photo sees more cells than its taps."""
+    blur = np.empty((2, 2), np.float64)
+    for i in range(BLUR_SAMPLES):
+        for j in range(BLUR_SAMPLES):
+            u, v = sample(cols, j, BLUR_SAMPLES), sample(rows, i, BLUR_SAMPLES)
+            for kind in range(len(widths)):
+                subpixel = weights.SubpixelSize(
+                    cell.period[kind], widths[kind], added_variance[kind]
+                )
+                if weights.fill_blur(blur, u, v, camera, lens, subpixel, cell.radius):
+                    return True
+    return False
+
+
+@loop
+def can_follow_view(camera, lens, cell, widths, added_variance, sites, dark, budget):
+    """Return whether the kernels can follow a view: not one near the horizon, nor, if `dark`, one
+    from so far away that a pixel sees more cells than its taps. Arguments as in
+    `nodes_of` and `panel.fill_panel`."""
+    if dark and _narrowed(sites.rows, sites.cols, camera, lens, cell, widths, added_variance):
+        return False
+    count, most = counts(sites.rows, sites.cols, camera, lens, cell, budget), 0
+    for k in range(2):
+        most = max(most, count[0, k], count[1, k])
+    return most <= MAX_NODES
+
+
+@part
+def node_line(positions, count):
+    """Return `count` nodes from the first to the last position, and the step between two; for one
+    position all nodes are there, and the step is 1."""
+    first, last = positions[0], positions[len(positions) - 1]
+    apart = (last - first) / (count - 1)
+    out = np.empty(count, np.float64)
+    for i in range(count):
+        out[i] = first + i * apart
+    return out, apart if last > first else 1.0
+
+
+@inner
+def bracket(at, first, step, count, degree):
+    """Return the first of `degree` + 1 neighbouring nodes around a position, and how many steps
+    past it the position is.
+
+    first, step, count: the line of nodes.
+    """
+    t = (at - first) / step
+    base = min(max(math.floor(t) - (degree - 1) // 2, 0), count - 1 - degree)
+    return base, t - base
+
+
+@part
+def fill_cubics(ends, weight, positions, first, step):
+    """Fill ends and weight of `harmonics.interpolate_to_pixels` for pixels at ascending positions
+    (n,).
+
+    first, step: the first node, and from one to the next.
+    """
+    four, done = np.empty(4, np.float32), 0
+    for i in range(len(positions)):
+        start, t = bracket(positions[i], first, step, len(ends) + 2, 3)
+        while done <= start:
+            ends[done] = i
+            done += 1
+        harmonics.lagrange(four, t)
+        for j in range(4):
+            weight[j, i] = four[j]
+    for j in range(done, len(ends)):
+        ends[j] = len(positions)
+
+
+@part
+def nodes_of(camera, lens, cell, coefficients, widths, added_variance, sites, budget):
+    """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
+    rows, cols, step = sites.rows, sites.cols, sites.step
+    count = counts(rows, cols, camera, lens, cell, budget)
+    us, step_u = node_line(cols, count[0, 0])
+    vs, step_v = node_line(rows, count[0, 1])
+    amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
+    harmonics.fold(amplitude)
+    least = budget.harmonic_amplitude / max(camera.gain, 1.0)
+    terms = harmonics.terms_of(amplitude, least)
+    w = len(cols) // step
+    lines = np.empty((step, len(vs), len(terms) * w), np.float32)
+    ends, weight = np.empty(len(us) - 2, np.int64), np.empty((4, w), np.float32)
+    for column in range(step):
+        fill_cubics(ends, weight, cols[column::step], us[0], step_u)
+        harmonics.interpolate_to_pixels(lines[column], amplitude, terms, ends, weight)
+    us, step_uw = node_line(cols, count[1, 0])
+    vs, step_vw = node_line(rows, count[1, 1])
+    tables, phases, taps = weights.tap_weight_tables(
+        us, vs, camera, lens, cell, widths, added_variance, budget
+    )
+    return Nodes(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)
+
+
+@part
+def no_nodes(kinds):
+    """Return the Nodes of an image that needs none."""
+    tables, phases = np.empty((kinds, 0, 0), np.float32), np.zeros((kinds, 2), np.int64)
+    terms, lines = np.empty((0, 4), np.int64), np.empty((1, 0, 0), np.float32)
+    return Nodes(terms, lines, 1.0, tables, phases, np.zeros(kinds, np.int64), 2, 1.0, 1.0)

@@ -1,0 +1,192 @@
+"""The picture as the panel shows it: resampled to panel pixels once, with a margin so that no
+look-up leaves it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
+from moireaug.engine.cpu.vectors import add, peek, poke
+
+ZERO = np.float32(0)
+MARGIN_CELLS = 5  # beyond the cell's `radius`: half of the widest window, and one
+
+
+@inner
+def shape(size, alpha, cell):
+    """Return the height and width of the panel's picture with its margins, whole cells of every
+    kind."""
+    around, px, py = 2 * (cell.radius + MARGIN_CELLS), cell.whole[0], cell.whole[1]
+    return (math.ceil(alpha * size[0] / py) + around) * py, (
+        math.ceil(alpha * size[1] / px) + around
+    ) * px
+
+
+@inner
+def margin(cell, axis):
+    """Return how many panel pixels of margin lie ahead of the picture."""
+    return (cell.radius + MARGIN_CELLS) * cell.whole[axis]
+
+
+@inner
+def _period_of(cell, channel):
+    """Return the period along x of a channel's subpixels, which share one."""
+    for i in range(len(cell.channel)):
+        if cell.channel[i] == channel:
+            return cell.period[cell.kind[i], 0]
+    return 1
+
+
+@inner
+def _pixel_at(i, n, period):
+    """Return the position of the panel pixel that is stored as number i of n: the first pixels of
+    all cells of `period` pixels come first, then their second, and so on."""
+    cells = n // period
+    return i % cells * period + i // cells
+
+
+@inner
+def _fill_axis(n, size, alpha, period, lead, first, share):
+    """Find where each of n panel pixels lies between two picture pixels.
+
+    period: see `_pixel_at`. lead: panel pixels ahead of the picture.
+    """
+    for i in range(n):
+        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
+        at = min(max(at - 0.5, 0.0), size - 1.0)
+        first[i] = np.int32(at)
+        share[i] = at - first[i]
+
+
+@inner
+def _interpolate_rows(out, first, second, f):
+    """Fill out (w + 1,) with a row interpolated between two (w,), its last pixel repeated."""
+    w = len(first)
+    for i in range(w):
+        out[i] = first[i] + f * (second[i] - first[i])
+    out[w] = out[w - 1]
+
+
+@inner
+def _interpolate_row(out, row, first, share):
+    for i in range(len(out)):
+        x = peek(first, i)
+        low = peek(row, x)
+        poke(out, i, low + peek(share, i) * (peek(row, np.int32(x + np.int32(1))) - low))
+
+
+@loop
+def _enlarge(panel, light, alpha, period, ahead, above):
+    """Fill panel (n, m), of one colour, from its light (h, w): bilinear between pixel centres."""
+    (h, w), (n, m) = light.shape, panel.shape
+    x, fx = np.empty(m, np.int32), np.empty(m, np.float32)
+    y, fy = np.empty(n, np.int32), np.empty(n, np.float32)
+    _fill_axis(n, h, alpha, 1, above, y, fy)
+    _fill_axis(m, w, alpha, period, ahead, x, fx)
+    row = np.empty(w + 1, np.float32)
+    for i in range(n):
+        low = np.int64(y[i])
+        _interpolate_rows(row, light[low], light[min(low + 1, h - 1)], fy[i])
+        _interpolate_row(panel[i], row, x, fx)
+
+
+@inner
+def _fill_triangles(pixel, weight, size, alpha, period, lead):
+    """Find which picture pixels each panel pixel shows, (taps, n) int32, and how much of each,
+    (taps, n) float32; the rest as in `_fill_axis`."""
+    taps, n = pixel.shape
+    for i in range(n):
+        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
+        first, total = math.ceil(at - 1 / alpha - 0.5), 0.0
+        for tap in range(taps):
+            total += max(0.0, 1 - abs(first + tap + 0.5 - at) * alpha)
+        for tap in range(taps):
+            share = max(0.0, 1 - abs(first + tap + 0.5 - at) * alpha)
+            weight[tap, i] = share / total
+            pixel[tap, i] = min(max(first + tap, 0), size - 1)
+
+
+@inner
+def _add_across(out, row, pixel, weight):
+    for i in range(len(out)):
+        poke(out, i, out[i] + peek(weight, i) * peek(row, peek(pixel, i)))
+
+
+@loop
+def shrink(panel, light, alpha, period, ahead, above):
+    """Fill panel (n, m), of one colour and fewer pixels than the picture, from its light (h, w):
+    each with the mean under a triangle that ends one panel pixel from its centre, along each axis.
+
+    Args:
+        period: see `_pixel_at`. ahead, above: panel pixels ahead of the picture.
+    """
+    (h, w), (n, m) = light.shape, panel.shape
+    taps = math.ceil(2 / alpha)  # picture pixels under a triangle
+    x, across = np.empty((taps, m), np.int32), np.empty((taps, m), np.float32)
+    y, down = np.empty((taps, n), np.int32), np.empty((taps, n), np.float32)
+    _fill_triangles(x, across, w, alpha, period, ahead)
+    _fill_triangles(y, down, h, alpha, 1, above)
+    row = np.empty(w, np.float32)
+    for i in range(n):
+        fill(row, ZERO)
+        for tap in range(taps):
+            if down[tap, i] != 0:
+                add(row, light[y[tap, i]], down[tap, i])
+        fill(panel[i], ZERO)
+        for tap in range(taps):
+            _add_across(panel[i], row, x[tap], across[tap])
+
+
+@inner
+def _fill_on_picture(on_picture, size, alpha, period, lead):
+    """Find whether each panel pixel is on the picture, (n,) bool; the rest as in `_fill_axis`."""
+    n = len(on_picture)
+    for i in range(n):
+        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
+        on_picture[i] = 0 <= at < size
+
+
+@loop
+def _blacken(panel, size, alpha, period, ahead, above):
+    """Blacken what lies beyond the picture, on one colour's panel (n, m)."""
+    n, m = panel.shape
+    x, y = np.empty(m, np.bool_), np.empty(n, np.bool_)
+    _fill_on_picture(x, size[1], alpha, period, ahead)
+    _fill_on_picture(y, size[0], alpha, 1, above)
+    for i in range(n):
+        for j in range(m):
+            if not (y[i] and x[j]):
+                panel[i, j] = 0
+
+
+@loop
+def _surround(panel, light, ahead, above):
+    """Fill panel (n, m), of one colour, with its light (h, w) and margins around it."""
+    h, w = light.shape
+    for i in range(len(panel)):
+        row, shown = light[min(max(i - above, 0), h - 1)], panel[i]
+        fill(shown[:ahead], row[0])
+        copy(shown[ahead : ahead + w], row)
+        fill(shown[ahead + w :], row[w - 1])
+
+
+@part
+def fill_panel(panel, light, alpha, cell, dark):
+    """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
+
+    A row holds the first pixel of each of its colour's cells, then the second, and so on, so that
+    look-ups read contiguous memory. Beyond the border the outermost pixel or, if `dark`, black.
+    """
+    ahead, above = margin(cell, 0), margin(cell, 1)
+    for c in range(3):
+        period = _period_of(cell, c)
+        if alpha < 1:
+            shrink(panel[c], light[c], alpha, period, ahead, above)
+        elif alpha == 1 and period == 1:
+            _surround(panel[c], light[c], ahead, above)
+        else:
+            _enlarge(panel[c], light[c], alpha, period, ahead, above)
+        if dark:
+            _blacken(panel[c], light.shape[1:], alpha, period, ahead, above)

@@ -1,0 +1,190 @@
+"""Screen to raw by the panel's light at each sensor pixel's centre, as in the paper's code: one
+image per call."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
+from moireaug.engine.cpu.panel import shrink
+from moireaug.engine.cpu.sensor import attenuate, read, reflect
+from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.view import look
+from moireaug.exposure.displayed import EDGE_PIXELS
+
+MIN_LIGHT = 1e-12  # that a weighted mean is divided by
+ZERO = np.float32(0)
+ONE32 = np.int32(1)
+
+
+class _Axis(NamedTuple):
+    """What is shown of a picture along one axis.
+
+    Args:
+        ratio: panel pixels per pixel shown. lead: pixels shown ahead of the picture; size: all of
+            them. end: panel pixels that the picture takes.
+        raster: raster subpixels per panel pixel. dark: see `exposure_records.Exposure`.
+    """
+
+    ratio: float
+    lead: int
+    size: int
+    end: float
+    raster: float
+    dark: bool
+
+
+class _AxisLight(NamedTuple):
+    """What n pixels see of a subpixel along one axis.
+
+    Args:
+        light: (n,) float32, of the subpixel.
+        pixel: (n,) int32, the pixel shown that it comes from. share: (n,) float32, how far from
+            there towards the next one.
+    """
+
+    light: np.ndarray
+    pixel: np.ndarray
+    share: np.ndarray
+
+
+@part
+def _empty_axis_light(n):
+    """Return an _AxisLight of n pixels, without values."""
+    return _AxisLight(np.empty(n, np.float32), np.empty(n, np.int32), np.empty(n, np.float32))
+
+
+@inner
+def _axis(size, alpha, raster, dark):
+    """Return the _Axis of `size` picture pixels, as in `exposure.shown.Shown` on a panel of at most
+    the picture's pixels."""
+    if alpha < 1:
+        count = math.ceil(alpha * size) + 2 * EDGE_PIXELS
+        return _Axis(1.0, EDGE_PIXELS, count, alpha * size, raster, dark)
+    return _Axis(alpha, 0, size, alpha * size, raster, dark)
+
+
+@inner
+def _covered_share(column, low, high, around):
+    """Return the share of a raster column that lies between `low` and `high`, or in their copies
+    `around` columns before and behind."""
+    covered = max(min(column + 1, high) - max(column, low), 0.0)
+    if low < 0:
+        covered += max(min(column + 1 - around, high) - max(column - around, low), 0.0)
+    if high > around:
+        covered += max(min(column + 1 + around, high) - max(column + around, low), 0.0)
+    return covered
+
+
+@inner
+def _raster(out, at, low, high, period, axis):
+    """Fill an _AxisLight with what is seen at panel coordinates `at` of a rectangle from `low` to
+    `high`, in panel pixels, interpolated between the two nearest raster subpixels.
+
+    period: of the cell, panel pixels. axis: an _Axis.
+    """
+    light, first, share = out
+    whole, n = high - low >= period, axis.raster
+    ratio, lead, size, end, dark = axis.ratio, axis.lead, axis.size, axis.end, axis.dark
+    low, high, around = low * n, high * n, n * period
+    for i in range(len(light)):
+        place = peek(at, i) * n - 0.5
+        left = np.floor(place)
+        second_light = place - left
+        first_light = 1 - second_light
+        if not whole:
+            column = left - np.floor(left / around) * around
+            first_light *= _covered_share(column, low, high, around)
+            column = column + 1 if column + 1 < around else 0.0
+            second_light *= _covered_share(column, low, high, around)
+        here, there = np.floor((left + 0.5) / n) + 0.5, np.floor((left + 1.5) / n) + 0.5
+        if dark:
+            first_light *= 1.0 if (here >= 0) & (here < end) else 0.0
+            second_light *= 1.0 if (there >= 0) & (there < end) else 0.0
+        total = first_light + second_light
+        x = (here + (there - here) * second_light / max(total, MIN_LIGHT)) / ratio + lead - 0.5
+        x = min(max(x, 0.0), size - 1.0)
+        pixel = np.int32(x)
+        poke(light, i, total)
+        poke(first, i, pixel)
+        poke(share, i, x - pixel)
+
+
+@inner
+def _add_content(out, shown, along_x, along_y, width, passed):
+    """Add the content of a subpixel to out (n,).
+
+    Args:
+        shown: flat, rows of `width` pixels. along_x, along_y: _AxisLight.
+        passed: float32, share of the subpixel's light that is read.
+    """
+    across, left, fx = along_x
+    down, top, fy = along_y
+    for i in range(len(out)):
+        k = np.int32(np.int32(peek(top, i) * width) + peek(left, i))
+        f = peek(fx, i)
+        a, b = peek(shown, k), peek(shown, np.int32(k + ONE32))
+        k = np.int32(k + width)
+        c, d = peek(shown, k), peek(shown, np.int32(k + ONE32))
+        above, below = a + f * (b - a), c + f * (d - c)
+        content = above + peek(fy, i) * (below - above)
+        poke(out, i, out[i] + content * peek(across, i) * peek(down, i) * passed)
+
+
+@loop
+def _shown(light, alpha, height, width):
+    """Return what is shown of a picture's light (3, H, W), (3, ...): rows one after another."""
+    # a bilinear look-up's right or lower pixel may lie beyond the last, where its share is 0
+    shown = np.zeros((3, height * width + width + 1), np.float32)
+    for c in range(3):
+        if alpha < 1:
+            panel = shown[c, : height * width].reshape(height, width)
+            shrink(panel, light[c], alpha, 1, EDGE_PIXELS, EDGE_PIXELS)
+        else:
+            copy(shown[c], light[c].reshape(-1))
+    return shown
+
+
+@loop
+def expose_point(raw, light, image):
+    """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is
+    float32; image: see `exposure_records.PointImage`."""
+    planes, h, w = raw.shape
+    camera, cell, sites, rectangles = image.camera, image.cell, image.sites, image.point.rectangles
+    raster = float(image.point.raster)
+    rows = _axis(light.shape[1], camera.alpha, raster, image.dark)
+    columns = _axis(light.shape[2], camera.alpha, raster, image.dark)
+    shown, width = _shown(light, camera.alpha, rows.size, columns.size), np.int32(columns.size)
+    x, y, u, vs = np.empty(w), np.empty(w), np.empty(w), np.empty(w)
+    along_x, along_y = _empty_axis_light(w), _empty_axis_light(w)
+    line, noise, bits = np.empty(w, np.float32), np.empty(w, np.float32), np.empty(w, np.int32)
+    step = sites.step
+    for r in range(h * step):
+        v = sites.rows[r]
+        fill(vs, v)
+        pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
+        for plane in range(planes):
+            if sites.row[plane] != r % step:
+                continue
+            for i in range(w):
+                u[i] = sites.cols[sites.col[plane] + i * step]
+            look(x, y, u, v, camera)
+            fill(line, ZERO)
+            for i in range(len(rectangles)):
+                colour = cell.channel[i]
+                passed = image.filters[sites.channel[plane], colour] * pulse
+                if passed == 0:
+                    continue
+                x0, y0, x1, y1 = rectangles[i]
+                px, py = cell.period[cell.kind[i]]
+                _raster(along_x, x, x0, x1, float(px), columns)
+                _raster(along_y, y, y0, y1, float(py), rows)
+                lit = np.float32(image.lit * passed)
+                _add_content(line, shown[colour], along_x, along_y, width, lit)
+            reflect(line, u, vs, image.white[plane], camera)
+            attenuate(line, u, vs, camera)
+            row = r // step
+            read(raw[plane, row], line, (plane * h + row) * w, image.readout, noise, bits)

@@ -1,0 +1,64 @@
+"""The numbers of `moireaug.effects.random_numbers`, a row at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.effects.random_numbers import (
+    INTERVALS,
+    MIX_FACTORS,
+    PLACES_PER_INTERVAL,
+    WEYL_STEP,
+    quantiles,
+)
+from moireaug.engine.cpu.compiling import exact, inner
+from moireaug.engine.cpu.vectors import peek, poke
+
+# compile-time constants: the compiler then knows that no row it writes overlaps them, and
+# vectorises
+LOW_QUANTILE, QUANTILE_STEP = (table.numpy() for table in quantiles())
+FIRST_FACTOR, SECOND_FACTOR = np.uint32(MIX_FACTORS[0]), np.uint32(MIX_FACTORS[1])
+INTERVAL_SHIFT = np.uint32(PLACES_PER_INTERVAL.bit_length() - 1)
+PLACE_MASK = np.uint32(PLACES_PER_INTERVAL - 1)
+INTERVAL_MASK = np.uint32(INTERVALS - 1)
+KEY_OFFSET = np.uint32(WEYL_STEP)
+UINT32_MASK = 2**32 - 1
+
+
+@inner
+def mix(x):
+    """Scramble a uint32. The casts keep numba from widening to 64 bits."""
+    x = np.uint32(x ^ (x >> np.uint32(16)))
+    x = np.uint32(x * FIRST_FACTOR)
+    x = np.uint32(x ^ (x >> np.uint32(15)))
+    x = np.uint32(x * SECOND_FACTOR)
+    return np.uint32(x ^ (x >> np.uint32(16)))
+
+
+@inner
+def keys(seed):
+    """Return the two keys, uint32, of an image's seed, int64."""
+    first = mix(np.uint32(seed & UINT32_MASK))
+    high = np.uint32((seed >> 32) & UINT32_MASK)
+    return first, mix(np.uint32(np.uint32(high ^ first) ^ KEY_OFFSET))
+
+
+@inner
+def _hash(bits, start, first, second):
+    """Fill bits (n,) int32 with those of the numbers `start`, `start` + 1, ... of an image."""
+    for i in range(len(bits)):
+        keyed = np.uint32(mix(np.uint32(np.uint32(start + i) + first)) ^ second)
+        poke(bits, i, np.int32(mix(keyed)))
+
+
+@exact
+def normal_row(out, bits, start, first, second):
+    """Fill out (n,) float32 with the standard normal numbers `start`, `start` + 1, ... of an image,
+    from its two keys, uint32; bits: (n,) int32 workspace."""
+    # in a loop without look-ups, which vectorises
+    _hash(bits, start, first, second)
+    for i in range(len(out)):
+        drawn = np.uint32(peek(bits, i))
+        interval = np.uint32(drawn >> INTERVAL_SHIFT) & INTERVAL_MASK
+        place = np.float32(np.int32(drawn & PLACE_MASK))
+        poke(out, i, peek(LOW_QUANTILE, interval) + peek(QUANTILE_STEP, interval) * place)

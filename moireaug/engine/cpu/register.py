@@ -1,0 +1,203 @@
+"""The photo brought back to the image's frame, and the backward pass."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine.cpu.compiling import inner, loop, part
+from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.view import undistorted
+from moireaug.geometry.grids import NEAR_HORIZON
+
+UNDISTORTION_STEPS = 1024
+ONE = np.float32(1)
+ONE32 = np.int32(1)
+# rows of a _Row's arrays
+X, Y = range(2)
+SQUARE = WEIGHT = 2
+
+
+def flat_length(h: int, w: int) -> int:
+    """Return the length of a photo's flattened planes, with the values beyond them that a bilinear
+    look-up at the last pixel reads with weight 0."""
+    return 3 * h * w + w + 1
+
+
+@loop
+def undistortion(k1, k2):
+    """Return a table of the factor that takes ideal points to photo points, at UNDISTORTION_STEPS +
+    2 squares of the ideal radius from 0 to that of the photo's corners; and its steps per unit."""
+    edge = (1 + k1 + k2) ** 2
+    out = np.empty(UNDISTORTION_STEPS + 2)
+    for i in range(UNDISTORTION_STEPS + 2):
+        ideal = math.sqrt(i * edge / UNDISTORTION_STEPS)
+        out[i] = undistorted(ideal, k1, k2) / ideal if ideal > 1e-12 else 1.0
+    return out, UNDISTORTION_STEPS / edge
+
+
+class _Row(NamedTuple):
+    """Where the pixels of a row look on the photo.
+
+    Args:
+        ideal: (3, w) float64, X and Y about the centre on a photo without distortion, and the
+            SQUARE of the radius as a place in the table of `undistortion`.
+        at: (w,) int32, the upper left pixels that are looked at.
+        share: (3, w) float32, fractions towards the lower right ones, along X and Y, and the
+            WEIGHT: 1 inside the photo, 0 outside.
+    """
+
+    ideal: np.ndarray
+    at: np.ndarray
+    share: np.ndarray
+
+
+@part
+def _row_of(w):
+    """Return the _Row of a photo w wide."""
+    return _Row(np.empty((3, w)), np.empty(w, np.int32), np.empty((3, w), np.float32))
+
+
+@inner
+def _fill_ideal(x, y, square, r, view, per_square, h, w):
+    """Fill x, y and square (w,), the `_Row`'s ideal, for row r of an image."""
+    v = r + 0.5 - h / 2
+    half_w, bend, last = w / 2, 4.0 / (h * h + w * w), UNDISTORTION_STEPS + 0.5
+    ax, bx, ay, by, az, bz = (
+        view[0, 0],
+        view[0, 1] * v + view[0, 2],
+        view[1, 0],
+        view[1, 1] * v + view[1, 2],
+        view[2, 0],
+        view[2, 1] * v + view[2, 2],
+    )
+    for i in range(len(x)):
+        u = i + 0.5 - half_w
+        nearness = 1 / max(az * u + bz, NEAR_HORIZON)
+        right, below = (ax * u + bx) * nearness, (ay * u + by) * nearness
+        poke(x, i, right)
+        poke(y, i, below)
+        poke(square, i, min((right * right + below * below) * bend * per_square, last))
+
+
+@inner
+def photo_row(u, v, ideal, r, view, factor, per_square, size):
+    """Fill u and v (w,) with where row r of an image (height, width) lies on the photo, about its
+    centre; ideal: (3, w) float64, workspace. The rest as in `register`."""
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, size[0], size[1])
+    for i in range(len(u)):
+        square = peek(ideal[SQUARE], i)
+        k = np.int32(square)
+        low = peek(factor, k)
+        bent = low + (square - k) * (peek(factor, np.int32(k + ONE32)) - low)
+        poke(u, i, peek(ideal[X], i) * bent)
+        poke(v, i, peek(ideal[Y], i) * bent)
+
+
+@inner
+def _distort(at, share, ideal, factor, h, w):
+    """Fill `at` and share of a `_Row` from its `ideal`."""
+    fx, fy, weight = share[X], share[Y], share[WEIGHT]
+    half_w, half_h = w / 2, h / 2
+    for i in range(len(at)):
+        square = peek(ideal[SQUARE], i)
+        k = np.int32(square)
+        low = peek(factor, k)
+        bent = low + (square - k) * (peek(factor, np.int32(k + ONE32)) - low)
+        x, y = peek(ideal[X], i) * bent, peek(ideal[Y], i) * bent
+        inside = (abs(x) <= half_w) & (abs(y) <= half_h)
+        x, y = min(max(x + half_w - 0.5, 0.0), w - 1.0), min(max(y + half_h - 0.5, 0.0), h - 1.0)
+        left, top = np.int32(x), np.int32(y)
+        poke(at, i, np.int32(np.int32(top * np.int32(w)) + left))
+        poke(fx, i, x - left)
+        poke(fy, i, y - top)
+        poke(weight, i, 1.0 if inside else 0.0)
+
+
+@inner
+def _place(row, r, view, factor, per_square, h, w):
+    """Fill the _Row with where row r of an image (h, w) looks."""
+    ideal = row.ideal
+    # in a loop without look-ups, which vectorises
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, h, w)
+    _distort(row.at, row.share, ideal, factor, h, w)
+
+
+@inner
+def _sample(out, photo, at, share, down):
+    """Fill a row from a plane of the photo, whose rows lie `down` apart."""
+    fx, fy, weight, right = share[X], share[Y], share[WEIGHT], ONE32
+    for i in range(len(out)):
+        k, f = peek(at, i), peek(fx, i)
+        a, b = peek(photo, k), peek(photo, np.int32(k + right))
+        k = np.int32(k + down)
+        c, d = peek(photo, k), peek(photo, np.int32(k + right))
+        above, below = a + f * (b - a), c + f * (d - c)
+        poke(out, i, peek(weight, i) * (above + peek(fy, i) * (below - above)))
+
+
+@inner
+def _scatter(photo, grad, at, share, down):
+    """Add the gradient in a row to that in a plane of the photo."""
+    fx, fy, weight = share[X], share[Y], share[WEIGHT]
+    right, down = np.uint32(1), np.uint32(down)
+    for i in range(len(grad)):
+        # unsigned, so that numba does not look for indices from the end
+        k, f, g = np.uint32(at[i]), fx[i], grad[i] * weight[i]
+        below = g * fy[i]
+        above = g - below
+        photo[k] += above * (ONE - f)
+        photo[k + right] += above * f
+        photo[k + down] += below * (ONE - f)
+        photo[k + down + right] += below * f
+
+
+@part
+def rows_read(view, k1, k2, h, w, top, bottom):
+    """Return the first and one past the last row of a photo (3, h, w) that `register` reads for
+    rows `top` to `bottom`."""
+    if bottom - top == h:
+        return 0, h
+    factor, per_square = undistortion(k1, k2)
+    row = _row_of(w)
+    first, last = h, 0
+    for r in range(top, bottom):
+        _place(row, r, view, factor, per_square, h, w)
+        for i in range(w):
+            first, last = min(first, row.at[i] // w), max(last, row.at[i] // w)
+    return first, min(last + 2, h)
+
+
+@part
+def register(out, photo, view, k1, k2, top, bottom):
+    """Resample photo to rows `top` to `bottom` of out (3, H, W) float32: bilinear, black where the
+    photo does not show the image.
+
+    Args:
+        photo: (`flat_length`(H, W),) float32, the planes one after another, and zeros.
+        view: (3, 3) float64, homography from image coordinates about the centre to ideal photo
+            coordinates about it.
+        k1, k2: of the lens.
+    """
+    _, h, w = out.shape
+    factor, per_square = undistortion(k1, k2)
+    row = _row_of(w)
+    for r in range(top, bottom):
+        _place(row, r, view, factor, per_square, h, w)
+        for c in range(3):
+            _sample(out[c, r], photo[c * h * w :], row.at, row.share, np.int32(w))
+
+
+@part
+def register_back(photo_grad, grad, view, k1, k2):
+    """Add the gradient in the photo to photo_grad, laid out as the photo of `register`, from grad
+    (3, H, W), that in the registered one; arguments as in `register`."""
+    _, h, w = grad.shape
+    factor, per_square = undistortion(k1, k2)
+    row = _row_of(w)
+    for r in range(h):
+        _place(row, r, view, factor, per_square, h, w)
+        for c in range(3):
+            _scatter(photo_grad[c * h * w :], grad[c, r], row.at, row.share, np.int32(w))

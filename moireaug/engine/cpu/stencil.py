@@ -1,0 +1,234 @@
+"""The content of bins that are the image's own pixels. All look at the same place in their pixels,
+so that their tap weights change only with the lens's blur, slowly over the photo."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.cpu.compiling import fill, inner, loop, part
+from moireaug.engine.cpu.nodes import bracket, counts, node_line
+from moireaug.engine.cpu.panel import margin
+from moireaug.engine.cpu.records import BinStencil
+from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.weights import SubpixelSize, fill_blurs, light_from
+from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
+
+ZERO = np.float32(0)
+FUSED_TAPS = 3  # along each axis, of which no sum is kept in memory
+
+
+@inner
+def has_stencil(camera, sensor):
+    """Return whether an image's bins are its pixels, on a panel that shows no fewer."""
+    return sensor.rectified != 0 and camera.alpha == 1
+
+
+@part
+def no_stencil():
+    """Return the BinStencil of an image that has none."""
+    return BinStencil(np.empty((0, 0), np.float32), 0, 1.0)
+
+
+@inner
+def _fill_tap_weights(out, blur, width, past, radius):
+    """Fill out (n,) with the shares of a bin's light that come from its own pixel, in the middle,
+    and `radius` to each side; see `tap_weights`.
+
+    Args:
+        blur: (2,), from `weights.fill_blur`. width: of the pixel's light, in pixels.
+        past: where the bin looks, from the middle of that light, in pixels.
+    """
+    half = len(out) // 2
+    fill(out, 0.0)
+    total = 0.0
+    for k in range(-radius, radius + 1):
+        light = light_from(abs(k - past), blur[0], blur[1], width)
+        out[half + k] = light + NEAREST_GUARD_SHARE * blur[0] if k == 0 else light
+        total += out[half + k]
+    for k in range(len(out)):
+        out[k] /= total
+
+
+@inner
+def _reach(weights, least):
+    """Return how many pixels to each side anywhere weigh more than `least`, at least 1; weights:
+    (n, pixels)."""
+    half = weights.shape[1] // 2
+    for reach in range(half, 1, -1):
+        for i in range(len(weights)):
+            if max(weights[i, half - reach], weights[i, half + reach]) > least:
+                return reach
+    return 1
+
+
+@inner
+def _trim(weights, reach):
+    """Make the weights of pixels up to `reach` to each side sum to 1."""
+    half = weights.shape[1] // 2
+    for i in range(len(weights)):
+        total = 0.0
+        for k in range(half - reach, half + reach + 1):
+            total += weights[i, k]
+        for k in range(len(weights[i])):
+            weights[i, k] /= total
+
+
+@inner
+def _columns(ends, node_share, cols, first, step):
+    """Fill ends (nodes,) with the first bin past each node of a row, and node_share (w,) float32
+    with how far each bin is towards the next node."""
+    done = 0
+    for i in range(len(cols)):
+        node, t = bracket(cols[i], first, step, len(ends), 1)
+        node_share[i] = t
+        while done <= node:
+            ends[done] = i
+            done += 1
+    for j in range(done, len(ends)):
+        ends[j] = len(cols)
+
+
+@inner
+def _interpolate(out, share, low, high):
+    """Fill out (n,) with values between two numbers; share: (n,), how far each is towards the
+    second."""
+    for i in range(len(out)):
+        poke(out, i, low + peek(share, i) * (high - low))
+
+
+@inner
+def _fill_lines(lines, start, weights, tap, ends, node_share):
+    """Fill lines (rows, ...) from `start` on with the weights of one pixel at each bin, from those
+    at nodes (rows * columns, pixels); ends, node_share: from `_columns`."""
+    columns = len(ends)
+    for r in range(len(lines)):
+        for c in range(columns - 1):
+            low, high = ends[c], ends[c + 1]
+            a, b = weights[r * columns + c, tap], weights[r * columns + c + 1, tap]
+            line = lines[r, start + low : start + high]
+            _interpolate(line, node_share[low:high], np.float32(a), np.float32(b))
+
+
+@loop
+def _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance):
+    """Return the tap weights at nodes of the photo, (colours, axes, nodes, pixels) float64: at
+    least a pixel to each side, without light if the cell's radius is 0."""
+    radius, nodes = cell.radius, len(us) * len(vs)
+    blur, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
+    for i in range(len(cell.channel)):
+        colour, kind = cell.channel[i], cell.kind[i]
+        subpixel = SubpixelSize(cell.period[kind], widths[kind], added_variance[kind])
+        fill_blurs(blur, us, vs, camera, lens, subpixel, radius)
+        for axis in range(2):
+            past = 0.5 - cell.centre[i, axis]  # no more than half a pixel
+            for node in range(nodes):
+                weights, width = out[colour, axis, node], widths[kind, axis]
+                _fill_tap_weights(weights, blur[node, axis], width, past, radius)
+    return out
+
+
+@loop
+def stencil_of(camera, lens, cell, widths, added_variance, sites, budget):
+    """Return the BinStencil of an image that has one; widths, added_variance: (kinds, 2), see
+    `exposure_records.Exposure`. budget: an `ErrorBudget`."""
+    count = counts(sites.rows, sites.cols, camera, lens, cell, budget)[1]
+    us, step_u = node_line(sites.cols, count[0])
+    vs, step_v = node_line(sites.rows, count[1])
+    weights = _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance)
+    table = weights.reshape(-1, weights.shape[3])
+    half, reach = weights.shape[3] // 2, _reach(table, budget.tap_weight)
+    _trim(table, reach)
+    w, taps, done = len(sites.cols), 2 * reach + 1, 0
+    ends, node_share = np.empty(len(us), np.int64), np.empty(w, np.float32)
+    _columns(ends, node_share, sites.cols, us[0], step_u)
+    lines = np.empty((len(vs), 6 * taps * w), np.float32)
+    for colour in range(3):
+        for axis in range(2):
+            for tap in range(half - reach, half + reach + 1):
+                _fill_lines(lines, done, weights[colour, axis], tap, ends, node_share)
+                done += w
+    return BinStencil(lines, taps, step_v)
+
+
+@inner
+def _interpolated(low, high, past):
+    return low + past * (high - low)
+
+
+@inner
+def _three_by_three(out, low, high, past, pixels, start, stride):
+    """Fill out (w,) with the content of 3 x 3 pixels.
+
+    Args:
+        low, high: (6 * w,), their weights on the rows of nodes before and behind, which are `past`
+            of the way mixed.
+        pixels: flat. start: of the first bin's first. stride: from a row of them to the next.
+    """
+    w, second, third = len(out), start + stride, start + 2 * stride
+    for i in range(w):
+        a = _interpolated(peek(low, i), peek(high, i), past)
+        b = _interpolated(peek(low, i + w), peek(high, i + w), past)
+        c = _interpolated(peek(low, i + 2 * w), peek(high, i + 2 * w), past)
+        d = _interpolated(peek(low, i + 3 * w), peek(high, i + 3 * w), past)
+        e = _interpolated(peek(low, i + 4 * w), peek(high, i + 4 * w), past)
+        f = _interpolated(peek(low, i + 5 * w), peek(high, i + 5 * w), past)
+        at = start + i
+        above = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
+        at = second + i
+        here = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
+        at = third + i
+        below = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
+        poke(out, i, d * above + e * here + f * below)
+
+
+@inner
+def _add_weighed(out, low, high, past, values, start):
+    """Add values (n,) from `start` on to out (w,), weighed as in `_three_by_three`."""
+    for i in range(len(out)):
+        weight = _interpolated(peek(low, i), peek(high, i), past)
+        poke(out, i, out[i] + weight * peek(values, start + i))
+
+
+@inner
+def _square(out, line, low, high, past, pixels, start, stride):
+    """Do the same as `_three_by_three` for more pixels; line: (w,) float32, workspace."""
+    w = len(out)
+    taps = len(low) // (2 * w)
+    fill(out, ZERO)
+    for j in range(taps):
+        fill(line, ZERO)
+        for i in range(taps):
+            a, b = i * w, (i + 1) * w
+            _add_weighed(line, low[a:b], high[a:b], past, pixels, start + j * stride + i)
+        a, b = (taps + j) * w, (taps + j + 1) * w
+        _add_weighed(out, low[a:b], high[a:b], past, line, 0)
+
+
+@inner
+def content(out, line, stencil, panel, cell, sites, row):
+    """Fill out (3, w) with what a row of bins sees of the picture.
+
+    Args:
+        line: (w,) float32, workspace. panel: (3, ...) float32, from `panel.fill_panel`.
+    """
+    v, first = sites.rows[row], sites.rows[0]
+    node, t = bracket(v, first, stencil.step_v, len(stencil.lines), 1)
+    before, behind, past = stencil.lines[node], stencil.lines[node + 1], np.float32(t)
+    stride, size, reach = panel.shape[2], 2 * stencil.taps * out.shape[1], stencil.taps // 2
+    flat = panel.reshape(3, panel.shape[1] * stride)
+    start = (margin(cell, 1) + row - reach) * stride + margin(cell, 0) - reach
+    for colour in range(3):
+        a, b = colour * size, (colour + 1) * size
+        if stencil.taps == FUSED_TAPS:
+            _three_by_three(
+                out[colour], before[a:b], behind[a:b], past, flat[colour], start, stride
+            )
+        else:
+            _square(out[colour], line, before[a:b], behind[a:b], past, flat[colour], start, stride)
+
+
+@inner
+def look_straight(x, y, row):
+    """Fill x, y (n,) with the panel coordinates that a row of bins sees."""
+    for i in range(len(x)):
+        x[i], y[i] = i + 0.5, row + 0.5

@@ -1,0 +1,127 @@
+"""Transfer curves and the normal distribution as tables, so that no loop calls a transcendental
+function."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from statistics import NormalDist
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.polynomial.chebyshev import chebpts2
+
+from moireaug.engine.budget import DECODE_STEPS, TAIL_END_SIGMAS, TAIL_STEPS
+from moireaug.engine.cpu.compiling import inner
+from moireaug.engine.cpu.vectors import peek, poke
+
+HALF = np.float32(0.5)
+ONE32 = np.int32(1)
+
+
+def _srgb_light(code: float) -> float:
+    return code / 12.92 if code <= 0.04045 else ((code + 0.055) / 1.055) ** 2.4
+
+
+_codes = [i / DECODE_STEPS for i in range(DECODE_STEPS + 2)]
+DECODE_TABLE = np.array([_srgb_light(code) for code in _codes], np.float32)
+DECODE_BYTE_TABLE = np.array([_srgb_light(i / 255) for i in range(256)], np.float32)
+
+# Encoding takes light to the power of 1 / 2.4: the mantissa by a polynomial, the octave as a whole
+# power of 2 times a polynomial for the rest. A look-up would take twice as long.
+SRGB_KNEE, SRGB_LINEAR_GAIN, MAX_LIGHT = np.float32(0.0031308), np.float32(12.92), np.float32(256)
+# a digit less than 1.055: the code of light 1 must not be above 1, where a clip has no slope
+SRGB_GAIN = np.nextafter(np.float32(1.055), np.float32(0))
+SRGB_OFFSET, SRGB_POWER = np.float32(0.055), np.float32(1 / 2.4)
+MANTISSA_BITS, MANTISSA_MASK = np.int32(23), np.int32(2**23 - 1)
+EXPONENT_BIAS, BITS_OF_ONE = np.int32(127), np.float32(1).view(np.int32)
+MANTISSA_MIDDLE = np.float32(1.5)
+
+
+def _polynomial(function: Callable[[np.ndarray], np.ndarray]) -> list[np.float32]:
+    """Return the coefficients of a polynomial of degree 5 close to a function on [-1/2, 1/2], and
+    equal to it at the ends."""
+    at = chebpts2(6) / 2
+    return [np.float32(c) for c in Polynomial.fit(at, function(at), 5).convert().coef]
+
+
+M0, M1, M2, M3, M4, M5 = _polynomial(lambda t: (1.5 + t) ** (1 / 2.4))
+E0, E1, E2, E3, E4, E5 = _polynomial(lambda t: 2 ** (0.5 + t))
+
+# the integral of the normal distribution function is max(z, 0) + tail(|z|)
+_normal = NormalDist()
+TAIL_TABLE = np.array(
+    [
+        math.exp(-z * z / 2) / math.sqrt(2 * math.pi) - z * _normal.cdf(-z)
+        for z in (i / TAIL_STEPS for i in range(TAIL_END_SIGMAS * TAIL_STEPS + 2))
+    ]
+)
+
+
+@inner
+def decode(code):
+    """Return the light of an sRGB code in [0, 1], float32."""
+    at = code * np.float32(DECODE_STEPS)
+    i = np.int32(at)
+    low = DECODE_TABLE[np.uint32(i)]
+    return low + (at - np.float32(i)) * (DECODE_TABLE[np.uint32(np.int32(i + 1))] - low)
+
+
+@inner
+def _root(light):
+    """Return light ** (1 / 2.4), float32, to a relative 2e-6; light is clipped to [SRGB_KNEE,
+    MAX_LIGHT]."""
+    bits = np.float32(min(max(light, SRGB_KNEE), MAX_LIGHT)).view(np.int32)
+    octave = np.float32(np.int32(np.int32(bits >> MANTISSA_BITS) - EXPONENT_BIAS)) * SRGB_POWER
+    whole = np.floor(octave)
+    t = np.int32(np.int32(bits & MANTISSA_MASK) | BITS_OF_ONE).view(np.float32) - MANTISSA_MIDDLE
+    mantissa = M0 + t * (M1 + t * (M2 + t * (M3 + t * (M4 + t * M5))))
+    t = octave - whole - HALF
+    fraction = E0 + t * (E1 + t * (E2 + t * (E3 + t * (E4 + t * E5))))
+    scale = np.int32(np.int32(np.int32(whole) + EXPONENT_BIAS) << MANTISSA_BITS).view(np.float32)
+    return mantissa * fraction * scale
+
+
+@inner
+def encode(light):
+    """Return the sRGB code of light up to 256, float32; the linear part goes on below zero."""
+    code = SRGB_GAIN * _root(light) - SRGB_OFFSET
+    return code if light > SRGB_KNEE else light * SRGB_LINEAR_GAIN
+
+
+@inner
+def encode_and_slope(light):
+    """Return `encode`, and its derivative, from one root."""
+    root = _root(light)
+    code = SRGB_GAIN * root - SRGB_OFFSET
+    slope = SRGB_GAIN * SRGB_POWER * root / max(light, SRGB_KNEE)
+    return (code, slope) if light > SRGB_KNEE else (light * SRGB_LINEAR_GAIN, SRGB_LINEAR_GAIN)
+
+
+@inner
+def tail(z):
+    """Return the integral of the normal distribution function from -infinity to -z, z >= 0,
+    float64."""
+    at = min(z, float(TAIL_END_SIGMAS)) * TAIL_STEPS
+    i = np.int32(at)
+    low = TAIL_TABLE[np.uint32(i)]
+    return low + (at - i) * (TAIL_TABLE[np.uint32(np.int32(i + 1))] - low)
+
+
+@inner
+def integral(x, sigma):
+    """Return sigma (z Phi(z) + phi(z)) at z = x / sigma, float64."""
+    return max(x, 0.0) + sigma * tail(abs(x) / sigma)
+
+
+@inner
+def integrals(out, origin, step, sigma):
+    """Fill out (n,) float64 with `integral` at multiples of a step, of which 0 is at `origin`."""
+    per_sigma = TAIL_STEPS / sigma
+    for i in range(len(out)):
+        x = (i - origin) * step
+        at = min(abs(x) * per_sigma, float(TAIL_END_SIGMAS * TAIL_STEPS))
+        k = np.int32(at)
+        low = peek(TAIL_TABLE, k)
+        beyond = low + (at - k) * (peek(TAIL_TABLE, np.int32(k + ONE32)) - low)
+        poke(out, i, max(x, 0.0) + sigma * beyond)

@@ -1,0 +1,127 @@
+"""The tap weights of a sensor pixel: the shares of its light that come from the cells around it, by
+phase, which is where between two cells the pixel looks."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine.budget import TAIL_END_SIGMAS
+from moireaug.engine.cpu.compiling import fill, inner
+from moireaug.engine.cpu.harmonics import lagrange
+from moireaug.engine.cpu.tables import integrals
+from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
+
+
+class Scratch(NamedTuple):
+    """What the weights of a node are computed in, float64.
+
+    Args:
+        integral: (n,), what `tables.integrals` fills, `cubic_margin` steps beyond all light on both
+            sides. light: ((2 radius + 1) phases / 2 + 1,), the light from each distance.
+        total: (phases / 2 + 1,), the light from all cells. cubic: (4,), weights of a cubic.
+    """
+
+    integral: np.ndarray
+    light: np.ndarray
+    total: np.ndarray
+    cubic: np.ndarray
+
+
+@inner
+def cubic_margin(far):
+    """Return how many values beyond both ends of a line a cubic needs to move it by `far` steps."""
+    return math.ceil(far) + 3
+
+
+@inner
+def _add_moved(out, sign, line, first, by, cubic):
+    """Add sign times the values of a line from `first` + `by` steps on, interpolated by cubics."""
+    whole = math.floor(by)
+    lagrange(cubic, by - whole + 1)
+    a, b, c, d = sign * cubic[0], sign * cubic[1], sign * cubic[2], sign * cubic[3]
+    start = first + whole - 1
+    for i in range(len(out)):
+        at = start + i
+        outer = a * peek(line, at) + d * peek(line, at + 3)
+        poke(out, i, out[i] + (outer + b * peek(line, at + 1) + c * peek(line, at + 2)))
+
+
+@inner
+def _fill_light(light, integral_line, cubic, box, width, sigma, phases):
+    """Fill light (n,) with that from a subpixel 0, 1, ... phases away: the integral of the normal
+    distribution function, differenced over box and width."""
+    far, near = (box + width) / 2 * phases, (box - width) / 2 * phases
+    seen = min(int(far + TAIL_END_SIGMAS * sigma * phases) + 2, len(light))
+    zero = cubic_margin(far)
+    line, lit = integral_line[: zero + seen + zero], light[:seen]
+    integrals(line, zero, 1 / phases, sigma)
+    fill(light, 0.0)
+    _add_moved(lit, 1.0, line, zero, far, cubic)
+    _add_moved(lit, -1.0, line, zero, near, cubic)
+    _add_moved(lit, -1.0, line, zero, -near, cubic)
+    _add_moved(lit, 1.0, line, zero, -far, cubic)
+    for i in range(seen):
+        lit[i] = max(lit[i], 0.0)  # rounding may leave it a digit below zero
+
+
+@inner
+def _add_two(total, light, middle):
+    """Add the light of the cells `middle` before and behind."""
+    for q in range(len(total)):
+        total[q] += light[middle - q] + light[middle + q]
+
+
+@inner
+def _fill_phases(out, blur, width, radius, scratch):
+    """Fill out (phases + 2, taps) with the tap weights at distances from -1/2 to 1/2 from the
+    nearest cell's centre. Distance 0 is there twice, as the first tap changes there.
+
+    blur: box and standard deviation, see `weights.fill_blur`. width: of the subpixel, in cells.
+    """
+    box, sigma = blur[0], blur[1]
+    phases, taps = out.shape[0] - 2, out.shape[1]
+    half = phases // 2
+    light, total = scratch.light[: (2 * radius + 1) * half + 1], scratch.total[: half + 1]
+    _fill_light(light, scratch.integral, scratch.cubic, box, width, sigma, phases)
+    guard = NEAREST_GUARD_SHARE * box
+    for q in range(half + 1):
+        total[q] = light[q] + guard
+    for k in range(1, radius + 1):
+        _add_two(total, light, k * phases)
+    for q in range(half + 1):
+        total[q] = 1 / total[q]
+    for j in range(taps):
+        k = j - taps // 2
+        for q in range(half + 1):
+            # a pixel q phases before the nearest cell's centre; as far behind, weights are mirrored
+            at = abs(k) * phases + (q if k >= 0 else -q)
+            share = np.float32(
+                (light[at] + (guard if k == 0 else 0.0)) * total[q] if abs(k) <= radius else 0.0
+            )
+            out[half - q, j] = share
+            out[half + 1 + q, taps - 1 - j] = share
+
+
+@inner
+def weights_per_node(phases, taps):
+    """Return how many weights a node has along x, and along both axes; phases: (2,)."""
+    along_x = (phases[0] + 2) * taps
+    return along_x, along_x + (phases[1] + 2) * taps
+
+
+@inner
+def fill_node(out, blur, widths, radius, phases, taps, scratch):
+    """Fill out (n,) with the tap weights of a node along x, and then along y.
+
+    Args:
+        blur: (axis, 2), from `weights.fill_blur`. widths: (2,) of the subpixel, in cells.
+        radius: see `exposure_records.Cell`. phases, taps: (2,) and an int, of the table.
+    """
+    n, _ = weights_per_node(phases, taps)
+    along_x, along_y = out[:n], out[n:]
+    _fill_phases(along_x.reshape(phases[0] + 2, taps), blur[0], widths[0], radius, scratch)
+    _fill_phases(along_y.reshape(phases[1] + 2, taps), blur[1], widths[1], radius, scratch)

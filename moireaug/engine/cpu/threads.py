@@ -1,0 +1,89 @@
+"""Threads over the images of a batch, or the rows of an image: PyTorch's where they are OpenMP's,
+else Python's.
+
+OpenMP's threads wait for work by spinning. Threads of our own would share the cores with them after
+each of PyTorch's operations, which costs a fifth of a capture's time.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import torch
+
+from moireaug.engine.cpu.forks import is_forked
+
+PARTS_PER_THREAD = 4  # of a batch, one after another, as images take different times
+MIN_ROWS_PER_THREAD = 32  # of an image: fewer are not worth a thread
+TASK_TYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+
+
+def surplus(n: int, rows: int) -> int:
+    """Return how many images are left of n when every thread has taken as many as the others. They
+    do not keep all threads busy, which had better share each one's rows; 0 if those are too few."""
+    threads = torch.get_num_threads()
+    left = n % threads
+    return left if left < min(threads, rows // MIN_ROWS_PER_THREAD) else 0
+
+
+def each(work: Callable[[int, int], None], n: int) -> None:
+    """Run work(first, last) on parts of range(n), on as many threads as the caller's torch uses.
+
+    Raises whatever `work` raises first.
+    """
+    _each(work, n, max(1, n // (PARTS_PER_THREAD * torch.get_num_threads())))
+
+
+def each_share(work: Callable[[int, int], None], rows: int) -> None:
+    """Do the same as `each`, with one part per thread: for an image's rows, which take equally long
+    and of which each part adds some work."""
+    _each(work, rows, max(MIN_ROWS_PER_THREAD, math.ceil(rows / torch.get_num_threads())))
+
+
+def _each(work: Callable[[int, int], None], n: int, part: int) -> None:
+    threads = min(torch.get_num_threads(), math.ceil(n / part))
+    if threads < 2:
+        work(0, n)
+        return
+    firsts = iter(range(0, n, part))
+    failed: list[BaseException] = []
+
+    def take_parts() -> None:
+        try:
+            for first in firsts:
+                work(first, min(first + part, n))
+        except BaseException as error:
+            failed.append(error)
+
+    together(take_parts, threads)
+    if failed:
+        raise failed[0]
+
+
+def together(task: Callable[[], None], threads: int) -> None:
+    """Call a task, which must not raise, on several threads at once, and wait for all of them."""
+    parallel = _openmp()
+    # OpenMP's threads do not survive a fork
+    if parallel is None or is_forked():
+        with ThreadPoolExecutor(threads) as pool:
+            for _ in range(threads):
+                pool.submit(task)
+        return
+    parallel(TASK_TYPE(lambda _: task()), None, threads, 0)
+
+
+@functools.cache
+def _openmp() -> Callable | None:
+    """Return GOMP_parallel of the OpenMP runtime that PyTorch is linked with; libgomp, and LLVM's
+    and Intel's runtimes on Linux, have it. None where there is no such function."""
+    try:
+        parallel = ctypes.CDLL(torch._C.__file__).GOMP_parallel
+    except (OSError, AttributeError):
+        return None
+    parallel.argtypes = [TASK_TYPE, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint]
+    parallel.restype = None
+    return parallel

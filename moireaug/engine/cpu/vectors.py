@@ -1,0 +1,197 @@
+"""Loads and stores declared not to overlap, so that LLVM vectorises a loop; and vectorised sums of
+rows."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from numba import types
+from numba.extending import intrinsic
+
+from moireaug.engine.cpu.compiling import inner
+from moireaug.engine.cpu.intrinsics import (
+    emit_content,
+    emit_peek,
+    emit_poke,
+    emit_sums,
+    emit_tap_weights,
+)
+from moireaug.engine.cpu.records import TapWeights
+from moireaug.engine.development_records import LANES
+
+SUMS_AT_ONCE = 4  # of `add_four_sums`
+VECTOR_LANES = 16  # float32 in a vector of tap weights
+
+
+def _row(array) -> bool:
+    return isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"
+
+
+def _floats(*arrays) -> bool:
+    return all(_row(a) and a.dtype == types.float32 for a in arrays)
+
+
+def _indices(*arrays) -> bool:
+    return all(_row(a) and a.dtype == types.int32 for a in arrays)
+
+
+def _is_tap_weights(record) -> bool:
+    if not isinstance(record, types.NamedTuple) or record.instance_class is not TapWeights:
+        return False
+    table, _, index, phase_share, node_share = record.types
+    return _floats(table, phase_share, node_share) and _indices(index)
+
+
+@intrinsic
+def peek(typing, array, index):
+    """Return array[index] of a contiguous one-dimensional array that no `poke` of the same function
+    writes to.
+
+    The index must be in range, and not negative.
+    """
+    if not _row(array):
+        return None
+    return array.dtype(array, index), emit_peek
+
+
+@intrinsic
+def poke(typing, array, index, value):
+    """Set array[index] = value, of an array that no `peek` of the same function reads."""
+    if not _row(array):
+        return None
+    return types.none(array, index, value), emit_poke
+
+
+def _vector_of_weights(taps: int, pixels: int):
+    """Make an intrinsic that stores `taps` tap weights for each of `pixels` pixels."""
+
+    @intrinsic
+    def store_weights(typing, out, weights, first):
+        """Do the same as `fill_four_weights`, for the `pixels` pixels from `first` on."""
+        if not _floats(out) or not _is_tap_weights(weights):
+            return None
+        return types.none(out, weights, first), partial(emit_tap_weights, taps, pixels)
+
+    return store_weights
+
+
+def _weights_of(taps: int):
+    """Make the function that fills a row with `taps` tap weights per pixel, a vector at a time."""
+    at_once = VECTOR_LANES // taps
+    store_many, store_one = _vector_of_weights(taps, at_once), _vector_of_weights(taps, 1)
+
+    @inner
+    def fill_weights(out, weights):
+        """Fill out (n * taps,) with the tap weights of n pixels.
+
+        weights: see `exposure_records.TapWeights`.
+        """
+        n = len(weights.weight_index)
+        whole = n - n % at_once
+        for i in range(0, whole, at_once):
+            store_many(out, weights, i)
+        for i in range(whole, n):
+            store_one(out, weights, i)
+
+    return fill_weights
+
+
+def _vector_of_content(taps: int, rows: int, pixels: int):
+    """Make an intrinsic that weighs `taps` x `taps` cells of a panel for each of `pixels` pixels.
+    Only the `rows` rows in the middle have weight."""
+
+    @intrinsic
+    def store_content(typing, out, panel, base, stride, weights, down, first):
+        """Do the same as `four_by_four`, for the `pixels` pixels from `first` on."""
+        if not _floats(out, panel, down) or not _indices(base) or not _is_tap_weights(weights):
+            return None
+        kinds = out, panel, base, stride, weights, down, first
+        return types.none(*kinds), partial(emit_content, taps, rows, pixels)
+
+    return store_content
+
+
+def _content_of(taps: int, rows: int):
+    """Make the function that weighs the cells that a row of pixels sees, a vector at a time."""
+    at_once = VECTOR_LANES // taps
+    store_many = _vector_of_content(taps, rows, at_once)
+    store_one = _vector_of_content(taps, rows, 1)
+
+    @inner
+    def content(out, panel, base, stride, weights, down):
+        """Fill out (n,), for each pixel, with the sum of
+        panel[base + j * stride + i] * across[i] * down[taps * pixel + j] over i, j < taps.
+
+        across: the pixel's tap weights along x, from `weights`, an `exposure_records.TapWeights`.
+        """
+        whole = len(out) - len(out) % at_once
+        for i in range(0, whole, at_once):
+            store_many(out, panel, base, stride, weights, down, i)
+        for i in range(whole, len(out)):
+            store_one(out, panel, base, stride, weights, down, i)
+
+    return content
+
+
+def _vector_of_sums(lanes: int, sums: int):
+    """Make an intrinsic that sums rows for `lanes` pixels, with `sums` sets of coefficients."""
+
+    @intrinsic
+    def store_sums(typing, out, pixel, apart, coefficients, each, rows, offsets):
+        """Do the same as `add_four_sums`, for the `lanes` pixels from `pixel` on. The sums lie
+        `apart` from one another in out, and their coefficients `each` from one another."""
+        if not _floats(out, coefficients, rows):
+            return None
+        kinds = out, pixel, apart, coefficients, each, rows, offsets
+        return types.none(*kinds), partial(emit_sums, lanes, sums)
+
+    return store_sums
+
+
+fill_four_weights, fill_eight_weights = _weights_of(4), _weights_of(8)
+four_by_four, eight_by_six, eight_by_eight = _content_of(4, 4), _content_of(8, 6), _content_of(8, 8)
+# as many sums as there are registers for
+_one_sum, _wide_sum = _vector_of_sums(LANES, 1), _vector_of_sums(4 * LANES, 1)
+_four_sums, _four_wide_sums = (
+    _vector_of_sums(LANES, SUMS_AT_ONCE),
+    _vector_of_sums(2 * LANES, SUMS_AT_ONCE),
+)
+
+
+@inner
+def add_sum(out, coefficients, rows, offsets):
+    """Add the sum over l of coefficients[l] * rows[offsets[l] + i] to out[i] (n,), n a multiple of
+    LANES.
+
+    coefficients, offsets: (taps,) float32 and int64. rows: flat float32.
+    """
+    n = len(out)
+    wide = n - n % (4 * LANES)
+    for i in range(0, wide, 4 * LANES):
+        _wide_sum(out, i, 0, coefficients, 0, rows, offsets)
+    for i in range(wide, n, LANES):
+        _one_sum(out, i, 0, coefficients, 0, rows, offsets)
+
+
+@inner
+def add_four_sums(out, coefficients, rows, offsets):
+    """Add four sums of the same rows to out (4 * n,): to pixel i of sum j the sum over l of
+    coefficients[j, l] * rows[offsets[l] + i].
+
+    Each row is loaded once; sum by sum, loading takes most of the time.
+
+    coefficients: (4 * t,), of which the first taps of each t are used. The rest as in `add_sum`.
+    """
+    n, each = len(out) // SUMS_AT_ONCE, len(coefficients) // SUMS_AT_ONCE
+    wide = n - n % (2 * LANES)
+    for i in range(0, wide, 2 * LANES):
+        _four_wide_sums(out, i, n, coefficients, each, rows, offsets)
+    for i in range(wide, n, LANES):
+        _four_sums(out, i, n, coefficients, each, rows, offsets)
+
+
+@inner
+def add(out, row, factor):
+    """Add factor * row to out, (n,) each."""
+    for i in range(len(out)):
+        poke(out, i, out[i] + factor * peek(row, i))
