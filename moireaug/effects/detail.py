@@ -19,7 +19,7 @@ from moireaug.effects.base import (
     left_out,
     verdict_of,
 )
-from moireaug.exposure.extreme_views import least_bin_scale
+from moireaug.exposure.extreme_scales import least_bin_scale
 from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.record import SceneRecord

@@ -15,9 +15,10 @@ from moireaug.effects.base import (
     left_out,
     varies,
 )
-from moireaug.exposure import extreme_views, extremes
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.choose import method_of
+from moireaug.exposure.extreme_harmonics import harmonics, harmonics_in_bins
+from moireaug.exposure.extreme_scales import least_bin_scale
 from moireaug.exposure.smooth import Spectral
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
@@ -46,7 +47,7 @@ class Subpixels(WithinExposure):
             where = "in the photo" if scene.is_binned else "at the sensor"
             least = f"no contrast above {scene.tolerance:.2g} is left {where}"
             return left_out(f"{name} gives its mean light alone: {least}")
-        judged = extremes.harmonics_in_bins if scene.is_binned else extremes.harmonics
+        judged = harmonics_in_bins if scene.is_binned else harmonics
         (pair, top), n = judged(scene)[0], len(method.harmonics)
         counted = "1 harmonic" if n == 1 else f"{n} harmonics"
         return called(
@@ -110,7 +111,7 @@ class Exposure(Effect):
         if method.name == "point":
             return called(reason)
         if scene.is_binned:
-            least = extreme_views.least_bin_scale(scene, bounds(scene.panel.scale)[0])
+            least = least_bin_scale(scene, bounds(scene.panel.scale)[0])
             reason += f", in bins of {least:.2g} sensor pixels a side or more"
         reason += f"; aperture {format_range(scene.sensor.fill)}, spread {format_range(lens.blur)}"
         if varies(lens.motion_x) or varies(lens.motion_y):

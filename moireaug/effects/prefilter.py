@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
-from moireaug.exposure import extreme_views, extremes
+from moireaug.exposure import extreme_footprints, extreme_views
 from moireaug.exposure.bin_content import content_of
 from moireaug.exposure.bin_geometry import bins_on_image
 from moireaug.exposure.binned import Binned
@@ -110,7 +110,7 @@ def most_lost(scene: SceneRecord) -> float:
     views = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)
     whole = isinstance(method, (Mean, Binned))
     for alpha in extreme_views.inside(scene.panel.scale, 1.0, points=3):
-        footprints = extremes.footprints(scene, views, alpha, whole_pixel=whole)
+        footprints = extreme_footprints.footprints(scene, views, alpha, whole_pixel=whole)
         cells = min(alpha, 1.0) if scene.is_binned else alpha
         most = max(most, float(lost_variance(footprints, cells, method.taps).max()))
     return most

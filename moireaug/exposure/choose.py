@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 
-from moireaug.exposure import extreme_views, extremes
+from moireaug.exposure import extreme_footprints, extreme_harmonics, extreme_views
 from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.sampled import Point, Supersample
@@ -46,13 +46,13 @@ def method_of(scene: SceneRecord) -> ExposureMethod:
         return Point()
     if method == "supersample":
         return Supersample(int(n))
-    fine = extremes.narrowest(scene) < FINE_APERTURE
+    fine = extreme_footprints.narrowest(scene) < FINE_APERTURE
     if method == "mean":
         return Mean(taps_of(scene, whole_pixel=True), fine=fine)
     taps = taps_of(scene, whole_pixel=False)
     if method == "box":
         return Box(taps)
-    harmonics = extremes.harmonics(scene)
+    harmonics = extreme_harmonics.harmonics(scene)
     endless = len(harmonics) > MAX_HARMONICS or _is_cut(scene, harmonics)
     if method == "auto" and endless and not slanted:
         return Box(taps)
@@ -63,7 +63,7 @@ def _binned(scene: SceneRecord) -> Binned:
     taps = taps_of(scene, whole_pixel=True)
     if scene.sensor.exposure == "mean":
         return Binned(taps, (), name="mean")
-    harmonics = extremes.harmonics_in_bins(scene)[:MAX_HARMONICS]
+    harmonics = extreme_harmonics.harmonics_in_bins(scene)[:MAX_HARMONICS]
     return Binned(taps, tuple(pair for pair, _ in harmonics), name="spectral")
 
 
@@ -71,7 +71,7 @@ def _is_cut(scene: SceneRecord, harmonics: list[tuple[tuple[int, int], float]]) 
     """Whether the series would go on past the highest order. Every third order of a stripe is
     empty, so any of the last three decides."""
     px, py = as_layout(scene.panel.layout).period
-    last = extremes.HIGHEST_ORDER - 3
+    last = extreme_harmonics.HIGHEST_ORDER - 3
     return any(max(abs(k) / px, abs(l) / py) > last for (k, l), _ in harmonics)
 
 
@@ -79,5 +79,5 @@ def taps_of(scene: SceneRecord, *, whole_pixel: bool) -> int:
     """Return how many panel pixels along an axis a sensor pixel must see: 1, 3, 5 or 7."""
     # a blur may be a little short at the far end of a strip
     views = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)
-    cells = extremes.cells_to_each_side(scene, views, whole_pixel=whole_pixel)
+    cells = extreme_footprints.cells_to_each_side(scene, views, whole_pixel=whole_pixel)
     return min(2 * math.floor(cells + 0.5) + 1, MAX_TAPS)

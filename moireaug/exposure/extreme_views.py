@@ -1,11 +1,9 @@
-"""The extremes of the views that a scene's ranges allow: how large they show image, panel and
-bins."""
+"""The extremes of the views that a scene's ranges allow."""
 
 from __future__ import annotations
 
 import functools
 import itertools
-import math
 from typing import Any
 
 import torch
@@ -54,15 +52,15 @@ def _views(
         picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **FLOAT64_ON_CPU)
         points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
         points = torch.cat([points, _in_the_photo(points, size)], 1)
-        steps = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
+        local = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
         if magnified:
-            steps = steps * magnification(fields, k1, k2, size, v.fit)[:, None, None, None, None]
-        jacobians.append(steps.flatten(0, 2))
+            local = local * magnification(fields, k1, k2, size, v.fit)[:, None, None, None, None]
+        jacobians.append(local.flatten(0, 2))
     return torch.cat(jacobians).unique(dim=0)
 
 
 @functools.lru_cache(maxsize=64)
-def _magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
+def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
     """Return the least and the greatest `homography.magnification` for the angles and lenses that a
     scene allows at this zoom."""
     fields, k1, k2 = _poses(v, lens, zoom)
@@ -88,38 +86,3 @@ def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:
     centre = points.new_tensor([size[1] / 2, size[0] / 2])
     radius = (points - centre).norm(dim=-1, keepdim=True) / centre.norm()
     return torch.where(radius > 1, centre + (points - centre) / radius, points)
-
-
-def steps(scene: SceneRecord) -> Tensor:
-    """Return panel pixels per sensor pixel, d(x, y) / d(u, v), in the views that show the panel at
-    its largest, where its harmonics have their lowest frequencies: (N, 2, 2)."""
-    zoom, (_, pitch) = bounds(scene.view.zoom)[1], bounds(scene.sensor.pitch)
-    if pitch:
-        return views(scene, zoom, usual=False, magnified=True) / pitch
-    return views(scene, zoom, usual=False) * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
-
-
-def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
-    """Return the least of `shot.bin_scale`, for `alpha` panel pixels per image pixel."""
-    view, pitch = scene.view, bounds(scene.sensor.pitch)[0]
-    least_zoom, greatest_zoom = bounds(view.zoom)
-    if not scene.is_rectified:
-        if not pitch:
-            return scene.sensor.scale
-        return pitch * alpha / _magnifications(view, scene.lens, greatest_zoom)[1]
-    yaw, tilt = (math.radians(max(map(abs, bounds(axis)))) for axis in (view.yaw, view.pitch))
-    turned = math.sqrt(math.cos(yaw) * math.cos(tilt))
-    if pitch:
-        return pitch * alpha * turned
-    return scene.sensor.scale * _magnifications(view, scene.lens, least_zoom)[0] * turned
-
-
-def least_side(scene: SceneRecord, alpha: float) -> float:
-    """Return the least side of a bin in any view, in sensor pixels, for `alpha` panel pixels per
-    image pixel."""
-    if not scene.is_rectified:
-        return least_bin_scale(scene, alpha)
-    zoom, pitch = bounds(scene.view.zoom)[0], bounds(scene.sensor.pitch)[0]
-    steps = views(scene, zoom, usual=False, magnified=bool(pitch))
-    farthest = float(torch.linalg.svdvals(steps)[:, 0].max())  # image pixels per photo pixel
-    return (pitch * alpha if pitch else scene.sensor.scale) / farthest

@@ -5,7 +5,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
 from moireaug.exposure.bin_geometry import middle_bins, pixels_on_photo
-from moireaug.exposure.extreme_views import least_bin_scale
+from moireaug.exposure.extreme_scales import least_bin_scale
 from moireaug.geometry import grids
 
 SCREEN = {"panel": Panel(width=200.0), "sensor": Sensor(pitch=2.0)}

@@ -1,4 +1,4 @@
-"""The extremes that a scene's ranges allow, by which its exposure is chosen."""
+"""The harmonics that a scene's panel can show in a reading, in any view that its ranges allow."""
 
 from __future__ import annotations
 
@@ -10,18 +10,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from moireaug.exposure.bin_content import gaussian_optics
-from moireaug.exposure.extreme_views import (
-    FLOAT64_ON_CPU,
-    inside,
-    least_bin_scale,
-    least_side,
-    steps,
-    views,
-)
-from moireaug.exposure.footprints import Footprint, blur_variance, footprint
-from moireaug.exposure.optics import Optics
-from moireaug.exposure.sight import WHOLE_PIXEL, footprints_of
+from moireaug.exposure.extreme_scales import largest_panel_steps, least_side, panel_scale_ratio
+from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, inside
 from moireaug.panel.fourier import coefficient, own_orders
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
@@ -49,7 +39,7 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     px, py = as_layout(scene.panel.layout).period
     k, l = _orders(px, py)
     amplitude = 2 * bounds(scene.sensor.gain)[1] * _strongest(scene, k, l)
-    step = steps(scene)
+    step = largest_panel_steps(scene)
 
     # cycles per sensor pixel, at least, in any view; along one axis no less than this over sqrt 2
     least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)
@@ -81,8 +71,8 @@ def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]
     of the mean."""
     if bounds(scene.sensor.gain)[1] > 1:
         return harmonics(scene)
-    layout, step = as_layout(scene.panel.layout), steps(scene)
-    ratio = _scale_ratio(scene)
+    layout, step = as_layout(scene.panel.layout), largest_panel_steps(scene)
+    ratio = panel_scale_ratio(scene)
     s = least_side(scene, bounds(scene.panel.scale)[0])
     apart = 0.5 if scene.cells == "binned" else 1.0
     strong = []
@@ -97,16 +87,6 @@ def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]
         if strength * left > scene.tolerance:
             strong.append(((k, l), strength * left))
     return sorted(strong, key=lambda item: -item[1])
-
-
-def _scale_ratio(scene: SceneRecord) -> float:
-    """Return the most over the least panel pixels per sensor pixel, in a view of the same
-    angles."""
-    pitch = bounds(scene.sensor.pitch)
-    if pitch[0]:
-        return pitch[1] / pitch[0]
-    scale, zoom = bounds(scene.panel.scale), bounds(scene.view.zoom)
-    return scale[1] / scale[0] * zoom[1] / zoom[0]
 
 
 def _slowest_alias(low: float, high: float, apart: float) -> float:
@@ -162,61 +142,3 @@ def _through_aperture(scene: SceneRecord, frequency: Tensor) -> Tensor:
 def _through_lens(scene: SceneRecord, squared: Tensor) -> Tensor:
     """Return what the sharpest lens leaves of a wave of this squared frequency."""
     return torch.exp(-2 * math.pi**2 * bounds(scene.lens.blur)[0] ** 2 * squared)
-
-
-def narrowest(scene: SceneRecord) -> float:
-    """Return the smallest width of an aperture's shadow on the panel along an axis, in cells."""
-    widest = steps(scene).abs().amax(-1).amin(0)  # along x and y
-    period = widest.new_tensor(as_layout(scene.panel.layout).period)
-    return bounds(scene.sensor.fill)[0] * float((widest / period).min())
-
-
-def footprints(
-    scene: SceneRecord, views: Tensor, alpha: float, *, whole_pixel: bool
-) -> list[tuple[Footprint, Tensor, int]]:
-    """Return `sight.footprints_of` for the widest spread that the optics allow."""
-    sensor, lens = scene.sensor, scene.lens
-    # as if the hand moved in every direction
-    motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
-    blur, fill, olpf = math.hypot(bounds(lens.blur)[1], motion), bounds(sensor.fill)[1], lens.olpf
-    widest = (fill, blur, bounds(olpf)[1], 0.0, 0.0)
-    optics = Optics(*(torch.tensor([value], **FLOAT64_ON_CPU) for value in widest))
-    if scene.is_binned:
-        return _footprints_of_bins(scene, views, alpha, optics)
-    step = views[None, :, None] * (alpha / sensor.scale)
-    lit = torch.ones(1, **FLOAT64_ON_CPU)
-    kinds = [WHOLE_PIXEL] if whole_pixel else as_layout(scene.panel.layout).all()
-    return footprints_of(kinds, step, (lit, lit), optics)
-
-
-def _footprints_of_bins(
-    scene: SceneRecord, image_views: Tensor, alpha: float, optics: Optics
-) -> list[tuple[Footprint, Tensor, int]]:
-    """Return the footprints of bins on a panel of at most the picture's pixels; `optics` of a
-    sensor pixel."""
-    cells, least = min(alpha, 1.0), least_bin_scale(scene, alpha)
-    photo_pixel, pitch = image_views[None, :, None] * cells, bounds(scene.sensor.pitch)[0]
-    per_sensor = image_views * (alpha / scene.sensor.scale)  # panel pixels
-    if pitch:
-        per_sensor = views(scene, bounds(scene.view.zoom)[0], usual=True, magnified=True) / pitch
-    side = photo_pixel
-    if scene.is_rectified:
-        side = torch.eye(2, **FLOAT64_ON_CPU)[None, None, None] * cells
-    zero, one = torch.zeros(1, **FLOAT64_ON_CPU), torch.ones(1, 1, 1, **FLOAT64_ON_CPU)
-    bin_ = Optics(one.flatten() * max(1.0, 1 / least), zero, zero, zero, zero)
-    blur, footprints = gaussian_optics(scene, optics), []
-    for axis in (0, 1):
-        box = footprint(side[..., axis, :], bin_)
-        variance = blur_variance(per_sensor[None, :, None, axis] * (cells / alpha), blur)
-        widest = Footprint(box.box.max(), box.variance.max() + variance.max())
-        footprints.append((Footprint(*(t.reshape(1, 1, 1) for t in widest)), one, 1))
-    return footprints
-
-
-def cells_to_each_side(scene: SceneRecord, views: Tensor, *, whole_pixel: bool) -> float:
-    """Return how many cells to each side a sensor pixel sees at most."""
-    most = 0.0
-    for alpha in inside(scene.panel.scale, 1.0):
-        for along, width, _ in footprints(scene, views, alpha, whole_pixel=whole_pixel):
-            most = max(most, float(along.reach().max()) + float(width) / 2)
-    return most
