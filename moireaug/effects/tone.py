@@ -60,7 +60,7 @@ class ColourMatrix(Effect):
 
 
 class ToneCurve(Effect):
-    """Rolls deviation highlights, then adds contrast, on codes."""
+    """Rolls off highlights, then adds contrast, on codes."""
 
     name = "tone_curve"
 
