@@ -1,14 +1,15 @@
-"""Draw docs/gallery.png (every preset on a photograph, a sign and a grey screen, with details at
-the photo's own pixels), docs/banner.png (some of them), docs/effects.png (every effect by itself)
-and docs/effects/*.png (those that physics.md explains).
+"""Draw the gallery: docs/gallery/*.jpg, every preset on a photograph; docs/gallery.md, with each
+preset's screen and cost; and docs/banner.png.
 
 Run it as `python docs/gallery.py`.
 """
 
 from __future__ import annotations
 
+import platform
+import statistics
 import sys
-from dataclasses import replace
+import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -19,226 +20,132 @@ from matplotlib import cbook
 from matplotlib.figure import Figure
 from PIL import Image
 from torch import Tensor
-from torchvision.transforms.v2.functional import pil_to_tensor, to_pil_image
+from torchvision.transforms.v2.functional import pil_to_tensor
 
-from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View
-from moireaug.scene.layout import LAYOUTS
+from moireaug import Scene, Shot, capture
 from moireaug.scene.presets import PRESETS
-from training.data import signs
+from moireaug.synthesis import without_moire
 
-SIZE = 160  # of the effects' picture
-LARGE, DETAIL = 288, 72  # of the presets' pictures, and of the part that is shown magnified
+SIDE, DETAIL = 288, 72  # of the photograph, and of the part that is magnified
+CANDIDATES = 9  # draws of each preset, of which three are shown
+TIMED_BATCH, TIMED_RUNS = 16, 9
+BANNER = ("screen_photo", "phone_at_monitor", "phone_at_phone", "phone_at_led_wall", "paper_code")
 
-# A sharp camera in front of a panel whose stripes it resolves badly: moiré without anything else.
-MOIRE = Scene(
-    panel=Panel(scale=1.15), view=View(yaw=8, pitch=-5, roll=3), lens=Lens(blur=0.25),
-    sensor=Sensor(scale=2, gain=2.8), develop=Develop(linear_light=True),
-)  # fmt: skip
-# A panel that emits evenly and a sensor without filters: nothing happens except what a scene adds.
-PLAIN = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
-# Panel pixels 16 sensor pixels wide: the subpixels themselves.
-CLOSE = Scene(panel=Panel(scale=1 / 16), lens=Lens(blur=0.3), sensor=Sensor(cfa="none", gain=2.5))
+INTRODUCTION = f"""# Gallery
 
-OWN_LAYOUT = Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 0.5), (2, 0.5, 0.5, 1, 1)))
+One photograph of {SIDE} px in every preset, at its own pixels. Of {CANDIDATES} draws, a row shows
+the photo with the strongest moiré, the middle one and the weakest; then a part of the first,
+magnified four times, and the spectrum of what moiré adds to it, with frequency zero in the middle.
 
-
-def close(layout: str | Layout, gain: float = 2.5, **panel: float) -> Scene:
-    return replace(
-        CLOSE,
-        panel=replace(CLOSE.panel, layout=layout, **panel),
-        sensor=replace(CLOSE.sensor, gain=gain),
-    )
+`python docs/gallery.py` draws this page. Milliseconds are per photo of 224 px, in batches of
+{TIMED_BATCH} on one thread of {{machine}}. The portrait of Grace Hopper is in the public domain.
+"""
 
 
-def moire(**parts: dict[str, object]) -> Scene:
-    return replace(
-        MOIRE, **{name: replace(getattr(MOIRE, name), **fields) for name, fields in parts.items()}
-    )
-
-
-FLICKER = {
-    "panel": {"pwm": 240.0, "duty": 0.4, "phase": 0.2},
-    "sensor": {"shutter": 1 / 500, "readout": 1 / 40},
-}
-EFFECTS: dict[str, Scene] = {
-    "nothing called for:\nthe image, bit for bit": PLAIN,
-    **{
-        f"layout {name},\nmagnified 16 times": close(name)
-        for name in LAYOUTS
-        if name not in ("bgr_stripe", "even")
-    },
-    "layout even,\nmagnified 16 times": close("even", gain=1.0),
-    "rgb_stripe, 40 % of each\nsubpixel lit": close("rgb_stripe", lit=0.4),
-    "a unit cell of one's own": close(OWN_LAYOUT),
-    "layout: moiré of the stripes": MOIRE,
-    "exposure point, as the paper:\nmuch more than a lens passes": moire(
-        sensor={"exposure": "point"}
-    ),
-    "exposure mean:\nthe same camera, no moiré": moire(sensor={"exposure": "mean"}),
-    "black matrix, 80 % of width and\n60 % of height lit: a lattice": moire(
-        panel={"lit_x": 0.8, "lit_y": 0.6}
-    ),
-    "black level 0.1": replace(PLAIN, panel=Panel(layout="even", black=0.1)),
-    "glare 0.4, more of it\nat the right": replace(
-        PLAIN,
-        panel=Panel(layout="even", glare=0.4, glare_x=0.5),
-        sensor=Sensor(cfa="none", gain=0.7),
-    ),
-    "crosstalk 0.25, undone by\nthe colour matrix": moire(sensor={"crosstalk": 0.25}),
-    "motion along a diagonal, 2 px": replace(PLAIN, lens=Lens(motion_x=2.0, motion_y=2.0)),
-    "lens blur 0.6 px:\nthe moiré fades": moire(lens={"blur": 0.6}),
-    "low-pass filter, 1 px apart": moire(lens={"olpf": 1.0}),
-    "yaw 45, not registered": replace(
-        PLAIN,
-        view=View(yaw=45),
-        develop=Develop(registered=False),
-        sensor=Sensor(cfa="none", scale=2),
-    ),
-    "the same, registered": replace(PLAIN, view=View(yaw=45), sensor=Sensor(cfa="none", scale=2)),
-    "lens k1 0.25, not registered": replace(
-        PLAIN, lens=Lens(k1=0.25), develop=Develop(registered=False)
-    ),
-    "vignetting 0.6": replace(PLAIN, lens=Lens(vignetting=0.6)),
-    "prefilter: seen from afar,\nzoom 0.2 and registered": replace(PLAIN, view=View(zoom=0.2)),
-    "flicker: 240 Hz, 40 % on,\nrolling shutter": moire(**FLICKER),
-    "gain 6: overexposed": moire(sensor={"gain": 6.0}),
-    "read noise 0.05": replace(PLAIN, sensor=Sensor(cfa="none", read_noise=0.05)),
-    "shot noise 0.15:\ngrows with the light": replace(
-        PLAIN, sensor=Sensor(cfa="none", shot_noise=0.15)
-    ),
-    "2 bits": replace(PLAIN, sensor=Sensor(cfa="none", bits=2)),
-    "Bayer, bilinear, 1 sensor\npixel a photo pixel": replace(PLAIN, sensor=Sensor()),
-    "Bayer, Malvar:\nsharper": replace(PLAIN, sensor=Sensor(), develop=Develop(demosaic="malvar")),
-    "white balance: red 1.3, blue 0.7": replace(PLAIN, develop=Develop(red=1.3, blue=0.7)),
-    "saturation 1.8": replace(PLAIN, develop=Develop(saturation=1.8)),
-    "shoulder 3: highlights\nrolled off": replace(PLAIN, develop=Develop(shoulder=3.0)),
-    "contrast 0.9": replace(PLAIN, develop=Develop(contrast=0.9)),
-    "chroma blur 4 px:\nbrightness stays": replace(PLAIN, develop=Develop(chroma_blur=4.0)),
-    "unsharp mask of 2": replace(PLAIN, develop=Develop(sharpen=2.0, sharpen_radius=1.5)),
-    "brighten 0.25": replace(PLAIN, develop=Develop(brighten=0.25)),
-    "noise, then non-local means": replace(
-        PLAIN, sensor=Sensor(cfa="none", read_noise=0.02), develop=Develop(denoise="nlm")
-    ),
-    "noise, then bilateral": replace(
-        PLAIN, sensor=Sensor(cfa="none", read_noise=0.05), develop=Develop(denoise="bilateral")
-    ),
-    "JPEG, quality 10": replace(PLAIN, develop=Develop(jpeg=10)),
-}
-
-# presets of the banner, and the file in docs/effects of an effect's picture to its caption above
-BANNER = ("paper", "screen_photo", "phone_at_monitor", "phone_at_led_wall", "dashcam_at_led_sign")
-PICTURES = {
-    "layout": "layout: moiré of the stripes",
-    "black_matrix": "black matrix, 80 % of width and\n60 % of height lit: a lattice",
-    "black_level": "black level 0.1",
-    "glare": "glare 0.4, more of it\nat the right",
-    "flicker": "flicker: 240 Hz, 40 % on,\nrolling shutter",
-    "pose": "yaw 45, not registered",
-    "registration": "the same, registered",
-    "distortion": "lens k1 0.25, not registered",
-    "prefilter": "prefilter: seen from afar,\nzoom 0.2 and registered",
-    "vignetting": "vignetting 0.6",
-    "blur": "lens blur 0.6 px:\nthe moiré fades",
-    "motion": "motion along a diagonal, 2 px",
-    "olpf": "low-pass filter, 1 px apart",
-    "point": "exposure point, as the paper:\nmuch more than a lens passes",
-    "mean": "exposure mean:\nthe same camera, no moiré",
-    "crosstalk": "crosstalk 0.25, undone by\nthe colour matrix",
-    "gain": "gain 6: overexposed",
-    "noise": "shot noise 0.15:\ngrows with the light",
-    "bits": "2 bits",
-    "demosaic": "Bayer, bilinear, 1 sensor\npixel a photo pixel",
-    "balance": "white balance: red 1.3, blue 0.7",
-    "tone": "shoulder 3: highlights\nrolled off",
-    "denoise": "noise, then non-local means",
-    "chroma_blur": "chroma blur 4 px:\nbrightness stays",
-    "jpeg": "JPEG, quality 10",
-}
-
-
-def grid(rows: int, columns: int, width: float, height: float) -> tuple[Figure, list]:
-    figure = Figure(figsize=(columns * width, rows * height), dpi=90, layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for axis in axes.flat:
-        axis.set(xticks=[], yticks=[])
-        axis.spines[:].set_visible(False)
-    return figure, axes
-
-
-def show(axis, photo: Tensor) -> None:
-    axis.imshow(photo.permute(1, 2, 0).numpy(), interpolation="nearest", vmin=0, vmax=1)
-
-
-def photograph() -> Tensor:
-    """Return matplotlib's sample photograph, a portrait in the public domain, (3, LARGE, LARGE)."""
+def photograph(side: int) -> Tensor:
+    """Return matplotlib's sample photograph, a portrait in the public domain, (3, side, side)."""
     with cbook.get_sample_data("grace_hopper.jpg") as file:
         picture = Image.open(file).convert("RGB").crop((0, 0, 512, 512))
-    return pil_to_tensor(picture.resize((LARGE, LARGE), Image.Resampling.LANCZOS)) / 255
+    return pil_to_tensor(picture.resize((side, side), Image.Resampling.LANCZOS)) / 255
 
 
-def seen_in(pictures: Tensor) -> dict[str, Tensor]:
-    """Return the pictures, and their photos in every preset."""
-    seen = {"shown on the screen": pictures}
-    for name in PRESETS:
-        seen[name] = Scene.preset(name).capture(pictures, torch.Generator().manual_seed(3))
-    return seen
+def moire_of(pictures: Tensor, shot: Shot) -> Tensor:
+    """Return what moiré adds to the photos of a shot, (B, 3, H, W)."""
+    return capture(pictures, shot) - capture(pictures, without_moire(shot))
+
+
+def ordered(pictures: Tensor, shot: Shot) -> list[int]:
+    """Return the draws of a shot by the strength of their moiré, strongest first."""
+    strength = moire_of(pictures, shot).square().mean((1, 2, 3))
+    return strength.argsort(descending=True).tolist()
 
 
 def detail(photo: Tensor) -> Tensor:
-    """Return a part of a photo, from above its middle."""
-    top, left = LARGE // 4, LARGE // 2 - DETAIL // 2
+    """Return a part of a photo: the face."""
+    top, left = SIDE // 4, SIDE // 2 - DETAIL // 2
     return photo[:, top : top + DETAIL, left : left + DETAIL]
 
 
-def draw_presets(seen: dict[str, Tensor]) -> None:
-    figure, axes = grid(len(seen), 2 * len(seen["paper"]), 1.94, 2.0)
-    for line, (name, photos) in zip(axes, seen.items(), strict=True):
-        for i, photo in enumerate(photos):
-            show(line[2 * i], photo)
-            show(line[2 * i + 1], detail(photo))
-        line[0].set_ylabel(
-            name.replace("_at_", "\nat ").replace("_", " "), rotation=0, ha="right", va="center"
-        )
-    figure.savefig(HERE / "gallery.png", pil_kwargs={"optimize": True})
+def spectrum(difference: Tensor) -> Tensor:
+    """Return the amplitudes of a difference's colours, (H, W, 3), on a scale of decibels."""
+    window = torch.hann_window(SIDE)
+    amplitude = torch.fft.fft2(difference * window * window[:, None]).abs()
+    decibels = 20 * torch.fft.fftshift(amplitude, (-2, -1)).clamp(min=1e-3).log10()
+    return ((decibels + 20) / 60).clamp(0, 1).permute(1, 2, 0)
 
 
-def draw_banner(seen: dict[str, Tensor]) -> None:
-    names = ["shown on the screen", *BANNER]
-    figure, axes = grid(2, len(names), 2.05, 2.15)
-    for column, name in enumerate(names):
-        axes[0, column].set_title(name, fontsize=10)
-        show(axes[0, column], seen[name][0])
-        show(axes[1, column], detail(seen[name][0]))
+def draw(name: str, picture: Tensor) -> None:
+    """Draw a preset's photos, the detail and the spectrum in a row."""
+    pictures = picture.expand(CANDIDATES, -1, -1, -1)
+    shot = Scene.preset(name).sample(CANDIDATES, (SIDE, SIDE), torch.Generator().manual_seed(3))
+    order = ordered(pictures, shot)
+    photos = capture(pictures, shot)
+    shown = [photos[order[i]] for i in (0, CANDIDATES // 2, CANDIDATES - 1)]
+    magnified = detail(shown[0]).repeat_interleave(4, 1).repeat_interleave(4, 2)
+    difference = moire_of(pictures, shot)[order[0]]
+    tiles = [*shown, magnified, spectrum(difference).permute(2, 0, 1)]
+    row = torch.cat(tiles, 2).mul(255).round().byte().permute(1, 2, 0).numpy()
+    path = HERE / "gallery" / f"{name}.jpg"
+    path.parent.mkdir(exist_ok=True)
+    Image.fromarray(row).save(path, quality=92, subsampling=0)
+
+
+def milliseconds(name: str) -> float:
+    """Return the median time of a photo of 224 px."""
+    pictures = photograph(224).expand(TIMED_BATCH, -1, -1, -1).contiguous()
+    times = []
+    for _ in range(TIMED_RUNS + 1):
+        shot = Scene.preset(name).sample(TIMED_BATCH, (224, 224))
+        start = time.perf_counter()
+        capture(pictures, shot)
+        times.append(time.perf_counter() - start)
+    return 1000 * statistics.median(times[1:]) / TIMED_BATCH  # the first one compiles
+
+
+def section(name: str) -> str:
+    """Return a preset's part of the page."""
+    plan = Scene.preset(name).plan((224, 224))
+    effects = ", ".join(step.name for step in plan.called)
+    return (
+        f"\n## {name}\n\n![Photos in {name}, a magnified part, a spectrum](gallery/{name}.jpg)\n\n"
+        f"{milliseconds(name):.1f} ms a photo. Computed: {effects}.\n"
+    )
+
+
+def draw_banner(picture: Tensor) -> None:
+    """Draw some presets' strongest photo, and its detail."""
+    figure = Figure(figsize=(2.05 * (1 + len(BANNER)), 4.3), dpi=90, layout="constrained")
+    axes = figure.subplots(2, 1 + len(BANNER))
+    photos = {"shown on the screen": picture}
+    for name in BANNER:
+        pictures = picture.expand(CANDIDATES, -1, -1, -1)
+        shot = Scene.preset(name).sample(CANDIDATES, (SIDE, SIDE), torch.Generator().manual_seed(3))
+        photos[name] = capture(pictures, shot)[ordered(pictures, shot)[0]]
+    for column, (name, photo) in zip(axes.T, photos.items(), strict=True):
+        column[0].set_title(name, fontsize=10)
+        for axis, part in zip(column, (photo, detail(photo)), strict=True):
+            axis.imshow(part.permute(1, 2, 0).numpy(), interpolation="nearest", vmin=0, vmax=1)
+            axis.set_axis_off()
     figure.savefig(HERE / "banner.png", pil_kwargs={"optimize": True})
 
 
-def draw_effects(image: Tensor) -> None:
-    photos = {}
-    for caption, scene in EFFECTS.items():
-        photos[caption] = scene.capture(image[None], torch.Generator().manual_seed(3))[0]
-    columns = 6
-    figure, axes = grid(-(-len(photos) // columns), columns, 2.05, 2.3)
-    for axis, (caption, photo) in zip(axes.flat, photos.items(), strict=False):
-        show(axis, photo)
-        axis.set_title(caption, fontsize=8)
-    figure.savefig(HERE / "effects.png", pil_kwargs={"optimize": True})
-    for name, caption in PICTURES.items():
-        save(photos[caption], HERE / "effects" / f"{name}.png")
-
-
-def save(photo: Tensor, path: Path) -> None:
-    path.parent.mkdir(exist_ok=True)
-    to_pil_image(photo).save(path, optimize=True)
+def machine() -> str:
+    """Return the processor's name."""
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            return "an " + line.partition(": ")[2]
+    return platform.processor()
 
 
 def main() -> None:
-    drawn, _ = signs.make("test", 32, size=SIZE, seed=4)
-    large, _ = signs.make("test", 32, size=LARGE, seed=4)
-    grey = torch.full((3, LARGE, LARGE), 0.75)
-    seen = seen_in(torch.stack([photograph(), large[24].float() / 255, grey]))
-    draw_presets(seen)
-    draw_banner(seen)
-    draw_effects(drawn[9].float() / 255)
+    torch.set_num_threads(1)
+    picture = photograph(SIDE)
+    page = INTRODUCTION.format(machine=machine())
+    for name in PRESETS:
+        draw(name, picture)
+        page += section(name)
+    (HERE / "gallery.md").write_text(page)
+    draw_banner(picture)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES, TUTORIALS = ROOT / "examples", ROOT / "docs" / "tutorials"
 
 # script: its arguments, what it prints, the files that it writes
 RUNS = {
@@ -91,22 +92,34 @@ def test_every_example_is_run_and_short_enough_to_read():
         assert f"    python examples/{name}.py" in text, f"{name} does not say how it is run"
 
 
-@pytest.mark.parametrize("name", [*(f"{name}.py" for name in RUNS), "attack_your_classifier.ipynb"])
-def test_an_example_finds_the_training_code_without_its_installation(name):
-    before, used, _ = (EXAMPLES / name).read_text("utf-8").partition("from training import")
+@pytest.mark.parametrize(
+    "file", [*EXAMPLES.glob("*.py"), *TUTORIALS.glob("*")], ids=lambda file: file.name
+)
+def test_an_example_finds_the_training_code_without_its_installation(file):
+    before, used, _ = file.read_text("utf-8").partition("from training")
     assert not used or "sys.path.insert(0, " in before
 
 
 # notebook: what its first cell, which holds the settings, is replaced with; what it prints
 NOTEBOOKS = {
-    "photograph_a_picture": (
+    "augment": (
         'SIDE, SCENE, SEED = 48, "screen_photo", 0',
-        r"\d\d effects are computed.* of 255 codes RMS",
+        r"\d\d effects are computed.* of 255 codes RMS.*ms a photo of",
     ),
-    "attack_your_classifier": (
-        "IMAGES, EPOCHS, ATTACKED, STEPS = 64, 1, 8, 1",
+    "attack": (
+        "IMAGES, EPOCHS, ATTACKED, STEPS, SIDE = 64, 1, 8, 1, 32",
         r"clean images +\d+%.*Moiré Attack 8/255 +\d+%",
     ),
+    "train": (
+        "IMAGES, EPOCHS, SIZE, ATTACKED, STEPS = 120, 1, 24, 24, 1",
+        r"clean image .*gain.*Report: .*\['",
+    ),
+    "pairs": (
+        'SIDE, PAIRS, SCENE = 48, 2, ["phone_at_monitor"]',
+        r"moiré, codes RMS: \d.*True",
+    ),
+    "calibrate": ("SIZE, EVALUATIONS = 32, 1", r"lens\.blur: .* before, .* fitted, .* true"),
+    "layer": ("SIDE, STEPS, SEED = 32, 2, 1", r"error of the photo: \d.* codes RMS, then \d"),
 }
 
 
@@ -114,7 +127,7 @@ NOTEBOOKS = {
 def test_notebooks_run_and_hold_their_output(name, monkeypatch, capsys):
     monkeypatch.setattr(sys, "path", list(sys.path))
     settings, printed = NOTEBOOKS[name]
-    file = EXAMPLES / f"{name}.ipynb"
+    file = TUTORIALS / f"{name}.ipynb"
     assert file.stat().st_size < 300_000
     cells = [c for c in json.loads(file.read_text("utf-8"))["cells"] if c["cell_type"] == "code"]
     first, *others = ("".join(cell["source"]) for cell in cells)
@@ -129,4 +142,4 @@ def test_notebooks_run_and_hold_their_output(name, monkeypatch, capsys):
 
 
 def test_every_notebook_is_run():
-    assert {path.stem for path in EXAMPLES.glob("*.ipynb")} == NOTEBOOKS.keys()
+    assert {path.stem for path in TUTORIALS.glob("*.ipynb")} == NOTEBOOKS.keys()
