@@ -246,6 +246,12 @@ PRESETS: dict[str, SceneRecord] = {
     ),
 }
 
+# Names of several presets, of which each image is photographed in one: `mixtures.as_scenes`.
+MIXTURES: dict[str, tuple[str, ...]] = {
+    # A screen that nobody knows: every preset but the paper's.
+    "anywhere": tuple(name for name in PRESETS if not name.startswith("paper")),
+}
+
 
 def preset_name(scene: SceneRecord) -> str:
     """Return the name of the preset that equals a scene, or an empty string."""
