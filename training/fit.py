@@ -44,6 +44,7 @@ from training.runs.resume import require_resumable, require_same_data, require_s
 from training.runs.reuse import is_unreported
 from training.runs.run import PLAIN_RECIPES, Run, baseline_of, start_of
 from training.system.processes import is_first
+from training.trainer.ranks import run_job
 
 
 def fit(cfg: DictConfig | Config) -> dict[str, Any]:
@@ -101,7 +102,8 @@ def check(cfg: Config) -> None:
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.report_errors(kept_work="Every complete epoch is kept"):
-        fit(cfg)
+        config: Config = as_config(cfg)
+        run_job(config.trainer, fit, config)
 
 
 register("fit", Config, RECIPE_GROUPS, __doc__)

@@ -44,6 +44,7 @@ from training.config.settings import with_absolute_paths
 from training.runs.reuse import read_baseline_of
 from training.runs.run import locked_folder
 from training.runs.trained import TrainedRun, read, read_training_cost
+from training.trainer.ranks import run_job
 
 Metrics = dict[str, Any]
 
@@ -120,7 +121,12 @@ def baseline_metrics(run: TrainedRun, result: AttackResult) -> Metrics:
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.report_errors(kept_work="Every record is kept"):
-        reattack(cfg, list(HydraConfig.get().overrides.task))
+        config: ReattackConfig = as_config(cfg)
+        given = list(HydraConfig.get().overrides.task)
+        if config.suite == "ladder":  # in one process
+            reattack(config, given)
+        else:
+            run_job(config.trainer, reattack, config, given)
 
 
 register("reattack", ReattackConfig, DATA_GROUPS, __doc__)

@@ -31,6 +31,15 @@ class Command:
     def returncode(self):
         return self._process.exitcode
 
+    def ranks(self):
+        """Return the numbers of the processes that share its work, in their order."""
+        children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        workers = []
+        for child in map(int, children):
+            if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text():
+                workers.append(child)
+        return sorted(workers)
+
     def poll(self):
         return self.returncode
 

@@ -3,26 +3,26 @@
 import json
 import os
 import signal
-import threading
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import torch
 from lightning.pytorch.plugins.environments import SLURMEnvironment
-from lightning.pytorch.strategies import DDPStrategy
 
+from tests.training import rank_jobs
 from tests.training.forked import Command
 from tests.training.small import BRIEF, NO_DATA, TINY, configured, wait
 from training import fit
 from training.classifier.train import classifier_of, train_model, trainer_of
 from training.classifier.tuning import tuning_of
+from training.config.schema import Trainer
 from training.data.load import load
 from training.demoireing import fit as demoireing  # noqa: F401  # registers its settings with Hydra
 from training.demoireing.train import module_of
 from training.runs.run import Run
-from training.system.processes import MAX_WAIT
 from training.trainer import ranks
+from training.trainer.make import EndOnSigterm
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -38,8 +38,7 @@ def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
     ]
     process = Command("fit.py", *given, cwd=tmp_path)
     wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
-    (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    os.kill(int(child), signal.SIGKILL)
+    os.kill(process.ranks()[1], signal.SIGKILL)
     _, err = process.communicate()
     assert process.returncode == 1 and err.count("another process of this run was lost") == 1
     assert "Traceback" not in err
@@ -67,23 +66,25 @@ def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
         train_model(Run(cfg), load(cfg.data)._replace(train=Fatal()))
 
 
-@pytest.mark.parametrize("code", [-9, 1])
-def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code):
-    """As on a GPU, where nothing wakes it."""
-    ended, lost, left = [], SimpleNamespace(poll=lambda: code, kill=lambda: None), []
-    monkeypatch.setattr(ranks.os, "_exit", ended.append)
-    monkeypatch.setattr(ranks, "GRACE_SECONDS", 0.01)
-    monkeypatch.setattr(ranks, "_ending", threading.Event())
-    monkeypatch.setattr(
-        ranks, "_children", [SimpleNamespace(poll=lambda: None, kill=lambda: left.append(1)), lost]
-    )
-    ranks._end_with_children()
-    assert ended == [1] and left == [1] and "the same command resumes" in capsys.readouterr().err
-    ranks._ending.set()  # it has noticed by itself, and says so
-    ranks._end_with_children()
-    assert ended == [1] and not capsys.readouterr().err
-    ranks._end_with_parent(os.getppid() + 1)
-    assert ended == [1, 1]
+def test_a_process_that_waits_for_a_lost_one_ends_too(tmp_path, capfd):
+    with pytest.raises(ConnectionError, match="the same command resumes"):
+        ranks.run_job(Trainer(accelerator="cpu", devices=2), rank_jobs.lose_one, tmp_path)
+    for rank in "01":
+        assert not Path("/proc", (tmp_path / rank).read_text()).exists()
+    assert capfd.readouterr().err == ""
+
+
+def test_of_several_processes_the_one_that_failed_first_speaks(tmp_path):
+    advice = "No space left on device.*: fix this, and resume with the same command"
+    with pytest.raises(ranks.RankError, match=advice):
+        ranks.run_job(Trainer(accelerator="cpu", devices=2), rank_jobs.fail_in_one, tmp_path)
+
+
+def test_processes_of_a_launcher_start_no_others(monkeypatch):
+    monkeypatch.setenv("RANK", "1")
+    done = []
+    ranks.run_job(Trainer(accelerator="cpu", devices=2), done.append, "here")
+    assert done == ["here"]
 
 
 def test_a_terminated_process_sends_nothing_within_a_batch(tmp_path, monkeypatch):
@@ -93,18 +94,13 @@ def test_a_terminated_process_sends_nothing_within_a_batch(tmp_path, monkeypatch
     monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
     monkeypatch.setattr(torch.distributed, "broadcast", lambda *a, **k: pytest.fail("it was sent"))
     before = signal.getsignal(signal.SIGTERM)
-    with ranks.tied_together(trainer):
-        trainer._signal_connector.register_signal_handlers()
+    trainer._signal_connector.register_signal_handlers()
+    for callback in trainer.callbacks:
+        if isinstance(callback, EndOnSigterm):
+            callback.on_train_start(trainer, None)
+    with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGTERM)
-        assert trainer.received_sigterm
     signal.signal(signal.SIGTERM, before)
-
-
-@pytest.mark.parametrize("strategy", ["auto", "ddp", "ddp_find_unused_parameters_true"])
-def test_processes_wait_for_one_that_attacks(strategy, tmp_path):
-    cfg = configured(*TINY, "trainer.devices=2", f"trainer.strategy={strategy}")
-    trainer = trainer_of(cfg.trainer, tuning_of(cfg.train, fine=False), 1, tmp_path, NO_DATA)
-    assert isinstance(trainer.strategy, DDPStrategy) and trainer.strategy._timeout == MAX_WAIT
 
 
 def test_a_batch_that_processes_cannot_share_is_refused_first(tmp_path):

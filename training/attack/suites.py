@@ -8,11 +8,13 @@ import importlib
 import os
 import sys
 from collections.abc import Mapping
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import nn
+from torch.distributed import barrier, new_group
 from torch.utils.data import Subset
 
 from moireaug.defenses import Quilting, demoire
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
     from lightning import Fabric
 
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
+# The first process to finish waits for the last: longer than the half hour that torch allows
+MAX_WAIT = timedelta(days=30)
 RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
 # of image quilting: patches of its bank, and images that they are drawn from
 BANK_PATCHES, MAX_DONOR_IMAGES = 50_000, 500
@@ -43,19 +47,20 @@ def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> AttackResult | Non
     """Attack a classifier by `cfg.suite`, shared among the processes that the trainer's settings
     ask for; return the results in the first of them."""
     fabric = fabric_of(cfg.trainer)
+    everyone: Any = None
+    if fabric.world_size > 1:
+        everyone = new_group(backend="gloo", timeout=MAX_WAIT)
     config = suite_config(cfg, subject, fabric)
     suite_attack = SuiteAttack(subject.model, cfg.suite, subject.protocol, subject.records, config)
     suite_attack.run(cfg.suite, fabric.global_rank, fabric.world_size)
-    fabric.barrier()
+    if fabric.world_size > 1:
+        barrier(everyone)
     return None if fabric.global_rank else suite_attack.results()
 
 
 def fabric_of(trainer: Trainer) -> Fabric:
-    """Launch the processes that share the work: Lightning's own, with the same settings as in
-    training."""
+    """Return Lightning's Fabric of the processes that share the work, set up as in training."""
     from lightning import Fabric  # takes seconds to import
-
-    from training.trainer import ranks
 
     kind = trainer.accelerator
     if kind == "auto" and not torch.cuda.is_available():
@@ -66,7 +71,7 @@ def fabric_of(trainer: Trainer) -> Fabric:
         num_nodes=trainer.num_nodes,
         strategy=trainer.strategy,
     )
-    ranks.launch(fabric)
+    fabric.launch()
     return fabric
 
 

@@ -18,11 +18,9 @@ from training.config.command_line import SWEEP_FLAGS, check_keys, quote_paths
 from training.config.schema import RunConfig
 from training.system import machine
 from training.system.files import make_folder
-from training.system.messages import LineStream, complain, sentence, use_legible_output
+from training.system.messages import LineStream, complain, is_expected, sentence, use_legible_output
 from training.system.processes import is_first, say
 
-EXPECTED_ERRORS = (ValueError, TypeError, FloatingPointError, OSError)
-LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
 _failed_jobs: list[str] = []  # jobs of a sweep
 _command_line: list[str] = []  # the command line, whole: Hydra is not shown its first words
 
@@ -43,7 +41,7 @@ def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
     script, *arguments = sys.argv
     overrides = quote_paths(arguments[len(words) :], schema)
     check_keys(overrides, schema)
-    # to the front: Lightning appends settings for further processes, which must not follow it
+    # to the front: Hydra takes no settings after such a flag
     overrides = sorted(overrides, key=lambda argument: argument not in SWEEP_FLAGS)
     _command_line[:] = [script, *words, *overrides]
     sys.argv = [script, *overrides]
@@ -79,7 +77,7 @@ def report_errors(kept_work: str) -> Iterator[None]:
         SystemExit: 130 after an interruption, 1 after an error.
     """
     if _command_line:
-        sys.argv = list(_command_line)  # by which Lightning starts further processes
+        sys.argv = list(_command_line)
     try:
         yield
     except KeyboardInterrupt:
@@ -88,7 +86,7 @@ def report_errors(kept_work: str) -> Iterator[None]:
         raise SystemExit(130) from None
     except Exception as error:
         job = _job_of_a_sweep()
-        if not (isinstance(error, EXPECTED_ERRORS) or type(error).__name__ == LIGHTNING_ERROR):
+        if not is_expected(error):
             if job is None:
                 raise
             complain(traceback.format_exc())

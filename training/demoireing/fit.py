@@ -44,6 +44,7 @@ from training.runs.run import Run
 from training.system import machine
 from training.system.files import read_metrics
 from training.system.processes import is_first
+from training.trainer.ranks import run_job
 
 Metrics = dict[str, Any]
 
@@ -179,7 +180,8 @@ def test_and_report(
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.report_errors(kept_work="What was validated is kept"):
-        fit(cfg)
+        config: DemoireConfig = as_config(cfg)
+        run_job(config.trainer, fit, config)
 
 
 register("demoire", DemoireConfig, (), __doc__)

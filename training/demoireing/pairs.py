@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from moireaug.scene.presets import MIXTURES
 from moireaug.scenes import Scene, as_scene
 from moireaug.synthesis.pairs import Pair, check_aligned, make_pair
 from moireaug.synthesis.pictures import Source
@@ -29,8 +31,11 @@ def scenes_of(cfg: DemoireConfig) -> dict[str, Scene]:
     listed = cfg.scene if isinstance(cfg.scene, (list, tuple)) else [cfg.scene]
     if not listed:
         raise ValueError("scene=[] names no scene: name at least one.")
+    names: list[Any] = []
+    for one in listed:
+        names += MIXTURES[one] if isinstance(one, str) and one in MIXTURES else [one]
     scenes = {}
-    for number, one in enumerate(listed, 1):
+    for number, one in enumerate(names, 1):
         name = one if isinstance(one, str) else f"scene {number}"
         scenes[name] = as_scene(one)
         check_aligned(scenes[name])

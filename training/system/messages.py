@@ -8,6 +8,9 @@ from typing import Any, TextIO
 
 from moireaug.printing import use_legible
 
+EXPECTED_ERRORS = (ValueError, TypeError, FloatingPointError, OSError)
+LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
+
 
 class LineStream:
     """Wraps an output stream and knows whether its last line is complete: a progress bar's is
@@ -43,6 +46,11 @@ def complain(text: str) -> None:
 def counted(n: int, noun: str) -> str:
     """Return a number with its noun, in the singular for one."""
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def is_expected(error: Exception) -> bool:
+    """Return whether an error is a user's or the machine's, for which a sentence is enough."""
+    return isinstance(error, EXPECTED_ERRORS) or type(error).__name__ == LIGHTNING_ERROR
 
 
 def sentence(error: Exception) -> str:

@@ -3,19 +3,8 @@
 from __future__ import annotations
 
 import os
-from datetime import timedelta
 
 from lightning_utilities.core.rank_zero import rank_zero_only
-
-# While one process attacks, the others wait for it: longer than the half hour that torch allows
-MAX_WAIT = timedelta(days=30)
-
-
-def wait_long(strategy: object) -> None:
-    """Have the processes of a strategy of Lightning's, if it runs several, wait for the slowest."""
-    if hasattr(strategy, "_timeout"):
-        strategy._timeout = MAX_WAIT
-
 
 # of the variables that launchers set, the first that is there says the process's number
 RANK_VARIABLES = ("RANK", "LOCAL_RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import signal
 import sys
 import warnings
 from collections.abc import Sequence
@@ -16,8 +17,18 @@ from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasti
 from lightning.pytorch.utilities import rank_zero_only
 
 from training.config.schema import Trainer
-from training.system.processes import wait_long
 from training.trainer.checkpoints import AtomicCheckpointIO
+
+
+class EndOnSigterm(L.Callback):
+    """Ends training on SIGTERM as on Ctrl-C.
+
+    Lightning's own handler broadcasts the signal, in the middle of what the processes are sending:
+    they would wait for each other for ever.
+    """
+
+    def on_train_start(self, trainer: L.Trainer, module: L.LightningModule) -> None:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 class EpochLines(Checkpoint):
@@ -57,10 +68,10 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself
     terminal = sys.stdout.isatty()
     progress = TQDMProgressBar(leave=False) if terminal else EpochLines()
-    trainer = L.Trainer(
+    return L.Trainer(
         **options,
         max_epochs=epochs,
-        callbacks=[*callbacks, progress],
+        callbacks=[*callbacks, EndOnSigterm(), progress],
         enable_progress_bar=terminal,
         plugins=plugins,
         logger=False,
@@ -69,8 +80,6 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         use_distributed_sampler=False,
         benchmark=False,
     )
-    wait_long(trainer.strategy)
-    return trainer
 
 
 # Lightning's warnings at every start that a user of these recipes cannot act on

@@ -1,34 +1,114 @@
-"""The processes of a run: if one is lost, all end, and one reports it."""
+"""The processes of a run: torchrun's agent starts them, and ends all with the first that fails."""
 
 from __future__ import annotations
 
-import contextlib
+import logging
 import os
 import re
-import subprocess
-import threading
+import tempfile
 import time
-from collections.abc import Iterator
+import uuid
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import lightning as L
-from lightning.fabric.strategies.launchers import subprocess_script as fabric_script
-from lightning.pytorch.plugins.environments import LightningEnvironment
-from lightning.pytorch.strategies.launchers import subprocess_script
+import torch
 from torch.distributed import DistError
 
-from training.system.messages import complain
-from training.system.processes import wait_long
+from training.config.schema import Trainer
+from training.system.messages import is_expected, sentence, use_legible_output
+from training.system.processes import RANK_VARIABLES
+
+if TYPE_CHECKING:
+    import lightning as L
 
 LOST_PROCESS = (
     "another process of this run was lost: it was killed, ran out of memory, or failed with the "
     "error above. What is complete is kept, and the same command resumes from there."
 )
-POLL_SECONDS = 0.5  # between looks at the other processes
-GRACE_SECONDS = 5.0  # for a process to notice by itself, and clean up
+GRACE_SECONDS = 5  # for a process to clean up; for the agent to see a lost one before the others
 _LOST_PATTERN = r"gloo|DataLoader worker \(pid"  # in the messages of plain RuntimeErrors
-_children: list[subprocess.Popen] = []
-_ending = threading.Event()
+
+
+class RankError(ValueError):
+    """An error of one of the processes, as a sentence."""
+
+
+def run_job(settings: Trainer, job: Callable[..., Any], *args: Any) -> None:
+    """Run `job(*args)` in as many processes of this machine as the trainer asks for: here, if that
+    is one, or if a launcher such as torchrun or Slurm started the processes.
+
+    Raises:
+        ConnectionError, RankError: a process was lost, or has failed.
+        KeyboardInterrupt: Ctrl-C or SIGTERM.
+    """
+    is_launched = any(name in os.environ for name in RANK_VARIABLES)
+    count = 1 if is_launched or settings.num_nodes > 1 else device_count(settings)
+    if count == 1:
+        job(*args)
+    else:
+        _launch(count, job, *args)
+
+
+def device_count(settings: Trainer) -> int:
+    """Return the number of devices of this machine that the trainer asks for."""
+    if isinstance(settings.devices, int) and settings.devices > 0:
+        return settings.devices
+    from training.trainer.make import make_trainer  # Lightning, which takes seconds to import
+
+    return make_trainer(settings, 1, []).num_devices
+
+
+def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
+    from torch.distributed.elastic.multiprocessing import DefaultLogsSpecs, SignalException
+    from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
+    from torch.distributed.launcher.api import LaunchConfig, elastic_launch
+
+    for name in ("torch.distributed.elastic", "torch.multiprocessing"):
+        logger = logging.getLogger(name)  # a lost process gets a sentence instead
+        logger.addHandler(logging.NullHandler())
+        logger.propagate = False
+    with tempfile.TemporaryDirectory(prefix="ranks-") as folder:
+        config = LaunchConfig(
+            min_nodes=1,
+            max_nodes=1,
+            nproc_per_node=count,
+            max_restarts=0,
+            run_id=uuid.uuid4().hex,
+            rdzv_backend="c10d",
+            rdzv_endpoint="127.0.0.1:0",
+            local_addr="127.0.0.1",
+            logs_specs=DefaultLogsSpecs(folder),
+            shutdown_timeout=GRACE_SECONDS,
+        )
+        try:
+            elastic_launch(config, _run_rank)(count, job, *args)
+        except SignalException:
+            raise KeyboardInterrupt from None
+        except ChildFailedError as error:
+            _, failure = error.get_first_failure()
+            if isinstance(failure.message, str):  # torch's own: it was killed
+                raise ConnectionError(LOST_PROCESS) from None
+            kind, _, text = failure.message["message"].partition(": ")
+            if kind == RankError.__name__:
+                raise RankError(text) from None
+            raise
+
+
+def _run_rank(count: int, job: Callable[..., Any], *args: Any) -> None:
+    """Run the job in this process, one of those that the agent started."""
+    use_legible_output()
+    torch.set_num_threads(max(1, torch.get_num_threads() // count))
+    try:
+        job(*args)
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None  # torch takes an interruption for success
+    except Exception as error:
+        if isinstance(error, ConnectionError):
+            time.sleep(GRACE_SECONDS)
+        if is_expected(error):
+            raise RankError(sentence(error)) from error
+        raise
 
 
 def fit(
@@ -37,7 +117,7 @@ def fit(
     batches: L.LightningDataModule,
     checkpoint: Path | None,
 ) -> None:
-    """Train, with the processes of the run tied together.
+    """Train.
 
     Args:
         checkpoint: to resume training from; None starts it.
@@ -47,75 +127,10 @@ def fit(
         KeyboardInterrupt: Ctrl-C or SIGTERM.
     """
     try:
-        with tied_together(trainer):
-            trainer.fit(module, batches, ckpt_path=checkpoint)
-    except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
+        trainer.fit(module, batches, ckpt_path=checkpoint)
+    except SystemExit:  # what Lightning makes of Ctrl-C
         raise KeyboardInterrupt from None
-
-
-@contextlib.contextmanager
-def tied_together(trainer: L.Trainer) -> Iterator[None]:
-    """Tie the training processes together: none outlives the others, or waits for a lost one.
-
-    Raises:
-        ConnectionError: another process was lost.
-    """
-    _ending.clear()  # of another job of the same sweep
-    # Lightning's observer kills this process without a message
-    subprocess_script._launch_process_observer = _observe  # type: ignore[assignment]
-    # SIGTERM is noted, and ends this process after its batch. Lightning's handler also broadcasts
-    # it, in the middle of what the processes are sending: they would wait for each other for ever.
-    signals = trainer._signal_connector
-    signals._sigterm_notifier_fn = lambda *_: setattr(signals, "received_sigterm", True)  # type: ignore[method-assign]
-    _follow_parent(trainer.strategy, trainer.local_rank)
-    try:
-        yield
-    except BaseException as error:
-        _ending.set()
-        for child in _children:
-            child.kill()
-        _children.clear()
-        if isinstance(error, RuntimeError) and (
-            isinstance(error, DistError) or re.search(_LOST_PATTERN, str(error))
-        ):
+    except RuntimeError as error:
+        if isinstance(error, DistError) or re.search(_LOST_PATTERN, str(error)):
             raise ConnectionError(f"{LOST_PROCESS} ({str(error).splitlines()[0]})") from error
         raise
-
-
-def launch(fabric: L.Fabric) -> None:
-    """Launch the processes of a re-attack: none outlives the others, or waits for a lost one."""
-    wait_long(fabric.strategy)
-    _ending.clear()
-    # Lightning's observer kills this process without a message
-    fabric_script._launch_process_observer = _observe  # type: ignore[assignment]
-    fabric.launch()
-    _follow_parent(fabric.strategy, fabric.local_rank)
-
-
-def _follow_parent(strategy: object, local_rank: int) -> None:
-    """End this process with the one that started it, if Lightning did."""
-    environment = getattr(strategy, "cluster_environment", None)
-    if local_rank > 0 and isinstance(environment, LightningEnvironment):
-        threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-
-
-def _observe(children: list[subprocess.Popen]) -> None:
-    _children[:] = children
-    threading.Thread(target=_end_with_children, daemon=True).start()
-
-
-def _end_with_children() -> None:
-    """End this process if it has not noticed that a child failed: a GPU would wait for ever."""
-    while not any(child.poll() for child in _children):
-        time.sleep(POLL_SECONDS)
-    if not _ending.wait(GRACE_SECONDS):
-        for child in _children:
-            child.kill()
-        complain(f"error: {LOST_PROCESS}")
-        os._exit(1)
-
-
-def _end_with_parent(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(POLL_SECONDS)
-    os._exit(1)

@@ -1,0 +1,22 @@
+"""Jobs for the processes of a run."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+
+def lose_one(folder):
+    """The second process is killed; the first waits for it, as on a GPU: nothing wakes it."""
+    rank = os.environ["RANK"]
+    (Path(folder) / rank).write_text(str(os.getpid()))
+    if rank == "1":
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(600)
+
+
+def fail_in_one(folder):
+    """The second process fails, and with that the first."""
+    if os.environ["RANK"] == "1":
+        raise OSError(28, "No space left on device", str(folder))
+    raise ConnectionError("another process of this run was lost")
