@@ -40,6 +40,7 @@ from training.config.settings import with_absolute_paths
 from training.data.load import load, require_training_images
 from training.models.classifiers import require_known
 from training.recipe.phases import complete, plain_runs, report_finished
+from training.runs.metrics import RunMetrics
 from training.runs.resume import require_resumable, require_same_data, require_same_weights
 from training.runs.reuse import is_unreported
 from training.runs.run import PLAIN_RECIPES, Run, baseline_of, start_of
@@ -62,7 +63,7 @@ def fit(cfg: DictConfig | Config) -> dict[str, Any]:
         if cfg.resume is not False:
             require_same_weights(run)
             if run.stage() == "finished" or is_unreported(run):
-                return report_finished(run)
+                return as_dict(report_finished(run))
         if cfg.resume and is_first():
             require_resumable(run, start_of(run), baseline_of(run))
         from training.classifier.train import try_out  # Lightning, which takes seconds to import
@@ -74,7 +75,12 @@ def fit(cfg: DictConfig | Config) -> dict[str, Any]:
         try_out(run, splits)
         seconds = {"data": time.perf_counter() - start_time}
         start, baseline = plain_runs(run, splits)
-        return complete(run, splits, start, baseline, seconds)
+        return as_dict(complete(run, splits, start, baseline, seconds))
+
+
+def as_dict(metrics: RunMetrics | None) -> dict[str, Any]:
+    """Return the content of metrics.json; {} in all processes but the first."""
+    return metrics.to_dict() if metrics else {}
 
 
 def check(cfg: Config) -> None:
