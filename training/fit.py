@@ -25,18 +25,15 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
 import time
-from dataclasses import replace
 from typing import Any
 
 import hydra
 from omegaconf import DictConfig
 
-from training.attack.protocol import check_attack
-from training.classifier import adversaries
 from training.config import commands, scenes
+from training.config.checks import check_classifier
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import RECIPES, Adversary, Config, as_config
-from training.config.settings import with_absolute_paths
 from training.data.load import load, require_training_images
 from training.models.classifiers import require_known
 from training.recipe.phases import complete, plain_runs, report_finished
@@ -48,15 +45,14 @@ from training.system.processes import is_first
 from training.trainer.ranks import run_job
 
 
-def fit(cfg: DictConfig | Config) -> dict[str, Any]:
+def fit(cfg: Config) -> dict[str, Any]:
     """Train and report a run and those it is compared with, or the rest of it; return its metrics.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_model`.
     """
-    cfg = with_absolute_paths(as_config(cfg))
-    cfg = replace(cfg, scene=scenes.inline_files(cfg.scene))
+    cfg = scenes.with_files(cfg)
     check(cfg)
     run = Run(cfg)
     with run.locked():
@@ -89,9 +85,8 @@ def check(cfg: Config) -> None:
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
-    check_attack(cfg)
+    check_classifier(cfg)
     require_known(cfg.model)
-    adversaries.check(cfg.adversary)
     require_training_images(cfg.data)
     if cfg.recipe in PLAIN_RECIPES and cfg.adversary != Adversary():
         raise ValueError(

@@ -33,7 +33,7 @@ from omegaconf import DictConfig
 
 from moireaug.evaluation import GROUPS, SUITES
 from moireaug.scene.fields import one_of
-from training.attack.protocol import attack, attack_run, check_attack
+from training.attack.protocol import attack, attack_run
 from training.attack.results import (
     ladder_metrics,
     publish,
@@ -44,9 +44,9 @@ from training.attack.results import (
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suites import attack_by_suite
 from training.config import commands, overrides, scenes
+from training.config.checks import check_classifier
 from training.config.compose import DATA_GROUPS, register
 from training.config.schema import RECIPES, ReattackConfig, as_config
-from training.config.settings import with_absolute_paths
 from training.runs.metrics import Metrics, PlainMetrics, RunMetrics
 from training.runs.reuse import read_baseline_of
 from training.runs.run import locked_folder
@@ -54,20 +54,17 @@ from training.runs.trained import TrainedRun, read, read_training_cost
 from training.trainer.ranks import run_job
 
 
-def reattack(cfg: DictConfig | ReattackConfig, given: list[str]) -> dict[str, Any]:
+def reattack(config: ReattackConfig, given: list[str]) -> dict[str, Any]:
     """Attack a run or a named model; returns the metrics, {} in all processes but the first.
 
     Args:
-        cfg: the composed configuration.
+        config: settings.
         given: overrides of the command line, which take precedence over a run's own settings.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.
     """
-    config = as_config(cfg)
-    if not isinstance(config, ReattackConfig):
-        raise TypeError(f"a re-attack needs a ReattackConfig; got a {type(config).__name__}.")
-    config = replace(with_absolute_paths(config), scene=scenes.inline_files(config.scene))
+    config = scenes.with_files(config)
     overrides.check(config, given)
     run = None if config.run is None else read(Path(config.run))
     if run:
@@ -84,7 +81,7 @@ def check(cfg: ReattackConfig) -> None:
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
-    check_attack(cfg)
+    check_classifier(cfg)
     one_of("suite", cfg.suite, (*SUITES, *GROUPS))
 
 

@@ -15,10 +15,10 @@ from moireaug.evaluation import paired_gain, report
 from moireaug.evaluation.examples import run_examples, table_examples
 from moireaug.evaluation.frame import MEASURES
 from moireaug.evaluation.suites.ladder import main_attack
-from moireaug.mixtures import scenes_of
+from moireaug.mixtures import as_scenes, scenes_of
 from training.attack.protocol import AttackResult
 from training.attack.subject import Subject
-from training.config.schema import Config, ReattackConfig, scene_of
+from training.config.schema import Config, ReattackConfig
 from training.runs.identity import fingerprint_of, result_settings
 from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
 from training.system import machine
@@ -78,7 +78,7 @@ def with_baseline(
 
 def run_facts(cfg: Config) -> dict[str, Any]:
     """Return the fields of `Metrics` that need no attack: settings, scene, machine and command."""
-    scene, settings = scene_of(cfg), result_settings(cfg)
+    scene, settings = as_scenes(cfg.scene), result_settings(cfg)
     return {
         "recipe": cfg.recipe,
         "seed": cfg.seed,

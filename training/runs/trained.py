@@ -13,9 +13,10 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
+from moireaug.mixtures import as_scenes
 from moireaug.scene.fields import one_of
 from training.config.data_sets import DATA, Data
-from training.config.schema import Config, as_config, scene_of
+from training.config.schema import Config, as_config
 from training.data.splits import Splits
 from training.models.classifiers import OWN_MODELS, as_model, model_names
 from training.runs.metrics import RunMetrics, TrainCost
@@ -127,15 +128,16 @@ def read_config(path: Path) -> Config:
         one_of("data.name", cfg.data.name, DATA)
         if cfg.model not in OWN_MODELS:
             one_of("model", cfg.model, model_names())
-        scene_of(cfg)
+        config: Config = as_config(cfg)
+        as_scenes(config.scene)
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
         raise ValueError(
             f"{path} is not a run's settings: {reason}. A run holds the settings of "
             "training/fit.py alone, as this version writes them."
         ) from None
-    cfg.data.download = False  # that a folder asks for: only a command line may
-    return as_config(cfg)  # type: ignore[arg-type]
+    config.data.download = False  # that a folder asks for: only a command line may
+    return config
 
 
 def read_training_cost(folder: Path) -> TrainCost | None:
