@@ -83,7 +83,7 @@ def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
 
     monkeypatch.setitem(image_sets.SETS, "cifar10", (make, {"train": True}, {"train": False}))
     cfg = Data(name="cifar10", root=str(tmp_path / "new"), size=16, val=1, download=True)
-    assert len(image_sets.load_published(cfg).train) == 3
+    assert len(load(cfg).train) == 3
 
 
 def test_a_single_class_is_refused(root, monkeypatch):

@@ -16,7 +16,7 @@ PUBLISHED = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
 class Data:
     """The images, their size and their numbers."""
 
-    name: str = setting(MISSING, "signs, cifar10, cifar100, gtsrb or folder")
+    name: str = setting(MISSING, "the data set", choices=("signs", *PUBLISHED, "folder"))
     root: str | None = setting(
         None,
         "the data's folder; data=folder: holds train/ and test/, or class folders alone (then all "
