@@ -75,9 +75,11 @@ LCD = Panel(
 )
 # OLEDs have no backlight; their subpixels are small.
 OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
+DIAMONDS = replace(OLED, layout="pentile_diamond")
 
 PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.55), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
 PHONE_SENSOR = Sensor(crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.002, 0.008))
+DARK_SENSOR = replace(PHONE_SENSOR, gain=(2.0, 5.0), read_noise=(0.008, 0.03))
 PHONE_PHOTO = Develop(
     linear_light=True,
     red=(0.92, 1.12),
@@ -144,7 +146,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A phone over another phone.
     "phone_at_phone": SceneRecord(
-        panel=replace(OLED, layout="pentile_diamond", width=(150.0, 1600.0)),
+        panel=replace(DIAMONDS, width=(150.0, 1600.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
         lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(2.0, 8.0)),
@@ -168,7 +170,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A phone held in front of a webcam, as in an identity check.
     "webcam_at_phone": SceneRecord(
-        panel=replace(OLED, layout="pentile_diamond", width=(150.0, 1000.0)),
+        panel=replace(DIAMONDS, width=(150.0, 1000.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.35, 0.7), motion_x=(-0.4, 0.4), motion_y=(-0.4, 0.4)),
         sensor=replace(PHONE_SENSOR, pitch=(1.0, 2.1), gain=(2.0, 5.0), read_noise=(0.006, 0.02)),
@@ -216,24 +218,10 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # An OLED phone turned down in the dark: bands, noise.
     "phone_at_dimmed_phone": SceneRecord(
-        panel=replace(
-            OLED,
-            layout="pentile_diamond",
-            width=(150.0, 1600.0),
-            pwm=(240.0, 480.0),
-            duty=(0.4, 0.95),
-            glare=0.0,
-        ),
+        panel=replace(DIAMONDS, width=(150.0, 1600.0), pwm=(240.0, 480.0), duty=(0.5, 0.95)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
         lens=PHONE_LENS,
-        sensor=replace(
-            PHONE_SENSOR,
-            pitch=(1.1, 2.1),
-            gain=(2.0, 6.0),
-            read_noise=(0.008, 0.03),
-            shutter=(0.004, 0.02),
-            readout=(0.008, 0.02),
-        ),
+        sensor=replace(DARK_SENSOR, pitch=(1.1, 2.1), shutter=(0.008, 0.03), readout=(0.008, 0.02)),
         develop=ROOM_PHOTO,
     ),
     # An LCD television from across a room.
