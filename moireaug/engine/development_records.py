@@ -90,7 +90,9 @@ class Codes(NamedTuple):
     """What makes codes of a batch's readings, and resizes them.
 
     Args:
-        mosaic: the readings are packed planes. rows, cols: the resize along both axes.
+        mosaic: the readings are packed planes. demosaic: (4 sites, 3 colours, 4 planes, 3 rows, 3
+            columns) float32, how much a plane's pixel of a cell, of those around a site's own, is
+            worth in a colour of the site. rows, cols: the resize along both axes.
         saturates: readings above 1 become 1. levels: the converter's 2^bits - 1, or 0. coded: light
             becomes sRGB codes.
         matrix: (B, 3, 3) float32, from the filters' colours to the photo's. mixes: whether it is
@@ -100,6 +102,7 @@ class Codes(NamedTuple):
     """
 
     mosaic: bool
+    demosaic: np.ndarray
     stencil: Stencil
     rows: Resize
     cols: Resize

@@ -126,22 +126,17 @@ def _transposed(
     return index, weight
 
 
-def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int) -> Stencil:
-    """Return a demosaic's Stencil, found by lighting each pixel of a cell and its neighbours once.
-
-    Args:
-        demosaic: from RGGB mosaics (B, h, w) to colours (B, 3, h, w); linear, and reading at most
-            two pixels to each side. None for a sensor without colour filters.
-        cells: cells in a row.
-    """
+def lower_stencil(weight: np.ndarray, cells: int) -> Stencil:
+    """Return the Stencil of a demosaic's weights, see `Codes.demosaic`; cells: in a row."""
+    wide = _lanes(cells) + LANES
     weights: list[float] = []
     offsets: list[int] = []
     first, count = np.zeros((4, 3, 3), np.int64), np.zeros((4, 3, 3), np.int64)
-    wide = _lanes(cells) + LANES
-    for site, channel, dy, taps in _taps(demosaic) if demosaic else ():
-        first[site, channel, dy], count[site, channel, dy] = len(weights), len(taps)
-        for plane, dx, value in taps:
-            weights.append(value)
+    for site, channel, dy in np.ndindex(4, 3, 3):
+        taps = weight[site, channel, :, dy]
+        first[site, channel, dy], count[site, channel, dy] = len(weights), np.count_nonzero(taps)
+        for plane, dx in np.argwhere(taps):
+            weights.append(taps[plane, dx])
             offsets.append(plane * wide + dx)
     return Stencil(
         np.array(weights or [0.0], np.float32), np.array(offsets or [0], np.int64), first, count
@@ -149,28 +144,18 @@ def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int) -> St
 
 
 @functools.lru_cache(maxsize=8)
-def _taps(
-    demosaic: Callable[[Tensor], Tensor],
-) -> tuple[tuple[int, int, int, tuple[tuple[int, int, float], ...]], ...]:
-    """Return (site, channel, row, ((plane, column, weight), ...)), rows and columns of cells
-    counted from the one before."""
+def demosaic_weights(demosaic: Callable[[Tensor], Tensor]) -> np.ndarray:
+    """Return a demosaic's weights, see `Codes.demosaic`, found by lighting each pixel of a cell and
+    its neighbours once.
+
+    Args:
+        demosaic: from RGGB mosaics (B, h, w) to colours (B, 3, h, w); linear, and reading at most
+            two pixels to each side.
+    """
     side = 5
     lit = torch.eye(4 * 9, dtype=torch.float64, device="cpu").reshape(36, 4, 3, 3)
     planes = torch.nn.functional.pad(lit, (1, 1, 1, 1))
     colours = demosaic(torch.nn.functional.pixel_shuffle(planes, 2)[:, 0])
     # the two by two pixels of the cell in the middle
     middle = colours[..., side - 1 : side + 1, side - 1 : side + 1]
-    of_rows = []
-    for site in range(4):
-        for channel in range(3):
-            seen = middle[:, channel, site // 2, site % 2].reshape(4, 3, 3)
-            for dy in range(3):
-                taps = [
-                    (plane, dx, float(seen[plane, dy, dx]))
-                    for plane in range(4)
-                    for dx in range(3)
-                    if seen[plane, dy, dx] != 0
-                ]
-                if taps:
-                    of_rows.append((site, channel, dy, tuple(taps)))
-    return tuple(of_rows)
+    return middle.reshape(4, 3, 3, 3, 4).permute(4, 3, 0, 1, 2).numpy().astype(np.float32, "C")
