@@ -62,6 +62,7 @@ def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
         at = np.clip(scale * (i + 0.5) - 0.5, 0.0, n - 1.0)
         start = np.minimum(at.astype(np.int64), max(n - 2, 0))
         taps = np.stack([1 - (at - start), at - start], 1)[:, :n]
+    taps = taps[:, : np.flatnonzero(taps.any(0))[-1] + 1]  # a triangle's ends weigh nothing
     return start, taps / taps.sum(1, keepdims=True)
 
 
