@@ -15,7 +15,8 @@ import torch
 from torch import Tensor
 
 from moireaug import pipeline
-from moireaug.engine import dispatch, program
+from moireaug.engine import dispatch
+from moireaug.engine.program import program_for
 from moireaug.image_checks import check_images, check_shape
 from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import as_float
@@ -91,9 +92,10 @@ def _photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
     light = _single(raw)
     with torch.autocast(raw.device.type, enabled=False):
         shot = shot.to(raw.device)
-        if program.can_develop(light, shot):
-            return dispatch.develop(light, shot).to(raw.dtype)
-        return pipeline.develop(light, shot).to(raw.dtype)
+        program = program_for(light, shot)
+        if program.why_not_develop:
+            return pipeline.develop(light, shot).to(raw.dtype)
+        return dispatch.develop(light, shot, program).to(raw.dtype)
 
 
 def photo_of(
@@ -143,9 +145,10 @@ def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
     shot = shot.to(image.device)
     light = _single(image)
     with torch.autocast(image.device.type, enabled=False):
-        if program.can_expose(light, shot):
-            return dispatch.expose(light, shot)
-        return pipeline.expose(as_float(light), shot)
+        program = program_for(light, shot)
+        if program.why_not_expose:
+            return pipeline.expose(as_float(light), shot)
+        return dispatch.expose(light, shot, program)
 
 
 def _single(values: Tensor) -> Tensor:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from moireaug.capture import develop, reading_of
+from moireaug.engine.backends import BACKENDS
 from moireaug.engine.graph import LIBRARY
 from moireaug.engine.switch import reference
 from moireaug.scene.by_name import parts_with, values_of
@@ -45,11 +46,13 @@ def _develop(raw: Tensor, *given: Any) -> Tensor:
 
 
 @torch.enable_grad()
-def _develop_back(raw: Tensor, grad: Tensor, *given: Any) -> Tensor:
+def _develop_back(grad: Tensor, raw: Tensor, *given: Any) -> Tensor:
     raw = raw.detach().requires_grad_()
     return torch.autograd.grad(develop(raw, _shot(*given)), raw, grad)[0].contiguous()
 
 
-LIBRARY.impl("expose", _expose, "CPU")
-LIBRARY.impl("develop", _develop, "CPU")
-LIBRARY.impl("develop_back", _develop_back, "CPU")
+for backend in BACKENDS:
+    key = backend.device_type.upper()  # of PyTorch's dispatcher
+    LIBRARY.impl("expose", _expose, key)
+    LIBRARY.impl("develop", _develop, key)
+    LIBRARY.impl("develop_back", _develop_back, key)

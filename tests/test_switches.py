@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from moireaug import Scene, extras
-from moireaug.engine import program, switch
+from moireaug.engine import backends, program
 
 ROOT = Path(__file__).resolve().parents[1]
 SWITCHES = {
@@ -67,14 +67,14 @@ def test_the_reference_runs_where_numba_compiles_nothing(environment, reason, mo
     monkeypatch.delitem(sys.modules, "numba.core.config", raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    switch._without_compiler.cache_clear()
+    backends._without_numba.cache_clear()
     try:
         scene = Scene.preset("screen_photo")
         found = program.program_of(scene, scene.plan())
         for why in (found.why_not_expose, found.why_not_develop):
             assert why.startswith(reason) and bool(why) == bool(reason)
     finally:
-        switch._without_compiler.cache_clear()
+        backends._without_numba.cache_clear()
 
 
 @pytest.mark.parametrize(("backend", "kept"), [("svg", True), ("nothing", False)])

@@ -1,12 +1,14 @@
-"""The engine: `expose` and `develop` as fused CPU kernels, which work on a sensor row at a time and
-compute the same numbers as the reference.
+"""The engine: `expose` and `develop` as fused kernels, which compute the same numbers as the
+reference.
 
 It runs on the CPU, on float32, half precision (computed in float32) and uint8, for the exposures
 "spectral", "mean" and "point", unless a gradient in the image or the shot is needed; `develop` is
 differentiable in the raw reading. The reference, `moireaug.pipeline`, does the rest.
 `explain(scene)` says which one a scene gets. `reference()` turns the engine off.
 
-Importing this package does not import numba; the first photo does.
+A call is decided by `program`, from the table in `backends`; `dispatch` lowers its shot to records
+and has the kernels of cpu/ fill its photo. Importing this package does not import numba; the first
+photo does.
 """
 
 import moireaug.engine.cpu.forks  # noqa: F401  one thread in forked processes, before any is forked

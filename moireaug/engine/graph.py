@@ -1,17 +1,23 @@
-"""The capture in a graph of torch.compile: operators, which it calls as they are. What they do is
-in `moireaug.operators`."""
+"""The stages as operators, which a graph of torch.compile calls as they are. What they do is in
+`moireaug.operators`."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import torch
 from torch import Tensor
 
+from moireaug import pipeline
+from moireaug.engine import autograd
 from moireaug.shot import ShotRecord
 
 # a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and size
 SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
+
+# by hand, as in `effects.sensor`: `custom_op` imports the compiler
+LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
+LIBRARY.define(f"expose(Tensor light, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
+LIBRARY.define(f"develop(Tensor raw, {SHOT_SCHEMA}) -> Tensor")
+LIBRARY.define(f"develop_back(Tensor grad, Tensor raw, {SHOT_SCHEMA}) -> Tensor")
 
 
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
@@ -21,31 +27,22 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photos of readings, with a gradient in them."""
-    return torch.ops.moireaug.develop(raw, *_schema_values(shot))
+    schema = _schema_values(shot)
+
+    def forward(raw: Tensor, _: bool) -> tuple[Tensor, Tensor]:
+        return torch.ops.moireaug.develop(raw, *schema), raw.new_empty(0)
+
+    def backward(grad: Tensor, raw: Tensor, _: Tensor) -> Tensor:
+        return torch.ops.moireaug.develop_back(grad, raw, *schema)
+
+    stage = autograd.Stage(forward, backward, lambda raw: pipeline.develop(raw, shot))
+    return autograd.apply(stage, raw)
 
 
 def _schema_values(shot: ShotRecord) -> tuple[list[Tensor], Tensor, str, tuple[int, int]]:
     """Return what `SHOT_SCHEMA` lists."""
     text = vars(shot.scene)["_text"]  # which its plan has left there
     return list(shot.numbers().values()), shot.seed, text, shot.size
-
-
-def _save(ctx: Any, inputs: tuple, output: Tensor) -> None:
-    raw, numbers, seeds, ctx.scene, ctx.size = inputs
-    ctx.save_for_backward(raw, seeds, *numbers)
-
-
-def _backward(ctx: Any, grad: Tensor) -> tuple:
-    raw, seeds, *numbers = ctx.saved_tensors
-    back = torch.ops.moireaug.develop_back(raw, grad, numbers, seeds, ctx.scene, ctx.size)
-    return back, [None] * len(numbers), None, None, None
-
-
-# by hand, as in `effects.sensor`: `custom_op` imports the compiler
-LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
-LIBRARY.define(f"expose(Tensor light, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
-LIBRARY.define(f"develop(Tensor raw, {SHOT_SCHEMA}) -> Tensor")
-LIBRARY.define(f"develop_back(Tensor raw, Tensor grad, {SHOT_SCHEMA}) -> Tensor")
 
 
 @torch.library.register_fake("moireaug::expose", lib=LIBRARY)
@@ -59,8 +56,5 @@ def _(raw, numbers, seeds, scene, size):
 
 
 @torch.library.register_fake("moireaug::develop_back", lib=LIBRARY)
-def _(raw, grad, numbers, seeds, scene, size):
+def _(grad, raw, numbers, seeds, scene, size):
     return raw.new_empty(raw.shape)
-
-
-torch.library.register_autograd("moireaug::develop", _backward, setup_context=_save, lib=LIBRARY)

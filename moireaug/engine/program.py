@@ -1,7 +1,9 @@
-"""What the engine computes of a scene's photos, and what it leaves to the reference."""
+"""Who computes a scene's photos: which kernels, and what is left to the reference."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from types import ModuleType
 from typing import NamedTuple
 
 import torch
@@ -9,48 +11,89 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from moireaug import pipeline
-from moireaug.engine.switch import why_unavailable
+from moireaug.engine.backends import BACKENDS, Backend, backend_of, why_no_kernels
 from moireaug.numeric import may_be_dual
 from moireaug.plan import Plan
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
 ENGINE_EXPOSURES = ("spectral", "mean", "point")
+ENGINE_DTYPES = (torch.float32, torch.uint8)
 
 
 class Program(NamedTuple):
-    """Which execution computes what of a photo on the CPU.
+    """Who computes what of a photo.
 
     Args:
-        why_not_expose, why_not_develop: why the reference does all of it; "" where the engine runs.
+        backend: whose kernels run, if any do; None if there are none for the device.
+        why_not_expose, why_not_develop: why the reference does all of it; "" where kernels run.
         engine_effects: names of the developing effects that kernels compute.
         reference_effects: names of those after them, for which there are none.
     """
 
+    backend: Backend | None
     why_not_expose: str
     why_not_develop: str
     engine_effects: tuple[str, ...]
     reference_effects: tuple[str, ...]
 
+    def kernels(self) -> ModuleType:
+        """Return the module of the backend's kernels; see `Backend.kernels`."""
+        if self.backend is None:
+            raise ValueError("the reference computes these photos: there are no kernels for them.")
+        return self.backend.kernels()
 
-def program_of(scene: SceneRecord, plan: Plan) -> Program:
-    """Return how a scene's photos of this plan are computed, without a gradient in image or shot.
+
+def program_of(
+    scene: SceneRecord,
+    plan: Plan,
+    device_type: str = "cpu",
+    dtype: torch.dtype = torch.float32,
+    derivatives: Collection[str] = (),
+) -> Program:
+    """Return the Program of a scene's photos of this plan.
 
     The engine has no kernel for the denoiser, for what follows it, for JPEG and, of bins in the
     image's frame, for what the photo does not show.
+
+    Args:
+        derivatives: those asked for: "image", a gradient in the images or the reading; "shot", one
+            in the drawn numbers; "forward", any forward one, and all by `torch.func`.
     """
     names = plan.developing
     unknown = ("denoise", "register", "jpeg") if scene.is_rectified else ("denoise", "jpeg")
     first = min([len(names), *[names.index(name) for name in unknown if name in names]])
-    off = why_unavailable()
+    off = why_no_kernels(device_type) or _why_not_derive(derivatives)
+    if not off and dtype not in ENGINE_DTYPES:
+        off = f"the engine computes in float32, not {str(dtype).removeprefix('torch.')}"
     return Program(
-        off or _why_not_expose(plan), off or _why_not_develop(plan), names[:first], names[first:]
+        backend_of(device_type),
+        off or _why_not_expose(plan, derivatives),
+        off or _why_not_develop(plan),
+        names[:first],
+        names[first:],
     )
 
 
+def program_for(values: Tensor, shot: ShotRecord) -> Program:
+    """Return the Program of photographing images (B, 3, H, W), or of developing readings."""
+    # a subclass may do as it likes
+    plain = type(values) in (Tensor, torch.nn.Parameter) and values.numel()
+    device_type = values.device.type if plain else "tensors like these"
+    derivatives = []
+    if torch.is_grad_enabled():
+        if values.requires_grad:
+            derivatives.append("image")
+        if shot.requires_grad:
+            derivatives.append("shot")
+    if may_be_dual(values) or _is_dual(shot):
+        derivatives.append("forward")
+    return program_of(shot.scene, shot.plan, device_type, values.dtype, derivatives)
+
+
 def explain(scene: SceneRecord) -> str:
-    """Return which execution a scene gets on the CPU without a gradient in image or shot, and why:
-    one line for exposing and one for developing.
+    """Return who computes a scene's photos on each type of device that has kernels, and why: a line
+    for exposing and one for developing. float64 and gradients in the shot are the reference's.
 
     Some views are exposed by the reference all the same, which is decided for each image of a shot:
     near the horizon, the more so for a tight tolerance, of far more panel than sensor pixels, of
@@ -64,37 +107,16 @@ def explain(scene: SceneRecord) -> str:
         raise TypeError(
             f"scene must be a Scene; got {scene!r}. For a preset, pass Scene.preset(name)."
         )
-    program = program_of(scene, pipeline.make_plan(scene.at()))
-    lines = []
-    for stage, reason in (("expose", program.why_not_expose), ("develop", program.why_not_develop)):
-        line = f"reference: {reason}" if reason else "engine, on the CPU in float32"
-        if stage == "develop" and program.reference_effects and not reason:
-            line += f"; reference from {program.reference_effects[0]!r} on"
-        lines.append(f"{stage:8} {line}")
+    plan, lines = pipeline.make_plan(scene.at()), []
+    for backend in BACKENDS:
+        program = program_of(scene, plan, backend.device_type)
+        reasons = {"expose": program.why_not_expose, "develop": program.why_not_develop}
+        for stage, reason in reasons.items():
+            by = f"reference: {reason}" if reason else f"{backend.name} kernels, in float32"
+            if stage == "develop" and program.reference_effects and not reason:
+                by += f"; reference from {program.reference_effects[0]!r} on"
+            lines.append(f"{stage:8} on {backend.device_type:6} {by}")
     return "\n".join(lines)
-
-
-def can_expose(light: Tensor, shot: ShotRecord) -> bool:
-    """Return whether the engine can expose these images (B, 3, H, W)."""
-    asks = torch.is_grad_enabled() and (light.requires_grad or shot.requires_grad)
-    runs = not asks and _is_plain(light) and not _is_dual(shot)
-    return runs and not program_of(shot.scene, shot.plan).why_not_expose
-
-
-def can_develop(raw: Tensor, shot: ShotRecord) -> bool:
-    """Return whether the engine can develop these readings."""
-    asks = torch.is_grad_enabled() and shot.requires_grad
-    runs = not asks and _is_plain(raw) and not _is_dual(shot)
-    return runs and not program_of(shot.scene, shot.plan).why_not_develop
-
-
-def _is_plain(tensor: Tensor) -> bool:
-    """Return whether kernels can read a tensor: on the CPU, float32 or uint8, not empty, and no
-    dual number or subclass, which may do as it likes."""
-    known = tensor.dtype in (torch.float32, torch.uint8)
-    if not known or tensor.device.type != "cpu" or not tensor.numel():
-        return False
-    return type(tensor) in (Tensor, torch.nn.Parameter) and not may_be_dual(tensor)
 
 
 def _is_dual(shot: ShotRecord) -> bool:
@@ -104,12 +126,21 @@ def _is_dual(shot: ShotRecord) -> bool:
     return any(may_be_dual(values) for values in shot.numbers().values())
 
 
-def _why_not_expose(plan: Plan) -> str:
-    method = plan.method
+def _why_not_derive(derivatives: Collection[str]) -> str:
+    if "shot" in derivatives:
+        return "a gradient in the shot is asked for"
+    if "forward" in derivatives:
+        return "a forward derivative, or one by torch.func, is asked for"
+    return ""
+
+
+def _why_not_expose(plan: Plan, derivatives: Collection[str]) -> str:
     if "exposure" not in plan:
         return "nothing is exposed"
-    if method.name not in ENGINE_EXPOSURES:
-        return f"the engine has no exposure {method.name!r}"
+    if plan.method.name not in ENGINE_EXPOSURES:
+        return f"the engine has no exposure {plan.method.name!r}"
+    if "image" in derivatives:
+        return "a gradient in the image is asked for"
     return ""
 
 

@@ -10,7 +10,14 @@ import pytest
 import torch
 
 from moireaug import Scene, capture, develop, expose
-from moireaug.engine.cpu import ahead, compiling, run, threads
+from moireaug.engine.cpu import (
+    ahead,
+    compiling,
+    first_use,
+    run_develop,
+    run_expose,
+    threads,
+)
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -105,7 +112,8 @@ def test_sharing_an_images_rows_changes_no_bit(preset, frame, size, monkeypatch)
 
     # compiled before NumPy is changed, from which kernels take their own np.empty
     develop(expose(images, shot).requires_grad_(), shot).sum().backward()
-    monkeypatch.setattr(run, "each_share", spy)
+    for module in (run_expose, run_develop):
+        monkeypatch.setattr(module, "each_share", spy)
     monkeypatch.setattr(np, "empty", unset)  # memory that nobody has written to
     for count in (1, 2, 3):
         torch.set_num_threads(count)
@@ -131,18 +139,18 @@ def test_an_error_in_one_image_reaches_the_caller():
 
 def test_the_first_call_on_a_machine_is_announced_once(tmp_path, monkeypatch):
     said = []
-    monkeypatch.setattr(run, "announce", said.append)
+    monkeypatch.setattr(first_use, "announce", said.append)
     monkeypatch.setattr(compiling, "folder", lambda: str(tmp_path))
     monkeypatch.setattr(ahead, "start", lambda folder: said.append(folder))
-    run.prepare.cache_clear()
-    run.prepare()
-    run.prepare()
+    first_use.prepare.cache_clear()
+    first_use.prepare()
+    first_use.prepare()
     assert len(said) == 2
     assert "compiles" in said[0]
     assert said[1] == str(tmp_path)
     (tmp_path / "kernel.nbi").touch()
-    run.prepare.cache_clear()
-    run.prepare()
+    first_use.prepare.cache_clear()
+    first_use.prepare()
     assert len(said) == 2
 
 

@@ -1,0 +1,87 @@
+"""The sets of kernels, one for each type of device, and why one cannot run here."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable
+from types import ModuleType
+from typing import NamedTuple
+
+from moireaug.engine.switch import is_off
+
+NO_JIT_VARIABLE = "NUMBA_DISABLE_JIT"  # numba's own
+
+
+class Backend(NamedTuple):
+    """The kernels for one type of device.
+
+    Args:
+        name: the library that compiles them. device_type: one of PyTorch's.
+        module: what `kernels` imports.
+        why_not_compiled: returns why nothing can be compiled, or an empty string; without importing
+            the library.
+    """
+
+    name: str
+    device_type: str
+    module: str
+    why_not_compiled: Callable[[], str]
+
+    def kernels(self) -> ModuleType:
+        """Return the module of the functions on batches, of tensors and records.
+
+        - fits(exposure, beats) -> (B,) bool, whether `expose` can follow each image's view;
+        - expose(picture, exposure, beats) -> raw;
+        - develop(raw, saves, development) -> photo, and a tensor that `develop_back` takes, which
+          may be empty unless `saves`;
+        - develop_back(grad, raw, saved, development) -> gradient in raw.
+        """
+        return importlib.import_module(self.module)
+
+
+@functools.cache
+def _without_numba() -> str:
+    if importlib.util.find_spec("numba") is None:
+        return "numba is not installed"
+    if _is_jit_disabled():
+        return f"{NO_JIT_VARIABLE} is set, and numba compiles nothing"
+    return ""
+
+
+def _is_jit_disabled() -> bool:
+    """Return whether numba runs functions as they are, as debuggers and coverage want it; without
+    importing numba."""
+    config = sys.modules.get("numba.core.config")
+    if config is not None:
+        return bool(config.DISABLE_JIT)
+    try:
+        return bool(int(os.environ.get(NO_JIT_VARIABLE, "0")))
+    except ValueError:  # numba takes it for 0
+        return False
+
+
+BACKENDS = (Backend("numba", "cpu", "moireaug.engine.cpu.run", _without_numba),)
+
+
+def backend_of(device_type: str) -> Backend | None:
+    """Return the backend for a type of device, or None."""
+    for backend in BACKENDS:
+        if backend.device_type == device_type:
+            return backend
+    return None
+
+
+def why_no_kernels(device_type: str) -> str:
+    """Return why no kernels run on a type of device, or an empty string."""
+    if is_off():
+        return "the engine is turned off"
+    backend = backend_of(device_type)
+    return backend.why_not_compiled() if backend else f"there are no kernels for {device_type}"
+
+
+# torch.compile calls it once, and does not follow it
+why_no_kernels._dynamo_marked_constant = True  # type: ignore[attr-defined]

@@ -1,0 +1,27 @@
+"""A machine's first call: kernels are compiled, and somebody waits."""
+
+from __future__ import annotations
+
+import functools
+import logging
+
+from moireaug.engine.cpu import ahead, compiling
+
+
+def announce(message: str) -> None:
+    """Tell the user that kernels are about to be compiled. Replace this function to say it
+    elsewhere."""
+    logging.getLogger("moireaug").warning(message)
+
+
+@functools.lru_cache(maxsize=1)
+def prepare() -> bool:
+    """Announce, on a machine's first call, that kernels are being compiled, and start on those that
+    come later; return whether it is the first."""
+    cold = compiling.cold()
+    if cold:
+        announce(
+            "moireaug compiles its CPU kernels, once on this machine; this takes up to a minute."
+        )
+        ahead.start(compiling.folder())
+    return cold
