@@ -1,4 +1,4 @@
-"""The linear steps of development as tables: demosaicing as a stencil, resizing as weights."""
+"""The linear steps of development, demosaicing and resizing, as tables of weights."""
 
 from __future__ import annotations
 
@@ -10,30 +10,24 @@ import torch
 from torch import Tensor
 
 from moireaug.effects.resize import area_weights
-from moireaug.engine.development_records import LANES, Resize, Stencil
-
-
-def _lanes(n: int) -> int:
-    """Return how many lanes a row of n values takes."""
-    return -(-n // LANES) * LANES
+from moireaug.engine.development_records import Resize
 
 
 @functools.lru_cache(maxsize=64)
-def lower_resize(read: int, size: int, n: int, how: str, parity: int) -> Resize:
+def lower_resize(read: int, size: int, n: int, how: str) -> Resize:
     """Return the Resize of one axis.
 
     Args:
         read: sensor pixels that are read. size: photo pixels.
         n: how many of the read pixels, from the first on, are resized.
         how: see `Develop.resize`.
-        parity: 2 if even and odd columns are held apart, else 1.
     """
     start, taps = _weights(n, size, how)
-    return _resize(start, taps, read, parity)
+    return _resize(start, taps, read)
 
 
 @functools.lru_cache(maxsize=64)
-def lower_means(read: int, size: int, step: int, lead: int, reach: int, parity: int) -> Resize:
+def lower_means(read: int, size: int, step: int, lead: int, reach: int) -> Resize:
     """Return the Resize of one axis to means.
 
     Args:
@@ -42,7 +36,7 @@ def lower_means(read: int, size: int, step: int, lead: int, reach: int, parity: 
     """
     count = step - 2 * reach
     start = lead + reach + step * np.arange(size)
-    return _resize(start, np.full((size, count), 1 / count), read, parity)
+    return _resize(start, np.full((size, count), 1 / count), read)
 
 
 def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
@@ -66,7 +60,7 @@ def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
     return start, taps / taps.sum(1, keepdims=True)
 
 
-def _resize(start: np.ndarray, taps: np.ndarray, read: int, parity: int) -> Resize:
+def _resize(start: np.ndarray, taps: np.ndarray, read: int) -> Resize:
     """Return the Resize of photo pixels with weights `taps` (m, T) from sensor pixels `start` (m,)
     on."""
     size, most = taps.shape
@@ -74,17 +68,11 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int, parity: int) -> Resi
     used = (pixel < read) & (taps != 0)
     pixel = np.minimum(pixel, read - 1)
     first, last = _contributions(pixel, used, read)
-    index, weight = _gathered(pixel, used, taps, read, parity)
-    back_index, back_weight = _transposed(pixel, used, taps, read, parity)
     return Resize(
         start=start.astype(np.int64),
         taps=taps.astype(np.float32),
         first=first,
         last=last,
-        index=index,
-        weight=weight,
-        back_index=back_index,
-        back_weight=back_weight,
         is_identity=most == 1 and bool((start == np.arange(size)).all()),
         halves=read == 2 * size and most == 2 and bool((taps == 0.5).all()),
     )
@@ -97,51 +85,6 @@ def _contributions(pixel: np.ndarray, used: np.ndarray, read: int) -> tuple[np.n
     np.minimum.at(first, pixel[used], photo)
     np.maximum.at(last, pixel[used], photo)
     return first, last
-
-
-def _gathered(
-    pixel: np.ndarray, used: np.ndarray, taps: np.ndarray, read: int, parity: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each tap's pixel is in a row of colours, and its weight, (T, m) each."""
-    # a colour of the odd columns lies the three colours of the even ones further on
-    lanes = _lanes(-(-read // parity))
-    index = pixel % parity * 3 * lanes + pixel // parity
-    weight = np.where(used, taps, 0.0)
-    return index.T.astype(np.int32, "C"), weight.T.astype(np.float32, "C")
-
-
-def _transposed(
-    pixel: np.ndarray, used: np.ndarray, taps: np.ndarray, read: int, parity: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the photo pixels that each sensor pixel contributes to, and the weights, in the order
-    of taps."""
-    most = max(1, int(np.max(np.bincount(pixel[used]))))
-    index = np.zeros((parity, most, read // parity), np.int32)
-    weight = np.zeros((parity, most, read // parity), np.float32)
-    count = [0] * read
-    for tap, photo in zip(*np.nonzero(used.T), strict=True):
-        at = pixel[photo, tap]
-        place = at % parity, count[at], at // parity
-        index[place], weight[place] = photo, taps[photo, tap]
-        count[at] += 1
-    return index, weight
-
-
-def lower_stencil(weight: np.ndarray, cells: int) -> Stencil:
-    """Return the Stencil of a demosaic's weights, see `Codes.demosaic`; cells: in a row."""
-    wide = _lanes(cells) + LANES
-    weights: list[float] = []
-    offsets: list[int] = []
-    first, count = np.zeros((4, 3, 3), np.int64), np.zeros((4, 3, 3), np.int64)
-    for site, channel, dy in np.ndindex(4, 3, 3):
-        taps = weight[site, channel, :, dy]
-        first[site, channel, dy], count[site, channel, dy] = len(weights), np.count_nonzero(taps)
-        for plane, dx in np.argwhere(taps):
-            weights.append(taps[plane, dx])
-            offsets.append(plane * wide + dx)
-    return Stencil(
-        np.array(weights or [0.0], np.float32), np.array(offsets or [0], np.int64), first, count
-    )
 
 
 @functools.lru_cache(maxsize=8)

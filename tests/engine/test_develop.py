@@ -223,7 +223,7 @@ def test_gradients_of_several_values_at_once_are_those_of_each(name):
     ("n", "m"), [(10, 10), (20, 10), (25, 10), (7, 10), (3, 1), (1, 3), (101, 37)]
 )
 def test_resize_is_torchs(n, m, how):
-    resize = lower_resize(n, m, n, how, 1)
+    resize = lower_resize(n, m, n, how)
     line = torch.randn(n, dtype=torch.float64)
     got = [
         float((resize.taps[i] * line[s : s + resize.taps.shape[1]].numpy()).sum())
