@@ -9,7 +9,13 @@ import torch
 from torch.utils.data import DataLoader, Sampler, TensorDataset
 
 from moireaug.synthesis.pictures import Source
-from training.demoireing.pairs import VAL_SEED, SimulatedPairs, scenes_of
+from training.demoireing.pairs import (
+    VAL_SEED,
+    SimulatedPairs,
+    TurnedPairs,
+    part_of,
+    scenes_of,
+)
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 
@@ -52,11 +58,12 @@ class PairBatches(L.LightningDataModule):
     def __init__(self, cfg: DemoireConfig, splits: Splits, first_epoch: int = 0) -> None:
         super().__init__()
         self.cfg, self.splits, self.first_epoch = cfg, splits, first_epoch
-        self.scenes = list(scenes_of(cfg).values())
+        share = cfg.data.size / cfg.data.photo
+        self.scenes = [part_of(scene, share) for scene in scenes_of(cfg).values()]
 
     def _pairs(self, pictures: Source, seed: int) -> SimulatedPairs:
-        cfg = self.cfg
-        return SimulatedPairs(pictures, self.scenes, cfg.data.size, cfg.demoire.target, seed)
+        data, target = self.cfg.data, self.cfg.demoire.target
+        return SimulatedPairs(pictures, self.scenes, data.size, target, seed, data.shrink)
 
     def train_dataloader(self) -> DataLoader:
         ranks, rank = (
@@ -68,7 +75,7 @@ class PairBatches(L.LightningDataModule):
         # Lightning starts the workers before it has read from which epoch training resumes
         numbers.set_epoch(self.first_epoch)
         return DataLoader(
-            self._pairs(self.splits.train, self.cfg.seed),
+            TurnedPairs(self._pairs(self.splits.train, self.cfg.seed), self.cfg.data.pairs),
             size,
             sampler=numbers,
             num_workers=workers,
