@@ -1,6 +1,6 @@
 """Train a demoiréing network on simulated pairs alone, test it, and report what it cleans.
 
-    python training/demoire.py train                                   # on drawn signs
+    python training/demoire.py train                                   # on drawn pictures
     python training/demoire.py train data.root=DIR model=esdnet pairs=PAIRS.csv
     python training/demoire.py train scene=phone_at_monitor demoire.target=original
 
