@@ -20,10 +20,10 @@ from training.data.splits import ImageSet, has_parts
 from training.system.files import read_table
 from training.system.locks import locked
 
-GTSRB_CLASSES = 43  # which torchvision does not name
+UNNAMED_CLASSES = {"gtsrb": 43}  # numbers of classes that torchvision does not name
 IMAGENET_CLASSES = 1000  # of torchvision's published weights, which a class_index refers to
 # each set, and the arguments of its parts to train and to test on
-SETS: dict[str, tuple[Callable[..., Dataset], dict, dict]] = {
+TORCHVISION_READERS: dict[str, tuple[Callable[..., Dataset], dict, dict]] = {
     "cifar10": (CIFAR10, {"train": True}, {"train": False}),
     "cifar100": (CIFAR100, {"train": True}, {"train": False}),
     "gtsrb": (GTSRB, {"split": "train"}, {"split": "test"}),
@@ -42,17 +42,17 @@ def read(cfg: Data) -> ImageSet:
     Raises:
         ValueError: a missing folder, or folders that do not fit; says what to do.
     """
-    return _read_folder(cfg) if cfg.name == "folder" else _read_published(cfg)
+    return _read_folder(cfg) if cfg.name == "folder" else _read_from_torchvision(cfg)
 
 
-def _read_published(cfg: Data) -> ImageSet:
+def _read_from_torchvision(cfg: Data) -> ImageSet:
     """Read one of torchvision's data sets."""
     if not cfg.root:
         raise ValueError(
             f"data={cfg.name} needs data.root=DIR, the folder where torchvision has put the "
             "data set, or puts it with data.download=true."
         )
-    make, train_part, test_part = SETS[cfg.name]
+    make, train_part, test_part = TORCHVISION_READERS[cfg.name]
     options = {"transform": _resize(cfg.size), "download": cfg.download}
     try:
         with _download_lock(cfg):
@@ -64,8 +64,8 @@ def _read_published(cfg: Data) -> ImageSet:
             "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
             "has put it."
         ) from error
-    names = getattr(test_set, "classes", None) or [str(i) for i in range(GTSRB_CLASSES)]
-    return ImageSet(train_set, test_set, dict(enumerate(names)), len(names))
+    names = getattr(test_set, "classes", None) or range(UNNAMED_CLASSES[cfg.name])
+    return ImageSet(train_set, test_set, dict(enumerate(map(str, names))), len(names))
 
 
 def _download_lock(cfg: Data) -> contextlib.AbstractContextManager[None]:
