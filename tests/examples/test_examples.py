@@ -54,7 +54,7 @@ RUNS = {
     ),
     "detect_screen_photos": (
         ["--crops=2"],
-        r"simulated: 1 of 4 screens, AUC [01]\.\d{3}\n",
+        r"simulated: 1 of 3 screens, AUC [01]\.\d{3}\n",
         ["roc.png"],
     ),
     "watermark_through_the_camera": (
