@@ -62,6 +62,18 @@ def test_kept_pairs_come_again_turned_and_mirrored():
         assert all(map(torch.equal, kept[k + 2 * 5], mirrored))
 
 
+def test_of_several_candidates_the_one_with_the_strongest_coarse_colour_is_kept():
+    candidates = []
+    for strength in (0, 40, 60, 20, 90, 30):
+        photo = torch.full((3, 32, 32), 100, dtype=torch.uint8)
+        photo[0, :16] += strength
+        photo[:, :, ::2] += 5 * (6 - len(candidates))  # fine, and of no colour
+        candidates.append((photo, torch.full_like(photo, 100)))
+    kept = TurnedPairs(candidates, 2, 3)
+    assert torch.equal(kept[0][0], candidates[4][0])
+    assert torch.equal(kept[1][0], candidates[1][0])
+
+
 @pytest.mark.parametrize("kind", drawn_pictures.KINDS)
 def test_every_kind_of_drawn_picture_is_a_function_of_its_generator(kind):
     draw, _ = drawn_pictures.KINDS[kind]

@@ -75,7 +75,11 @@ class PairBatches(L.LightningDataModule):
         # Lightning starts the workers before it has read from which epoch training resumes
         numbers.set_epoch(self.first_epoch)
         return DataLoader(
-            TurnedPairs(self._pairs(self.splits.train, self.cfg.seed), self.cfg.data.pairs),
+            TurnedPairs(
+                self._pairs(self.splits.train, self.cfg.seed),
+                self.cfg.data.pairs,
+                self.cfg.data.candidates,
+            ),
             size,
             sampler=numbers,
             num_workers=workers,

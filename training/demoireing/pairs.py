@@ -20,6 +20,7 @@ from moireaug.synthesis.tone import ColourMap
 from training.demoireing.pictures import EnlargedCrops, Splits
 from training.demoireing.schema import DemoireConfig
 
+COARSE_SIDE = 4  # pixels over which colour is averaged
 # pairs that no training draws, whatever its seed: the same for every run
 VAL_SEED, TEST_SEED = 4_000_000_001, 4_000_000_002
 
@@ -100,24 +101,33 @@ class SimulatedPairs(Dataset):
 
 
 class TurnedPairs(Dataset):
-    """The first pairs of others, made once, and served turned and mirrored: number k is pair k
-    modulo their count, in an orientation that its other digits choose.
+    """Pairs of strong moiré, made once, and served turned and mirrored: k and k + count are one
+    pair in two orientations.
 
     Args:
-        pairs: pairs to keep. count: number of them.
+        pairs: pairs to take them from. count: number of them.
+        candidates: number of pairs, of which the one with the strongest moiré is taken.
     """
 
-    def __init__(self, pairs: SimulatedPairs, count: int) -> None:
-        self.pairs, self.count = pairs, count
+    def __init__(self, pairs: SimulatedPairs, count: int, candidates: int = 1) -> None:
+        self.pairs, self.count, self.candidates = pairs, count, candidates
         self._pair_of: dict[int, tuple[Tensor, Tensor]] = {}
 
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
         again, number = divmod(k, self.count)
         if number not in self._pair_of:
-            self._pair_of[number] = self.pairs[number]
+            later = range(number, self.candidates * self.count, self.count)
+            self._pair_of[number] = max((self.pairs[k] for k in later), key=coarse_colour)
         turns, mirrored = again % 4, again // 4 % 2
         photo, target = (side.rot90(turns, (1, 2)) for side in self._pair_of[number])
         return (photo.flip(2), target.flip(2)) if mirrored else (photo, target)
+
+
+def coarse_colour(pair: tuple[Tensor, Tensor]) -> float:
+    """Return the strength of coarse colour in a photo that its target has not, in codes."""
+    photo, target = pair
+    error = photo.float() - target.float()
+    return F.avg_pool2d(error[::2] - error[1], COARSE_SIDE).abs().mean().item()
 
 
 def shrunk(picture: Tensor, factor: int, *, antialias: bool) -> Tensor:

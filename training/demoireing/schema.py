@@ -45,6 +45,11 @@ class Pictures:
         "mirrored",
         bounds=(1, None),
     )
+    candidates: int = setting(
+        2,
+        "pairs, of which the one with the strongest coarse colour is trained on",
+        bounds=(1, None),
+    )
     val: int = setting(32, "validation pairs", bounds=(1, None))
     test: int = setting(16, "test pairs of each scene", bounds=(1, None))
     workers: int = setting(0, "processes that make pairs", bounds=(0, 1024), changes_result=False)
