@@ -61,9 +61,10 @@ class PairBatches(L.LightningDataModule):
         share = cfg.data.size / cfg.data.photo
         self.scenes = [part_of(scene, share) for scene in scenes_of(cfg).values()]
 
-    def _pairs(self, pictures: Source, seed: int) -> SimulatedPairs:
+    def _pairs(self, pictures: Source, seed: int, count: int) -> TurnedPairs:
         data, target = self.cfg.data, self.cfg.demoire.target
-        return SimulatedPairs(pictures, self.scenes, data.size, target, seed, data.shrink)
+        pairs = SimulatedPairs(pictures, self.scenes, data.size, target, seed, data.shrink)
+        return TurnedPairs(pairs, count, data.candidates)
 
     def train_dataloader(self) -> DataLoader:
         ranks, rank = (
@@ -75,11 +76,7 @@ class PairBatches(L.LightningDataModule):
         # Lightning starts the workers before it has read from which epoch training resumes
         numbers.set_epoch(self.first_epoch)
         return DataLoader(
-            TurnedPairs(
-                self._pairs(self.splits.train, self.cfg.seed),
-                self.cfg.data.pairs,
-                self.cfg.data.candidates,
-            ),
+            self._pairs(self.splits.train, self.cfg.seed, self.cfg.data.pairs),
             size,
             sampler=numbers,
             num_workers=workers,
@@ -88,7 +85,8 @@ class PairBatches(L.LightningDataModule):
         )
 
     def val_dataloader(self) -> DataLoader:
-        pairs = self._pairs(self.splits.val, VAL_SEED)
-        val_pairs = [pairs[k] for k in range(self.cfg.data.val)]
+        count = self.cfg.data.val
+        pairs = self._pairs(self.splits.val, VAL_SEED, count)
+        val_pairs = [pairs[k] for k in range(count)]
         photos, targets = (torch.stack(side) for side in zip(*val_pairs, strict=True))
         return DataLoader(TensorDataset(photos, targets), VAL_BATCH)
