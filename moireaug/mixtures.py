@@ -10,6 +10,7 @@ import torch
 
 from moireaug.draws import check_size, numbers_needed, random_numbers
 from moireaug.mixed_shot import MixedShot
+from moireaug.scene.presets import MIXTURES
 from moireaug.scenes import Scene, Shot, as_scene, shot_of
 
 
@@ -52,8 +53,9 @@ def as_scenes(
     scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any],
 ) -> Scene | Mixture:
     """Return a Scene from a Scene, a preset's name or a mapping, such as a dict, and a Mixture from
-    a list or tuple of these: what every public `scene=` argument accepts. A list of one is that
-    scene.
+    a list or tuple of these, or from the name of one: what every public `scene=` argument accepts.
+    A list of one is that scene. "anywhere" is the mixture of every screen in
+    `moireaug.scene.presets.MIXTURES`, for whoever does not know which will be photographed.
 
     Raises:
         ValueError: an unknown name, a file's, or an empty list.
@@ -61,6 +63,8 @@ def as_scenes(
     """
     if isinstance(scene, Mixture):
         return scene
+    if isinstance(scene, str) and scene in MIXTURES:
+        scene = MIXTURES[scene]
     if isinstance(scene, (list, tuple)):
         if not scene:
             raise ValueError("scene names no scene, []: name one, or several to draw from.")

@@ -24,7 +24,7 @@ from moireaug.plan import Plan
 from moireaug.scene.by_name import part_from_dict, parts_with
 from moireaug.scene.fields import one_of
 from moireaug.scene.parts import PARTS
-from moireaug.scene.presets import PRESETS
+from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.record import NOMINAL_SIZE, SceneRecord
 from moireaug.shot import ShotRecord
 
@@ -60,9 +60,16 @@ class Scene(SceneRecord):
         """Return the scene of that name, one of the keys of `moireaug.scene.presets.PRESETS`.
 
         Raises:
-            ValueError: an unknown name; the message lists the known ones and the closest.
+            ValueError: an unknown name, where the message lists the known ones and the closest; or
+                a mixture's, such as "anywhere", which is several scenes: see `mixtures.as_scenes`.
         """
-        return _PRESETS[one_of("a preset", name, PRESETS)]
+        if one_of("a preset", name, (*PRESETS, *MIXTURES)) in MIXTURES:
+            raise ValueError(
+                f"{name!r} is a mixture of {len(MIXTURES[name])} presets, where one scene is "
+                f"needed. Name one of them ({', '.join(MIXTURES[name])}), or pass it as scene= to "
+                "what takes several, alone."
+            )
+        return _PRESETS[name]
 
     def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
         """Return the ordered effects that this scene calls for in photos of `size` (height, width),

@@ -100,7 +100,7 @@ def test_every_preset_but_the_papers_is_a_screen(name):
     scene = Scene.preset(name)
     assert scene.is_binned and scene.panel.scale == 1.0 and scene.sensor.scale == 1.0
     low, high = scene.panel.width
-    assert 48 <= low < high <= 1600
+    assert 48 <= low < high <= 2560
 
 
 def test_a_plan_is_that_of_a_size():

@@ -2,18 +2,18 @@
 
 A scene is a screen, whatever the picture's size. `Sensor.pitch` is f * p / d: focal length f in
 sensor pixels, panel pixel p and distance d in mm. `Panel.width` is how much of the panel the
-picture takes, in a window or full screen: 400 to 1600 panel pixels on monitors and laptops, 600 to
-1600 on phones, tablets and televisions (400 to 1000 before a webcam), 128 to 400 on LED walls, 48
-to 256 on message signs. Width * pitch has to fit on the sensor: 4032, 1920 (webcam), 3264 (document
-camera) or 2560 (dashcam) px. In 2 % of the draws of screen_photo and 1 % of the webcam's it does
-not; in 8 and 10 %, once the camera has stepped back until a turned picture fits the photo.
+picture takes, in a window or full screen: 400 to 1600 panel pixels on monitors, from 150 on other
+screens in the hand, 128 to 400 on LED walls, 48 to 256 on message signs. Width * pitch has to fit
+on the sensor: 4032, 1920 (webcam), 3264 (document camera) or 2560 (dashcam) px. In up to 3 % of a
+preset's draws it does not; in up to 8 %, once the camera has stepped back until a turned picture
+fits the photo.
 
 Screens:
 - Monitors: 27 inch 3840 x 2160 (AOC U27P1U, the paper's appendix C) 0.155 mm; 27 inch 2560 x 1440
   0.233 mm; 24 inch 1920 x 1080 0.277 mm. The first at 400 mm, the others at up to 600 mm: pitch 1.2
   to 2.1.
 - Laptops: 13.3 inch 2560 x 1600 (MacBook Air 2020, the paper's appendix C) 0.112 mm, 15.6 inch 1920
-  x 1080 0.179 mm. The first at 200 to 300 mm, the second at 270 to 450 mm: pitch 1.1 to 2.
+  x 1080 0.179 mm. The first at 200 to 300 mm, the second at 180 to 450 mm: pitch 1.1 to 3.
 - OLED phones: 460 pixels per inch (iPhone 12, Apple's specifications) 0.055 mm at 80 to 150 mm:
   pitch 1.1 to 2.1. Phones in front of a webcam: 270 to 460 per inch, 0.094 to 0.055 mm.
 - Television: 55 inch 3840 x 2160, 0.317 mm, WRGB, at 450 to 900 mm: pitch 1.1 to 2.1.
@@ -21,9 +21,20 @@ Screens:
   1.9.
 - LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; three
   dies on one package. 10 mm at 4 to 7 m, 20 mm at 8 to 14 m: pitch 1.05 to 1.9.
-- Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm.
+- Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm. Before a phone at 150 to
+  400 mm: pitch 0.7 to 1.9.
+- LCDs from close: 0.179 and 0.277 mm at 150 to 300 mm, the first where a phone's main camera
+  focuses: pitch 1.8 to 5.6. A part of the screen, 80 to 400 panel pixels, fills a small photo or a
+  crop of a large one, and its pixels are seen.
+- Whole screens: 1366 to 2560 panel pixels across a third to all of the camera's 4032.
+- LCD televisions across a room: 43 inch 1920 x 1080, 0.496 mm, and 65 inch 3840 x 2160, 0.375 mm,
+  at 1.5 to 3.5 m, by the main camera or one of twice its focal length: pitch 0.4 to 2.
 - Black matrix: LCDs of these sizes emit from about half to three quarters of a pixel. No data sheet
   says how much along either axis; rows are the wider gaps, because transistors lie there.
+- Light that is not the picture's: an LCD's black is 1/1000 of its white in a dark room, and 1/100
+  at an angle. Glass reflects 4 %: of a room at 300 lx, 1 % of a screen of 200 cd/m2; of a window of
+  1500 cd/m2, 30 %.
+- OLED phones turned down: pulses of 240 Hz, as reviewers measure on most, to 480 Hz.
 
 Cameras:
 - Phone: iPhone 12 main camera, 4032 x 3024 pixels, 26 mm equivalent (Apple's specifications; the
@@ -40,7 +51,10 @@ phone's blur (0.3 to 0.55 px), noise and motion, screen_photo's pitch (1.8 to 2.
 exposure, white balance, tone, colour smoothing and sharpening. Its JPEG is of a larger picture and
 leaves no blocks in this one. It is shrunk by a triangle filter, as libraries shrink photographs.
 Its exposure leaves a white screen at a quarter to half of full scale; its tone curve lifts the
-middle and rolls off the highlights, as the curves of photographs do.
+middle and rolls off the highlights, as the curves of photographs do. Elsewhere the camera may
+expose for the room, so that white saturates, and balance white for its lamps: halfway to 3000 K, a
+screen of 6500 K turns red to 0.7 and blue to 1.7 of green. A phone's local contrast is an unsharp
+mask of a few photo pixels; a messenger saves the photo again, at a quality of 50 to 95.
 """
 
 from __future__ import annotations
@@ -59,11 +73,14 @@ LCD = Panel(
     glare_x=(-0.5, 0.5),
     glare_y=(-0.5, 0.5),
 )
+LIT_LCD = replace(LCD, black=(0.0, 0.01), glare=(0.0, 0.03))  # at an angle, in a brighter room
 # OLEDs have no backlight; their subpixels are small.
-OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
+OLED = replace(LIT_LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
+DIAMONDS = replace(OLED, layout="pentile_diamond")
 
 PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.55), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
 PHONE_SENSOR = Sensor(crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.002, 0.008))
+DARK_SENSOR = replace(PHONE_SENSOR, gain=(2.0, 5.0), read_noise=(0.008, 0.03))
 PHONE_PHOTO = Develop(
     linear_light=True,
     red=(0.92, 1.12),
@@ -76,6 +93,11 @@ PHONE_PHOTO = Develop(
     sharpen_radius=(2.0, 5.0),
     resize="antialias",
 )
+# The same in a room whose lamps the camera is balanced for, with local contrast.
+ROOM_PHOTO = replace(
+    PHONE_PHOTO, red=(0.7, 1.12), blue=(0.92, 1.7), sharpen=(-0.5, 1.5), sharpen_radius=(2.0, 10.0)
+)
+SAVED_TWICE = replace(ROOM_PHOTO, jpeg=(50.0, 95.0))
 BY_HAND = View(yaw=(-20.0, 20.0), pitch=(-12.0, 12.0), roll=(-8.0, 8.0), fov=(20.0, 50.0))
 
 PRESETS: dict[str, SceneRecord] = {
@@ -117,27 +139,27 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # The same phone looking down at a laptop, whose rows lean right and left in turn.
     "phone_at_laptop": SceneRecord(
-        panel=replace(LCD, layout="chevron", width=(400.0, 1600.0)),
+        panel=replace(LIT_LCD, layout="chevron", width=(150.0, 1600.0)),
         view=replace(BY_HAND, yaw=(-15.0, 15.0), pitch=(0.0, 30.0), fov=(20.0, 45.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.0)),
-        develop=PHONE_PHOTO,
+        sensor=replace(PHONE_SENSOR, pitch=(1.1, 3.0), gain=(1.5, 6.0)),
+        develop=ROOM_PHOTO,
     ),
     # A phone over another phone.
     "phone_at_phone": SceneRecord(
-        panel=replace(OLED, layout="pentile_diamond", width=(600.0, 1600.0)),
+        panel=replace(DIAMONDS, width=(150.0, 1600.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(2.0, 4.0)),
-        develop=PHONE_PHOTO,
+        sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(2.0, 8.0)),
+        develop=ROOM_PHOTO,
     ),
     # A phone near an OLED television.
     "phone_at_television": SceneRecord(
-        panel=replace(OLED, layout="wrgb", width=(600.0, 1600.0)),
+        panel=replace(OLED, layout="wrgb", width=(150.0, 1600.0)),
         view=replace(BY_HAND, fov=(30.0, 60.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(1.0, 2.0)),
-        develop=PHONE_PHOTO,
+        sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(1.0, 4.0)),
+        develop=ROOM_PHOTO,
     ),
     # A phone in front of an LED wall.
     "phone_at_led_wall": SceneRecord(
@@ -149,11 +171,11 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A phone held in front of a webcam, as in an identity check.
     "webcam_at_phone": SceneRecord(
-        panel=replace(OLED, layout="pentile_diamond", width=(400.0, 1000.0)),
+        panel=replace(DIAMONDS, width=(150.0, 1000.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.35, 0.7), motion_x=(-0.4, 0.4), motion_y=(-0.4, 0.4)),
         sensor=replace(PHONE_SENSOR, pitch=(1.0, 2.1), gain=(2.0, 5.0), read_noise=(0.006, 0.02)),
-        develop=replace(PHONE_PHOTO, jpeg=(40.0, 85.0)),
+        develop=replace(ROOM_PHOTO, jpeg=(40.0, 85.0)),
     ),
     # A tablet under a document camera, which looks straight down.
     "document_camera_at_tablet": SceneRecord(
@@ -171,6 +193,52 @@ PRESETS: dict[str, SceneRecord] = {
         sensor=replace(PHONE_SENSOR, pitch=(1.05, 1.9), gain=(3.0, 6.0), read_noise=(0.003, 0.012)),
         develop=PHONE_PHOTO,
     ),
+    # A phone close to an LCD, whose pixels are seen beside strong moiré.
+    "phone_close_to_lcd": SceneRecord(
+        panel=replace(LIT_LCD, width=(80.0, 400.0)),
+        view=BY_HAND,
+        lens=replace(PHONE_LENS, blur=(0.3, 0.8)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.8, 5.6)),
+        develop=PHONE_PHOTO,
+    ),
+    # A laptop or monitor seen whole, in a room that the camera exposes for.
+    "phone_at_whole_screen": SceneRecord(
+        panel=replace(LIT_LCD, width=(1366.0, 2560.0), black=(0.001, 0.01), glare=(0.0, 0.15)),
+        view=replace(BY_HAND, yaw=(-30.0, 30.0)),
+        lens=PHONE_LENS,
+        sensor=replace(PHONE_SENSOR, pitch=(0.8, 1.6), gain=(1.5, 8.0)),
+        develop=SAVED_TWICE,
+    ),
+    # A tablet held at an angle, in whose glass a window is reflected.
+    "phone_at_tablet_by_window": SceneRecord(
+        panel=replace(LIT_LCD, layout="chevron", width=(200.0, 2048.0), glare=(0.02, 0.3)),
+        view=replace(BY_HAND, yaw=(-45.0, 45.0), pitch=(-20.0, 45.0), roll=(-30.0, 30.0)),
+        lens=PHONE_LENS,
+        sensor=replace(PHONE_SENSOR, pitch=(0.7, 1.9)),
+        develop=SAVED_TWICE,
+    ),
+    # An OLED phone turned down in the dark: bands, noise.
+    "phone_at_dimmed_phone": SceneRecord(
+        panel=replace(DIAMONDS, width=(150.0, 1600.0), pwm=(240.0, 480.0), duty=(0.5, 0.95)),
+        view=replace(BY_HAND, roll=(-15.0, 15.0)),
+        lens=PHONE_LENS,
+        sensor=replace(DARK_SENSOR, pitch=(1.1, 2.1), shutter=(0.008, 0.03), readout=(0.008, 0.02)),
+        develop=ROOM_PHOTO,
+    ),
+    # An LCD television from across a room.
+    "phone_across_room_at_television": SceneRecord(
+        panel=replace(LIT_LCD, layout="chevron", width=(640.0, 1920.0), black=(0.001, 0.01)),
+        view=replace(BY_HAND, yaw=(-30.0, 30.0), fov=(8.0, 40.0)),
+        lens=PHONE_LENS,
+        sensor=replace(PHONE_SENSOR, pitch=(0.4, 2.0), gain=(1.5, 6.0)),
+        develop=SAVED_TWICE,
+    ),
+}
+
+# Names of several presets, of which each image is photographed in one: `mixtures.as_scenes`.
+MIXTURES: dict[str, tuple[str, ...]] = {
+    # A screen that nobody knows: every preset but the paper's.
+    "anywhere": tuple(name for name in PRESETS if not name.startswith("paper")),
 }
 
 

@@ -17,7 +17,7 @@ from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture
 from moireaug.networks import in_evaluation_mode
 from moireaug.numeric import as_float
-from moireaug.scene.presets import preset_name
+from moireaug.scene.presets import MIXTURES, preset_name
 from moireaug.scenes import Scene, Shot
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
@@ -69,8 +69,12 @@ def shot_of_frames(shot: AnyShot, counts: Sequence[int]) -> AnyShot:
 
 def describe(scene: Scene | Mixture) -> str:
     """Return a scene for a `repr`: its preset's name in quotes, or the fields in which it differs
-    from `Scene()`; of a mixture, the list of these."""
+    from `Scene()`; of a mixture, its name or the list of these."""
     if isinstance(scene, Mixture):
+        names = tuple(map(preset_name, scene.scenes))
+        for name, presets in MIXTURES.items():
+            if names == presets:
+                return repr(name)
         return f"[{', '.join(map(describe, scene.scenes))}]"
     preset = preset_name(scene)
     if preset:

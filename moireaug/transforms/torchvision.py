@@ -45,8 +45,9 @@ class RandomMoire(v2.Transform):
 
     Args:
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
-            photographed in one of them. One shot is drawn per image, from torch's global generator:
-            DataLoader workers differ, and `torch.manual_seed` makes draws reproducible.
+            photographed in one of them. "anywhere" is the mixture of every screen. One shot is
+            drawn per image, from torch's global generator: DataLoader workers differ, and
+            `torch.manual_seed` makes draws reproducible.
         p: probability of a photo, in [0, 1].
 
     Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H,

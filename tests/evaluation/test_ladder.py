@@ -106,14 +106,14 @@ def test_two_models_meet_the_same_photos(known):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_no_moire_is_the_photo_less_its_stripes(name):
-    """On a grey screen without noise, reflections and JPEG, nothing is left to see, and the mean
-    light is the same."""
+    """On a grey screen without noise, reflections, pulses and JPEG, nothing is left to see, and the
+    mean light is the same."""
     scene = Scene.preset(name)
     quiet = dataclasses.replace(scene.sensor, read_noise=0.0, gain=1.0)
     still = dataclasses.replace(scene.view, yaw=0.0, pitch=0.0, roll=0.0, pose="camera")
     scene = dataclasses.replace(
         scene,
-        panel=dataclasses.replace(scene.panel, glare=0.0),
+        panel=dataclasses.replace(scene.panel, glare=0.0, pwm=0.0),
         sensor=quiet,
         view=still,
         lens=dataclasses.replace(scene.lens, k1=0.0),

@@ -11,7 +11,9 @@ import torch
 from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
 from moireaug.mixtures import Mixture, as_scenes, each, sample_one, scenes_of
 from moireaug.scene.fields import bounds
+from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scenes import as_scene
+from moireaug.transforms import RandomMoire
 
 NAMES = ["screen_photo", "dashcam_at_led_sign", "phone_at_laptop"]
 MIXTURE = as_scenes(NAMES)
@@ -65,6 +67,16 @@ def test_a_list_holds_scenes_names_and_dicts():
 def test_what_is_no_list_of_scenes_is_refused(scene, error, said):
     with pytest.raises(error, match=said):
         as_scenes(scene)
+
+
+def test_anywhere_is_every_screen_and_no_one_scene():
+    screens = [name for name in PRESETS if not name.startswith("paper")]
+    assert as_scenes("anywhere") == as_scenes(screens) == Mixture(as_scenes(screens).scenes)
+    assert MIXTURES.keys().isdisjoint(PRESETS)
+    assert "scene='anywhere'" in repr(RandomMoire("anywhere"))
+    for one_scene in (Scene.preset, as_scene, lambda name: as_scenes(["paper", name])):
+        with pytest.raises(ValueError, match=f"a mixture of {len(screens)} presets, where one"):
+            one_scene("anywhere")
 
 
 def test_a_shot_is_of_one_scene():

@@ -34,7 +34,8 @@ def inline_files(scene: Any) -> Any:
 
 
 def load(scene: str) -> Scene | Mixture:
-    """Return the scene of a preset's name or of a YAML file, or the mixture of a file's list.
+    """Return the scene of a preset's name or of a YAML file, or the mixture of a file's list or of
+    a name such as "anywhere".
 
     Raises:
         ValueError: an unknown name, or a file that holds no scene.
@@ -52,7 +53,7 @@ def load_one(scene: str) -> Scene:
     if isinstance(scene_or_mixture, Mixture):
         raise ValueError(
             f"scene={scene} holds a list of {len(scene_or_mixture.scenes)} scenes; this command "
-            "takes one at a time. Put each into a file of its own."
+            "takes one at a time. Name one, or put each into a file of its own."
         )
     return scene_or_mixture
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from moireaug.scene.fields import bounds
+from moireaug.scene.presets import MIXTURES
 from moireaug.scenes import Scene, as_scene
 from moireaug.synthesis import without_moire
 from moireaug.synthesis.pairs import Pair, check_aligned, make_pair, photograph
@@ -36,8 +38,11 @@ def scenes_of(cfg: DemoireConfig) -> dict[str, Scene]:
     listed = cfg.scene if isinstance(cfg.scene, (list, tuple)) else [cfg.scene]
     if not listed:
         raise ValueError("scene=[] names no scene: name at least one.")
+    names: list[Any] = []
+    for one in listed:
+        names += MIXTURES[one] if isinstance(one, str) and one in MIXTURES else [one]
     scenes = {}
-    for number, one in enumerate(listed, 1):
+    for number, one in enumerate(names, 1):
         name = one if isinstance(one, str) else f"scene {number}"
         scenes[name] = as_scene(one)
         check_aligned(scenes[name])
