@@ -8,7 +8,7 @@ import torch
 
 from moireaug import Scene
 from training.data import drawn_pictures
-from training.demoireing.pairs import SimulatedPairs, TurnedPairs, part_of, shrunk
+from training.demoireing.pairs import SimulatedPairs, TurnedPairs, part_of, saved, shrunk
 from training.demoireing.pictures import DrawnPictures
 
 
@@ -49,6 +49,18 @@ def test_shrunk_photos_alias_and_their_targets_do_not():
     assert photo.min() == 255  # the filterless one hits the middle of each stripe
     assert target[..., 1:-1].max() < 130
     assert shrunk(stripes, 1, antialias=False) is stripes
+
+
+def test_photos_are_saved_as_jpeg_and_targets_are_not():
+    scene = part_of(Scene.preset("screen_photo"), 0.05)
+    plain, rough = (
+        SimulatedPairs(DrawnPictures(32), [scene], 32, "clean", 0, jpeg=jpeg)[0]
+        for jpeg in (None, 1)
+    )
+    assert torch.equal(plain[1], rough[1]) and not torch.equal(plain[0], rough[0])
+    noise = torch.randint(0, 256, (1, 32, 32), dtype=torch.uint8).repeat(3, 1, 1)
+    worse, better = (saved(noise, quality).float() - noise for quality in (20, 98))
+    assert better.abs().mean() < 3 < 10 < worse.abs().mean()
 
 
 def test_kept_pairs_come_again_turned_and_mirrored():

@@ -63,7 +63,9 @@ class PairBatches(L.LightningDataModule):
 
     def _pairs(self, pictures: Source, seed: int, count: int) -> TurnedPairs:
         data, target = self.cfg.data, self.cfg.demoire.target
-        pairs = SimulatedPairs(pictures, self.scenes, data.size, target, seed, data.shrink)
+        pairs = SimulatedPairs(
+            pictures, self.scenes, data.size, target, seed, data.shrink, data.jpeg
+        )
         return TurnedPairs(pairs, count, data.candidates)
 
     def train_dataloader(self) -> DataLoader:

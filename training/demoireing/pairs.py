@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 import torch.nn.functional as F
+from PIL import Image
 from torch import Tensor
 from torch.utils.data import Dataset
 
@@ -66,6 +68,7 @@ class SimulatedPairs(Dataset):
         target: "clean", "twin", "original" or "toned".
         seed: seed of `moireaug.synthesis.Pairs`.
         shrink: photos are taken at one to this many times their size, in turn, and shrunk.
+        jpeg: lowest quality at which photos are saved as JPEG, at random up to 100; None for none.
     """
 
     def __init__(
@@ -76,9 +79,10 @@ class SimulatedPairs(Dataset):
         target: str,
         seed: int,
         shrink: int = 1,
+        jpeg: int | None = None,
     ) -> None:
         self.pictures, self.scenes, self.size = pictures, tuple(scenes), size
-        self.target, self.seed, self.shrink = target, seed, shrink
+        self.target, self.seed, self.shrink, self.jpeg = target, seed, shrink, jpeg
 
     def pair(self, k: int) -> Pair:
         """Return a pair with all that is known of it, always with its twin and never shrunk."""
@@ -87,8 +91,11 @@ class SimulatedPairs(Dataset):
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
         factor = 1 + k // len(self.scenes) % self.shrink
         pair = self._make(k, factor, twin=self.target == "twin")
-        target = self._target_of(pair)
-        return shrunk(pair.photo, factor, antialias=False), shrunk(target, factor, antialias=True)
+        photo = shrunk(pair.photo, factor, antialias=False)
+        if self.jpeg is not None:
+            quality = np.random.default_rng((self.seed, k)).integers(self.jpeg, 101)
+            photo = saved(photo, int(quality))
+        return photo, shrunk(self._target_of(pair), factor, antialias=True)
 
     def _make(self, k: int, factor: int, *, twin: bool) -> Pair:
         scene, size = self.scenes[k % len(self.scenes)], factor * self.size
@@ -142,6 +149,13 @@ def shrunk(picture: Tensor, factor: int, *, antialias: bool) -> Tensor:
     size = [length // factor for length in picture.shape[1:]]
     small = F.interpolate(picture[None].float(), size, mode="bilinear", antialias=antialias)
     return small[0].round().to(torch.uint8)
+
+
+def saved(picture: Tensor, quality: int) -> Tensor:
+    """Return a picture (3, H, W) uint8 as a JPEG file of a quality from 1 to 100 holds it."""
+    file = io.BytesIO()
+    Image.fromarray(picture.permute(1, 2, 0).numpy()).save(file, "JPEG", quality=quality)
+    return torch.from_numpy(np.array(Image.open(file))).permute(2, 0, 1)
 
 
 def tone_to(original: Tensor, photo: Tensor) -> Tensor:

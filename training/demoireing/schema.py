@@ -34,10 +34,15 @@ class Pictures:
         bounds=SIZE_RANGE,
     )
     shrink: int = setting(
-        2,
+        3,
         "training photos are taken at one to this many times their size, in turn, and shrunk "
         "without a filter, as many programs do; their targets with one",
         bounds=(1, 8),
+    )
+    jpeg: int | None = setting(
+        60,
+        "lowest quality at which training photos are saved as JPEG, at random up to 100; null: not",
+        bounds=(1, 100),
     )
     pairs: int = setting(
         2000,
