@@ -18,9 +18,9 @@ from tests.engine.readings import assert_equal
 
 SIZE = (10, 13)
 TURNED = View(yaw=24.0, pitch=-12.0, roll=8.0, fov=40.0)
-LENS = Lens(k1=0.04, k2=-0.02, blur=0.3, olpf=0.5, motion_x=0.3, motion_y=-0.2, vignetting=0.3)
+LENS = Lens(k1=0.04, k2=-0.02, blur=0.5, olpf=0.5, motion_x=0.3, motion_y=-0.2, vignetting=0.3)
 PANEL = Panel(width=30.0, lit=0.6, black=0.05, glare=0.1, glare_x=0.3, glare_y=-0.2, pwm=200.0)
-SENSOR = Sensor(pitch=2.2, gain=1.7, crosstalk=0.2, read_noise=0.02, shot_noise=0.03)
+SENSOR = Sensor(pitch=2.2, gain=1.2, crosstalk=0.2, read_noise=0.02, shot_noise=0.03)
 SCENES = {
     "everything": Scene(
         panel=PANEL,
@@ -107,8 +107,18 @@ def test_the_gradient_in_the_picture(name):
 
 
 def test_another_pitch_is_not_equal():
-    shot, picture = shot_and_picture(Scene.preset("screen_photo"))
-    sensor = dataclasses.replace(shot.sensor, pitch=shot.sensor.pitch * 1.001)
-    other = both_readings(dataclasses.replace(shot, sensor=sensor), picture)[0]
+    shot, picture = shot_and_picture(SCENES["panel finer than the picture"])
+    panel = dataclasses.replace(shot.panel, scale=shot.panel.scale * 1.001)
+    other = dataclasses.replace(shot, panel=panel)
+    got = expose_binned.expose(picture, *lower_exposure(other, decoded=False))
     with pytest.raises(AssertionError):
-        assert_equal(other, both_readings(shot, picture)[1])
+        assert_equal(got, pipeline.expose(picture.double(), shot))
+
+
+def test_a_view_of_the_horizon_does_not_fit():
+    view = View(yaw=(0.0, 85.0), fov=60.0, fit=False)
+    scene = Scene(panel=Panel(width=60.0), view=view, sensor=Sensor(pitch=2.0))
+    shot = scene.sample(2, SIZE)
+    yaw = torch.tensor([5.0, 85.0], dtype=torch.float64)
+    shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=yaw))
+    assert expose_binned.fits(*lower_exposure(shot, decoded=False)).tolist() == [True, False]
