@@ -12,7 +12,7 @@ import triton.language as tl
 
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.bins import bins_at
-from moireaug.engine.gpu.transfer import sinc, transfer, wave, wave_of_part
+from moireaug.engine.gpu.transfer import sinc, sinc_within, transfer, wave, wave_of_part
 from moireaug.engine.gpu.view import SCALE_U, SCALE_V
 
 TURN = tl.constexpr(2.0**32)
@@ -38,7 +38,11 @@ def mean_over_bin(g_u, g_v, bins, triangle):
     first = g_u * bins.first_u + g_v * bins.first_v
     second = g_u * bins.second_u + g_v * bins.second_v
     left = sinc(first) * sinc(second)
-    return left * sinc(triangle * first) * sinc(triangle * second)
+    if triangle == 1.0:
+        left *= left
+    else:
+        left *= sinc(triangle * first) * sinc(triangle * second)
+    return left
 
 
 @triton.jit
@@ -60,7 +64,7 @@ def plane_transfers(even_u, even_v, m_u, m_v, BAYER: tl.constexpr):
 def alias_transfer(fu, fv, m_u, m_v, bins, triangle):
     """Return what holding values over pixels and the mean over bins leave of an alias."""
     g_u, g_v = fu - 0.5 * m_u, fv - 0.5 * m_v
-    left = sinc(g_u) * sinc(g_v) * mean_over_bin(g_u, g_v, bins, triangle)
+    left = sinc_within(g_u) * sinc_within(g_v) * mean_over_bin(g_u, g_v, bins, triangle)
     return tl.where((tl.abs(g_u) < 1.0) & (tl.abs(g_v) < 1.0), left, 0.0)
 
 
