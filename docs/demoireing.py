@@ -1,6 +1,6 @@
-"""Draw docs/demoireing.png: what a demoiréing network removes from simulated photos of a sign.
+"""Draw docs/demoireing.png: what a demoiréing network removes from simulated photos.
 
-Run it as `python docs/demoireing.py WEIGHTS`, with the weights.pt of a run of recipe=demoire.
+Run it as `python docs/demoireing.py WEIGHTS`: a weights.pt, or "screen", the released weights.
 """
 
 from __future__ import annotations
@@ -11,31 +11,43 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
+import numpy as np
 import torch
 from matplotlib.figure import Figure
+from torchvision.transforms.functional import to_tensor
 
 from moireaug import Scene, capture
 from moireaug.defenses import demoire
 from moireaug.evaluation.visibility import psnr
 from moireaug.synthesis import without_moire
-from training.data import signs
+from training.data import drawn_pictures
+from training.demoireing.pairs import part_of
 
-SIGN = 9
-SCENES = ("screen_photo", "phone_at_phone", "webcam_at_phone", "phone_at_led_wall")
-SIDE, SHOWN_SIDE = 256, 128  # pixels of the photo, and of its middle, which is shown
-DRAWS = 16  # shots of a scene, of which the one with the strongest moiré is shown
-STRONGER = 8  # times, of what was removed
+# what is photographed, and where
+PICTURES = {
+    "dead leaves": "screen_photo",
+    "page": "phone_at_monitor",
+    "sign": "phone_at_phone",
+    "interface": "phone_at_led_wall",
+}
+SIDE, SHOWN_SIDE = 256, 160  # pixels of the photo, and of its middle, which is shown
+PHOTO_SIDE = 1000  # pixels of the photo that it is part of
+DRAWS = 8  # shots of a scene, of which the one with the strongest moiré is shown
+STRONGER = 4  # times, of what was removed
 
 
 def draw(weights: str) -> None:
     network = demoire.load(weights).eval()
-    sign = signs.make("test", 16, SIDE)[0][SIGN, None].float() / 255
     middle = slice((SIDE - SHOWN_SIDE) // 2, (SIDE + SHOWN_SIDE) // 2)
-    figure = Figure((10, 2.18 * len(SCENES)), layout="constrained")
-    for row, name in zip(figure.subplots(len(SCENES), 5), SCENES, strict=True):
-        shots = Scene.preset(name).sample(DRAWS, (SIDE, SIDE), torch.Generator().manual_seed(0))
-        photos = capture(sign.expand(DRAWS, -1, -1, -1), shots)
-        twins = capture(sign.expand(DRAWS, -1, -1, -1), without_moire(shots))
+    figure = Figure((10, 2.18 * len(PICTURES)), layout="constrained")
+    rows = figure.subplots(len(PICTURES), 5)
+    for row, (kind, name) in zip(rows, PICTURES.items(), strict=True):
+        render, _ = drawn_pictures.KINDS[kind]
+        picture = to_tensor(render(np.random.default_rng(1), SIDE))[None]
+        scene = part_of(Scene.preset(name), SIDE / PHOTO_SIDE)
+        shots = scene.sample(DRAWS, (SIDE, SIDE), torch.Generator().manual_seed(0))
+        photos = capture(picture.expand(DRAWS, -1, -1, -1), shots)
+        twins = capture(picture.expand(DRAWS, -1, -1, -1), without_moire(shots))
         strongest = int(psnr(photos, twins).argmin())
         photo, twin = photos[strongest, None], twins[strongest, None]
         with torch.inference_mode():
@@ -46,11 +58,11 @@ def draw(weights: str) -> None:
             f"{name}\nphoto, {before:.1f} dB": photo,
             f"cleaned, {after:.1f} dB": cleaned,
             "twin: no moiré": twin,
-            "original": sign,
+            "original": picture,
             f"removed × {STRONGER}": removed,
         }
-        for ax, (title, picture) in zip(row, titles.items(), strict=True):
-            ax.imshow(picture[0, :, middle, middle].permute(1, 2, 0), interpolation="nearest")
+        for ax, (title, image) in zip(row, titles.items(), strict=True):
+            ax.imshow(image[0, :, middle, middle].permute(1, 2, 0), interpolation="nearest")
             ax.set_title(title, fontsize=8)
             ax.axis("off")
     figure.savefig(HERE / "demoireing.png", dpi=100)

@@ -25,21 +25,19 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
 import time
-from dataclasses import replace
 from typing import Any
 
 import hydra
 from omegaconf import DictConfig
 
-from training.attack.protocol import check_attack
-from training.classifier import adversaries
 from training.config import commands, scenes
+from training.config.checks import check_classifier
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import RECIPES, Adversary, Config, as_config
-from training.config.settings import with_absolute_paths
 from training.data.load import load, require_training_images
 from training.models.classifiers import require_known
 from training.recipe.phases import complete, plain_runs, report_finished
+from training.runs.metrics import RunMetrics
 from training.runs.resume import require_resumable, require_same_data, require_same_weights
 from training.runs.reuse import is_unreported
 from training.runs.run import PLAIN_RECIPES, Run, baseline_of, start_of
@@ -47,22 +45,21 @@ from training.system.processes import is_first
 from training.trainer.ranks import run_job
 
 
-def fit(cfg: DictConfig | Config) -> dict[str, Any]:
+def fit(cfg: Config) -> dict[str, Any]:
     """Train and report a run and those it is compared with, or the rest of it; return its metrics.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_model`.
     """
-    cfg = with_absolute_paths(as_config(cfg))
-    cfg = replace(cfg, scene=scenes.inline_files(cfg.scene))
+    cfg = scenes.with_files(cfg)
     check(cfg)
     run = Run(cfg)
     with run.locked():
         if cfg.resume is not False:
             require_same_weights(run)
             if run.stage() == "finished" or is_unreported(run):
-                return report_finished(run)
+                return as_dict(report_finished(run))
         if cfg.resume and is_first():
             require_resumable(run, start_of(run), baseline_of(run))
         from training.classifier.train import try_out  # Lightning, which takes seconds to import
@@ -74,7 +71,12 @@ def fit(cfg: DictConfig | Config) -> dict[str, Any]:
         try_out(run, splits)
         seconds = {"data": time.perf_counter() - start_time}
         start, baseline = plain_runs(run, splits)
-        return complete(run, splits, start, baseline, seconds)
+        return as_dict(complete(run, splits, start, baseline, seconds))
+
+
+def as_dict(metrics: RunMetrics | None) -> dict[str, Any]:
+    """Return the content of metrics.json; {} in all processes but the first."""
+    return metrics.to_dict() if metrics else {}
 
 
 def check(cfg: Config) -> None:
@@ -83,9 +85,8 @@ def check(cfg: Config) -> None:
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
-    check_attack(cfg)
+    check_classifier(cfg)
     require_known(cfg.model)
-    adversaries.check(cfg.adversary)
     require_training_images(cfg.data)
     if cfg.recipe in PLAIN_RECIPES and cfg.adversary != Adversary():
         raise ValueError(

@@ -33,44 +33,46 @@ from omegaconf import DictConfig
 
 from moireaug.evaluation import GROUPS, SUITES
 from moireaug.scene.fields import one_of
-from training.attack.protocol import AttackResult, attack, attack_run, check_attack
-from training.attack.results import ladder_metrics, publish, publish_suite, run_metrics
+from training.attack.protocol import attack, attack_run
+from training.attack.results import (
+    ladder_metrics,
+    publish,
+    publish_suite,
+    run_metrics,
+    with_baseline,
+)
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suites import attack_by_suite
 from training.config import commands, overrides, scenes
+from training.config.checks import check_classifier
 from training.config.compose import DATA_GROUPS, register
 from training.config.schema import RECIPES, ReattackConfig, as_config
-from training.config.settings import with_absolute_paths
+from training.runs.metrics import Metrics, PlainMetrics, RunMetrics
 from training.runs.reuse import read_baseline_of
 from training.runs.run import locked_folder
 from training.runs.trained import TrainedRun, read, read_training_cost
 from training.trainer.ranks import run_job
 
-Metrics = dict[str, Any]
 
-
-def reattack(cfg: DictConfig | ReattackConfig, given: list[str]) -> Metrics:
+def reattack(config: ReattackConfig, given: list[str]) -> dict[str, Any]:
     """Attack a run or a named model; returns the metrics, {} in all processes but the first.
 
     Args:
-        cfg: the composed configuration.
+        config: settings.
         given: overrides of the command line, which take precedence over a run's own settings.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.
     """
-    config = as_config(cfg)
-    if not isinstance(config, ReattackConfig):
-        raise TypeError(f"a re-attack needs a ReattackConfig; got a {type(config).__name__}.")
-    config = replace(with_absolute_paths(config), scene=scenes.inline_files(config.scene))
+    config = scenes.with_files(config)
     overrides.check(config, given)
-    if config.run is None:
-        check(config)
-        return attack_subject(config, subject_of_weights(config), None)
-    run = read(Path(config.run))
-    config = overrides.merge_run_settings(run.cfg, config, given)
+    run = None if config.run is None else read(Path(config.run))
+    if run:
+        config = overrides.merge_run_settings(run.cfg, config, given)
     check(config)
-    return attack_subject(config, subject_of_run(config, run), run)
+    subject = subject_of_run(config, run) if run else subject_of_weights(config)
+    metrics = attack_subject(config, subject, run)
+    return metrics.to_dict() if metrics else {}
 
 
 def check(cfg: ReattackConfig) -> None:
@@ -79,42 +81,46 @@ def check(cfg: ReattackConfig) -> None:
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
-    check_attack(cfg)
+    check_classifier(cfg)
     one_of("suite", cfg.suite, (*SUITES, *GROUPS))
 
 
-def attack_subject(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None) -> Metrics:
+def attack_subject(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None) -> Metrics | None:
     """Attack a classifier and publish the results; with the ladder also the baseline of its run."""
     with locked_folder(subject.folder):
         if cfg.suite == "ladder":
             return attack_by_ladder(cfg, subject, run)
         result = attack_by_suite(cfg, subject)
-        return publish_suite(cfg, subject, result) if result else {}
+        return publish_suite(cfg, subject, result) if result else None
 
 
-def attack_by_ladder(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None) -> Metrics:
+def attack_by_ladder(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None) -> RunMetrics:
     """Attack a classifier, and the baseline of its run, with the ladder; publish the results."""
     protocol, splits = subject.protocol, subject.splits
     result = attack(subject.model, protocol, subject.records, subject.name)
     results = {subject.name: result}
-    train = baseline = None
-    if run:
-        train = read_training_cost(run.folder)
-        if baseline_run := read_baseline_of(run):
-            baseline_run.check_classes(splits, cfg.data)
-            baseline_result = attack_run(baseline_run, protocol)
-            results[baseline_run.cfg.recipe] = baseline_result
-            baseline = baseline_metrics(baseline_run, baseline_result)
-    metrics = run_metrics(cfg, ladder_metrics(result), train, None, baseline)
-    seconds = {**subject.seconds, **result.seconds}
-    return publish(subject.folder, metrics, results, splits.classes, seconds)
+    metrics = run_metrics(cfg, read_training_cost(run.folder) if run else None, None)
+    time = {**subject.seconds, **result.seconds}
+    metrics = replace(metrics, **ladder_metrics(result), time=time)
+    baseline_run = read_baseline_of(run) if run else None
+    if baseline_run:
+        baseline_run.check_classes(splits, cfg.data)
+        baseline_result = attack_run(baseline_run, protocol)
+        results[baseline_run.cfg.recipe] = baseline_result
+        ladder = ladder_metrics(baseline_result)
+        metrics = with_baseline(metrics, plain_metrics(baseline_run), ladder)
+    return publish(subject.folder, metrics, results, splits.classes)
 
 
-def baseline_metrics(run: TrainedRun, result: AttackResult) -> Metrics:
-    """Return the metrics of a baseline: those of its settings, its training and its ladder."""
-    cfg = run.cfg
-    settings = {"recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model}
-    return settings | {"train": read_training_cost(run.folder)} | ladder_metrics(result)
+def plain_metrics(run: TrainedRun) -> PlainMetrics:
+    """Return the metrics of a baseline that was read from its folder, without an attack."""
+    return PlainMetrics(
+        recipe=run.cfg.recipe,
+        seed=run.cfg.seed,
+        data=run.cfg.data.name,
+        model=run.cfg.model,
+        train=read_training_cost(run.folder),
+    )
 
 
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="reattack")

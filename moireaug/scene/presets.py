@@ -68,16 +68,19 @@ from moireaug.scene.record import SceneRecord
 LCD = Panel(
     lit_x=(0.7, 0.9),
     lit_y=(0.4, 0.75),
-    black=(0.0, 0.005),
-    glare=(0.0, 0.03),
+    black=(0.0, 0.003),
+    glare=(0.0, 0.015),
     glare_x=(-0.5, 0.5),
     glare_y=(-0.5, 0.5),
 )
+LIT_LCD = replace(LCD, black=(0.0, 0.01), glare=(0.0, 0.03))  # at an angle, in a brighter room
 # OLEDs have no backlight; their subpixels are small.
-OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
+OLED = replace(LIT_LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
+DIAMONDS = replace(OLED, layout="pentile_diamond")
 
 PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.55), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
 PHONE_SENSOR = Sensor(crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.002, 0.008))
+DARK_SENSOR = replace(PHONE_SENSOR, gain=(2.0, 5.0), read_noise=(0.008, 0.03))
 PHONE_PHOTO = Develop(
     linear_light=True,
     red=(0.92, 1.12),
@@ -136,7 +139,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # The same phone looking down at a laptop, whose rows lean right and left in turn.
     "phone_at_laptop": SceneRecord(
-        panel=replace(LCD, layout="chevron", width=(150.0, 1600.0), black=(0.0, 0.01)),
+        panel=replace(LIT_LCD, layout="chevron", width=(150.0, 1600.0)),
         view=replace(BY_HAND, yaw=(-15.0, 15.0), pitch=(0.0, 30.0), fov=(20.0, 45.0)),
         lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.1, 3.0), gain=(1.5, 6.0)),
@@ -144,7 +147,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A phone over another phone.
     "phone_at_phone": SceneRecord(
-        panel=replace(OLED, layout="pentile_diamond", width=(150.0, 1600.0)),
+        panel=replace(DIAMONDS, width=(150.0, 1600.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
         lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(2.0, 8.0)),
@@ -168,7 +171,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A phone held in front of a webcam, as in an identity check.
     "webcam_at_phone": SceneRecord(
-        panel=replace(OLED, layout="pentile_diamond", width=(150.0, 1000.0)),
+        panel=replace(DIAMONDS, width=(150.0, 1000.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.35, 0.7), motion_x=(-0.4, 0.4), motion_y=(-0.4, 0.4)),
         sensor=replace(PHONE_SENSOR, pitch=(1.0, 2.1), gain=(2.0, 5.0), read_noise=(0.006, 0.02)),
@@ -192,7 +195,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A phone close to an LCD, whose pixels are seen beside strong moiré.
     "phone_close_to_lcd": SceneRecord(
-        panel=replace(LCD, width=(80.0, 400.0)),
+        panel=replace(LIT_LCD, width=(80.0, 400.0)),
         view=BY_HAND,
         lens=replace(PHONE_LENS, blur=(0.3, 0.8)),
         sensor=replace(PHONE_SENSOR, pitch=(1.8, 5.6)),
@@ -200,7 +203,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A laptop or monitor seen whole, in a room that the camera exposes for.
     "phone_at_whole_screen": SceneRecord(
-        panel=replace(LCD, width=(1366.0, 2560.0), black=(0.001, 0.01), glare=(0.0, 0.15)),
+        panel=replace(LIT_LCD, width=(1366.0, 2560.0), black=(0.001, 0.01), glare=(0.0, 0.15)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0)),
         lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(0.8, 1.6), gain=(1.5, 8.0)),
@@ -208,7 +211,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A tablet held at an angle, in whose glass a window is reflected.
     "phone_at_tablet_by_window": SceneRecord(
-        panel=replace(LCD, layout="chevron", width=(200.0, 2048.0), glare=(0.02, 0.3)),
+        panel=replace(LIT_LCD, layout="chevron", width=(200.0, 2048.0), glare=(0.02, 0.3)),
         view=replace(BY_HAND, yaw=(-45.0, 45.0), pitch=(-20.0, 45.0), roll=(-30.0, 30.0)),
         lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(0.7, 1.9)),
@@ -216,29 +219,15 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # An OLED phone turned down in the dark: bands, noise.
     "phone_at_dimmed_phone": SceneRecord(
-        panel=replace(
-            OLED,
-            layout="pentile_diamond",
-            width=(150.0, 1600.0),
-            pwm=(240.0, 480.0),
-            duty=(0.4, 0.95),
-            glare=0.0,
-        ),
+        panel=replace(DIAMONDS, width=(150.0, 1600.0), pwm=(240.0, 480.0), duty=(0.5, 0.95)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
         lens=PHONE_LENS,
-        sensor=replace(
-            PHONE_SENSOR,
-            pitch=(1.1, 2.1),
-            gain=(2.0, 6.0),
-            read_noise=(0.008, 0.03),
-            shutter=(0.004, 0.02),
-            readout=(0.008, 0.02),
-        ),
+        sensor=replace(DARK_SENSOR, pitch=(1.1, 2.1), shutter=(0.008, 0.03), readout=(0.008, 0.02)),
         develop=ROOM_PHOTO,
     ),
     # An LCD television from across a room.
     "phone_across_room_at_television": SceneRecord(
-        panel=replace(LCD, layout="chevron", width=(640.0, 1920.0), black=(0.001, 0.01)),
+        panel=replace(LIT_LCD, layout="chevron", width=(640.0, 1920.0), black=(0.001, 0.01)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0), fov=(8.0, 40.0)),
         lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(0.4, 2.0), gain=(1.5, 6.0)),

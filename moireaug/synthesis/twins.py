@@ -9,21 +9,30 @@ from moireaug.scenes import Scene, Shot
 from moireaug.shot_checks import check_is_shot
 
 
-def without_moire(shot: Shot) -> Shot:
-    """Return the same shot of a panel without subpixels: camera, light and noise stay, and the
-    stripes give way to their mean light.
+def without_moire(shot: Shot, *, noise: bool = True) -> Shot:
+    """Return the same shot of a panel without subpixels: camera and light stay, and the stripes
+    give way to their mean light.
 
     `capture(images, without_moire(shot))` is a photo that no camera can take, and the target that
     teaches a demoiréing network to remove the moiré alone.
+
+    Args:
+        shot: shot of a photo.
+        noise: whether the sensor's noise and JPEG's errors stay, too.
 
     Raises:
         TypeError: anything but a shot.
     """
     check_is_shot(shot)
-    return dataclasses.replace(shot, scene=_without_subpixels(shot.scene))
+    return dataclasses.replace(shot, scene=_without_subpixels(shot.scene, noise))
 
 
 @functools.lru_cache(maxsize=64)  # a new scene would be planned again for every shot
-def _without_subpixels(scene: Scene) -> Scene:
+def _without_subpixels(scene: Scene, noise: bool) -> Scene:
     """Return the scene with the exposure that sees a panel's mean light."""
-    return dataclasses.replace(scene, sensor=dataclasses.replace(scene.sensor, exposure="mean"))
+    sensor = dataclasses.replace(scene.sensor, exposure="mean")
+    if noise:
+        return dataclasses.replace(scene, sensor=sensor)
+    sensor = dataclasses.replace(sensor, read_noise=0.0, shot_noise=0.0)
+    develop = dataclasses.replace(scene.develop, jpeg=0.0)
+    return dataclasses.replace(scene, sensor=sensor, develop=develop)

@@ -53,6 +53,11 @@ RUNS = {
         r"without moiré: \d\d\.\d\d dB as taken\n +-?\d+\.\d\d dB cleaned",
         ["new/there/demoire.pt", "new/there/demoired.png"],
     ),
+    "detect_screen_photos": (
+        ["--crops=2"],
+        r"simulated: 1 of 3 screens, AUC [01]\.\d{3}\n",
+        ["roc.png"],
+    ),
     "watermark_through_the_camera": (
         ["--steps=1"],
         r"no camera: \d+% read in images, .*the camera: \d+% .*, \d+% in photos, \d+ dB",

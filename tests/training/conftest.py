@@ -11,7 +11,6 @@ from tests.training.tiny_suites import configured
 from training.attack import protocol as attacking
 from training.attack import subject
 from training.attack.protocol import protocol_of
-from training.config.schema import as_config
 from training.data.load import load
 from training.models import classifiers as models
 
@@ -49,7 +48,7 @@ def weights(tmp_path_factory):
         models.build("small_resnet", 16).eval(),
     )
     cfg = configured()
-    images, labels = protocol_of(as_config(cfg), load(cfg.data)).batches[0]
+    images, labels = protocol_of(cfg, load(cfg.data)).batches[0]
     with torch.no_grad():
         logits, label = model(images)[0], labels[0]
         model.head.bias[label] += logits.max() - logits[label] + 1e-3

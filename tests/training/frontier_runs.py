@@ -1,9 +1,13 @@
 """Folders of runs as the frontier reads them, written without training."""
 
 import json
+from dataclasses import replace
 
 from moireaug import Scene
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
+from training.config.schema import Config
+from training.runs.identity import result_settings
+from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
 
 SCENE = Scene.preset("screen_photo")
 ENVIRONMENT = {"device": "cpu", "cpu": "a slow one", "threads": 2}
@@ -27,23 +31,29 @@ def put(
     folder = root / recipe / f"seed{seed}"
     init = "random" if recipe == "clean" else init
     where = Scene.preset(scene).to_dict()
-    train = {"seconds": seconds, "images_per_second": 600.0, "passes": 2.5}
-    train |= {"init": init, "collapsed_at": collapsed}
-    started = init == "clean"
-    baseline = None
-    if recipe not in ("clean", "baseline"):
-        baseline = {"recipe": "baseline", "train": {"seconds": plain, "init": init}}
-    config = {
-        "adversary": {"eps": eps},
-        "train": {"epochs": 12, "length": length, "weight_decay": decay},
-        "data": {"name": data, "size": size, "root": at},
-        "reattack": {"n": 480, "steps": 20, "seed": 1234},
+    config = result_settings(Config(recipe=recipe, seed=seed, model="small_resnet"))
+    config["adversary"]["eps"] = eps
+    config["train"] |= {"epochs": 12, "length": length, "weight_decay": decay, "init": init}
+    config["data"] |= {"name": data, "size": size, "root": at}
+    config["reattack"] |= {"n": 480, "steps": 20, "seed": 1234}
+    names = {"recipe": recipe, "seed": seed, "data": data, "model": "small_resnet"}
+    facts = names | {
+        "scene_name": scene,
+        "scene": where,
+        "plan": "",
+        "config": config,
+        "fingerprint": "",
+        "environment": device,
+        "command": "",
     }
-    metrics = {"recipe": recipe, "seed": seed, "data": data, "model": "small_resnet"}
-    metrics |= {"train": train, "config": config, "baseline": baseline, "environment": device}
-    metrics |= {"start": {"recipe": "clean", "train": {"seconds": start}} if started else None}
-    metrics |= {"scene_name": scene, "scene": where}
-    write(folder, metrics)
+    own_start = baseline = None
+    if init == "clean":
+        own_start = PlainMetrics(**names | {"recipe": "clean"}, train=cost(start, "random"))
+    if recipe not in ("clean", "baseline"):
+        baseline = PlainMetrics(**names | {"recipe": "baseline"}, train=cost(plain, init))
+    train = replace(cost(seconds, init), collapsed_at=collapsed)
+    gain = {"gain": {}, "gain_interval": {}}
+    RunMetrics(**facts, train=train, start=own_start, baseline=baseline, **gain).write(made(folder))
     if attacked:
         rows = [cell(f"eps_{e}", "worst", w, n) for e, w in zip((4, 8), worst, strict=True)]
         rows += [
@@ -56,15 +66,42 @@ def put(
             cell(name, "moire", unseen + 0.2 * (i % 2), n)
             for i, name in enumerate(other_scenes(SCENE))
         ]
-        again = {"n": n, "steps": steps, "scene": where, "config": config, "trust": list(trust),
-                 "tables": {"worst_case": rows, "unseen": photos}}  # fmt: skip
-        write(folder / "reattack" / f"{scene}-n{n}-steps{steps}" / "recipes", again)
+        SuiteMetrics(
+            **facts,
+            suite="recipes",
+            n=n,
+            steps=steps,
+            eps=0.02,
+            trust=list(trust),
+            tables={"worst_case": rows, "unseen": photos},
+        ).write(made(folder / "reattack" / f"{scene}-n{n}-steps{steps}" / "recipes"))
+    return folder
+
+
+def cost(seconds, init):
+    """The cost of a training of one epoch."""
+    return TrainCost(
+        init=init,
+        passes=2.5,
+        seconds=seconds,
+        epochs=1,
+        images_per_second=600.0,
+        collapsed_at=None,
+        history=[{"seconds": seconds}],
+        wall_seconds=seconds,
+        best_epoch=0,
+        total_epochs=1,
+        total_seconds=seconds,
+    )
+
+
+def made(folder):
+    folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def write(folder, metrics):
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "metrics.json").write_text(json.dumps(metrics))
+    (made(folder) / "metrics.json").write_text(json.dumps(metrics))
 
 
 def metrics_in(folder):

@@ -6,9 +6,10 @@ from torch import nn
 
 from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
-from training.classifier.adversaries import Adversaries, check, passes
+from training.classifier.adversaries import Adversaries, passes
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of
+from training.config.checks import check_adversary
 from training.config.schema import RECIPES, Adversary
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -141,4 +142,4 @@ REFUSED = [
 @pytest.mark.parametrize(("settings", "sentence"), REFUSED)
 def test_adversaries_that_cannot_be_get_a_sentence(settings, sentence):
     with pytest.raises(ValueError, match=sentence.replace("?", r"\?")):
-        check(Adversary(**settings))
+        check_adversary(Adversary(**settings))

@@ -81,9 +81,12 @@ def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
             pass
         return [(torch.zeros(3, 4, 4, dtype=torch.uint8), 0)] * 4
 
-    monkeypatch.setitem(image_sets.SETS, "cifar10", (make, {"train": True}, {"train": False}))
+    monkeypatch.setitem(image_sets.UNNAMED_CLASSES, "cifar10", 10)
+    monkeypatch.setitem(
+        image_sets.TORCHVISION_READERS, "cifar10", (make, {"train": True}, {"train": False})
+    )
     cfg = Data(name="cifar10", root=str(tmp_path / "new"), size=16, val=1, download=True)
-    assert len(image_sets.load_published(cfg).train) == 3
+    assert len(load(cfg).train) == 3
 
 
 def test_a_single_class_is_refused(root, monkeypatch):

@@ -64,7 +64,7 @@ def whole(tmp_path_factory, real):
     process = Command("demoire.py", "train", *FEW, f"pairs={real}", cwd=cwd)
     out, err = process.communicate()
     assert process.returncode == 0, err
-    return cwd / "runs/esdnet/demoire/seed0", out, err
+    return cwd / "runs/drawn-esdnet/demoire/seed0", out, err
 
 
 def test_a_run_leaves_what_it_promises(whole):
@@ -72,7 +72,7 @@ def test_a_run_leaves_what_it_promises(whole):
     assert {path.name for path in folder.iterdir()} == FILES
     m = json.loads((folder / "metrics.json").read_text())
     about = [m[key] for key in ("recipe", "data", "model", "target")]
-    assert about == ["demoire", "signs", "esdnet", "twin"]
+    assert about == ["demoire", "drawn", "esdnet", "clean"]
     assert [h["steps"] for h in m["train"]["history"]] == [1, 2, 3, 4]
     groups = {(row["group"], row["kind"], row["reference"]) for row in m["test"]}
     assert groups == {
@@ -95,7 +95,7 @@ def test_a_run_leaves_what_it_promises(whole):
             assert row["twin"] == pytest.approx(np.mean(mine["twin"]), rel=1e-4)
         else:
             assert row["twin"] is None and not mine["twin"]
-    assert out.splitlines()[-1].endswith("Report: runs/esdnet/demoire/seed0/report.html")
+    assert out.splitlines()[-1].endswith("Report: runs/drawn-esdnet/demoire/seed0/report.html")
     assert "Warning" not in err, err
 
 
@@ -164,7 +164,7 @@ def test_a_finished_run_is_shown_and_tested_on_other_pairs(
 
 def test_a_network_learns_to_take_stripes_away(monkeypatch):
     torch.manual_seed(0)
-    cfg = configure("train.lr=0.003")
+    cfg = configure()
     network = demoire.build("esdnet", width=0.25)
     start_as_identity(network)
     module = Demoireing(network, cfg.demoire, cfg.train)
@@ -191,6 +191,13 @@ def test_an_esdnet_starts_as_the_identity():
         wanted = F.avg_pool2d(images, 2**level)
         assert (found - wanted).abs().max() < 1e-6, level
     assert not start_as_identity(demoire.build("esdnet", width=0.125)), "eight channels are too few"
+
+
+def test_an_amnet_starts_as_the_identity():
+    photo = torch.randint(0, 256, (3, 50, 70), dtype=torch.uint8)
+    network = demoire.build("amnet", width=0.25).eval()
+    assert not torch.equal(clean_photo(network, photo), photo)
+    assert start_as_identity(network) and torch.equal(clean_photo(network, photo), photo)
 
 
 def test_ranks_and_epochs_share_the_numbers_out():

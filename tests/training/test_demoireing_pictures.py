@@ -62,5 +62,5 @@ def test_a_folder_that_has_changed_tests_no_run(tmp_path):
         pictures.require_same(tmp_path, pictures.load(cfg))
     pictures.require_same(tmp_path / "new", pictures.load(cfg))
     drawn = pictures.load(configure())
-    pictures.write_names(tmp_path / "signs", drawn)  # there is nothing to keep
-    assert not (tmp_path / "signs").exists()
+    pictures.write_names(tmp_path / "drawn", drawn)  # there is nothing to keep
+    assert not (tmp_path / "drawn").exists()

@@ -3,6 +3,7 @@ goes wrong."""
 
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 
@@ -17,7 +18,7 @@ from tests.training.small import (
     start_config,
 )
 from training import fit
-from training.attack.results import run_metrics
+from training.attack.results import run_metrics, with_baseline
 from training.classifier.train import train_model
 from training.data import signs
 from training.data.load import load
@@ -158,14 +159,14 @@ def test_a_re_attack_takes_what_the_run_has_computed(whole, tmp_path):
 def test_the_gain_is_over_the_baseline_not_the_start():
     right, wrong = {"clean": "1" * 8}, {"clean": "0" * 8}
     cfg = configured("recipe=moire_at", *TINY)
-    side = {"recipe": "x", "seed": 0, "data": "signs", "model": "attention_convnet"}
-    side |= {"clean_accuracy": 0.0, "train": None, "reattack": []}
-    own = side | {"correct": {"clean": "1" * 8}}
-    for start, baseline, gain in ((right, wrong, 1.0), (wrong, right, 0.0)):
-        m = run_metrics(cfg, own, None, side | {"correct": start}, side | {"correct": baseline})
+    start = replace(run_metrics(cfg, None, None), correct=wrong)
+    alone = replace(run_metrics(cfg, None, start.plain()), correct=right)
+    for baseline, gain in ((wrong, 1.0), (right, 0.0)):
+        ladder = {"clean_accuracy": 0.0, "reattack": [], "correct": baseline}
+        m = with_baseline(alone, start.plain(), ladder).to_dict()
         assert m["gain"] == {"clean": gain}
-        assert set(m["start"]) == {"recipe", "seed", "data", "model", "train"}
-    assert run_metrics(cfg, own, None, side | {"correct": wrong}, None)["gain"] == {}
+        assert set(m["start"]) == {"recipe", "seed", "data", "model", "train", "environment"}
+    assert alone.to_dict()["gain"] == {}
 
 
 def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
@@ -174,7 +175,7 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     folders = [cwd / f"runs/{recipe}/seed0" for recipe in ("clean", "baseline")]
     before = [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders]
     start, baseline = phases.plain_runs(Run(cfg), load(cfg.data))
-    assert (start["recipe"], baseline["recipe"]) == ("clean", "baseline")
+    assert (start.recipe, baseline.recipe) == ("clean", "baseline")
     assert [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders] == before
     said = capsys.readouterr().out
     assert f"The start is reused from {folders[0]}" in said
@@ -192,7 +193,7 @@ def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
     )
     path = cwd / "runs/baseline/seed0"
     known = reuse.metrics_of_trained(Run(baseline_config(cfg)))
-    assert known == read_metrics(path) and known["train"]["epochs"] == 2
+    assert known.to_dict() == read_metrics(path) and known.train.epochs == 2
 
 
 def test_a_baseline_of_other_settings_is_not_attacked(whole, tmp_path, capsys):

@@ -1,12 +1,15 @@
 """Each model and data set has folders of its own; a baseline that is damaged is trained again."""
 
+import json
+
 import pytest
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 
+from tests.training import frontier_runs
 from tests.training.small import TINY, baseline_config, configured, start_config
 from tests.training.strangers import put
-from tests.training.test_frontier import put as put_point
 from training import fit
+from training.attack.results import run_metrics
 from training.classifier.train import train_model
 from training.comparison.points import read
 from training.config import overrides
@@ -39,13 +42,13 @@ def test_models_and_data_do_not_share_a_folder(given, path):
 
 
 def test_a_frontier_is_of_one_group_of_runs(tmp_path):
-    put_point(tmp_path / "resnet18", "clean", 0)
+    frontier_runs.put(tmp_path / "resnet18", "clean", 0)
     assert len(read(tmp_path).points) == 1, "the only group is meant"
-    put_point(tmp_path / "cifar10", "clean", 0)
+    frontier_runs.put(tmp_path / "cifar10", "clean", 0)
     with pytest.raises(ValueError, match=r"pass one of \S+/cifar10, \S+/resnet18"):
         read(tmp_path)
-    put_point(tmp_path, "clean", 0)
-    put_point(tmp_path, "good", 0)
+    frontier_runs.put(tmp_path, "clean", 0)
+    frontier_runs.put(tmp_path, "good", 0)
     found = read(tmp_path)
     assert len(found.points) == 2
     assert found.warnings[0].startswith(
@@ -54,25 +57,26 @@ def test_a_frontier_is_of_one_group_of_runs(tmp_path):
     assert len(read(tmp_path / "resnet18").points) == 1
 
 
-@pytest.mark.parametrize("torn", ["best.ckpt", "config.yaml", "nothing"])
+@pytest.mark.parametrize("torn", ["best.ckpt", "config.yaml", "metrics.json"])
 @pytest.mark.parametrize(("role", "recipe"), [("start", "clean"), ("baseline", "baseline")])
 def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monkeypatch, capsys):
     wanted = configured(f"recipe={recipe}", *TINY, f"runs={tmp_path}")
     folder = put(tmp_path, f"recipe={recipe}")
-    (folder / "metrics.json").write_text('{"config": {}}')
+    metrics = run_metrics(wanted, frontier_runs.cost(1.0, "random"), None)
+    metrics.write(folder)
     (folder / "last.ckpt").write_bytes((folder / "best.ckpt").read_bytes())
     assert resume.damage(Run(wanted)) is None
-    if torn != "nothing":
+    if torn == "metrics.json":  # of another version
+        (folder / torn).write_text(json.dumps({"version": 0}))
+    else:
         path = folder / torn
         path.write_bytes(path.read_bytes()[:40])
     runs = []
-    done = {"wall_seconds": 1.0}
-    monkeypatch.setattr(phases, "train_run", lambda run, *rest: runs.append(run) or (None, done))
+    monkeypatch.setattr(
+        phases, "train_run", lambda run, *rest: runs.append(run) or (None, metrics.train)
+    )
     phases.plain_run(Run(wanted), load(wanted.data), None, role=role)
     assert len(runs) == 1
-    if torn == "nothing":
-        assert runs[0].config.resume is None
-        return
     assert f"The {role} cannot be reused and is trained again: " in capsys.readouterr().out
     assert runs[0].config.resume is False and runs[0].config.recipe == recipe
     runs[0].prepare()

@@ -4,17 +4,18 @@ import csv
 import io
 import json
 import random
+from dataclasses import replace
 
 import pytest
 from PIL import Image
 from scipy import stats
 
+from tests.training import frontier_runs
 from tests.training.frontier_runs import put
 from training import frontier as command
 from training.comparison.plot import draw, figure
 from training.comparison.points import read
 from training.comparison.summaries import estimate_rate, pareto, summarise
-from training.runs.costs import steady_seconds
 
 
 def test_the_figures_of_the_table(root):
@@ -160,7 +161,8 @@ def test_hard_cases_are_drawn(tmp_path):
 
 
 def test_a_collapse_costs_the_epochs_of_more_steps():
-    train = {"history": [{"seconds": s} for s in (1.0, 1.0, 9.0, 3.0, 3.0)], "seconds": 17.0}
-    assert steady_seconds(train) == 15.0  # the median of all is 3
-    assert steady_seconds(train | {"collapsed_at": 2}) == 9.0  # 3 of 1, and 2 of 3
-    assert steady_seconds(train | {"collapsed_at": 4}) == 15.0
+    history = [{"seconds": s} for s in (1.0, 1.0, 9.0, 3.0, 3.0)]
+    train = replace(frontier_runs.cost(17.0, "clean"), history=history)
+    assert train.steady_seconds == 15.0  # the median of all is 3
+    assert replace(train, collapsed_at=2).steady_seconds == 9.0  # 3 of 1, and 2 of 3
+    assert replace(train, collapsed_at=4).steady_seconds == 15.0

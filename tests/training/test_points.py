@@ -64,7 +64,7 @@ def test_an_attack_on_other_images_does_not_count(tmp_path):
     """However many they are."""
     folder = put(tmp_path, "good", 0)
     again = metrics_in(attack_of(folder))
-    again["config"] = again["config"] | {"data": {"name": "folder", "size": 48, "root": "other"}}
+    again["config"]["data"] |= {"name": "folder", "root": "other"}
     cells = [line | {"outcomes": "0" * 1000} for line in again["tables"]["worst_case"]]
     again |= {"n": 1000, "tables": again["tables"] | {"worst_case": cells}}
     write(folder / "reattack/other-n1000/recipes", again)
@@ -235,8 +235,6 @@ def test_an_attack_on_an_unfinished_run_does_not_count(tmp_path):
     with pytest.raises(ValueError, match=r"(?s)own scene. Run:.*good/seed0 suite=recipes"):
         read(tmp_path)
     write(folder / "reattack/later/recipes", again | {"identity": "after"})
-    assert len(read(tmp_path).points) == 1
-    write(folder, metrics)  # by an earlier version, which wrote no digest
     assert len(read(tmp_path).points) == 1
 
 

@@ -1,5 +1,7 @@
 """A scene's file: read in one place, checked, and kept in a run as the scene itself."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -12,7 +14,7 @@ from training.classifier.adversaries import Adversaries
 from training.comparison import comparable
 from training.config import scenes
 from training.config.overrides import command_line
-from training.config.schema import Adversary, scene_of
+from training.config.schema import Adversary
 from training.runs import trained
 
 TEXT = "preset: phone_at_monitor\npanel: {lit: [0.6, 0.9]}\nview: {roll: [-3, 3]}\n"
@@ -87,7 +89,7 @@ def test_training_and_re_attack_keep_what_a_scene_file_holds(file, monkeypatch):
         reattack.reattack(configured(*given, name="reattack"), given)
     file.unlink()
     for cfg in seen:
-        assert cfg.scene == WANTED and scene_of(cfg) == Scene.from_dict(WANTED)
+        assert cfg.scene == WANTED and as_scenes(cfg.scene) == Scene.from_dict(WANTED)
 
 
 def test_a_runs_settings_name_no_file_to_read(file, tmp_path):
@@ -119,7 +121,7 @@ def test_a_file_may_hold_a_list_and_conversely(tmp_path, file):
 def test_a_command_takes_a_list_and_repeats_it():
     given = f"scene=[{','.join(LISTED)}]"
     cfg = configured("recipe=moire_at", *TINY, given)
-    assert cfg.scene == LISTED and scene_of(cfg) == as_scenes(LISTED)
+    assert cfg.scene == LISTED and as_scenes(cfg.scene) == as_scenes(LISTED)
     assert "scene=['phone_at_monitor','dashcam_at_led_sign']" in command_line(cfg)
     assert results.scene_title(LISTED) == "phone_at_monitor, dashcam_at_led_sign"
     assert results.scene_title([LISTED[0], WANTED]) == results.scene_title(WANTED) == "custom"
@@ -128,17 +130,16 @@ def test_a_command_takes_a_list_and_repeats_it():
 
 
 def test_runs_of_other_lists_of_scenes_are_not_compared():
-    said = results.run_facts(configured("recipe=clean", *TINY, f"scene=[{','.join(LISTED)}]"))
-    assert said["scene"] == as_scenes(LISTED).to_dict()
-    assert said["plan"].count("noise") >= 2 and said["plan"].startswith(
-        str(Scene.preset(LISTED[0]).plan())
-    )
-    metrics = said | {"model": "small", "config": said["config"] | {"data": {}, "train": {}}}
+    cfg = configured("recipe=clean", *TINY, f"scene=[{','.join(LISTED)}]")
+    metrics = results.run_metrics(cfg, None, None)
+    assert metrics.scene == as_scenes(LISTED).to_dict()
+    assert metrics.plan.count("noise") >= 2
+    assert metrics.plan.startswith(str(Scene.preset(LISTED[0]).plan()))
     found = comparable.run_settings(metrics)
     assert found["scene 2.panel"] == Scene.preset(LISTED[1]).to_dict()["panel"]
-    assert comparable.run_settings(metrics | {"scene": said["scene"][0]})["scene.panel"]
+    assert comparable.run_settings(replace(metrics, scene=metrics.scene[0]))["scene.panel"]
     with pytest.raises(ValueError, match="runs with different scene"):
-        other = metrics | {"scene": said["scene"][:1] * 2}
+        other = replace(metrics, scene=metrics.scene[:1] * 2)
         comparable.shared_values(
             {"a": found, "b": found, "c": comparable.run_settings(other)}, "runs"
         )

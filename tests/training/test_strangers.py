@@ -8,6 +8,7 @@ import pytest
 import torch
 import yaml
 
+from tests.training import frontier_runs
 from tests.training.forked import Command
 from tests.training.small import TINY, configured
 from tests.training.strangers import attack, put
@@ -137,27 +138,20 @@ def test_a_checkpoint_is_tensors_alone(kind, where, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "train",
-    [
-        "<script>",
-        {"history": "<b>"},
-        {"seconds": "<b>", "history": [], "init": "clean"},
-        {"history": [{"loss": "x"}]},
-    ],
+    "odd", [{"history": "<b>"}, {"seconds": "<b>"}, {"history": [{"loss": "x"}]}, {"init": "<b>"}]
 )
-def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
-    folder = put(tmp_path)
-    for text in (json.dumps({"train": train}), "[1]", '"a"', "{", "[" * 10**5):
+def test_metrics_of_a_stranger_are_numbers_or_nothing(odd, tmp_path):
+    folder = frontier_runs.put(tmp_path, "clean", 0, attacked=False)
+    metrics = frontier_runs.metrics_in(folder)
+    metrics["train"]["history"] = [{"epoch": 0, "loss": float("nan")}]
+    frontier_runs.write(folder, metrics)
+    assert trained.read_training_cost(folder).seconds == 10.0
+    for train in (metrics["train"] | odd, "<script>"):
+        frontier_runs.write(folder, metrics | {"train": train})
+        assert trained.read_training_cost(folder) is None
+    for text in ("[1]", '"a"', "{", "[" * 10**5):
         (folder / "metrics.json").write_text(text)
         assert trained.read_training_cost(folder) is None
-    good = {
-        "seconds": 1.0,
-        "init": "random",
-        "history": [{"epoch": 0, "loss": float("nan")}],
-        "collapsed_at": None,
-    }
-    (folder / "metrics.json").write_text(json.dumps({"train": good}))
-    assert trained.read_training_cost(folder)["seconds"] == 1.0
 
 
 def test_a_strangers_run_is_attacked_with_its_own_settings(tmp_path):

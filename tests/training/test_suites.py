@@ -15,7 +15,6 @@ from moireaug.evaluation.suites.scenes import other_scenes
 from tests.training.tiny_suites import cells, configured, folder_of, records_of, suite
 from training.attack import protocol as attacking
 from training.attack.protocol import SuiteAttack, protocol_of
-from training.config.schema import as_config
 from training.data.load import load
 from training.models import classifiers as models
 
@@ -157,7 +156,7 @@ def test_a_scene_without_a_choice_of_pose_says_so(weights, tmp_path):
 
 def test_records_that_are_missing_are_not_passed_over(weights, tmp_path):
     """Of two processes one alone has run."""
-    cfg = as_config(configured("model=small_resnet", f"weights={weights}"))
+    cfg = configured("model=small_resnet", f"weights={weights}")
     model = models.as_model(cfg.model, 16, cfg.weights, whole=True)
     suite = SuiteAttack(model, "unseen", protocol_of(cfg, load(cfg.data)), tmp_path)
     suite.run("one of two", rank=0, world=2)

@@ -4,6 +4,7 @@ from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 
 from training import reattack
+from training.config.schema import as_config
 
 TINY = [
     "data.train=60",
@@ -20,7 +21,7 @@ TINY = [
 def configured(*overrides):
     GlobalHydra.instance().clear()
     with initialize(version_base="1.3", config_path=None):
-        return compose("reattack", [*TINY, *overrides])
+        return as_config(compose("reattack", [*TINY, *overrides]))
 
 
 def suite(name, weights, runs, *more):

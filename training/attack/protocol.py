@@ -12,23 +12,18 @@ from typing import Any, NamedTuple
 import pandas as pd
 from torch import nn
 
-from moireaug.attacks import MoireAttack
-from moireaug.attacks.checks import check_bounds
 from moireaug.evaluation import SuiteConfig, Table, tables_of
 from moireaug.evaluation.evaluate import show_progress
 from moireaug.evaluation.frame import images_frame, rates, with_paper
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of
-from moireaug.evaluation.tables import DEFAULT_EPS
 from moireaug.evaluation.trust import trust
 from moireaug.evaluation.trust_checks import checks
 from moireaug.evaluation.visibility import LPIPS
-from moireaug.mixtures import Mixture
+from moireaug.mixtures import Mixture, as_scenes
 from moireaug.scenes import Scene
-from training.config.checks import check_classifier
-from training.config.schema import Config, Reattack, scene_of
+from training.config.schema import Config, Reattack
 from training.data.eval_batches import EvalBatches
-from training.data.load import require_used
 from training.data.splits import Splits
 from training.runs.trained import TrainedRun
 from training.system import machine
@@ -69,19 +64,7 @@ def protocol_of(cfg: Config, splits: Splits) -> Protocol:
     batches = EvalBatches(
         splits, cfg.reattack, cfg.data.size, machine.device(cfg.trainer.accelerator)
     )
-    return Protocol(batches, scene_of(cfg), cfg.reattack)
-
-
-def check_attack(cfg: Config) -> None:
-    """Refuse invalid settings of data, scene and attack before any time is spent.
-
-    Raises:
-        TypeError, ValueError: with what was got and what is allowed.
-    """
-    check_classifier(cfg)
-    require_used(cfg.data)
-    check_bounds(DEFAULT_EPS if cfg.reattack.eps is None else cfg.reattack.eps)
-    MoireAttack(nn.Identity(), scene=scene_of(cfg), steps=cfg.reattack.steps)
+    return Protocol(batches, as_scenes(cfg.scene), cfg.reattack)
 
 
 @dataclass(frozen=True)

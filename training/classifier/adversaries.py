@@ -22,13 +22,9 @@ class Adversaries:
         model: classifier in training.
         scene: scene of the shots.
         cfg: settings of the adversary.
-
-    Raises:
-        ValueError: settings that do not go together.
     """
 
     def __init__(self, model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> None:
-        check(cfg)
         self.scene, self.cfg = scene, cfg
         self.attack = _attack(model, scene, cfg)
 
@@ -57,30 +53,6 @@ def _attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack 
     if cfg.kind == "pgd":
         return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
     return None
-
-
-def check(cfg: Adversary) -> None:
-    """Refuse settings that do not go together.
-
-    Raises:
-        ValueError: with what was got, what is allowed and what to do.
-    """
-    if cfg.kind == "none" and cfg.share:
-        raise ValueError(
-            f"adversary.share={cfg.share} is the share of images that are attacked, and the kind "
-            "none attacks none: use moire_attack or pgd, or adversary.natural for photos without "
-            "an attack."
-        )
-    if cfg.kind != "none" and not (cfg.share and cfg.steps and cfg.eps):
-        raise ValueError(
-            f"adversary.kind={cfg.kind} needs a share, steps and eps above 0; got "
-            f"{cfg.share}, {cfg.steps} and {cfg.eps}. Without an attack, the kind is none."
-        )
-    if cfg.share + cfg.natural > 1:
-        raise ValueError(
-            "adversary.share and adversary.natural are parts of one batch and must not add up to "
-            f"more than 1; got {cfg.share} and {cfg.natural}."
-        )
 
 
 def strengthen(cfg: Adversary) -> Adversary:

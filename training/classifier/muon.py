@@ -27,16 +27,22 @@ class Muon(torch.optim.Optimizer):
     Args:
         params: parameters of a model.
         lr: learning rate, about the singular values of a matrix's step, times sqrt(N / M) where it
-            is taller (N) than wide (M). SGD has 5 times that rate.
+            is taller (N) than wide (M). SGD has `sgd_lr` times that rate.
         momentum: Nesterov's momentum, in [0, 1).
         weight_decay: share of a matrix that it loses in each step, in units of lr; the others lose
             nothing.
+        sgd_lr: learning rate of SGD, in units of lr.
 
     Source: K. Jordan et al., "Muon: An optimizer for hidden layers in neural networks" (2024).
     """
 
     def __init__(
-        self, params: Iterable[nn.Parameter], lr: float, momentum: float, weight_decay: float
+        self,
+        params: Iterable[nn.Parameter],
+        lr: float,
+        momentum: float,
+        weight_decay: float,
+        sgd_lr: float = SGD_LR,
     ) -> None:
         matrices: list[nn.Parameter] = []
         vectors: list[nn.Parameter] = []
@@ -45,7 +51,7 @@ class Muon(torch.optim.Optimizer):
             (matrices if hidden else vectors).append(p)
         groups = [
             {"params": matrices, "orthogonal": True, "lr": lr},
-            {"params": vectors, "orthogonal": False, "lr": SGD_LR * lr},
+            {"params": vectors, "orthogonal": False, "lr": sgd_lr * lr},
         ]
         groups = [group for group in groups if group["params"]]
         super().__init__(groups, {"momentum": momentum, "weight_decay": weight_decay})

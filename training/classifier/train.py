@@ -4,28 +4,27 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import lightning as L
 
 from moireaug.evaluation.statistics import mix_seeds
 from moireaug.files import write_text
+from moireaug.mixtures import as_scenes
 from training.classifier.adversaries import passes
 from training.classifier.guard import Guard
 from training.classifier.module import Classifier
 from training.classifier.tuning import Tuning, weight_averaging
-from training.config.schema import Config, Trainer, scene_of
+from training.config.schema import Config, Trainer
 from training.data.batches import Batches, require_even
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side
-from training.runs.costs import cost, with_totals
+from training.runs.metrics import TrainCost
 from training.runs.reuse import read_trained
 from training.runs.run import Run, start_of
 from training.system import machine
-from training.system.files import digest, read_checkpoint, read_json
+from training.system.files import digest, read_checkpoint
 from training.system.messages import counted
 from training.system.processes import is_first, say
 from training.trainer import ranks
@@ -56,8 +55,8 @@ def try_out(run: Run[Config], splits: Splits) -> None:
 
 
 def train_model(
-    run: Run[Config], splits: Splits, before: Mapping[str, Any] | None = None
-) -> tuple[Classifier, dict[str, Any]]:
+    run: Run[Config], splits: Splits, before: TrainCost | None = None
+) -> tuple[Classifier, TrainCost]:
     """Train, and return the averaged weights that did best on validation, and the cost.
 
     Args:
@@ -77,10 +76,10 @@ def train_model(
     out, resumes = run.folder, run.can_resume()
     last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
     classifier = classifier_of(cfg, splits.num_classes)
-    if resumes and (train := read_json(train_json)):
+    if resumes and (train := TrainCost.read(train_json)):
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
         say(f"Training is complete: the weights are read from {best}.")
-        return classifier.eval(), with_totals(train, before)
+        return classifier.eval(), train
     start = start_of(run)
     if start and not resumes:
         classifier.model.load_state_dict(read_trained(start).state)
@@ -110,24 +109,31 @@ def train_model(
     # an incomplete last batch is left out of an epoch
     epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
     images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
-    train = {
-        **cost(classifier.history, classifier.collapsed_at, images),
-        "wall_seconds": wall_seconds,
-        "best_epoch": int(state["epoch"]),
-        "init": cfg.train.init,
-        "passes": passes(cfg.adversary),
-    }
-    train = with_totals(train, before)
+    epochs = len(classifier.history)
+    seconds = sum(epoch["seconds"] for epoch in classifier.history)
+    train = TrainCost(
+        init=cfg.train.init,
+        passes=passes(cfg.adversary),
+        seconds=seconds,
+        epochs=epochs,
+        images_per_second=images * epochs / max(seconds, 1e-9),
+        collapsed_at=classifier.collapsed_at,
+        history=classifier.history,
+        wall_seconds=wall_seconds,
+        best_epoch=int(state["epoch"]),
+        total_epochs=epochs + (before.epochs if before else 0),
+        total_seconds=seconds + (before.seconds if before else 0.0),
+    )
     if is_first():
-        write_text(train_json, json.dumps(train))
+        write_text(train_json, json.dumps(asdict(train)))
     return classifier.eval(), train
 
 
-def _plan_line(cfg: Config, epochs: int, lr: float, before: Mapping[str, Any] | None) -> str:
+def _plan_line(cfg: Config, epochs: int, lr: float, before: TrainCost | None) -> str:
     """Return a line on the training that begins."""
     plan = counted(epochs, "epoch")
     if before:
-        plan += f" after the {before['epochs']} of its start"
+        plan += f" after the {before.epochs} of its start"
     return f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}: {plan}, lr {lr:g}"
 
 
@@ -137,7 +143,7 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
         as_model(cfg.model, num_classes, cfg.weights),
         cfg.train,
         cfg.adversary,
-        scene_of(cfg),
+        as_scenes(cfg.scene),
         seed=seed_of_draws(cfg),
         augment=cfg.data.augment,
         fine=cfg.weights is not None,

@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from training.comparison.comparable import baseline_recipe
+from training.runs.metrics import RunMetrics, SuiteMetrics
 from training.runs.run import PLAIN_RECIPES
 from training.system.messages import counted
 
-Metrics = dict[str, Any]
-Runs = Mapping[Path, Metrics]
+Runs = Mapping[Path, RunMetrics]
+Attacks = Mapping[Path, SuiteMetrics]
 
 
-def caveats(trained: Runs, attacked: Runs) -> list[str]:
+def caveats(trained: Runs, attacked: Attacks) -> list[str]:
     """Return the warnings beside a table, each a sentence.
 
     Args:
@@ -29,7 +30,7 @@ def caveats(trained: Runs, attacked: Runs) -> list[str]:
     ]
 
 
-def _different_machines(trained: Runs, attacked: Runs) -> list[str]:
+def _different_machines(trained: Runs, attacked: Attacks) -> list[str]:
     machines = _machines(trained, attacked)
     if len(machines) < 2:
         return []
@@ -37,40 +38,38 @@ def _different_machines(trained: Runs, attacked: Runs) -> list[str]:
     return [f"The runs were trained in different ways ({names}): do not compare their times."]
 
 
-def _machines(trained: Runs, attacked: Runs) -> list[str]:
+def _machines(trained: Runs, attacked: Attacks) -> list[str]:
     """Return the machines of every run whose time counts: those attacked, the plain ones and those
     beside them."""
     machines = set()
     for folder, metrics in trained.items():
-        if folder in attacked or metrics["recipe"] in PLAIN_RECIPES:
-            machines.add(_machine(metrics))
-        for role in ("start", "baseline"):
-            beside = metrics.get(role) or {}
-            if folder in attacked and "environment" in beside:
-                machines.add(_machine({**metrics, "environment": beside["environment"]}))
+        if folder in attacked or metrics.recipe in PLAIN_RECIPES:
+            machines.add(_machine(metrics.environment, metrics.config["trainer"]))
+        for beside in (metrics.start, metrics.baseline):
+            if folder in attacked and beside and beside.environment:
+                machines.add(_machine(beside.environment, metrics.config["trainer"]))
     return sorted(machines)
 
 
-def _machine(metrics: Metrics) -> str:
+def _machine(environment: Mapping[str, Any], trainer: Mapping[str, Any]) -> str:
     """Return the machine of a run, and its precision if one was set."""
-    environment, trainer = metrics["environment"], metrics["config"].get("trainer") or {}
     machine = environment["device"]
     if machine == "cpu":
         machine = f"{environment['cpu']}, {counted(environment['threads'], 'thread')}"
     for name, default in (("devices", 1), ("num_nodes", 1), ("precision", None)):
-        if trainer.get(name, default) != default:
+        if trainer[name] != default:
             machine += f", {name}={trainer[name]}"
     return machine
 
 
-def _unshared_seeds(trained: Runs, attacked: Runs) -> list[str]:
+def _unshared_seeds(trained: Runs, attacked: Attacks) -> list[str]:
     """Return a sentence for each recipe with seeds that plain training lacks."""
     seeds: dict[str, set[int]] = {}
     baselines: dict[str, str | None] = {}
     for folder in attacked:
         metrics = trained[folder]
-        seeds.setdefault(metrics["recipe"], set()).add(metrics["seed"])
-        baselines[metrics["recipe"]] = baseline_recipe(metrics, trained.values())
+        seeds.setdefault(metrics.recipe, set()).add(metrics.seed)
+        baselines[metrics.recipe] = baseline_recipe(metrics, trained.values())
     sentences = []
     for recipe, recipe_seeds in seeds.items():
         baseline = baselines[recipe]
@@ -93,7 +92,7 @@ def _missing_gains(trained: Runs) -> list[str]:
     """Return a sentence for each recipe that has no baseline to be compared with."""
     recipes: dict[str, None] = {}
     for metrics in trained.values():
-        recipe = metrics["recipe"]
+        recipe = metrics.recipe
         if recipe in PLAIN_RECIPES or recipe in recipes:
             continue
         if baseline_recipe(metrics, trained.values()) is None:
@@ -107,11 +106,11 @@ def _missing_gains(trained: Runs) -> list[str]:
     return sentences
 
 
-def _failed_checks(attacked: Runs) -> list[str]:
+def _failed_checks(attacked: Attacks) -> list[str]:
     sentences = []
     for folder, attack in attacked.items():
         names = []
-        for check in attack.get("trust") or []:
+        for check in attack.trust or []:
             if check["verdict"] == "fail":
                 names.append(check["name"])
         if names:

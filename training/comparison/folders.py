@@ -7,12 +7,10 @@ import shlex
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from training.comparison.comparable import image_settings
+from training.runs.metrics import RunMetrics, SuiteMetrics
 from training.system.files import read_metrics
-
-Metrics = dict[str, Any]
 
 
 def run_folders(root: Path) -> list[Path]:
@@ -21,13 +19,18 @@ def run_folders(root: Path) -> list[Path]:
     return [folder for folder in folders if re.fullmatch(r"seed-?\d+", folder.name)]
 
 
-def read_classifiers(root: Path) -> dict[Path, Metrics]:
+def read_classifiers(root: Path) -> dict[Path, RunMetrics]:
     """Return the metrics of a folder's finished classifiers; a demoiréing network has no adversary
-    and no place in the table."""
+    and no place in the table.
+
+    Raises:
+        ValueError: another version wrote one of them.
+    """
     classifiers = {}
     for folder in run_folders(root):
-        metrics = read_metrics(folder) or {}
-        if metrics.get("train") and "adversary" in metrics.get("config", {}):
+        is_classifier = "adversary" in (read_metrics(folder) or {}).get("config", {})
+        metrics = RunMetrics.read(folder) if is_classifier else None
+        if metrics:
             classifiers[folder] = metrics
     return classifiers
 
@@ -54,7 +57,7 @@ def group_in(root: Path) -> tuple[Path, list[str]]:
     )
 
 
-def read_attacks(folder: Path, metrics: Metrics) -> list[Metrics]:
+def read_attacks(folder: Path, metrics: RunMetrics) -> list[SuiteMetrics]:
     """Read the re-attacks of a run's final weights in its own scene, on its own images.
 
     Args:
@@ -63,19 +66,20 @@ def read_attacks(folder: Path, metrics: Metrics) -> list[Metrics]:
     """
     attacks = []
     for path in sorted(folder.glob("reattack/*/recipes")):
-        attack = read_metrics(path)
-        if not attack or attack["scene"] != metrics["scene"]:
+        attack = SuiteMetrics.read(path)
+        if not attack or attack.scene != metrics.scene:
             continue
         if image_settings(attack) != image_settings(metrics):
             continue
-        # the weights of an unfinished run can be attacked, too; earlier versions did not tell
-        identities = {attack.get("identity"), metrics.get("identity")} - {None}
-        if len(identities) <= 1:
+        # the weights of an unfinished run can be attacked, too
+        if metrics.identity in (None, attack.identity):
             attacks.append(attack)
     return attacks
 
 
-def choose_attacks(attacks_by_run: Mapping[Path, list[Metrics]]) -> dict[Path, Metrics]:
+def choose_attacks(
+    attacks_by_run: Mapping[Path, list[SuiteMetrics]],
+) -> dict[Path, SuiteMetrics]:
     """Choose a re-attack of each run that has any: one of the size that most runs have; of several
     that as many have, the one with the most images, then the most steps."""
     runs_with: Counter[tuple[int, int]] = Counter()
@@ -90,5 +94,5 @@ def choose_attacks(attacks_by_run: Mapping[Path, list[Metrics]]) -> dict[Path, M
     return chosen
 
 
-def _size(attack: Metrics) -> tuple[int, int]:
-    return attack["n"], attack["steps"]
+def _size(attack: SuiteMetrics) -> tuple[int, int]:
+    return attack.n, attack.steps

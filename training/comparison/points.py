@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW
-from training.comparison import comparable
+from training.comparison import comparable, costs
 from training.comparison.caveats import caveats
 from training.comparison.folders import (
     choose_attacks,
@@ -21,12 +21,11 @@ from training.comparison.folders import (
     read_classifiers,
     run_folders,
 )
-from training.runs import costs
+from training.runs.metrics import RunMetrics, SuiteMetrics
 from training.system.files import read_metrics
 
 # of the re-attack that is suggested for a run without one
 SUGGESTED_STEPS, SUGGESTED_IMAGES = 50, 480
-Metrics = dict[str, Any]
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
 # accuracies of a run, and the cells of suite `recipes` that they are: table, row, column
@@ -75,9 +74,9 @@ class Point:
     def total_seconds(self) -> float:
         return self.seconds + self.start_seconds
 
-    def to_dict(self) -> Metrics:
+    def to_dict(self) -> dict[str, Any]:
         """Return a line for a table of runs."""
-        line: Metrics = {"recipe": self.recipe, "seed": self.seed}
+        line: dict[str, Any] = {"recipe": self.recipe, "seed": self.seed}
         line["n"] = len(self.outcomes["clean"])
         for name, outcomes in self.outcomes.items():
             line[name] = float(outcomes.mean())
@@ -99,7 +98,7 @@ class RunTable(NamedTuple):
     """
 
     points: list[Point]
-    shared: Metrics
+    shared: dict[str, Any]
     commands: list[str]
     warnings: list[str]
 
@@ -128,28 +127,24 @@ def read(root: Path) -> RunTable:
             )
     try:
         table = _table(root, trained)
-    except KeyError as error:
+    except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(
-            f"a metrics.json in {root} lacks {error}: another version of this project wrote it. "
-            f"Train and attack again."
-        ) from error
-    except (TypeError, AttributeError) as error:
-        raise ValueError(
-            f"a metrics.json in {root} holds what no run writes ({error}). Train and attack again."
+            f"a metrics.json in {root} holds what no run writes ({error!r}). "
+            "Train and attack again."
         ) from error
     return table._replace(warnings=[*table.warnings, *notes])
 
 
-def _table(root: Path, trained: Mapping[Path, Metrics]) -> RunTable:
+def _table(root: Path, trained: Mapping[Path, RunMetrics]) -> RunTable:
     settings = comparable.shared_training(trained)
     attacks = {folder: read_attacks(folder, metrics) for folder, metrics in trained.items()}
     attacked = choose_attacks(attacks)
     protocol = comparable.shared_protocol(attacked)
-    starts_alone = all(metrics["recipe"] == "clean" for metrics in trained.values())
+    starts_alone = all(metrics.recipe == "clean" for metrics in trained.values())
     commands = []
     for folder, metrics in trained.items():
         # the start of other runs needs no row of its own
-        has_row = metrics["recipe"] != "clean" or starts_alone
+        has_row = metrics.recipe != "clean" or starts_alone
         if has_row and folder not in attacked:
             commands.append(_command(folder, metrics, protocol))
     if not attacked:
@@ -166,41 +161,43 @@ def _table(root: Path, trained: Mapping[Path, Metrics]) -> RunTable:
     return RunTable(points, shared, commands, caveats(trained, attacked))
 
 
-def _command(folder: Path, metrics: Metrics, protocol: Metrics) -> str:
+def _command(folder: Path, metrics: RunMetrics, protocol: dict[str, Any]) -> str:
     """Return the command that attacks a run as the others were attacked."""
     settings = protocol or {"reattack.steps": SUGGESTED_STEPS, "reattack.n": SUGGESTED_IMAGES}
-    run_settings = metrics["config"]["reattack"]
+    run_settings = metrics.config["reattack"]
     overrides = ""
     for key, value in settings.items():
-        if run_settings.get(key.removeprefix("reattack.")) != value:
+        if run_settings[key.removeprefix("reattack.")] != value:
             overrides += f" {key}={'null' if value is None else value}"
     return f"python training/reattack.py run={shlex.quote(str(folder))} suite=recipes{overrides}"
 
 
-def _point(folder: Path, trained: Mapping[Path, Metrics], attack: Metrics) -> Point:
+def _point(folder: Path, trained: Mapping[Path, RunMetrics], attack: SuiteMetrics) -> Point:
     metrics = trained[folder]
-    train = metrics["train"]
-    seconds = costs.steady_seconds(train)
+    train = metrics.train
+    if train is None:
+        raise ValueError(f"{folder} does not say how long it was trained. Train it again.")
+    seconds = train.steady_seconds
     return Point(
-        metrics["recipe"],
-        metrics["seed"],
+        metrics.recipe,
+        metrics.seed,
         outcomes={name: _outcomes(attack, *cell) for name, cell in RATES.items()},
         seconds=seconds,
         start_seconds=costs.start_seconds(train, folder, trained),
         plain_seconds=costs.plain_seconds(folder, trained),
-        passes=train["passes"],
-        images_per_second=train["images_per_second"] * train["seconds"] / seconds,
-        collapsed=train.get("collapsed_at") is not None,
+        passes=train.passes,
+        images_per_second=train.images_per_second * train.seconds / seconds,
+        collapsed=train.collapsed_at is not None,
         baseline=comparable.baseline_recipe(metrics, trained.values()),
     )
 
 
-def _outcomes(attack: Metrics, table: str, row: str, column: str) -> np.ndarray:
+def _outcomes(attack: SuiteMetrics, table: str, row: str, column: str) -> np.ndarray:
     """Return the outcomes of a cell, one per image; over all scenes but the run's own, their mean
     or those of the worst scene."""
     of_other_scenes = row in (MEAN_ROW, WORST_ROW)
     scenes = []
-    for cell in attack["tables"][table]:
+    for cell in attack.tables[table]:
         in_row = cell["row"] != OWN_SCENE_ROW if of_other_scenes else cell["row"] == row
         if in_row and cell["column"] == column:
             scenes.append(np.array([float(outcome) for outcome in cell["outcomes"]]))

@@ -6,21 +6,71 @@ import os
 from collections.abc import Sequence
 
 import torch
+from torch import nn
 
-from training.config.schema import Config, RunConfig, Trainer
-from training.config.settings import check
+from moireaug.attacks import MoireAttack
+from moireaug.attacks.checks import check_bounds
+from moireaug.evaluation.tables import DEFAULT_EPS
+from moireaug.mixtures import as_scenes
+from training.config.data_sets import DATA, Data
+from training.config.schema import Adversary, Config, RunConfig, Trainer
+from training.config.settings import check, settings_of
 
 
 def check_classifier(cfg: Config) -> None:
-    """Refuse settings of a classifier's run that are out of bounds.
+    """Refuse invalid settings of a classifier's data, scene and attack.
 
     Raises:
-        ValueError: with what was got and what is allowed.
+        TypeError, ValueError: with what was got and what is allowed.
     """
     check_run(cfg)
-    eps = cfg.reattack.eps or []
+    require_used(cfg.data)
+    check_adversary(cfg.adversary)
+    eps = DEFAULT_EPS if cfg.reattack.eps is None else cfg.reattack.eps
     if len(set(eps)) < len(eps):
         raise ValueError(f"reattack.eps must be different bounds; got {list(eps)}.")
+    check_bounds(eps)
+    MoireAttack(nn.Identity(), scene=as_scenes(cfg.scene), steps=cfg.reattack.steps)
+
+
+def require_used(cfg: Data) -> None:
+    """Refuse settings that the data set would not use.
+
+    Raises:
+        ValueError: with what to do.
+    """
+    for key, one in settings_of(Data).items():
+        value = getattr(cfg, key)
+        is_used = not one.facts.only_for or cfg.name in one.facts.only_for
+        if not is_used and value != getattr(DATA[cfg.name], key):
+            raise ValueError(
+                f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "
+                "the data set that it is for, such as data=folder."
+            )
+
+
+def check_adversary(cfg: Adversary) -> None:
+    """Refuse settings of an adversary that do not go together.
+
+    Raises:
+        ValueError: with what was got, what is allowed and what to do.
+    """
+    if cfg.kind == "none" and cfg.share:
+        raise ValueError(
+            f"adversary.share={cfg.share} is the share of images that are attacked, and the kind "
+            "none attacks none: use moire_attack or pgd, or adversary.natural for photos without "
+            "an attack."
+        )
+    if cfg.kind != "none" and not (cfg.share and cfg.steps and cfg.eps):
+        raise ValueError(
+            f"adversary.kind={cfg.kind} needs a share, steps and eps above 0; got "
+            f"{cfg.share}, {cfg.steps} and {cfg.eps}. Without an attack, the kind is none."
+        )
+    if cfg.share + cfg.natural > 1:
+        raise ValueError(
+            "adversary.share and adversary.natural are parts of one batch and must not add up to "
+            f"more than 1; got {cfg.share} and {cfg.natural}."
+        )
 
 
 def check_run(cfg: RunConfig) -> None:

@@ -9,20 +9,20 @@ from omegaconf import MISSING
 from training.config.settings import setting
 
 AUGMENTATIONS = ("none", "shift", "shift_flip", "affine")
-PUBLISHED = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
+TORCHVISION_SETS = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
 
 
 @dataclass
 class Data:
     """The images, their size and their numbers."""
 
-    name: str = setting(MISSING, "signs, cifar10, cifar100, gtsrb or folder")
+    name: str = setting(MISSING, "the data set", choices=("signs", *TORCHVISION_SETS, "folder"))
     root: str | None = setting(
         None,
         "the data's folder; data=folder: holds train/ and test/, or class folders alone (then all "
         "of it is test data)",
         is_path=True,
-        only_for=("folder", *PUBLISHED),
+        only_for=("folder", *TORCHVISION_SETS),
         may_differ=True,
     )
     size: int = setting(
@@ -65,7 +65,7 @@ class Data:
         changes_result=False,
         may_differ=True,
         from_run=False,
-        only_for=PUBLISHED,
+        only_for=TORCHVISION_SETS,
     )
 
 

@@ -112,7 +112,7 @@ def command_line(cfg: Config) -> list[str]:
     if recipe.is_file():
         layers.append(OmegaConf.load(recipe))
     merged = OmegaConf.merge(OmegaConf.structured(Config), *layers)
-    default_cfg: Config = as_config(merged)  # type: ignore[arg-type]
+    default_cfg: Config = as_config(merged)
     line = [f"recipe={cfg.recipe}"]
     if cfg.data.name != DEFAULT_DATA:
         line.append(f"data={cfg.data.name}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,17 @@ import yaml
 
 from moireaug.mixtures import Mixture, as_scenes
 from moireaug.scenes import Scene
+from training.config.schema import Settings
+from training.config.settings import with_absolute_paths
 from training.system.files import UniqueKeyLoader
 
 SUFFIXES = (".yaml", ".yml")
+
+
+def with_files(cfg: Settings) -> Settings:
+    """Return the settings of a run with absolute paths, and the content of its scene's file."""
+    cfg = with_absolute_paths(cfg)
+    return replace(cfg, scene=inline_files(cfg.scene))
 
 
 def inline_files(scene: Any) -> Any:

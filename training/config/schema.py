@@ -9,10 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
-from moireaug.mixtures import Mixture, as_scenes
-from moireaug.scenes import Scene
 from training.config.data_sets import Data
 from training.config.settings import section, setting
 
@@ -208,18 +206,13 @@ class ReattackConfig(Config):
     )
 
 
-def as_config(cfg: DictConfig | Settings) -> Settings:
-    """Return the settings as the dataclass they are declared as.
-
-    Args:
-        cfg: as Hydra composed it; a dataclass is returned as it is.
+def as_config(cfg: DictConfig | ListConfig) -> Any:
+    """Return the settings that Hydra composed as the dataclass they are declared as.
 
     Raises:
         omegaconf.errors.MissingMandatoryValue: a setting without a value.
     """
-    if isinstance(cfg, DictConfig):
-        return OmegaConf.to_object(cfg)  # type: ignore[return-value]
-    return cfg
+    return OmegaConf.to_object(cfg)
 
 
 def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:
@@ -227,12 +220,3 @@ def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:
     if isinstance(cfg, DictConfig):
         return OmegaConf.to_container(cfg, resolve=True)  # type: ignore[return-value]
     return asdict(cfg)
-
-
-def scene_of(cfg: Any) -> Scene | Mixture:
-    """Return the scene, or the mixture, that `cfg.scene` names or describes; `cfg` has such an
-    attribute."""
-    scene: Any = cfg.scene
-    if OmegaConf.is_config(scene):
-        scene = OmegaConf.to_container(scene, resolve=True)
-    return as_scenes(scene)

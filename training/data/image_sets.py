@@ -16,14 +16,14 @@ from torchvision.transforms import v2
 from moireaug.images import read_picture
 from moireaug.synthesis.pictures import SUFFIXES
 from training.config.data_sets import Data
-from training.data.splits import Splits, cache_if_small, has_parts, random_subset, split
+from training.data.splits import ImageSet, has_parts
 from training.system.files import read_table
 from training.system.locks import locked
 
-GTSRB_CLASSES = 43  # which torchvision does not name
+UNNAMED_CLASSES = {"gtsrb": 43}  # numbers of classes that torchvision does not name
 IMAGENET_CLASSES = 1000  # of torchvision's published weights, which a class_index refers to
 # each set, and the arguments of its parts to train and to test on
-SETS: dict[str, tuple[Callable[..., Dataset], dict, dict]] = {
+TORCHVISION_READERS: dict[str, tuple[Callable[..., Dataset], dict, dict]] = {
     "cifar10": (CIFAR10, {"train": True}, {"train": False}),
     "cifar100": (CIFAR100, {"train": True}, {"train": False}),
     "gtsrb": (GTSRB, {"split": "train"}, {"split": "test"}),
@@ -36,18 +36,23 @@ def _resize(size: int) -> v2.Compose:
     return v2.Compose([v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
 
 
-def load_published(cfg: Data) -> Splits:
-    """Load one of torchvision's data sets.
+def read(cfg: Data) -> ImageSet:
+    """Read a folder of images, or one of torchvision's data sets.
 
     Raises:
-        ValueError: no folder, or a folder without the data set; says what to do.
+        ValueError: a missing folder, or folders that do not fit; says what to do.
     """
+    return _read_folder(cfg) if cfg.name == "folder" else _read_from_torchvision(cfg)
+
+
+def _read_from_torchvision(cfg: Data) -> ImageSet:
+    """Read one of torchvision's data sets."""
     if not cfg.root:
         raise ValueError(
             f"data={cfg.name} needs data.root=DIR, the folder where torchvision has put the "
             "data set, or puts it with data.download=true."
         )
-    make, train_part, test_part = SETS[cfg.name]
+    make, train_part, test_part = TORCHVISION_READERS[cfg.name]
     options = {"transform": _resize(cfg.size), "download": cfg.download}
     try:
         with _download_lock(cfg):
@@ -59,10 +64,8 @@ def load_published(cfg: Data) -> Splits:
             "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
             "has put it."
         ) from error
-    names = getattr(test_set, "classes", None) or [str(i) for i in range(GTSRB_CLASSES)]
-    train, val = split(cache_if_small(train_set, cfg), cfg)
-    test = random_subset(cache_if_small(test_set, cfg), cfg.test)
-    return Splits(train, val, test, dict(enumerate(names)), len(names))
+    names = getattr(test_set, "classes", None) or range(UNNAMED_CLASSES[cfg.name])
+    return ImageSet(train_set, test_set, dict(enumerate(map(str, names))), len(names))
 
 
 def _download_lock(cfg: Data) -> contextlib.AbstractContextManager[None]:
@@ -73,12 +76,8 @@ def _download_lock(cfg: Data) -> contextlib.AbstractContextManager[None]:
     return locked(Path(cfg.root or "", ".download.lock"), "", wait_seconds=-1)
 
 
-def load_folder(cfg: Data) -> Splits:
-    """Load a folder with train/ and test/, or with class folders alone, which are all test images.
-
-    Raises:
-        ValueError: a missing folder, or folders that do not fit; says what to do.
-    """
+def _read_folder(cfg: Data) -> ImageSet:
+    """Read a folder with train/ and test/, or one of class folders alone: all are test images."""
     if not cfg.root:
         raise ValueError(
             "data=folder needs data.root=DIR, a folder with train/ and test/ inside it."
@@ -92,9 +91,7 @@ def load_folder(cfg: Data) -> Splits:
     if not has_parts(root):  # class folders alone: all of it is test data
         pictures = _read_pictures(root, cfg)
         classes = _label_pictures(pictures, cfg)
-        images = cache_if_small(pictures, cfg)
-        test = random_subset(images, cfg.test)
-        return Splits(images, images, test, classes, _num_classes(classes, cfg))
+        return ImageSet(None, pictures, classes, _num_classes(classes, cfg))
     train_pictures = _read_pictures(root / "train", cfg)
     test_pictures = _read_pictures(root / "test", cfg)
     # with data.class_index, a class need not be in both
@@ -105,10 +102,8 @@ def load_folder(cfg: Data) -> Splits:
             f"differ: {differing[:5]}."
         )
     classes = _label_pictures(train_pictures, cfg) | _label_pictures(test_pictures, cfg)
-    train, val = split(cache_if_small(train_pictures, cfg), cfg)
-    test = random_subset(cache_if_small(test_pictures, cfg), cfg.test)
-    num_classes = _num_classes(classes, cfg)
-    return Splits(train, val, test, classes, num_classes, _fingerprint(train_pictures))
+    num_classes, files = _num_classes(classes, cfg), _fingerprint(train_pictures)
+    return ImageSet(train_pictures, test_pictures, classes, num_classes, files)
 
 
 def _fingerprint(pictures: ImageFolder) -> str:

@@ -8,42 +8,22 @@ from pathlib import Path
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from moireaug.scene.fields import one_of
-from training.config.data_sets import AUGMENTATIONS, DATA, Data
-from training.config.settings import settings_of
+from training.config.data_sets import DATA, Data
 from training.data import signs
-from training.data.splits import Splits, has_parts
+from training.data.splits import Splits, has_parts, split
 
 
 def load(cfg: Data) -> Splits:
     """Load a data set by its name, `cfg.name`.
 
     Raises:
-        ValueError: an unknown name or augmentation, a missing folder, folders that do not fit; says
-            what to do.
+        ValueError: a missing folder, or folders that do not fit; says what to do.
     """
-    one_of("data.augment", cfg.augment, AUGMENTATIONS)
-    if one_of("data", cfg.name, DATA) == "signs":
+    if cfg.name == "signs":
         return _load_signs(cfg)
     from training.data import image_sets
 
-    return image_sets.load_folder(cfg) if cfg.name == "folder" else image_sets.load_published(cfg)
-
-
-def require_used(cfg: Data) -> None:
-    """Refuse settings that the data set would not use.
-
-    Raises:
-        ValueError: with what to do.
-    """
-    for key, one in settings_of(Data).items():
-        value = getattr(cfg, key)
-        is_used = not one.facts.only_for or cfg.name in one.facts.only_for
-        if not is_used and value != getattr(DATA[cfg.name], key):
-            raise ValueError(
-                f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "
-                "the data set that it is for, such as data=folder."
-            )
+    return split(image_sets.read(cfg), cfg)
 
 
 def require_training_images(cfg: Data) -> None:
@@ -86,10 +66,10 @@ class Signs(Dataset):
 
 def _load_signs(cfg: Data) -> Splits:
     parts = {}
-    for split in signs.SPLITS:
-        n = getattr(cfg, split)
+    for part in signs.SPLITS:
+        n = getattr(cfg, part)
         if n is None:
-            n = getattr(DATA["signs"], split)
-        parts[split] = Signs(split, n, cfg.size)
+            n = getattr(DATA["signs"], part)
+        parts[part] = Signs(part, n, cfg.size)
     classes = dict(enumerate(signs.CLASSES))
     return Splits(parts["train"], parts["val"], parts["test"], classes, len(classes))

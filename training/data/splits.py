@@ -14,6 +14,22 @@ from training.config.data_sets import Data
 MAX_CACHE_BYTES = 1 << 30  # of decoded images
 
 
+class ImageSet(NamedTuple):
+    """A data set as it is published.
+
+    Args:
+        train, test: images (3, size, size) uint8 with labels; train is None where all are for
+            testing.
+        classes, num_classes, files: as in `Splits`.
+    """
+
+    train: Dataset | None
+    test: Dataset
+    classes: dict[int, str]
+    num_classes: int
+    files: str = ""
+
+
 class Splits(NamedTuple):
     """Three data sets of images (3, size, size) uint8 with labels, and their classes.
 
@@ -75,13 +91,19 @@ def random_subset(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
     return Subset(data, shuffled_indices(len(data), seed)[:n])  # type: ignore[arg-type]
 
 
-def split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
-    """Return the training images, and a fixed random part held out for validation.
+def split(images: ImageSet, cfg: Data) -> Splits:
+    """Return the parts of a data set, in the numbers that are asked for: of the training images, a
+    fixed random part is held out for validation.
 
     Raises:
-        ValueError: either of them would be empty.
+        ValueError: training or validation images would be none.
     """
-    total = len(data)  # type: ignore[arg-type]
+    all_test = cache_if_small(images.test, cfg)
+    test = random_subset(all_test, cfg.test)
+    if images.train is None:
+        return Splits(all_test, all_test, test, images.classes, images.num_classes)
+    all_train = cache_if_small(images.train, cfg)
+    total = len(all_train)  # type: ignore[arg-type]
     val_count = cfg.val if cfg.val is not None else max(1, total // 10)
     if not 0 < val_count < total:
         raise ValueError(
@@ -89,5 +111,6 @@ def split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
             "Pass another data.val=N."
         )
     order = shuffled_indices(total, 0)
-    train = random_subset(Subset(data, order[val_count:]), cfg.train)
-    return train, Subset(data, order[:val_count])
+    train = random_subset(Subset(all_train, order[val_count:]), cfg.train)
+    val = Subset(all_train, order[:val_count])
+    return Splits(train, val, test, images.classes, images.num_classes, images.files)

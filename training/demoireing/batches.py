@@ -9,7 +9,13 @@ import torch
 from torch.utils.data import DataLoader, Sampler, TensorDataset
 
 from moireaug.synthesis.pictures import Source
-from training.demoireing.pairs import VAL_SEED, SimulatedPairs, scenes_of
+from training.demoireing.pairs import (
+    VAL_SEED,
+    SimulatedPairs,
+    TurnedPairs,
+    part_of,
+    scenes_of,
+)
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 
@@ -52,11 +58,15 @@ class PairBatches(L.LightningDataModule):
     def __init__(self, cfg: DemoireConfig, splits: Splits, first_epoch: int = 0) -> None:
         super().__init__()
         self.cfg, self.splits, self.first_epoch = cfg, splits, first_epoch
-        self.scenes = list(scenes_of(cfg).values())
+        share = cfg.data.size / cfg.data.photo
+        self.scenes = [part_of(scene, share) for scene in scenes_of(cfg).values()]
 
-    def _pairs(self, pictures: Source, seed: int) -> SimulatedPairs:
-        cfg = self.cfg
-        return SimulatedPairs(pictures, self.scenes, cfg.data.size, cfg.demoire.target, seed)
+    def _pairs(self, pictures: Source, seed: int, count: int) -> TurnedPairs:
+        data, target = self.cfg.data, self.cfg.demoire.target
+        pairs = SimulatedPairs(
+            pictures, self.scenes, data.size, target, seed, data.shrink, data.jpeg
+        )
+        return TurnedPairs(pairs, count, data.candidates)
 
     def train_dataloader(self) -> DataLoader:
         ranks, rank = (
@@ -68,7 +78,7 @@ class PairBatches(L.LightningDataModule):
         # Lightning starts the workers before it has read from which epoch training resumes
         numbers.set_epoch(self.first_epoch)
         return DataLoader(
-            self._pairs(self.splits.train, self.cfg.seed),
+            self._pairs(self.splits.train, self.cfg.seed, self.cfg.data.pairs),
             size,
             sampler=numbers,
             num_workers=workers,
@@ -77,7 +87,8 @@ class PairBatches(L.LightningDataModule):
         )
 
     def val_dataloader(self) -> DataLoader:
-        pairs = self._pairs(self.splits.val, VAL_SEED)
-        val_pairs = [pairs[k] for k in range(self.cfg.data.val)]
+        count = self.cfg.data.val
+        pairs = self._pairs(self.splits.val, VAL_SEED, count)
+        val_pairs = [pairs[k] for k in range(count)]
         photos, targets = (torch.stack(side) for side in zip(*val_pairs, strict=True))
         return DataLoader(TensorDataset(photos, targets), VAL_BATCH)

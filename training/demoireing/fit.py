@@ -1,6 +1,6 @@
 """Train a demoiréing network on simulated pairs alone, test it, and report what it cleans.
 
-    python training/demoire.py train                                   # on drawn signs
+    python training/demoire.py train                                   # on drawn pictures
     python training/demoire.py train data.root=DIR model=esdnet pairs=PAIRS.csv
     python training/demoire.py train scene=phone_at_monitor demoire.target=original
 
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +33,6 @@ from training.config import commands, scenes
 from training.config.checks import check_run
 from training.config.compose import register
 from training.config.schema import RECIPES, as_config
-from training.config.settings import with_absolute_paths
 from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
 from training.demoireing.schema import DemoireConfig
@@ -49,15 +47,14 @@ from training.trainer.ranks import run_job
 Metrics = dict[str, Any]
 
 
-def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
+def fit(cfg: DemoireConfig) -> Metrics:
     """Train, test and report a run, or the rest of it; return its metrics.
 
     Raises:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_network`.
     """
-    cfg = with_absolute_paths(as_config(cfg))
-    cfg = replace(cfg, scene=scenes.inline_files(cfg.scene))
+    cfg = scenes.with_files(cfg)
     check(cfg)
     run = Run(cfg)
     with run.locked():

@@ -13,9 +13,12 @@ from torch import Tensor, nn
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.defenses.demoire.losses import LOSSES, VGGFeatures
 from moireaug.evaluation.visibility import psnr, ssim
+from training.classifier.muon import Muon
 from training.demoireing.schema import Demoire, Train
 
 MAX_GRADIENT_NORM = 1.0  # of a step: the networks have no normalisation
+MOMENTUM = 0.95
+BIAS_LR = 0.05  # of SGD, in learning rates of the matrices
 
 
 class Demoireing(L.LightningModule):
@@ -94,7 +97,7 @@ class Demoireing(L.LightningModule):
 
     def configure_optimizers(self) -> Any:
         train = self.settings
-        optimizer = torch.optim.AdamW(self.network.parameters(), train.lr, weight_decay=0.0)
+        optimizer = Muon(self.network.parameters(), train.lr, MOMENTUM, 0.0, BIAS_LR)
         schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, self._rate)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
+import torch.nn.functional as F
+from PIL import Image
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from moireaug.scene.fields import bounds
 from moireaug.scene.presets import MIXTURES
 from moireaug.scenes import Scene, as_scene
-from moireaug.synthesis.pairs import Pair, check_aligned, make_pair
+from moireaug.synthesis import without_moire
+from moireaug.synthesis.pairs import Pair, check_aligned, make_pair, photograph
 from moireaug.synthesis.pictures import Source
 from moireaug.synthesis.tone import ColourMap
-from training.demoireing.pictures import Splits
+from training.demoireing.pictures import EnlargedCrops, Splits
 from training.demoireing.schema import DemoireConfig
 
+COARSE_SIDE = 4  # pixels over which colour is averaged
 # pairs that no training draws, whatever its seed: the same for every run
 VAL_SEED, TEST_SEED = 4_000_000_001, 4_000_000_002
 
@@ -42,6 +49,15 @@ def scenes_of(cfg: DemoireConfig) -> dict[str, Scene]:
     return scenes
 
 
+def part_of(scene: Scene, share: float) -> Scene:
+    """Return a scene for a crop that is a share of the picture's longer side, and shows that share
+    of the panel; a scene that counts panel pixels by the image's stays as it is."""
+    low, high = bounds(scene.panel.width)
+    if not high:
+        return scene
+    return replace(scene, panel=replace(scene.panel, width=(share * low, share * high)))
+
+
 class SimulatedPairs(Dataset):
     """Photos and their targets by number: (3, size, size) uint8 each; scenes take turns.
 
@@ -49,29 +65,97 @@ class SimulatedPairs(Dataset):
         pictures: source of their pictures.
         scenes: scenes that photograph them.
         size: side of a pair, in pixels.
-        target: "twin", "original" or "toned".
+        target: "clean", "twin", "original" or "toned".
         seed: seed of `moireaug.synthesis.Pairs`.
+        shrink: photos are taken at one to this many times their size, in turn, and shrunk.
+        jpeg: lowest quality at which photos are saved as JPEG, at random up to 100; None for none.
     """
 
     def __init__(
-        self, pictures: Source, scenes: Sequence[Scene], size: int, target: str, seed: int
+        self,
+        pictures: Source,
+        scenes: Sequence[Scene],
+        size: int,
+        target: str,
+        seed: int,
+        shrink: int = 1,
+        jpeg: int | None = None,
     ) -> None:
         self.pictures, self.scenes, self.size = pictures, tuple(scenes), size
-        self.target, self.seed = target, seed
+        self.target, self.seed, self.shrink, self.jpeg = target, seed, shrink, jpeg
 
     def pair(self, k: int) -> Pair:
-        """Return a pair with all that is known of it, always with its twin."""
-        return self._make(k, twin=True)
+        """Return a pair with all that is known of it, always with its twin and never shrunk."""
+        return self._make(k, 1, twin=True)
 
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
-        pair = self._make(k, twin=self.target == "twin")
-        if self.target == "toned":
-            return pair.photo, tone_to(pair.original, pair.photo)
-        return pair.photo, pair.pictures()[self.target]
+        factor = 1 + k // len(self.scenes) % self.shrink
+        pair = self._make(k, factor, twin=self.target == "twin")
+        photo = shrunk(pair.photo, factor, antialias=False)
+        if self.jpeg is not None:
+            quality = np.random.default_rng((self.seed, k)).integers(self.jpeg, 101)
+            photo = saved(photo, int(quality))
+        return photo, shrunk(self._target_of(pair), factor, antialias=True)
 
-    def _make(self, k: int, *, twin: bool) -> Pair:
-        scene = self.scenes[k % len(self.scenes)]
-        return make_pair(k, self.pictures, scene, self.size, twin=twin, seed=self.seed)
+    def _make(self, k: int, factor: int, *, twin: bool) -> Pair:
+        scene, size = self.scenes[k % len(self.scenes)], factor * self.size
+        pictures = self.pictures
+        if factor > 1:
+            pictures = EnlargedCrops(pictures, self.size, factor)
+        return make_pair(k, pictures, scene, size, twin=twin, seed=self.seed)
+
+    def _target_of(self, pair: Pair) -> Tensor:
+        if self.target == "clean":
+            return photograph(pair.original, without_moire(pair.shot, noise=False))
+        if self.target == "toned":
+            return tone_to(pair.original, pair.photo)
+        return pair.pictures()[self.target]
+
+
+class TurnedPairs(Dataset):
+    """Pairs of strong moiré, made once, and served turned and mirrored: k and k + count are one
+    pair in two orientations.
+
+    Args:
+        pairs: pairs to take them from. count: number of them.
+        candidates: number of pairs, of which the one with the strongest moiré is taken.
+    """
+
+    def __init__(self, pairs: SimulatedPairs, count: int, candidates: int = 1) -> None:
+        self.pairs, self.count, self.candidates = pairs, count, candidates
+        self._pair_of: dict[int, tuple[Tensor, Tensor]] = {}
+
+    def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
+        again, number = divmod(k, self.count)
+        if number not in self._pair_of:
+            later = range(number, self.candidates * self.count, self.count)
+            self._pair_of[number] = max((self.pairs[k] for k in later), key=coarse_colour)
+        turns, mirrored = again % 4, again // 4 % 2
+        photo, target = (side.rot90(turns, (1, 2)) for side in self._pair_of[number])
+        return (photo.flip(2), target.flip(2)) if mirrored else (photo, target)
+
+
+def coarse_colour(pair: tuple[Tensor, Tensor]) -> float:
+    """Return the strength of coarse colour in a photo that its target has not, in codes."""
+    photo, target = pair
+    error = photo.float() - target.float()
+    return F.avg_pool2d(error[::2] - error[1], COARSE_SIDE).abs().mean().item()
+
+
+def shrunk(picture: Tensor, factor: int, *, antialias: bool) -> Tensor:
+    """Shrink a picture (3, H, W) uint8 bilinearly, with a filter against moiré or without."""
+    if factor == 1:
+        return picture
+    size = [length // factor for length in picture.shape[1:]]
+    small = F.interpolate(picture[None].float(), size, mode="bilinear", antialias=antialias)
+    return small[0].round().to(torch.uint8)
+
+
+def saved(picture: Tensor, quality: int) -> Tensor:
+    """Return a picture (3, H, W) uint8 as a JPEG file of a quality from 1 to 100 holds it."""
+    file = io.BytesIO()
+    Image.fromarray(picture.permute(1, 2, 0).numpy()).save(file, "JPEG", quality=quality)
+    return torch.from_numpy(np.array(Image.open(file))).permute(2, 0, 1)
 
 
 def tone_to(original: Tensor, photo: Tensor) -> Tensor:
@@ -87,9 +171,10 @@ def test_pairs(cfg: DemoireConfig, splits: Splits) -> Mapping[str, SimulatedPair
     """Return the pairs that a trained network is tested on, by the name of their scene: those that
     it was trained in come first."""
     scenes = scenes_of(cfg) | {name: as_scene(name) for name in cfg.test.unseen}
+    share = cfg.test.size / cfg.data.photo
     pairs_by_scene = {}
     for name, scene in scenes.items():
         pairs_by_scene[name] = SimulatedPairs(
-            splits.test, [scene], cfg.test.size, cfg.demoire.target, TEST_SEED
+            splits.test, [part_of(scene, share)], cfg.test.size, cfg.demoire.target, TEST_SEED
         )
     return pairs_by_scene

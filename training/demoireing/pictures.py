@@ -1,4 +1,4 @@
-"""Pictures to photograph: signs that are drawn, or a folder's; some are held out for testing."""
+"""Pictures to photograph: drawn ones, or a folder's; some are held out for testing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from PIL import Image
 
 from moireaug.files import write_text
 from moireaug.synthesis.pictures import Pictures, Source
-from training.data import signs
+from training.data import drawn_pictures
 from training.data.splits import has_parts, shuffled_indices
 from training.demoireing.schema import DemoireConfig
 from training.system.files import read_json
@@ -29,8 +29,8 @@ class Splits(NamedTuple):
     test: Source
 
 
-class DrawnSigns:
-    """The project's own signs, a new one for every pair.
+class DrawnPictures:
+    """The project's own pictures, a new one for every pair.
 
     Args:
         side: side of a picture, in pixels.
@@ -40,9 +40,29 @@ class DrawnSigns:
         self.side = side
 
     def draw(self, rng: np.random.Generator) -> tuple[str, Image.Image]:
-        """Draw a sign; return its class and its picture."""
-        label = int(rng.integers(len(signs.CLASSES)))
-        return signs.CLASSES[label], Image.fromarray(signs.render(label, rng, self.side))
+        """Draw a picture; return its kind and the picture."""
+        return drawn_pictures.render(rng, self.side)
+
+
+class EnlargedCrops:
+    """Crops of another source's pictures, enlarged.
+
+    Args:
+        source: source of the pictures.
+        side: side of a crop, in pixels. factor: by which it is enlarged.
+    """
+
+    def __init__(self, source: Source, side: int, factor: int) -> None:
+        self.source, self.side, self.factor = source, side, factor
+
+    def draw(self, rng: np.random.Generator) -> tuple[str, Image.Image]:
+        """Draw a picture and a crop of it; return the picture's name and the enlarged crop."""
+        name, picture = self.source.draw(rng)
+        left = int(rng.integers(picture.width - self.side + 1))
+        top = int(rng.integers(picture.height - self.side + 1))
+        crop = picture.crop((left, top, left + self.side, top + self.side))
+        length = self.factor * self.side
+        return name, crop.resize((length, length), Image.Resampling.BICUBIC)
 
 
 def load(cfg: DemoireConfig) -> Splits:
@@ -53,8 +73,8 @@ def load(cfg: DemoireConfig) -> Splits:
     """
     side, test_side = cfg.data.size, cfg.test.size
     if not cfg.data.root:
-        training_signs = DrawnSigns(side)
-        return Splits(training_signs, training_signs, DrawnSigns(test_side))
+        drawn = DrawnPictures(side)
+        return Splits(drawn, drawn, DrawnPictures(test_side))
     root = Path(cfg.data.root)
     if has_parts(root):
         train, val = _parts(Pictures(root / "train", side), 2)

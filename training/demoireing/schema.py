@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from moireaug.synthesis.pairs import SIZE_RANGE
-from training.config.data_sets import DEFAULT_DATA
 from training.config.schema import RunConfig
 from training.config.settings import section, setting
 
@@ -25,18 +24,45 @@ class Pictures:
     root: str | None = setting(
         None,
         "a folder of pictures at any depth, of which a tenth validates and a tenth tests, or with "
-        "the folders train and test; null: drawn signs",
+        "the folders train and test; null: drawn pictures",
         is_path=True,
     )
     size: int = setting(128, "side of the training crops", bounds=SIZE_RANGE)
+    photo: int = setting(
+        1000,
+        "longer side of the photos that crops are part of: a crop shows its share of the panel",
+        bounds=SIZE_RANGE,
+    )
+    shrink: int = setting(
+        3,
+        "training photos are taken at one to this many times their size, in turn, and shrunk "
+        "without a filter, as many programs do; their targets with one",
+        bounds=(1, 8),
+    )
+    jpeg: int | None = setting(
+        60,
+        "lowest quality at which training photos are saved as JPEG, at random up to 100; null: not",
+        bounds=(1, 100),
+    )
+    pairs: int = setting(
+        2000,
+        "different training pairs; they are made once, kept in memory, and served turned and "
+        "mirrored",
+        bounds=(1, None),
+    )
+    candidates: int = setting(
+        2,
+        "pairs, of which the one with the strongest coarse colour is trained on",
+        bounds=(1, None),
+    )
     val: int = setting(32, "validation pairs", bounds=(1, None))
     test: int = setting(16, "test pairs of each scene", bounds=(1, None))
     workers: int = setting(0, "processes that make pairs", bounds=(0, 1024), changes_result=False)
 
     @property
     def name(self) -> str:
-        """The data set: a folder, or the drawn signs."""
-        return "folder" if self.root else DEFAULT_DATA
+        """The data set: a folder, or drawn pictures."""
+        return "folder" if self.root else "drawn"
 
 
 @dataclass
@@ -44,11 +70,11 @@ class Demoire:
     """The network and its target."""
 
     target: str = setting(
-        "twin",
-        "the same shot without moiré (twin), what the screen showed (original), or the original "
-        "under the linear colour map that brings it closest to the photo, so that the exposure "
-        "stays (toned)",
-        choices=("twin", "original", "toned"),
+        "clean",
+        "the same shot without moiré (twin), and without noise either (clean), what the screen "
+        "showed (original), or the original under the linear colour map that brings it closest to "
+        "the photo, so that the exposure stays (toned)",
+        choices=("clean", "twin", "original", "toned"),
     )
     width: float = setting(0.25, "factor of the published numbers of channels")
     vgg: str | None = setting(
@@ -63,12 +89,12 @@ class Demoire:
 class Train:
     """How the weights are trained."""
 
-    steps: int = setting(600, "in all", bounds=(1, None))
+    steps: int = setting(2000, "in all", bounds=(1, None))
     check_every: int = setting(
-        50, "steps from one validation to the next; each can be resumed from", bounds=(1, None)
+        100, "steps from one validation to the next; each can be resumed from", bounds=(1, None)
     )
     batch_size: int = setting(4, "of all devices together", bounds=(1, None))
-    lr: float = setting(1e-3, "the peak; falls to 0 along half a cosine", bounds=(1e-8, 10))
+    lr: float = setting(0.02, "peak of Muon; falls to 0 along half a cosine", bounds=(1e-8, 10))
     warmup: int = setting(50, "steps over which it rises", bounds=(0, None))
     ema: float = setting(
         0.99,

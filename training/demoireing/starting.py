@@ -6,6 +6,7 @@ import torch
 from torch import nn
 
 from moireaug.defenses.demoire import DemoireNet
+from moireaug.defenses.demoire.amnet import AMNet
 from moireaug.defenses.demoire.esdnet import DenseBlock, ESDNet
 
 PLANES = 12  # of half size, which make up an image
@@ -13,18 +14,25 @@ PLANES = 12  # of half size, which make up an image
 
 @torch.no_grad()
 def start_as_identity(network: DemoireNet) -> bool:
-    """Change the fresh weights of an ESDNet so that it predicts the image itself, at every scale.
+    """Change the fresh weights of an ESDNet or AMNet so that it predicts the image itself.
 
-    At each level twelve channels pass the planes of half size that make up the image at its scale,
-    and no block adds anything yet; all other weights stay as they were drawn. The other networks
-    add what they predict to the image, and need no such start.
+    In an ESDNet, twelve channels of each level pass the planes of half size that make up the image
+    at its scale, and no block adds anything yet; all other weights stay as they were drawn. AMNet's
+    last convolutions are zero. The other networks add what they predict to the image.
 
     Returns:
-        Whether anything was changed: not in another network, nor below width 0.25, where there are
-        fewer than twelve channels.
+        Whether anything was changed: not in another network, nor in an ESDNet below width 0.25,
+        where there are fewer than twelve channels.
     """
-    if not isinstance(network, ESDNet):
-        return False
+    if isinstance(network, AMNet):
+        for last in (network.additive, network.multiplicative):
+            _silence(last)
+        return True
+    return isinstance(network, ESDNet) and _pass_images(network)
+
+
+def _pass_images(network: ESDNet) -> bool:
+    """Start an ESDNet as the identity, if it has enough channels; return whether it has."""
     passing = [_convolution(network.head)]
     for module in (*network.merges, *network.tails):
         passing.append(_convolution(module))
@@ -33,13 +41,18 @@ def start_as_identity(network: DemoireNet) -> bool:
     for level in (*network.encoders, *network.decoders):
         for block in level.modules():
             if isinstance(block, DenseBlock):
-                for weights in block.fuse.parameters():
-                    nn.init.zeros_(weights)
+                _silence(block.fuse)
     for conv in passing:
         _pass(conv)
     for module in network.downs:
         _halve(_convolution(module))
     return True
+
+
+def _silence(conv: nn.Conv2d) -> None:
+    """Make a convolution return zero."""
+    for weights in conv.parameters():
+        nn.init.zeros_(weights)
 
 
 def _pass(conv: nn.Conv2d) -> None:

@@ -17,7 +17,7 @@ from moireaug.scenes import Scene
 
 # of sliders, where the range that a field allows is too wide for one
 SLIDER_LIMITS: dict[str, tuple[float, float]] = {
-    "panel.width": (20.0, 2000.0),
+    "panel.width": (20.0, 2600.0),
     "panel.scale": (0.2, 4.0),
     "panel.lit": (0.05, 1.0),
     "panel.lit_x": (0.05, 1.0),
@@ -39,7 +39,7 @@ SLIDER_LIMITS: dict[str, tuple[float, float]] = {
     "lens.motion_x": (-4.0, 4.0),
     "lens.motion_y": (-4.0, 4.0),
     "lens.olpf": (0.0, 2.0),
-    "sensor.pitch": (0.8, 4.0),
+    "sensor.pitch": (0.4, 6.0),
     "sensor.scale": (0.5, 12.0),
     "sensor.fill": (0.05, 1.0),
     "sensor.gain": (0.1, 10.0),
@@ -53,7 +53,7 @@ SLIDER_LIMITS: dict[str, tuple[float, float]] = {
     "develop.brighten": (-0.5, 0.5),
     "develop.chroma_blur": (0.0, 8.0),
     "develop.sharpen": (-1.0, 4.0),
-    "develop.sharpen_radius": (0.3, 8.0),
+    "develop.sharpen_radius": (0.3, 12.0),
 }
 CHOICES: dict[str, tuple[Any, ...]] = {
     "panel.layout": tuple(LAYOUTS),
@@ -68,7 +68,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
 }
 # fields that exclude each other: a scene that states the first has no control of the second
 ALTERNATIVES = {"panel.width": "panel.scale", "sensor.pitch": "sensor.scale"}
-WIDTH_STEP_PIXELS = 4.0
+WIDTH_STEP_PIXELS = 2.0
 
 
 class Control(NamedTuple):

@@ -4,43 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from moireaug.evaluation import report
 from training.attack.protocol import attack, attack_run, protocol_of
-from training.attack.results import ladder_metrics, publish, run_facts, run_metrics, write_metrics
+from training.attack.results import (
+    ladder_metrics,
+    publish,
+    run_facts,
+    run_metrics,
+    with_baseline,
+)
 from training.config.schema import Config
 from training.data.load import load
 from training.data.splits import Splits
+from training.runs.metrics import RunMetrics, TrainCost
 from training.runs.resume import damage, data_difference, require_same_data, weights_difference
 from training.runs.reuse import metrics_of_trained, read_trained
 from training.runs.run import Run, baseline_of, start_of
-from training.system.files import read_metrics
 from training.system.processes import is_first, say
 
 if TYPE_CHECKING:
     from training.classifier.module import Classifier
 
-Metrics = dict[str, Any]
 
-
-def report_finished(run: Run[Config]) -> Metrics:
+def report_finished(run: Run[Config]) -> RunMetrics | None:
     """Print the summary of a finished run and return its metrics.
 
     One that was trained as the start or baseline of another run is attacked and reported now.
     """
-    metrics = read_metrics(run.folder) or {}
-    if not is_first():
+    metrics = RunMetrics.read(run.folder)
+    if metrics is None or not is_first():
         return metrics
-    if "trust" in metrics:
-        report.show(report.run_parts(metrics))
+    if metrics.trust is not None:
+        report.show(report.run_parts(metrics.to_dict()))
     else:
         metrics = report_trained(run, metrics)
     print(f"{run.folder} is already finished; resume=false trains it again.")
     return metrics
 
 
-def report_trained(run: Run[Config], metrics: Metrics) -> Metrics:
+def report_trained(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
     """Attack and report a run that was trained as the start or baseline of another; return its
     metrics.
 
@@ -50,14 +54,14 @@ def report_trained(run: Run[Config], metrics: Metrics) -> Metrics:
     splits = load(run.config.data)
     require_same_data(run, splits)
     result = attack_run(read_trained(run), protocol_of(run.config, splits), check=True)
-    environment = metrics["environment"]  # of its training
-    metrics |= {**run_facts(run.config), **ladder_metrics(result), "environment": environment}
+    facts = run_facts(run.config) | {"environment": metrics.environment}  # of its training
+    time = metrics.time | result.seconds
+    metrics = replace(metrics, **facts, **ladder_metrics(result), time=time)
     run.write_settings()
-    seconds = {**(metrics.get("time") or {}), **result.seconds}
-    return publish(run.folder, metrics, {run.config.recipe: result}, splits.classes, seconds)
+    return publish(run.folder, metrics, {run.config.recipe: result}, splits.classes)
 
 
-def plain_runs(run: Run[Config], splits: Splits) -> tuple[Metrics | None, Metrics | None]:
+def plain_runs(run: Run[Config], splits: Splits) -> tuple[RunMetrics | None, RunMetrics | None]:
     """Return the metrics of the start and the baseline, reused or trained; None for neither."""
     start = baseline = None
     if start_run := start_of(run):
@@ -67,8 +71,11 @@ def plain_runs(run: Run[Config], splits: Splits) -> tuple[Metrics | None, Metric
     return start, baseline
 
 
-def plain_run(run: Run[Config], splits: Splits, start: Metrics | None, *, role: str) -> Metrics:
-    """Return the metrics of a start or baseline: reused, or trained and not attacked.
+def plain_run(
+    run: Run[Config], splits: Splits, start: RunMetrics | None, *, role: str
+) -> RunMetrics | None:
+    """Return the metrics of a start or baseline: reused, or trained and not attacked; None in all
+    but one process of its training.
 
     A damaged one is moved aside.
 
@@ -87,14 +94,16 @@ def plain_run(run: Run[Config], splits: Splits, start: Metrics | None, *, role: 
             say(f"The {role} comes first: recipe {run.config.recipe}, with the same settings.")
         _, train = train_run(run, splits, start)
         if not is_first():
-            return {}
-        metrics = run_metrics(run.config, {}, train, start, None)
-        return write_metrics(run.folder, metrics | {"time": {"train": train["wall_seconds"]}})
+            return None
+        metrics = run_metrics(run.config, train, start.plain() if start else None)
+        metrics = replace(metrics, time={"train": train.wall_seconds})
+        metrics.write(run.folder)
+        return metrics
 
 
 def train_run(
-    run: Run[Config], splits: Splits, start: Metrics | None
-) -> tuple[Classifier, dict[str, Any]]:
+    run: Run[Config], splits: Splits, start: RunMetrics | None
+) -> tuple[Classifier, TrainCost]:
     """Train a run in its folder, or the rest of it; see `train_model`.
 
     Args:
@@ -104,17 +113,17 @@ def train_run(
 
     if is_first():
         run.prepare()
-    return train_model(run, splits, before=start["train"] if start else None)
+    return train_model(run, splits, before=start.train if start else None)
 
 
 def complete(
     run: Run[Config],
     splits: Splits,
-    start: Metrics | None,
-    baseline: Metrics | None,
+    start: RunMetrics | None,
+    baseline: RunMetrics | None,
     seconds: Mapping[str, float],
-) -> Metrics:
-    """Train, attack, compare and report one run; returns its metrics, {} in all but one process.
+) -> RunMetrics | None:
+    """Train, attack, compare and report one run; returns its metrics, None in all but one process.
 
     Args:
         start, baseline: metrics of the runs beside it.
@@ -122,15 +131,16 @@ def complete(
     """
     classifier, train = train_run(run, splits, start)
     if not is_first():
-        return {}
+        return None
     recipe, protocol = run.config.recipe, protocol_of(run.config, splits)
     result = attack(classifier.model, protocol, run.folder / "records", recipe)
     results = {recipe: result}
+    metrics = run_metrics(run.config, train, start.plain() if start else None)
+    seconds = {**seconds, "train": train.wall_seconds, **result.seconds}
+    metrics = replace(metrics, **ladder_metrics(result), time=seconds)
     # also where its records are there: a folder's images may have changed since
     if baseline and (baseline_run := baseline_of(run)):
         baseline_result = attack_run(read_trained(baseline_run), protocol)
         results[baseline_run.config.recipe] = baseline_result
-        baseline = baseline | ladder_metrics(baseline_result)
-    metrics = run_metrics(run.config, ladder_metrics(result), train, start, baseline)
-    seconds = {**seconds, "train": train["wall_seconds"], **result.seconds}
-    return publish(run.folder, metrics, results, splits.classes, seconds)
+        metrics = with_baseline(metrics, baseline.plain(), ladder_metrics(baseline_result))
+    return publish(run.folder, metrics, results, splits.classes)

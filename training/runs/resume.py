@@ -8,6 +8,7 @@ from typing import Any
 
 from training.config.schema import Config
 from training.data.splits import Splits
+from training.runs.metrics import RunMetrics
 from training.runs.run import Run
 from training.runs.trained import class_names, read
 from training.system.files import digest, read_checkpoint
@@ -70,6 +71,8 @@ def damage(run: Run[Config]) -> str | None:
         return None
     try:
         read(folder)
+        if stage == "finished":
+            RunMetrics.read(folder)
         if stage == "begun":
             read_checkpoint(folder / "last.ckpt")
     except ValueError as error:

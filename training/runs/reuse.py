@@ -12,27 +12,26 @@ from typing import Any
 from training.config.overrides import command_line
 from training.config.schema import Config
 from training.runs.identity import result_settings
+from training.runs.metrics import RunMetrics
 from training.runs.run import Run, baseline_of
 from training.runs.trained import TrainedRun, read
 from training.system.files import read_metrics
 from training.system.processes import is_first
 
-Metrics = dict[str, Any]
 
-
-def metrics_of_trained(run: Run[Config]) -> Metrics | None:
+def metrics_of_trained(run: Run[Config]) -> RunMetrics | None:
     """Return the metrics of the run in the folder; None unless it was trained with these settings.
     Those of its re-attack may differ."""
-    metrics = read_metrics(run.folder)
+    metrics = RunMetrics.read(run.folder)
     if not metrics or not (run.folder / "best.ckpt").is_file():
         return None
-    return metrics if _same_training(metrics.get("config") or {}, run.settings) else None
+    return metrics if _same_training(metrics.config, run.settings) else None
 
 
 def is_unreported(run: Run[Config]) -> bool:
     """Return whether a run was trained as the start or baseline of another, and not attacked."""
     metrics = metrics_of_trained(run)
-    return metrics is not None and "reattack" not in metrics
+    return metrics is not None and metrics.reattack is None
 
 
 def read_trained(run: Run[Config]) -> TrainedRun:

@@ -143,7 +143,7 @@ def _plain_run(cfg: Config, recipe: str) -> Run[Config]:
     merged = OmegaConf.merge(
         OmegaConf.structured(cfg), no_adversary, recipe_settings, {"recipe": recipe, "resume": None}
     )
-    return Run(as_config(merged))  # type: ignore[arg-type]
+    return Run(as_config(merged))
 
 
 @contextlib.contextmanager

@@ -5,10 +5,7 @@ Nothing in it is run, imported or looked up, and it names no files but those of 
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Mapping
-from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,12 +13,14 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
+from moireaug.mixtures import as_scenes
 from moireaug.scene.fields import one_of
 from training.config.data_sets import DATA, Data
-from training.config.schema import Config, as_config, scene_of
+from training.config.schema import Config, as_config
 from training.data.splits import Splits
 from training.models.classifiers import OWN_MODELS, as_model, model_names
-from training.system.files import read_checkpoint, read_metrics, read_settings
+from training.runs.metrics import RunMetrics, TrainCost
+from training.system.files import read_checkpoint, read_settings
 
 
 class TrainedRun(NamedTuple):
@@ -129,25 +128,25 @@ def read_config(path: Path) -> Config:
         one_of("data.name", cfg.data.name, DATA)
         if cfg.model not in OWN_MODELS:
             one_of("model", cfg.model, model_names())
-        scene_of(cfg)
+        config: Config = as_config(cfg)
+        as_scenes(config.scene)
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
         raise ValueError(
             f"{path} is not a run's settings: {reason}. A run holds the settings of "
             "training/fit.py alone, as this version writes them."
         ) from None
-    cfg.data.download = False  # that a folder asks for: only a command line may
-    return as_config(cfg)  # type: ignore[arg-type]
+    config.data.download = False  # that a folder asks for: only a command line may
+    return config
 
 
-def read_training_cost(folder: Path) -> dict[str, Any] | None:
+def read_training_cost(folder: Path) -> TrainCost | None:
     """Read the cost of a run's training from its metrics; None if they are missing or damaged."""
-    train = (read_metrics(folder) or {}).get("train")
-    if not isinstance(train, dict) or not isinstance(train.get("history"), list):
+    try:
+        metrics = RunMetrics.read(folder)
+    except ValueError:
         return None
-    rows = [train | {"history": 0, "init": 0}, *train["history"]]
-    is_plain = all(isinstance(row, Mapping) and all(map(_is_number, row.values())) for row in rows)
-    return train if is_plain and train.get("init") in ("random", "clean") else None
+    return metrics.train if metrics else None
 
 
 def class_names(stored: Any) -> dict[int, str] | None:
@@ -155,9 +154,3 @@ def class_names(stored: Any) -> dict[int, str] | None:
     if not isinstance(stored, dict):
         return None
     return {int(number): str(name) for number, name in stored.items()}
-
-
-def _is_number(value: Any) -> bool:
-    return value is None or (
-        isinstance(value, Real) and not isinstance(value, bool) and not math.isinf(value)
-    )

@@ -21,6 +21,7 @@ IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 FEATURE_DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
 DEFAULT_FEATURE_DEPTH = 16  # up to the ReLU after conv3_3
 NETWORKS_WITHOUT_FEATURES = ("mddm",)  # whose loss compares none
+COARSE_SIDES = (2, 4, 8)  # pixels
 CHARBONNIER_EPSILON = 1e-3  # added to the difference, in quadrature
 MOPNET_FEATURE_WEIGHT = 0.1
 WEIGHTS_ADVICE = "Pass a state_dict of torchvision's vgg16."
@@ -104,12 +105,25 @@ def mopnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None
     return total
 
 
-# FHDe2Net's and AMNet's exact loss weights were not available: FHDe2Net's stages are held to L1
-# like ESDNet's scales, and so is AMNet's image, without the adversarial part
+def amnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
+    """Compute ESDNet's loss, and the L1 distance of colours, R - G and B - G, and of image and
+    colours averaged over 2, 4 and 8 pixels, in which moiré is coarser than detail.
+
+    AMNet's own loss, which is adversarial, was not available. Args, Returns: as `esdnet`.
+    """
+    error = outputs[0] - target
+    colours = error[:, ::2] - error[:, 1:2]
+    total = esdnet(outputs, target, features) + colours.abs().mean()
+    for side in COARSE_SIDES:
+        total = total + F.avg_pool2d(torch.cat([error, colours], 1), side).abs().mean()
+    return total
+
+
+# FHDe2Net's exact loss weights were not available: its stages are held to L1 like ESDNet's scales
 LOSSES: dict[str, Loss] = {
     "mopnet": mopnet,
     "mddm": mddm,
     "fhde2net": esdnet,
-    "amnet": esdnet,
+    "amnet": amnet,
     "esdnet": esdnet,
 }
