@@ -29,7 +29,12 @@ C1, C2, C3, C4 = (
 @triton.jit
 def wave(cycles):
     """Return the cosine and the sine of a number of cycles, as accurate as that is."""
-    d = cycles - tl.floor(cycles + 0.5)
+    return wave_of_part(cycles - tl.floor(cycles + 0.5))
+
+
+@triton.jit
+def wave_of_part(d):
+    """Return the cosine and the sine of a part of a cycle, from -1/2 to 1/2."""
     t = d * d
     # of a quarter of the angle, which is doubled twice
     sine = d * (S0 + t * (S1 + t * (S2 + t * (S3 + t * S4))))
