@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import re
 import subprocess
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 from torch import Tensor
 
 from benchmarks import measure
-from benchmarks.gpu_entries import ENTRIES, Case, cases
+from benchmarks.gpu_entries import ENTRIES, Case, cases, reading_of
 
 ARCHITECTURES = (80, 90)  # an A100 and an H100
 BATCH, SIDE = 64, 224
@@ -193,8 +194,9 @@ def launches(architecture: int, case: Case) -> list[Launch]:
     """Return a row for each launch of each entry."""
     rows: list[Launch] = []
     for name, entry in ENTRIES.items():
-        if not entry.takes(case):
+        if entry.reading not in ("", reading_of(case)):
             continue
+        module = importlib.import_module(f"moireaug.engine.gpu.{entry.module}")
 
         def launched(compiled: Any, grid: Any, arguments: Any, name: str = name) -> None:
             lengths = case.loop_lengths.get(compiled.name, ())
@@ -202,7 +204,7 @@ def launches(architecture: int, case: Case) -> list[Launch]:
             rows.append(Launch(f"sm_{architecture}", case.name, name, **fields))
 
         with compiling(architecture, launched):
-            entry.call(case)
+            entry.call(module, case)
     return rows
 
 

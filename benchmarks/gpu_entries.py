@@ -36,33 +36,50 @@ class Case(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """A function that launches kernels, and whether it takes a case."""
+    """A function that launches kernels.
 
-    call: Callable[[Case], Any]
-    takes: Callable[[Case], bool] = lambda case: True
+    Args:
+        call: takes the functions' module in `moireaug.engine.gpu`, and a case.
+        reading: the cases that it takes, by the name of what exposes them; "" for all.
+    """
 
-
-def develop(case: Case) -> Tensor:
-    from moireaug.engine.gpu.develop import develop
-
-    return develop(case.raw, case.development)
-
-
-def develop_back(case: Case) -> Tensor:
-    from moireaug.engine.gpu.develop_back import develop_back
-
-    return develop_back(case.raw, case.photo, case.development)
+    module: str
+    call: Callable[[Any, Case], Any]
+    reading: str = ""
 
 
 ENTRIES = {
-    "develop": Entry(develop),
-    "develop, backward": Entry(develop_back),
+    "expose": Entry(
+        "expose_binned", lambda m, c: m.expose(c.images, c.exposure, c.beats), "binned"
+    ),
+    "expose, backward": Entry(
+        "expose_binned", lambda m, c: m.expose_back(c.raw, c.images, c.exposure, c.beats), "binned"
+    ),
+    "expose, full": Entry("expose_full", lambda m, c: m.expose(c.images, c.exposure), "full"),
+    "expose, full, backward": Entry(
+        "expose_full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "full"
+    ),
+    "expose, point": Entry("expose_point", lambda m, c: m.expose(c.images, c.exposure), "point"),
+    "expose, point, backward": Entry(
+        "expose_point", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "point"
+    ),
+    "develop": Entry("develop", lambda m, c: m.develop(c.raw, c.development)),
+    "develop, backward": Entry(
+        "develop_back", lambda m, c: m.develop_back(c.raw, c.photo, c.development)
+    ),
 }
 
 
+def reading_of(case: Case) -> str:
+    """Return what exposes a case: "point", "binned" or "full"."""
+    if case.exposure.point is not None:
+        return "point"
+    return "full" if case.beats is None else "binned"
+
+
 def cases(batch: int, side: int) -> list[Case]:
-    """Return the default scene, whose readings are binned, and one of full readings: of a Bayer
-    sensor, from the side, through a lens."""
+    """Return the default scene, whose readings are binned, one of full readings, of a Bayer sensor,
+    from the side, through a lens, and the paper's, of points."""
     default = Scene.preset(DEFAULT)
     full = dataclasses.replace(
         default,
@@ -72,7 +89,8 @@ def cases(batch: int, side: int) -> list[Case]:
         sensor=Sensor(scale=2.0, reading="full", crosstalk=(0.1, 0.25), gain=2.0),
         develop=dataclasses.replace(default.develop, chroma_blur=1.5, sharpen_radius=1.0),
     )
-    return [_case(name, scene, batch, side) for name, scene in ((DEFAULT, default), ("full", full))]
+    scenes = {DEFAULT: default, "full": full, "paper_code": Scene.preset("paper_code")}
+    return [_case(name, scene, batch, side) for name, scene in scenes.items()]
 
 
 def _case(name: str, scene: Scene, batch: int, side: int) -> Case:

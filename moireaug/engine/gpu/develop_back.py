@@ -81,17 +81,21 @@ def light_back_kernel(
 
 
 @triton.jit
-def folds(first, count, end):
-    """Return whether the first cell of a row (or column) is among `count` from `first` on, and
-    whether the last is: -1 or 0, and 1 or 0."""
-    return tl.where(first == 0, -1, 0), tl.where(first + count >= end, 1, 0)
+def most_copies(first, count, end):
+    """Return at how many places the demosaic reads a cell of a row (or column) of `end`, at most,
+    for `count` cells from `first` on. The outermost are repeated past the border."""
+    outermost = (first == 0) | (first + count >= end)
+    return 1 + tl.where(outermost, 1, 0) + tl.where(end == 1, 1, 0)
 
 
 @triton.jit
-def stands_in(cell, fold, end):
-    """Return whether cells of a row (or column) stand in for those one further out, fold -1 or
-    1."""
-    return (fold == 0) | ((fold < 0) & (cell == 0)) | ((fold > 0) & (cell == end - 1))
+def copy_of(cell, k, end):
+    """Return the k-th place at which the demosaic reads cells of a row (or column), and whether
+    there is one: their own, and that beside the first or the last."""
+    beside = tl.where((cell == 0) & (k == 1), -1, end)
+    outermost = (cell == 0) | (cell == end - 1)
+    exists = (k == 0) | ((k == 1) & outermost) | ((k == 2) & (end == 1))
+    return tl.where(k == 0, cell, beside), exists
 
 
 @triton.jit
@@ -109,15 +113,17 @@ def demosaic_back_kernel(
     height, width = size
     image, row, col, inside = tile(size, ROWS, COLS)
     light_grad += image * 12 * height * width
-    # the outermost cells stand in for those past the border
-    first_row, last_row = folds(tl.program_id(1) * ROWS, ROWS, height)
-    first_col, last_col = folds(tl.program_id(0) * COLS, COLS, width)
+    row_copies = most_copies(tl.program_id(1) * ROWS, ROWS, height)
+    col_copies = most_copies(tl.program_id(0) * COLS, COLS, width)
     for plane in range(4):
         total = tl.full(inside.shape, 0.0, tl.float32)
-        for down in range(first_row, last_row + 1):
-            for right in range(first_col, last_col + 1):
-                there = inside & stands_in(row, down, height) & stands_in(col, right, width)
-                y, x = 2 * (row + down) + plane // 2, 2 * (col + right) + plane % 2
+        for i in range(row_copies):
+            y, row_exists = copy_of(row, i, height)
+            y = 2 * y + plane // 2
+            for j in range(col_copies):
+                x, col_exists = copy_of(col, j, width)
+                x = 2 * x + plane % 2
+                there = inside & row_exists & col_exists
                 total += demosaic_back(light_grad, y, x, 2 * height, 2 * width, there, DEMOSAIC)
         at = ((image * 4 + plane) * height + row) * width + col
         if SATURATES:
