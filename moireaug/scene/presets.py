@@ -211,7 +211,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A tablet held at an angle, in whose glass a window is reflected.
     "phone_at_tablet_by_window": SceneRecord(
-        panel=replace(LIT_LCD, layout="chevron", width=(200.0, 2048.0), glare=(0.02, 0.3)),
+        panel=replace(LIT_LCD, layout="chevron", width=(600.0, 2048.0), glare=(0.02, 0.3)),
         view=replace(BY_HAND, yaw=(-45.0, 45.0), pitch=(-20.0, 45.0), roll=(-30.0, 30.0)),
         lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(0.7, 1.9)),
