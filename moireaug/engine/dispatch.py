@@ -17,10 +17,9 @@ from moireaug.numeric import as_float, saturate
 from moireaug.shot import ShotRecord
 
 
-@torch.no_grad()
 def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
-    does for float32."""
+    does for float32; differentiable in float32 images."""
     if torch.compiler.is_compiling():
         return graph.expose(light, shot)
     from moireaug.engine.shot_exposure import lower_exposure
@@ -39,11 +38,17 @@ def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return in_order(
             [rows, others], [raw, pipeline.expose(as_float(light[others]), shot[others])]
         )
+    names = set(shot.plan.exposing)
     if varies:
-        light = as_float(light)
-        names = {"decode", "black_level", "prefilter"}.intersection(shot.plan.exposing)
-        light = pipeline.apply(names, light, shot)
-    return kernels.expose(light, exposure, beats)
+        decoding = {"decode", "black_level", "prefilter"}
+        light = pipeline.apply(names & decoding, as_float(light), shot)
+        names -= decoding
+    stage = autograd.Stage(
+        functools.partial(kernels.expose, exposure=exposure, beats=beats),
+        functools.partial(kernels.expose_back, exposure=exposure, beats=beats),
+        lambda light: pipeline.apply(names, light, shot),
+    )
+    return autograd.apply(stage, light)
 
 
 def develop(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
