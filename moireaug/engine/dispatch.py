@@ -26,7 +26,7 @@ def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
 
     # over the image: the reference does that blur
     varies = shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE
-    exposure, beats = lower_exposure(shot, decoded=varies)
+    exposure, beats = lower_exposure(shot.to("cpu"), decoded=varies)
     kernels = program.kernels()
     fits = kernels.fits(exposure, beats)
     if not fits.any():
@@ -58,7 +58,7 @@ def develop(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return graph.develop(raw, shot)
     from moireaug.engine.shot_development import lower_development
 
-    finite = raw.detach().sum((1, 2, 3)).isfinite()
+    finite = raw.detach().sum((1, 2, 3)).isfinite().cpu()
     if not finite.any():  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
     if not finite.all():
@@ -70,7 +70,7 @@ def develop(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
         names = tuple(name for name in names if name not in ("saturate", "demosaic"))
-    development, kernels = lower_development(shot), program.kernels()
+    development, kernels = lower_development(shot.to("cpu")), program.kernels()
     stage = autograd.Stage(
         functools.partial(kernels.develop, development=development),
         functools.partial(kernels.develop_back, development=development),
