@@ -1,11 +1,15 @@
-"""What the camera costs on a GPU, where it runs as plain PyTorch, or compiled.
+"""What the camera costs on a GPU.
 
     python benchmarks/gpu.py
+    python benchmarks/gpu.py --compile
 
 Times drawing and capturing photos on the device, beside kornia's RandomJPEG, the engine on the CPU
 (with the way there and back), and, unless --eager is given, `torch.compile(capture)`, which takes a
-minute or two to compile; then the stages of a capture, and a step of an attack beside one of PGD.
-Prints three tables and writes results/gpu.json.
+minute or two to compile; then the stages of a capture, a step of an attack beside one of PGD, and
+steps of training. Prints four tables and writes results/gpu.json.
+
+With --compile, no GPU is needed: compiles the engine's kernels for two, prints what they take and
+the times that follow, as estimates, and writes results/gpu-compiled.json and .txt.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from kornia.augmentation import RandomJPEG
 from torch import Tensor
 from torchvision.models import resnet18, resnet50
 
-from benchmarks import measure
+from benchmarks import gpu_compiled, gpu_training, measure
 from benchmarks.steps import step
 from moireaug import Scene, attacks, capture, develop, expose
 
@@ -42,7 +46,15 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=224, help="of the images, in pixels")
     parser.add_argument("--repeats", type=int, default=15)
     parser.add_argument("--eager", action="store_true", help="do not compile")
+    parser.add_argument(
+        "--compile",
+        action="store_true",
+        help="without a GPU: compile its kernels, and estimate their times",
+    )
     args = parser.parse_args()
+    if args.compile:
+        gpu_compiled.main(args)
+        return
     torch.set_num_threads(args.threads)
     batch, side = QUICK if args.quick else (args.batch, args.side)
     repeats = 1 if args.quick else args.repeats
@@ -53,11 +65,16 @@ def main() -> None:
         "photos": photos(images, repeats, compiled=not (args.eager or args.quick)),
         "stages": stages(images, repeats),
         "attacks": attack_steps(images, repeats),
+        "training": training(images, repeats, quick=args.quick),
     }
     for title, rows in found.items():
         print(f"{title.capitalize()}, {batch} of {side} px")
+        columns = ["what", "ms", "quartiles", "peak, MiB"]
         lines = [[r["what"], *measure.in_ms(r["seconds"]), r["memory"]] for r in rows]
-        print(measure.table(["what", "ms", "quartiles", "peak, MiB"], lines), end="\n\n")
+        if title == "training":
+            columns.append("camera's share")
+            lines = [[*line, row["camera_share"]] for line, row in zip(lines, rows, strict=True)]
+        print(measure.table(columns, lines), end="\n\n")
     content = {"metadata": facts, "batch": batch, "side": side} | found
     measure.write_json(measure.results(args) / "gpu.json", content)
 
@@ -115,6 +132,15 @@ def attack_steps(images: Tensor, repeats: int) -> list[dict[str, Any]]:
             name = f"{make.__name__}, a step of {type(attack).__name__}"
             calls[name] = step(attack, images, labels)
     return timed(calls, repeats, images.device)
+
+
+def training(images: Tensor, repeats: int, *, quick: bool) -> list[dict[str, Any]]:
+    """Return a row for a step of each recipe on each network, with the camera's share of it."""
+    models = gpu_training.QUICK_MODELS if quick else gpu_training.MODELS
+    calls = gpu_training.steps(models, len(images), images.shape[-1], images.device)
+    rows = timed(calls, repeats, images.device)
+    gpu_training.add_camera_shares(rows)
+    return rows
 
 
 def timed(

@@ -154,19 +154,22 @@ def configure(*overrides: str) -> Config:
     return as_config(compose("fit", ["trainer.accelerator=cpu", *overrides]))
 
 
-def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
+def step(
+    cfg: Config, batch: int, side: int, device: torch.device | str = "cpu"
+) -> Callable[[], None]:
     """Return a step of training, always on the same batch, outside Lightning's loop."""
     torch.manual_seed(0)
-    model = classifier_of(cfg, 16)
+    device = torch.device(device)
+    model = classifier_of(cfg, 16).to(device)
     model._strength, model.log = (lambda: 1.0), (lambda *args, **kwargs: None)  # type: ignore[method-assign]
     chosen = tuning_of(cfg.train, fine=side > SMALL)
     optimizer = make_optimizer(model.parameters(), chosen, cfg.train.momentum)
-    shown = (images("photo", batch, side) * 255).to(torch.uint8)
-    labels = torch.arange(batch) % 16
+    shown = (images("photo", batch, side) * 255).to(device, torch.uint8)
+    labels = torch.arange(batch, device=device) % 16
     half = machine.precision(cfg.trainer.precision, cfg.trainer.accelerator) == "bf16-mixed"
 
     def once() -> None:
-        with torch.autocast("cpu", torch.bfloat16, enabled=half):
+        with torch.autocast(device.type, torch.bfloat16, enabled=half):
             loss = model.training_step((shown, labels), 0)
         optimizer.zero_grad()
         loss.backward()

@@ -6,25 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-LANES = 16  # float32 that kernels work on at once; rows are padded to a multiple
-
-
-class Stencil(NamedTuple):
-    """A linear demosaic: each site's colours as sums over the packed planes of the cell rows above,
-    at and below it.
-
-    Args:
-        weight: (taps,) float32. offset: (taps,) int64, where in a prepared cell row the tap's pixel
-            is.
-        first, count: (4 sites, 3 channels, 3 rows) int64, index of each one's first
-            tap, and how many it has.
-    """
-
-    weight: np.ndarray
-    offset: np.ndarray
-    first: np.ndarray
-    count: np.ndarray  # type: ignore[assignment]  # hides tuple.count: not called
-
 
 class Resize(NamedTuple):
     """A linear resize along one axis, from n sensor pixels to m photo pixels.
@@ -34,10 +15,6 @@ class Resize(NamedTuple):
         taps: (m, T) float32, the weights from there on.
         first, last: (n,) int64, the photo pixels that each sensor pixel contributes to; none where
             last < first.
-        index, weight: (T, m) int32 and float32, the taps' places in a row of colours, as `develop`
-            lays it out, and their weights.
-        back_index, back_weight: (p, T', n / p), the transpose; p is 2 if even and odd columns lie
-            apart, else 1.
         is_identity: each photo pixel is a sensor pixel. halves: each is the mean of two.
     """
 
@@ -45,10 +22,6 @@ class Resize(NamedTuple):
     taps: np.ndarray
     first: np.ndarray
     last: np.ndarray
-    index: np.ndarray  # type: ignore[assignment]  # hides tuple.index: not called
-    weight: np.ndarray
-    back_index: np.ndarray
-    back_weight: np.ndarray
     is_identity: bool
     halves: bool
 
@@ -90,7 +63,10 @@ class Codes(NamedTuple):
     """What makes codes of a batch's readings, and resizes them.
 
     Args:
-        mosaic: the readings are packed planes. rows, cols: the resize along both axes.
+        mosaic: the readings are packed planes. demosaic: (4 sites, 3 colours, 4 planes, 3 rows, 3
+            columns) float32, how much a plane's pixel of a cell, of those around a site's own, is
+            worth in a colour of the site; 0 if not `mosaic`.
+        rows, cols: the resize along both axes.
         saturates: readings above 1 become 1. levels: the converter's 2^bits - 1, or 0. coded: light
             becomes sRGB codes.
         matrix: (B, 3, 3) float32, from the filters' colours to the photo's. mixes: whether it is
@@ -100,7 +76,7 @@ class Codes(NamedTuple):
     """
 
     mosaic: bool
-    stencil: Stencil
+    demosaic: np.ndarray
     rows: Resize
     cols: Resize
     saturates: bool

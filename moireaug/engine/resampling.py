@@ -1,4 +1,4 @@
-"""The linear steps of development as tables: demosaicing as a stencil, resizing as weights."""
+"""The linear steps of development, demosaicing and resizing, as tables of weights."""
 
 from __future__ import annotations
 
@@ -10,30 +10,24 @@ import torch
 from torch import Tensor
 
 from moireaug.effects.resize import area_weights
-from moireaug.engine.development_records import LANES, Resize, Stencil
-
-
-def _lanes(n: int) -> int:
-    """Return how many lanes a row of n values takes."""
-    return -(-n // LANES) * LANES
+from moireaug.engine.development_records import Resize
 
 
 @functools.lru_cache(maxsize=64)
-def lower_resize(read: int, size: int, n: int, how: str, parity: int) -> Resize:
+def lower_resize(read: int, size: int, n: int, how: str) -> Resize:
     """Return the Resize of one axis.
 
     Args:
         read: sensor pixels that are read. size: photo pixels.
         n: how many of the read pixels, from the first on, are resized.
         how: see `Develop.resize`.
-        parity: 2 if even and odd columns are held apart, else 1.
     """
     start, taps = _weights(n, size, how)
-    return _resize(start, taps, read, parity)
+    return _resize(start, taps, read)
 
 
 @functools.lru_cache(maxsize=64)
-def lower_means(read: int, size: int, step: int, lead: int, reach: int, parity: int) -> Resize:
+def lower_means(read: int, size: int, step: int, lead: int, reach: int) -> Resize:
     """Return the Resize of one axis to means.
 
     Args:
@@ -42,7 +36,7 @@ def lower_means(read: int, size: int, step: int, lead: int, reach: int, parity: 
     """
     count = step - 2 * reach
     start = lead + reach + step * np.arange(size)
-    return _resize(start, np.full((size, count), 1 / count), read, parity)
+    return _resize(start, np.full((size, count), 1 / count), read)
 
 
 def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
@@ -62,10 +56,11 @@ def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
         at = np.clip(scale * (i + 0.5) - 0.5, 0.0, n - 1.0)
         start = np.minimum(at.astype(np.int64), max(n - 2, 0))
         taps = np.stack([1 - (at - start), at - start], 1)[:, :n]
+    taps = taps[:, : np.flatnonzero(taps.any(0))[-1] + 1]  # a triangle's ends weigh nothing
     return start, taps / taps.sum(1, keepdims=True)
 
 
-def _resize(start: np.ndarray, taps: np.ndarray, read: int, parity: int) -> Resize:
+def _resize(start: np.ndarray, taps: np.ndarray, read: int) -> Resize:
     """Return the Resize of photo pixels with weights `taps` (m, T) from sensor pixels `start` (m,)
     on."""
     size, most = taps.shape
@@ -73,17 +68,11 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int, parity: int) -> Resi
     used = (pixel < read) & (taps != 0)
     pixel = np.minimum(pixel, read - 1)
     first, last = _contributions(pixel, used, read)
-    index, weight = _gathered(pixel, used, taps, read, parity)
-    back_index, back_weight = _transposed(pixel, used, taps, read, parity)
     return Resize(
         start=start.astype(np.int64),
         taps=taps.astype(np.float32),
         first=first,
         last=last,
-        index=index,
-        weight=weight,
-        back_index=back_index,
-        back_weight=back_weight,
         is_identity=most == 1 and bool((start == np.arange(size)).all()),
         halves=read == 2 * size and most == 2 and bool((taps == 0.5).all()),
     )
@@ -98,79 +87,19 @@ def _contributions(pixel: np.ndarray, used: np.ndarray, read: int) -> tuple[np.n
     return first, last
 
 
-def _gathered(
-    pixel: np.ndarray, used: np.ndarray, taps: np.ndarray, read: int, parity: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each tap's pixel is in a row of colours, and its weight, (T, m) each."""
-    # a colour of the odd columns lies the three colours of the even ones further on
-    lanes = _lanes(-(-read // parity))
-    index = pixel % parity * 3 * lanes + pixel // parity
-    weight = np.where(used, taps, 0.0)
-    return index.T.astype(np.int32, "C"), weight.T.astype(np.float32, "C")
-
-
-def _transposed(
-    pixel: np.ndarray, used: np.ndarray, taps: np.ndarray, read: int, parity: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the photo pixels that each sensor pixel contributes to, and the weights, in the order
-    of taps."""
-    most = max(1, int(np.max(np.bincount(pixel[used]))))
-    index = np.zeros((parity, most, read // parity), np.int32)
-    weight = np.zeros((parity, most, read // parity), np.float32)
-    count = [0] * read
-    for tap, photo in zip(*np.nonzero(used.T), strict=True):
-        at = pixel[photo, tap]
-        place = at % parity, count[at], at // parity
-        index[place], weight[place] = photo, taps[photo, tap]
-        count[at] += 1
-    return index, weight
-
-
-def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int) -> Stencil:
-    """Return a demosaic's Stencil, found by lighting each pixel of a cell and its neighbours once.
+@functools.lru_cache(maxsize=8)
+def demosaic_weights(demosaic: Callable[[Tensor], Tensor]) -> np.ndarray:
+    """Return a demosaic's weights, see `Codes.demosaic`, found by lighting each pixel of a cell and
+    its neighbours once.
 
     Args:
         demosaic: from RGGB mosaics (B, h, w) to colours (B, 3, h, w); linear, and reading at most
-            two pixels to each side. None for a sensor without colour filters.
-        cells: cells in a row.
+            two pixels to each side.
     """
-    weights: list[float] = []
-    offsets: list[int] = []
-    first, count = np.zeros((4, 3, 3), np.int64), np.zeros((4, 3, 3), np.int64)
-    wide = _lanes(cells) + LANES
-    for site, channel, dy, taps in _taps(demosaic) if demosaic else ():
-        first[site, channel, dy], count[site, channel, dy] = len(weights), len(taps)
-        for plane, dx, value in taps:
-            weights.append(value)
-            offsets.append(plane * wide + dx)
-    return Stencil(
-        np.array(weights or [0.0], np.float32), np.array(offsets or [0], np.int64), first, count
-    )
-
-
-@functools.lru_cache(maxsize=8)
-def _taps(
-    demosaic: Callable[[Tensor], Tensor],
-) -> tuple[tuple[int, int, int, tuple[tuple[int, int, float], ...]], ...]:
-    """Return (site, channel, row, ((plane, column, weight), ...)), rows and columns of cells
-    counted from the one before."""
     side = 5
     lit = torch.eye(4 * 9, dtype=torch.float64, device="cpu").reshape(36, 4, 3, 3)
     planes = torch.nn.functional.pad(lit, (1, 1, 1, 1))
     colours = demosaic(torch.nn.functional.pixel_shuffle(planes, 2)[:, 0])
     # the two by two pixels of the cell in the middle
     middle = colours[..., side - 1 : side + 1, side - 1 : side + 1]
-    of_rows = []
-    for site in range(4):
-        for channel in range(3):
-            seen = middle[:, channel, site // 2, site % 2].reshape(4, 3, 3)
-            for dy in range(3):
-                taps = [
-                    (plane, dx, float(seen[plane, dy, dx]))
-                    for plane in range(4)
-                    for dx in range(3)
-                    if seen[plane, dy, dx] != 0
-                ]
-                if taps:
-                    of_rows.append((site, channel, dy, tuple(taps)))
-    return tuple(of_rows)
+    return middle.reshape(4, 3, 3, 3, 4).permute(4, 3, 0, 1, 2).numpy().astype(np.float32, "C")

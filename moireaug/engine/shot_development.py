@@ -16,9 +16,8 @@ from moireaug.engine.development_records import (
     Development,
     Registration,
     Resize,
-    Stencil,
 )
-from moireaug.engine.resampling import lower_means, lower_resize, lower_stencil
+from moireaug.engine.resampling import demosaic_weights, lower_means, lower_resize
 from moireaug.engine.shot_numbers import (
     MAX_CACHED_SCENES,
     bin_scale_of,
@@ -36,7 +35,7 @@ def lower_development(shot: ShotRecord) -> Development:
     at the codes of every sensor pixel."""
     plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)
     whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
-    stencil, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
+    demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
     if "colour_matrix" in plan:
         mixed = [torch.from_numpy(drawn[k]) for k in ("sensor.crosstalk", "develop.saturation")]
         matrix = colour_matrix(*mixed).numpy()
@@ -59,10 +58,10 @@ def lower_development(shot: ShotRecord) -> Development:
         levels = np.float32(2**sensor.bits - 1)
     codes = Codes(
         mosaic=shot.scene.cells == "rggb",
-        stencil=stencil,
+        demosaic=demosaic,
         rows=rows,
         cols=cols,
-        saturates="saturate" in plan and shot.scene.cells != "binned",
+        saturates="saturate" in plan,
         levels=levels,
         matrix=matrix.astype(np.float32),
         mixes="colour_matrix" in plan,
@@ -127,19 +126,18 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _resampling(
     scene: SceneRecord, size: tuple[int, int], *, whole: bool
-) -> tuple[Stencil, Resize, Resize]:
-    """Return the demosaic's stencil, and the resize along rows and columns; whether effects that
+) -> tuple[np.ndarray, Resize, Resize]:
+    """Return the demosaic's weights, and the resize along rows and columns; whether effects that
     need whole sensor pixels come before the resize."""
     how, mosaic = scene.develop, scene.cells == "rggb"
     rows, cols = sampled_by(scene, size)
-    demosaic, reach = None, 0
+    demosaic, reach = np.zeros((4, 3, 4, 3, 3), np.float32), 0
     if mosaic:
-        demosaic, reach = DEMOSAICS[how.demosaic], DEMOSAIC_REACH[how.demosaic]
-    stencil = lower_stencil(demosaic, len(cols.index) // 2)
+        demosaic, reach = demosaic_weights(DEMOSAICS[how.demosaic]), DEMOSAIC_REACH[how.demosaic]
     return (
-        stencil,
-        _resize(rows, how.resize, reach, 1, whole=whole),
-        _resize(cols, how.resize, reach, 2 if mosaic else 1, whole=whole),
+        demosaic,
+        _resize(rows, how.resize, reach, whole=whole),
+        _resize(cols, how.resize, reach, whole=whole),
     )
 
 
@@ -150,13 +148,13 @@ def _pixel_count(pixels: SampledPixels) -> int:
 
 def _resize_of_photo(pixels: SampledPixels, how: str) -> Resize:
     count = _pixel_count(pixels)
-    return lower_resize(count, pixels.size, count, how, 1)
+    return lower_resize(count, pixels.size, count, how)
 
 
-def _resize(pixels: SampledPixels, how: str, reach: int, parity: int, *, whole: bool) -> Resize:
+def _resize(pixels: SampledPixels, how: str, reach: int, *, whole: bool) -> Resize:
     read, count = len(pixels.index), _pixel_count(pixels)
     if whole:
-        return lower_resize(read, count, count, "area", parity)
+        return lower_resize(read, count, count, "area")
     if how == "point" and pixels.step > 1:
-        return lower_means(read, pixels.size, pixels.step, pixels.lead, reach, parity)
-    return lower_resize(read, pixels.size, count, how, parity)
+        return lower_means(read, pixels.size, pixels.step, pixels.lead, reach)
+    return lower_resize(read, pixels.size, count, how)

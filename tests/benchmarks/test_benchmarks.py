@@ -146,8 +146,10 @@ def test_training_steps(ran):
 def test_gpu(ran):
     """On the CPU, where there is no GPU."""
     _, written, _ = ran("gpu")
-    for group in ("photos", "stages", "attacks"):
+    for group in ("photos", "stages", "attacks", "training"):
         assert written[group] and all(row["seconds"]["median"] > 0 for row in written[group])
+    shares = {row["what"]: row["camera_share"] for row in written["training"]}
+    assert shares["small_resnet, plain"] is None and shares["small_resnet, moire_at"] < 1
 
 
 def test_attack_budget(ran):

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from benchmarks import accuracy_vs_time, measure
+from benchmarks import accuracy_vs_time, gpu_compiled, measure
 from moireaug import Lens, Panel, Scene, Sensor, View, expose
 
 
@@ -73,3 +73,26 @@ def test_a_gpu_is_named_only_where_it_is_used(monkeypatch):
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: f"the GPU {device}")
     assert measure.metadata()["device"] == "cpu"
     assert measure.metadata("cuda")["device"] == "the GPU cuda"
+
+
+SASS = """
+        /*0000*/                   MOV R1, c[0x0][0x28] ;      /* 0x00000a0000017a02 */
+        /*0010*/              @!P0 BRA 0x40 ;                  /* 0x0000000000000947 */
+        /*0020*/                   LDG.E R2, [R4.64] ;         /* 0x0000000404027981 */
+        /*0030*/               @P1 BRA 0x20 ;                  /* 0x0000000000001947 */
+        /*0040*/                   EXIT ;                      /* 0x000000000000794d */
+        /*0050*/                   BRA 0x50;                   /* 0xfffffff000007947 */
+        /*0060*/                   NOP;                        /* 0x0000000000007918 */
+"""
+
+
+def test_instructions_in_a_loop_count_as_often_as_it_runs():
+    assert gpu_compiled.instruction_count(SASS, ()) == (6, "?")
+    assert gpu_compiled.instruction_count(SASS, (10,)) == (4 + 2 * 10, "10")
+
+
+def test_an_unrolled_loop_is_followed_by_its_rest():
+    twice = SASS.replace("LDG.E R2", "LDG.E R2, [R6.64] ;\n /*0028*/ LDG.E R2")
+    rest = "/*0070*/ LDG.E R2, [R4.64] ; /*0080*/ @P1 BRA 0x70 ;"
+    # five steps of two loads and a branch, one of one load and a branch
+    assert gpu_compiled.instruction_count(twice + rest, (11,)) == (4 + 5 * 3 + 2, "5 1")

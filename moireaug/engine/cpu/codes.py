@@ -8,8 +8,7 @@ import numpy as np
 
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop
 from moireaug.engine.cpu.tables import encode
-from moireaug.engine.cpu.vectors import add_sum
-from moireaug.engine.development_records import LANES
+from moireaug.engine.cpu.vectors import LANES, add_sum
 
 ZERO, ONE = np.float32(0), np.float32(1)
 TWO = np.float32(2)
@@ -174,7 +173,7 @@ def light_of_row(work, raw, y, codes):
     if codes.mosaic:
         for dy in range(-1, 2):
             _enter(ring, work.ring_rows, raw, min(max(y + dy, 0), h - 1), saturates, levels)
-        _colours(work.colours, ring, y, h, codes.stencil, codes.rows)
+        _colours(work.colours, ring, y, h, codes.demosaic, codes.rows)
         return
     for channel in range(3):
         _prepare(ring[0], raw[channel, y], saturates, levels)

@@ -10,8 +10,7 @@ import numpy as np
 
 from moireaug.effects.detail import LEAST_SIGMA
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop, once
-from moireaug.engine.cpu.vectors import SUMS_AT_ONCE, add_four_sums, add_sum
-from moireaug.engine.development_records import LANES
+from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum
 
 BLOCK_ROWS = SUMS_AT_ONCE  # rows that are blurred vertically at once
 GAUSSIAN_REACH_SIGMAS = 4.5  # what lies beyond weighs less than 1e-5

@@ -131,7 +131,7 @@ def _light_back(gradients, photo_grad, y, codes, work):
 @inner
 def _demosaic_back(gradients, y, h, codes, work):
     """Add the gradient in the colours of cell row y to that in the rows they are made from."""
-    w, stencil = work.width, codes.stencil
+    w, stencil = work.width, codes.demosaic
     for site in range(SITES_PER_CELL):
         if not is_read(codes.rows, 2 * y + site // 2):
             continue

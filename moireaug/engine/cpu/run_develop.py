@@ -11,6 +11,7 @@ from torch import Tensor
 from moireaug.engine.cpu import batch_develop as batch
 from moireaug.engine.cpu.arrays import array_of, empty
 from moireaug.engine.cpu.first_use import prepare
+from moireaug.engine.cpu.layout import lay_out
 from moireaug.engine.cpu.records import Photos
 from moireaug.engine.cpu.threads import each, each_share, surplus
 from moireaug.engine.development_records import Development
@@ -23,6 +24,7 @@ def develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor,
     saves: `develop_back` will be called; else that tensor may be empty.
     """
     prepare()
+    development = lay_out(development)
     n, h = len(raw), development.size[0]
     count = n if development.finishes and saves else 0
     unclipped = torch.empty(count, 3, *development.detail.size, dtype=torch.uint8, device="cpu")
@@ -38,7 +40,7 @@ def develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor,
 
 def develop_back(grad: Tensor, raw: Tensor, unclipped: Tensor, development: Development) -> Tensor:
     """Return the gradient in the readings, from that in the photos and what `develop` saved."""
-    out = empty(*raw.shape)
+    out, development = empty(*raw.shape), lay_out(development)
     arrays = out.numpy(), array_of(grad), unclipped.numpy(), array_of(raw)
     each(functools.partial(_develop_back, *arrays, development), len(raw))
     return out

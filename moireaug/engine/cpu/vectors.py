@@ -18,9 +18,9 @@ from moireaug.engine.cpu.intrinsics import (
     emit_tap_weights,
 )
 from moireaug.engine.cpu.records import TapWeights
-from moireaug.engine.development_records import LANES
 
 SUMS_AT_ONCE = 4  # of `add_four_sums`
+LANES = 16  # float32 that loops work on at once; rows are padded to a multiple
 VECTOR_LANES = 16  # float32 in a vector of tap weights
 
 

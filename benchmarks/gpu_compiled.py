@@ -1,0 +1,238 @@
+"""What the GPU's kernels are compiled to, without a GPU: a table and the times that follow."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from torch import Tensor
+
+from benchmarks import measure
+from benchmarks.gpu_entries import ENTRIES, Case, cases
+
+ARCHITECTURES = (80, 90)  # an A100 and an H100
+BATCH, SIDE = 64, 224
+# of an H100 SXM; a fused multiply-add counts as two operations
+BYTES_PER_SECOND, FLOPS = 3.35e12, 67e12
+INSTRUCTION = re.compile(r"/\*([0-9a-f]{4,})\*/\s+(.*?);")
+BRANCH = re.compile(r"\bBRA\b.*?0x([0-9a-f]+)")
+ASSUMPTIONS = """\
+Estimates, not measurements. No GPU was used: registers, spilled bytes, shared memory and
+instructions are of the compiled kernels; the times follow for an H100 SXM whatever the kernels were
+compiled for. Bytes: each array that a kernel takes is read or written once, at 3.35 TB/s.
+Instructions: those that a thread executes, for each pixel of the array that the kernel fills; loops
+count as often as they run ("loops"), those of unknown length once ("?"). Each is issued at the rate
+of a multiply-add of float32, 33.5 T/s, float64 and special functions too. A kernel takes the longer
+of the two times; launching it is left out."""
+
+
+class Launch(NamedTuple):
+    """A kernel's compilation, and what a launch of it does.
+
+    Args:
+        registers: of a thread. spilled, shared: bytes, of a thread and of a program.
+        instructions: for a pixel. loops: their lengths. megabytes: read and written.
+        us: microseconds by bytes or instructions, whichever takes longer.
+    """
+
+    architecture: str
+    case: str
+    entry: str
+    kernel: str
+    registers: int
+    spilled: int
+    shared: int
+    instructions: float
+    loops: str
+    megabytes: float
+    us: float
+
+
+class CompilingDriver:
+    """A driver of Triton that has a target, and no device."""
+
+    def __init__(self, architecture: int) -> None:
+        self.architecture = architecture
+
+    def get_current_target(self) -> Any:
+        from triton.backends.compiler import GPUTarget
+
+        return GPUTarget("cuda", self.architecture, 32)
+
+    def get_current_device(self) -> int:
+        return self.architecture  # kernels are cached by device
+
+    def get_current_stream(self, device: int) -> int:
+        return 0
+
+
+@contextlib.contextmanager
+def compiling(architecture: int, launched: Callable[..., None]) -> Iterator[None]:
+    """Compile kernels instead of launching them, and call launched(kernel, grid, arguments)."""
+    from triton.runtime import JITFunction, driver
+
+    run = JITFunction.run
+
+    def compile_only(
+        kernel: Any, *arguments: Any, grid: Any, warmup: bool, **constants: Any
+    ) -> Any:
+        compiled = run(kernel, *arguments, grid=grid, warmup=True, **constants)
+        launched(compiled, grid, arguments)
+        return compiled
+
+    driver.set_active(CompilingDriver(architecture))
+    JITFunction.run = compile_only
+    try:
+        yield
+    finally:
+        JITFunction.run = run
+
+
+def tensors(arguments: Any) -> list[Tensor]:
+    """Return the tensors among arguments, which may be in tuples."""
+    if isinstance(arguments, Tensor):
+        return [arguments]
+    if isinstance(arguments, tuple | list):
+        return [tensor for argument in arguments for tensor in tensors(argument)]
+    return []
+
+
+def resources(compiled: Any) -> tuple[int, int, str]:
+    """Return a kernel's registers, bytes on the stack, where registers are spilled, and machine
+    code."""
+    from triton import knobs
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "kernel.cubin"
+        file.write_bytes(compiled.asm["cubin"])
+        dump = [knobs.nvidia.cuobjdump.path, "-res-usage", "-sass", str(file)]
+        out = subprocess.run(dump, capture_output=True, text=True, check=True).stdout
+    registers, stack = re.findall(r"REG:(\d+) STACK:(\d+)", out)[0]
+    return int(registers), int(stack), out
+
+
+def instruction_count(sass: str, lengths: tuple[int, ...]) -> tuple[int, str]:
+    """Return how many instructions a thread executes, and how often its loops run, as text.
+
+    Args:
+        sass: machine code, as cuobjdump prints it. lengths: of the loops in the kernel's source, in
+            the order in which they begin; those left out count once.
+    """
+    code = [(int(at, 16), text) for at, text in INSTRUCTION.findall(sass) if text[:3] != "NOP"]
+    repeats = loop_repeats(code, lengths)
+    count = 0
+    for at, _ in code:
+        times = 1
+        for (begin, end), repeat in repeats.items():
+            if begin <= at <= end:
+                times *= 1 if repeat is None else repeat
+        count += times
+    return count, " ".join("?" if repeat is None else str(repeat) for repeat in repeats.values())
+
+
+def loop_repeats(
+    code: list[tuple[int, str]], lengths: tuple[int, ...]
+) -> dict[tuple[int, int], int | None]:
+    """Return how often each loop of machine code runs, None where its length is unknown; code:
+    addresses and instructions.
+
+    A loop that is followed by one with a whole fraction of its loads is the first unrolled, and the
+    second does the rest.
+    """
+    loops = []
+    for at, text in code:
+        branch = BRANCH.search(text)
+        if branch and int(branch[1], 16) < at:  # a branch to itself pads the end
+            loops.append((int(branch[1], 16), at))
+    loops.sort(key=lambda loop: (loop[0], -loop[1]))
+    loads = [sum(i <= at <= j and "LDG" in text for at, text in code) for i, j in loops]
+    left, repeats = list(lengths), {}
+    for k, loop in enumerate(loops):
+        if loop in repeats:
+            continue
+        length = left.pop(0) if left else None
+        repeats[loop] = length
+        if length is None or k + 1 == len(loops) or loops[k + 1][0] < loop[1]:
+            continue
+        if loads[k + 1] and loads[k] > loads[k + 1] and loads[k] % loads[k + 1] == 0:
+            unrolled = loads[k] // loads[k + 1]
+            repeats[loop], repeats[loops[k + 1]] = divmod(length, unrolled)
+    return repeats
+
+
+def launch_of(compiled: Any, grid: Any, arguments: Any, lengths: tuple[int, ...]) -> dict[str, Any]:
+    """Return the fields of a `Launch` that do not name it."""
+    registers, spilled, sass = resources(compiled)
+    of_thread, loops = instruction_count(sass, lengths)
+    threads = compiled.metadata.num_warps * 32
+    for programs in grid:
+        threads *= programs
+    out = tensors(arguments)[0]
+    pixels = out.shape[0] * out.shape[-2] * out.shape[-1]
+    traffic = sum(tensor.nbytes for tensor in tensors(arguments))
+    seconds = max(traffic / BYTES_PER_SECOND, of_thread * threads / (FLOPS / 2))
+    return {
+        "kernel": compiled.name,
+        "registers": registers,
+        "spilled": spilled,
+        "shared": compiled.metadata.shared,
+        "instructions": of_thread * threads / pixels,
+        "loops": loops,
+        "megabytes": traffic / 1e6,
+        "us": seconds * 1e6,
+    }
+
+
+def launches(architecture: int, case: Case) -> list[Launch]:
+    """Return a row for each launch of each entry."""
+    rows: list[Launch] = []
+    for name, entry in ENTRIES.items():
+        if not entry.takes(case):
+            continue
+
+        def launched(compiled: Any, grid: Any, arguments: Any, name: str = name) -> None:
+            lengths = case.loop_lengths.get(compiled.name, ())
+            fields = launch_of(compiled, grid, arguments, lengths)
+            rows.append(Launch(f"sm_{architecture}", case.name, name, **fields))
+
+        with compiling(architecture, launched):
+            entry.call(case)
+    return rows
+
+
+def main(args: Any) -> None:
+    """Print and write the table; see `gpu.main`."""
+    os.environ.pop("TRITON_INTERPRET", None)
+    batch, side, architectures = (2, 32, (90,)) if args.quick else (BATCH, SIDE, ARCHITECTURES)
+    facts = measure.metadata("cpu")
+    rows: list[Launch] = []
+    for case in cases(batch, side)[: 1 if args.quick else None]:
+        for architecture in architectures:
+            rows += launches(architecture, case)
+    heading = f"{batch} photos of {side} px\n{measure.told(facts)}\n\n{ASSUMPTIONS}"
+    text = "\n\n".join([heading, measure.table(Launch._fields, rows), totals(rows)])
+    print(text)
+    folder = measure.results(args)
+    content = {"metadata": facts, "batch": batch, "side": side, "assumptions": ASSUMPTIONS}
+    content["launches"] = [row._asdict() for row in rows]
+    measure.write_json(folder / "gpu-compiled.json", content)
+    (folder / "gpu-compiled.txt").write_text(text + "\n")
+
+
+def totals(rows: list[Launch]) -> str:
+    """Return a table of each entry's launches, megabytes and estimated microseconds."""
+    sums: dict[tuple[str, str, str], list[float]] = {}
+    for row in rows:
+        total = sums.setdefault((row.architecture, row.case, row.entry), [0, 0.0, 0.0])
+        total[0] += 1
+        total[1] += row.megabytes
+        total[2] += row.us
+    lines = [[*key, *total] for key, total in sums.items()]
+    columns = ["architecture", "case", "entry", "launches", "megabytes", "us, estimated"]
+    return measure.table(columns, lines)

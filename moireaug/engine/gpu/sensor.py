@@ -1,0 +1,104 @@
+"""What glass, lens and sensor make of the light on a pixel, float32.
+
+`camera` points to one image's Camera, float64; u, v is a photo point about the photo's centre.
+"""
+
+from __future__ import annotations
+
+import math
+
+import triton
+import triton.language as tl
+
+from moireaug.effects import sensor
+from moireaug.engine.gpu.arrays import camera_field
+from moireaug.engine.gpu.noise import normal
+from moireaug.engine.gpu.view import BEND, load32
+
+GAIN, FALLOFF = camera_field("gain"), camera_field("falloff")
+GLARE, GLARE_U, GLARE_V = camera_field("glare"), camera_field("glare_u"), camera_field("glare_v")
+DARK_NOISE, PHOTON_NOISE = camera_field("dark_noise"), camera_field("photon_noise")
+
+DARK_LEVEL = tl.constexpr(sensor.DARK_LEVEL)
+LEAST_VARIANCE = tl.constexpr(sensor.LEAST_VARIANCE)
+ROOT_HALF = tl.constexpr(0.5**0.5)
+PEAK = tl.constexpr((2 * math.pi) ** -0.5)  # of the standard normal density
+MIN_EXPONENT = tl.constexpr(-80.0)
+
+
+@triton.jit
+def flicker(light_of_rows, row, last):
+    """Return the light at a row relative to the panel's mean, interpolated linearly.
+
+    light_of_rows: (last + 2,) float32, of the image. row: place in it, clipped to [0, last].
+    """
+    row = tl.minimum(tl.maximum(row, 0.0), last)
+    before = row.to(tl.int32)
+    low, high = tl.load(light_of_rows + before), tl.load(light_of_rows + before + 1)
+    return low + (row - before) * (high - low)
+
+
+@triton.jit
+def reflected(u, v, camera):
+    """Return what the glass reflects, as a share of what a plane reads of a white screen."""
+    return load32(camera, GLARE) + load32(camera, GLARE_U) * u + load32(camera, GLARE_V) * v
+
+
+@triton.jit
+def attenuation(u, v, camera):
+    """Return the factor of gain and vignetting."""
+    dimmed = 1.0 + load32(camera, FALLOFF) * load32(camera, BEND) * (u * u + v * v)
+    return load32(camera, GAIN) / (dimmed * dimmed)
+
+
+@triton.jit
+def noise_of(light, index, seed, camera, quantiles):
+    """Return the noise of a reading, and its derivative in the light; see `noise.normal`."""
+    dark, photons = load32(camera, DARK_NOISE), load32(camera, PHOTON_NOISE)
+    variance = dark * dark + photons * photons * tl.maximum(light, DARK_LEVEL)
+    some = variance > 0.0
+    sigma = tl.where(some, tl.sqrt(tl.where(some, variance, 1.0)), 0.0)
+    number = normal(index, seed, quantiles)
+    grows = some & (light > DARK_LEVEL)
+    slope = tl.where(grows, 0.5 * photons * photons / tl.where(some, sigma, 1.0), 0.0)
+    return number * sigma, number * slope
+
+
+@triton.jit
+def mean_excess(mean, variance):
+    """Return the mean of max(x, 0) of normally distributed x, and its derivatives in mean and
+    variance."""
+    some = variance > LEAST_VARIANCE
+    sigma = tl.sqrt(tl.where(some, variance, 1.0))
+    z = mean / sigma
+    share = 0.5 + 0.5 * tl.erf(z * ROOT_HALF)
+    density = PEAK * tl.exp(tl.maximum(-0.5 * z * z, MIN_EXPONENT))
+    excess = tl.where(some, mean * share + sigma * density, tl.maximum(mean, 0.0))
+    by_mean = tl.where(some, share, tl.where(mean > 0.0, 1.0, 0.0))
+    return excess, by_mean, tl.where(some, 0.5 * density / sigma, 0.0)
+
+
+@triton.jit
+def clipped_mean(light, dark, photons, pattern):
+    """Return the mean of sensor pixels clipped to [0, 1], as `effects.sensor.expected_clip` does,
+    from their mean light, and its derivative in that.
+
+    Args:
+        dark, photons: variance of the noise that was averaged away, in the dark, and what a reading
+            of 1 adds. pattern: that of the panel's pattern as a share of the squared reading.
+    """
+    noise = dark + photons * tl.maximum(light, DARK_LEVEL)
+    noise_slope = tl.where(light > DARK_LEVEL, photons, 0.0)
+    below, below_by_mean, below_by_noise = mean_excess(-light, noise)
+    spread = tl.maximum(light, 0.0) * pattern
+    above, above_slope, above_by_variance = mean_excess(light - 1.0, noise + light * spread)
+    above_slope += above_by_variance * (noise_slope + 2.0 * spread)
+    # no light of two levels, one of which is 0, has more above 1
+    some = noise > LEAST_VARIANCE
+    sigma = tl.sqrt(tl.where(some, noise, 1.0))
+    bound = light - 1.0 / (1.0 + pattern) + tl.where(some, PEAK * sigma, 0.0)
+    bounded = (light * (1.0 + pattern) > 2.0) & (bound < above)  # else it is never the smaller
+    bound_slope = 1.0 + tl.where(some, 0.5 * PEAK * noise_slope / sigma, 0.0)
+    clipped = light + below - tl.where(bounded, bound, above)
+    slope = 1.0 - below_by_mean + below_by_noise * noise_slope
+    return clipped, slope - tl.where(bounded, bound_slope, above_slope)

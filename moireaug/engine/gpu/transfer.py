@@ -1,0 +1,73 @@
+"""What aperture, lens, low-pass filter and motion leave of a wave, float32; and the waves."""
+
+from __future__ import annotations
+
+import math
+
+import triton
+import triton.language as tl
+
+from moireaug.engine.gpu.arrays import camera_field
+from moireaug.engine.gpu.view import load32
+
+FILL, BLUR, OLPF = camera_field("fill"), camera_field("blur"), camera_field("olpf")
+MOTION_X, MOTION_Y = camera_field("motion_x"), camera_field("motion_y")
+
+PI = tl.constexpr(math.pi)
+TWO_PI_SQUARED = tl.constexpr(2 * math.pi**2)
+MIN_EXPONENT = tl.constexpr(-80.0)  # whose exponential is below any error
+# sin and cos at t = pi d / 2, d in [-1/2, 1/2], by Taylor's series
+S0, S1, S2, S3, S4 = (
+    tl.constexpr((math.pi / 2) ** (2 * i + 1) * (-1) ** i / math.factorial(2 * i + 1))
+    for i in range(5)
+)
+C1, C2, C3, C4 = (
+    tl.constexpr((math.pi / 2) ** (2 * i) * (-1) ** i / math.factorial(2 * i)) for i in range(1, 5)
+)
+
+
+@triton.jit
+def wave(cycles):
+    """Return the cosine and the sine of a number of cycles, as accurate as that is."""
+    return wave_of_part(cycles - tl.floor(cycles + 0.5))
+
+
+@triton.jit
+def wave_of_part(d):
+    """Return the cosine and the sine of a part of a cycle, from -1/2 to 1/2."""
+    t = d * d
+    # of a quarter of the angle, which is doubled twice
+    sine = d * (S0 + t * (S1 + t * (S2 + t * (S3 + t * S4))))
+    cosine = 1.0 + t * (C1 + t * (C2 + t * (C3 + t * C4)))
+    sine, cosine = 2.0 * sine * cosine, 1.0 - 2.0 * sine * sine
+    return 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine
+
+
+@triton.jit
+def sinc(x):
+    """Return sin(pi x) / (pi x)."""
+    _, sine = wave(0.5 * x)
+    small = tl.abs(x) < 1e-4
+    return tl.where(small, 1.0, sine / (tl.where(small, 1.0, x) * PI))
+
+
+@triton.jit
+def transfer(fu, fv, camera):
+    """Return the modulation transfer of aperture and lens at a frequency in cycles per sensor pixel
+    along u and v."""
+    fill, blur, olpf = load32(camera, FILL), load32(camera, BLUR), load32(camera, OLPF)
+    moved = fu * load32(camera, MOTION_X) + fv * load32(camera, MOTION_Y)
+    variance = blur * blur * (fu * fu + fv * fv) + moved * moved
+    gaussian = tl.exp(tl.maximum(variance * -TWO_PI_SQUARED, MIN_EXPONENT))
+    doubled_u, _ = wave(0.5 * olpf * fu)
+    doubled_v, _ = wave(0.5 * olpf * fv)
+    return sinc(fill * fu) * sinc(fill * fv) * gaussian * doubled_u * doubled_v
+
+
+@triton.jit
+def blur_variance(by_u, by_v, camera):
+    """Return the variance that lens, motion and low-pass filter add along one axis of the panel, in
+    squared panel pixels; by_u, by_v: panel pixels along it per sensor pixel along u and v."""
+    blur, olpf = load32(camera, BLUR), load32(camera, OLPF)
+    moved = by_u * load32(camera, MOTION_X) + by_v * load32(camera, MOTION_Y)
+    return (by_u * by_u + by_v * by_v) * (blur * blur + olpf * olpf / 4.0) + moved * moved

@@ -1,0 +1,127 @@
+"""Where a pixel looks, and the Jacobian there.
+
+`camera` points to one image's Camera, float64. Photo points u, v lie about the photo's centre.
+Positions are float64, because a phase is what is left of thousands of cycles; the Jacobian is
+float32.
+"""
+
+from __future__ import annotations
+
+import triton
+import triton.language as tl
+
+from moireaug.engine.gpu.arrays import camera_field
+from moireaug.geometry import distortion, grids
+from moireaug.scene import lens
+
+H00, H01, H02 = camera_field("h00"), camera_field("h01"), camera_field("h02")
+H10, H11, H12 = camera_field("h10"), camera_field("h11"), camera_field("h12")
+H20, H21, H22 = camera_field("h20"), camera_field("h21"), camera_field("h22")
+K1, K2, BEND = camera_field("k1"), camera_field("k2"), camera_field("bend")
+ALPHA = camera_field("alpha")
+SCALE_U, SCALE_V = camera_field("scale_u"), camera_field("scale_v")
+
+NEAR_HORIZON = tl.constexpr(grids.NEAR_HORIZON)
+NEWTON_STEPS = tl.constexpr(distortion.NEWTON_STEPS)
+MIN_LENS_SLOPE = tl.constexpr(lens.MIN_LENS_SLOPE)
+
+
+@triton.jit
+def to_image(u, v, camera):
+    """Return the image point x, y that a photo point sees, float64."""
+    r2 = (u * u + v * v) * tl.load(camera + BEND)
+    bent = 1.0 + r2 * (tl.load(camera + K1) + tl.load(camera + K2) * r2)
+    p, q = u * bent, v * bent
+    depth = tl.load(camera + H20) * p + tl.load(camera + H21) * q + tl.load(camera + H22)
+    nearness = 1.0 / tl.maximum(depth, NEAR_HORIZON)
+    x = tl.load(camera + H00) * p + tl.load(camera + H01) * q + tl.load(camera + H02)
+    y = tl.load(camera + H10) * p + tl.load(camera + H11) * q + tl.load(camera + H12)
+    return x * nearness, y * nearness
+
+
+@triton.jit
+def newton_step(r, ideal, k1, k2):
+    """Return a better radius that a lens takes to an ideal one, from 0 to the photo's corner, 1."""
+    r2 = r * r
+    error = r * (1.0 + r2 * (k1 + k2 * r2)) - ideal
+    slope = tl.maximum(1.0 + r2 * (3.0 * k1 + 5.0 * k2 * r2), MIN_LENS_SLOPE)
+    return tl.minimum(tl.maximum(r - error / slope, 0.0), 1.0)
+
+
+@triton.jit
+def undistortion(ideal, k1, k2):
+    """Return the factor that takes ideal points at a radius to photo points, float64, as
+    `distortion.inverse_radial_factor` does: all steps but the last two in float32."""
+    near, a, b = ideal.to(tl.float32), k1.to(tl.float32), k2.to(tl.float32)
+    # where Newton's method may start: the squared radius at which the lens's curve has no bend
+    inflection = -0.3 * a / tl.where(b == 0.0, 1.0, b)
+    bends = (b != 0.0) & (inflection > 0.0) & (inflection < 1.0)
+    start = tl.sqrt(tl.where(bends, inflection, 1.0))
+    r = tl.where(bends, start, tl.minimum(near, 1.0))
+    for _ in tl.static_range(NEWTON_STEPS - 1):
+        r = newton_step(r, near, a, b)
+    exact = newton_step(newton_step(r.to(tl.float64), ideal, k1, k2), ideal, k1, k2)
+    # beyond the corner the curve may fold: its tangent there is followed
+    beyond = 1.0 + (ideal - 1.0 - k1 - k2) / (1.0 + 3.0 * k1 + 5.0 * k2)
+    radius = tl.where(beyond > 1.0, beyond, exact)
+    tiny = ideal < 1e-12
+    return tl.where(tiny, 1.0, radius / tl.where(tiny, 1.0, ideal))
+
+
+@triton.jit
+def to_photo(x, y, forward, camera, BENT: tl.constexpr):
+    """Return the photo point u, v that shows an image point x, y about the image's centre, float64.
+
+    forward: (9,) float64, the inverse of the camera's homography. BENT: whether the lens distorts.
+    """
+    depth = tl.load(forward + 6) * x + tl.load(forward + 7) * y + tl.load(forward + 8)
+    nearness = 1.0 / tl.maximum(depth, NEAR_HORIZON)
+    u = (tl.load(forward) * x + tl.load(forward + 1) * y + tl.load(forward + 2)) * nearness
+    v = (tl.load(forward + 3) * x + tl.load(forward + 4) * y + tl.load(forward + 5)) * nearness
+    if BENT:
+        ideal = tl.sqrt((u * u + v * v) * tl.load(camera + BEND))
+        factor = undistortion(ideal, tl.load(camera + K1), tl.load(camera + K2))
+        u, v = u * factor, v * factor
+    return u, v
+
+
+@triton.jit
+def load32(camera, FIELD: tl.constexpr):
+    """Return a field of a Camera as float32."""
+    return tl.load(camera + FIELD).to(tl.float32)
+
+
+@triton.jit
+def jacobian(u, v, camera):
+    """Return the change of panel x and y per sensor pixel along u and v at a photo point, as xu,
+    xv, yu, yv; float32."""
+    u, v, bend = u.to(tl.float32), v.to(tl.float32), load32(camera, BEND)
+    k1, k2, h20, h21 = (
+        load32(camera, K1),
+        load32(camera, K2),
+        load32(camera, H20),
+        load32(camera, H21),
+    )
+    r2 = bend * (u * u + v * v)
+    bent, along = 1.0 + r2 * (k1 + k2 * r2), 2.0 * bend * (k1 + 2.0 * k2 * r2)
+    uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
+    p, q = u * bent, v * bent
+    nearness = 1.0 / tl.maximum(h20 * p + h21 * q + load32(camera, H22), NEAR_HORIZON)
+    h00, h01, h10, h11 = (
+        load32(camera, H00),
+        load32(camera, H01),
+        load32(camera, H10),
+        load32(camera, H11),
+    )
+    x = (h00 * p + h01 * q + load32(camera, H02)) * nearness
+    y = (h10 * p + h11 * q + load32(camera, H12)) * nearness
+    xp, xq = (h00 - x * h20) * nearness, (h01 - x * h21) * nearness
+    yp, yq = (h10 - y * h20) * nearness, (h11 - y * h21) * nearness
+    alpha = load32(camera, ALPHA)
+    by_u, by_v = alpha / load32(camera, SCALE_U), alpha / load32(camera, SCALE_V)
+    return (
+        by_u * (xp * uu + xq * uv),
+        by_v * (xp * uv + xq * vv),
+        by_u * (yp * uu + yq * uv),
+        by_v * (yp * uv + yq * vv),
+    )

@@ -1,0 +1,114 @@
+"""Binned readings by the GPU's kernels, and their gradient in the picture, equal the reference's in
+float64."""
+
+import dataclasses
+
+import pytest
+import torch
+
+pytest.importorskip("triton")
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
+from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
+from moireaug.engine.gpu import expose_binned
+from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.exposure.bin_geometry import pixels_on_photo
+from moireaug.scene.presets import PRESETS
+from tests.engine.readings import assert_equal
+
+SIZE = (10, 13)
+TURNED = View(yaw=24.0, pitch=-12.0, roll=8.0, fov=40.0)
+LENS = Lens(k1=0.04, k2=-0.02, blur=0.3, olpf=0.5, motion_x=0.3, motion_y=-0.2, vignetting=0.3)
+PANEL = Panel(width=30.0, lit=0.6, black=0.05, glare=0.1, glare_x=0.3, glare_y=-0.2, pwm=200.0)
+SENSOR = Sensor(pitch=2.2, gain=1.7, crosstalk=0.2, read_noise=0.02, shot_noise=0.03)
+SCENES = {
+    "everything": Scene(
+        panel=PANEL,
+        view=TURNED,
+        lens=LENS,
+        sensor=dataclasses.replace(SENSOR, shutter=0.002, readout=0.0003),
+        develop=Develop(linear_light=True, resize="antialias"),
+    ),
+    "camera's frame": Scene(
+        panel=dataclasses.replace(PANEL, pwm=0.0),
+        view=TURNED,
+        lens=LENS,
+        sensor=SENSOR,
+        develop=Develop(registered=False),
+    ),
+    "from afar, in the camera's frame": Scene(
+        panel=Panel(width=30.0),
+        view=View(yaw=10.0, zoom=0.1, fit=False),
+        lens=Lens(blur=0.2),
+        sensor=Sensor(pitch=5.0),
+        develop=Develop(registered=False),
+    ),
+    "no colour filters": Scene(
+        panel=Panel(width=24.0, layout="chevron"),
+        view=TURNED,
+        lens=Lens(blur=0.3),
+        sensor=Sensor(pitch=1.3, cfa="none"),
+    ),
+    "panel finer than the picture": Scene(
+        panel=Panel(scale=1.3, lit=0.5),
+        view=View(roll=4.0),
+        lens=Lens(blur=0.3),
+        sensor=Sensor(scale=2.0, reading="binned"),
+    ),
+    "panel coarser than the picture": Scene(
+        panel=Panel(width=(5.0, 9.0)), view=TURNED, lens=LENS, sensor=Sensor(pitch=1.3)
+    ),
+    "no harmonic": Scene(panel=PANEL, sensor=dataclasses.replace(SENSOR, exposure="mean")),
+}
+
+
+@pytest.fixture(autouse=True)
+def one_program_an_image(monkeypatch):
+    """The interpreter takes as long for a program of one bin as of hundreds."""
+    monkeypatch.setattr(expose_binned, "BLOCK", 256)
+
+
+def shot_and_picture(scene, size=SIZE, n=1):
+    g = torch.Generator().manual_seed(3)
+    return scene.sample(n, size, g), torch.rand(n, 3, *size, generator=g)
+
+
+def both_readings(shot, picture):
+    """The kernels' readings of bins that the photo shows, and the reference's."""
+    expected, varies = pipeline.expose(picture.double(), shot), False
+    if shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE:  # over the picture: the reference does it
+        picture, varies = pipeline.apply(("prefilter",), picture, shot), True
+    got = expose_binned.expose(picture, *lower_exposure(shot, decoded=varies))
+    on_photo = pixels_on_photo(shot)[1][:, None] if shot.scene.is_rectified else 1.0
+    return got * on_photo, expected * on_photo
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_equals_the_reference(name):
+    assert_equal(*both_readings(*shot_and_picture(SCENES[name])))
+
+
+@pytest.mark.parametrize("name", [name for name in PRESETS if not name.startswith("paper")])
+def test_equals_the_reference_on_every_preset(name):
+    assert_equal(*both_readings(*shot_and_picture(Scene.preset(name))))
+
+
+@pytest.mark.parametrize("name", ["everything", "camera's frame", "panel coarser than the picture"])
+def test_the_gradient_in_the_picture(name):
+    shot, picture = shot_and_picture(SCENES[name])
+    exact = picture.double().requires_grad_()
+    expected = pipeline.expose(exact, shot)
+    grad = torch.randn(expected.shape, generator=torch.Generator().manual_seed(5))
+    if shot.scene.is_rectified:  # what bins beside the photo read is never seen
+        grad = grad * pixels_on_photo(shot)[1][:, None]
+    (expected,) = torch.autograd.grad(expected, exact, grad.double())
+    got = expose_binned.expose_back(grad, picture, *lower_exposure(shot, decoded=False))
+    assert (got - expected).norm() < 1e-4 * expected.norm()
+
+
+def test_another_pitch_is_not_equal():
+    shot, picture = shot_and_picture(Scene.preset("screen_photo"))
+    sensor = dataclasses.replace(shot.sensor, pitch=shot.sensor.pitch * 1.001)
+    other = both_readings(dataclasses.replace(shot, sensor=sensor), picture)[0]
+    with pytest.raises(AssertionError):
+        assert_equal(other, both_readings(shot, picture)[1])

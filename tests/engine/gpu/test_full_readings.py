@@ -1,0 +1,128 @@
+"""Full readings on a GPU, and their gradients in the picture, equal the reference in float64, on
+random pictures."""
+
+import dataclasses
+
+import pytest
+import torch
+
+pytest.importorskip("triton")
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
+from moireaug.engine.gpu import expose_full, expose_point
+from moireaug.engine.shot_exposure import lower_exposure
+from tests.engine.readings import assert_equal
+from tests.engine.test_expose import DELTA, TURNED
+
+SCENES = {
+    "everything": Scene(
+        panel=Panel(black=0.02, glare=0.1, glare_x=0.3, scale=0.9),
+        view=TURNED,
+        lens=Lens(k1=0.03, k2=-0.02, blur=0.4, motion_x=0.3, olpf=0.3, vignetting=0.3),
+        sensor=Sensor(scale=2.0, gain=1.5, crosstalk=0.15, read_noise=0.01, shot_noise=0.02),
+        develop=Develop(linear_light=True),
+    ),
+    "flickering pentile": Scene(
+        panel=Panel(layout="pentile", pwm=(200.0, 500.0), scale=1.2),
+        view=TURNED,
+        lens=Lens(blur=0.3),
+        sensor=Sensor(scale=2.0, shutter=0.002, readout=0.03),
+    ),
+    "delta without colour filters, camera's frame": Scene(
+        panel=Panel(layout=DELTA),
+        view=TURNED,
+        lens=Lens(blur=0.6),
+        sensor=Sensor(scale=1.0, cfa="none"),
+        develop=Develop(registered=False),
+    ),
+    "more cells in view than taps, camera's frame": Scene(
+        panel=Panel(scale=4.0),
+        view=View(yaw=20.0, roll=5.0, zoom=0.8),
+        sensor=Sensor(exposure="mean", cfa="none"),
+        develop=Develop(registered=False),
+    ),
+    "fine and sharp": Scene(panel=Panel(scale=2.5), sensor=Sensor(scale=3.0)),
+    "paper": Scene.preset("paper"),
+    "paper_code": Scene.preset("paper_code"),
+    "point, everything": Scene(
+        panel=Panel(black=0.1, glare=0.2, glare_x=0.3, layout="pentile", pwm=300.0),
+        view=TURNED,
+        sensor=Sensor(
+            scale=2.0, exposure="point", cfa="none", crosstalk=0.2, read_noise=0.01, gain=1.5,
+            shutter=0.002, readout=0.03,
+        ),
+        develop=Develop(linear_light=True),
+    ),
+    "point, coarse and fine, camera's frame": Scene(
+        panel=Panel(scale=(0.3, 1.3)),
+        view=TURNED,
+        sensor=Sensor(scale=2.0, exposure="point"),
+        develop=Develop(registered=False),
+    ),
+}  # fmt: skip
+
+
+def lowered(shot):
+    """A shot's Exposure, and the module of its method."""
+    exposure, _ = lower_exposure(shot, decoded=False)
+    return exposure, expose_point if exposure.point else expose_full
+
+
+def shot_and_images(name, size):
+    n = 2 if name.startswith(("delta", "p")) else 1  # what an interpreter takes seconds for
+    shot = SCENES[name].sample(n, size, torch.Generator().manual_seed(5))
+    return shot, torch.rand(n, 3, *size, generator=torch.Generator().manual_seed(6))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_equals_the_reference(name):
+    shot, images = shot_and_images(name, (5, 7))
+    exposure, method = lowered(shot)
+    assert_equal(method.expose(images, exposure).double(), pipeline.expose(images.double(), shot))
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "fine and sharp"])
+def test_gradient_equals_the_reference(name):
+    shot, images = shot_and_images(name, (5, 6))
+    exposure, method = lowered(shot)
+    exact = images.double().requires_grad_()
+    raw = pipeline.expose(exact, shot)
+    slopes = torch.randn(raw.shape, generator=torch.Generator().manual_seed(7))
+    (expected,) = torch.autograd.grad(raw, exact, slopes.double())
+    got = method.expose_back(slopes, images, exposure)
+    assert (got - expected).norm() < 1e-4 * expected.norm()
+
+
+@pytest.mark.parametrize("name", ["fine and sharp", "paper"])
+@pytest.mark.parametrize("size", [(1, 1), (1, 5)])
+def test_any_size(name, size):
+    shot, images = shot_and_images(name, size)
+    exposure, method = lowered(shot)
+    assert_equal(method.expose(images, exposure).double(), pipeline.expose(images.double(), shot))
+
+
+def test_bytes_are_read_as_they_are():
+    shot, images = shot_and_images("point, everything", (5, 6))
+    exposure, method = lowered(shot)
+    codes = (images * 255).to(torch.uint8)
+    from_codes = method.expose(codes, exposure)
+    assert (from_codes - method.expose(codes.float() / 255, exposure)).abs().max() < 2e-6
+
+
+def test_a_batch_of_none():
+    shot = SCENES["paper"].sample(0, (4, 5))
+    exposure, method = lowered(shot)
+    raw = method.expose(torch.rand(0, 3, 4, 5), exposure)
+    assert raw.shape == shot.raw_shape()
+    assert method.expose_back(raw, torch.rand(0, 3, 4, 5), exposure).shape == (0, 3, 4, 5)
+
+
+@pytest.mark.parametrize("name", ["fine and sharp", "paper"])
+def test_a_panel_of_another_pitch_is_not_equal(name):
+    shot, images = shot_and_images(name, (5, 7))
+    scale = shot.panel.scale * 1.002
+    exposure, method = lowered(
+        dataclasses.replace(shot, panel=dataclasses.replace(shot.panel, scale=scale))
+    )
+    got, expected = method.expose(images, exposure), pipeline.expose(images.double(), shot)
+    with pytest.raises(AssertionError):
+        assert_equal(got.double(), expected)
