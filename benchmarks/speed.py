@@ -28,7 +28,7 @@ from torch import Tensor
 from benchmarks import apart, checkouts, measure, panels, released, steps
 from benchmarks.measure import timed_together
 from benchmarks.rows import Row, Size, in_ms, report
-from moireaug import Scene, capture, develop, expose
+from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
 from moireaug.transforms import RandomMoire
 from moireaug.transforms import kornia as kornia_door
 
@@ -86,12 +86,14 @@ def released_chain(size: Size) -> Iterator[Row]:
         )
     reading, sensor = expose(image, shot), released.expose(image, matrix)
     calls = {
-        "ours": in_the_noise(lambda noise: develop(reading + noise, shot), reading.shape),
-        "plain": in_the_noise(
-            lambda noise: released.photograph(image, matrix, noise), sensor.shape
+        "ours": with_gradient(
+            lambda noise: develop(reading + noise, shot), torch.zeros_like(reading)
         ),
-        "developed": in_the_noise(
-            lambda noise: released.develop(sensor + noise, shape), sensor.shape
+        "plain": with_gradient(
+            lambda noise: released.photograph(image, matrix, noise), torch.zeros_like(sensor)
+        ),
+        "developed": with_gradient(
+            lambda noise: released.develop(sensor + noise, shape), torch.zeros_like(sensor)
         ),
     }
     times = timed_together(calls, size.slow)
@@ -109,37 +111,52 @@ def released_chain(size: Size) -> Iterator[Row]:
     )
 
 
-def in_the_noise(photo: Callable[[Tensor], Tensor], shape: tuple[int, ...]) -> Callable[[], Tensor]:
-    """Return a function that runs a photo forward and backward for the gradient of its noise."""
+def with_gradient(photo: Callable[[Tensor], Tensor], values: Tensor) -> Callable[[], Tensor]:
+    """Return a function that runs a photo forward and backward for the gradient of its images or
+    noise."""
 
     @torch.enable_grad()
     def run() -> Tensor:
-        noise = torch.zeros(shape, requires_grad=True)
-        return torch.autograd.grad(photo(noise).sum(), noise)[0]
+        leaf = values.clone().requires_grad_()
+        return torch.autograd.grad(photo(leaf).sum(), leaf)[0]
 
     return run
 
 
 def precisions(size: Size) -> Iterator[Row]:
-    """Yield other precisions, and gradients in the image, against a capture of float32."""
+    """Yield other precisions against a capture of float32."""
     images = size.images()
     shot = Scene.preset("screen_photo").sample(size.batch, (size.side, size.side))
     halves, doubles = images.to(torch.bfloat16), images.double()
-
-    @torch.enable_grad()
-    def backward() -> None:
-        x = images.clone().requires_grad_(True)
-        capture(x, shot).sum().backward()
-
     calls = {
         "capture of float32": lambda: capture(images, shot),
         "capture of bfloat16": lambda: capture(halves, shot),
         "capture of float64": lambda: capture(doubles, shot),
-        "capture, forward and backward in the image": backward,
     }
     times = timed_together(calls, size.slow)
     for name in list(times)[1:]:
         yield in_ms(name, times[name], "capture of float32", times["capture of float32"])
+
+
+def image_gradient(size: Size) -> Iterator[Row]:
+    """Yield a capture with a gradient in the image, forward and backward, against one without: of
+    bins, and of a full reading."""
+    scenes = {
+        "the default scene": Scene.preset("screen_photo"),
+        "a full reading": Scene(
+            view=View(yaw=10.0, roll=5.0), lens=Lens(blur=0.3), sensor=Sensor(scale=2.0)
+        ),
+    }
+    images = size.images()
+    for name, scene in scenes.items():
+        shot = scene.sample(size.batch, (size.side, size.side), torch.Generator().manual_seed(0))
+        calls = {
+            "with": with_gradient(partial(capture, shot=shot), images),
+            "without": partial(capture, images, shot),
+        }
+        times = timed_together(calls, size.repeats)
+        what = f"capture of {name}, forward and backward in the image"
+        yield in_ms(what, times["with"], "the capture", times["without"], bar=4, stretch=3)
 
 
 GROUPS = (
@@ -149,6 +166,7 @@ GROUPS = (
     steps.attack_step,
     steps.training,
     precisions,
+    image_gradient,
     apart.executions,
     apart.doors,
     apart.memory,

@@ -91,7 +91,6 @@ def _photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photo of a reading that fits its shot; see `develop`."""
     light = _single(raw)
     with torch.autocast(raw.device.type, enabled=False):
-        shot = shot.to(raw.device)
         program = program_for(light, shot)
         if program.why_not_develop:
             return pipeline.develop(light, shot).to(raw.dtype)
@@ -142,7 +141,6 @@ def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
     The engine reads uint8 as it is."""
     check_shape(image)
     check_shot(image.shape, shot)
-    shot = shot.to(image.device)
     light = _single(image)
     with torch.autocast(image.device.type, enabled=False):
         program = program_for(light, shot)

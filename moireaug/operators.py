@@ -6,6 +6,7 @@ import contextlib
 import functools
 import json
 import math
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -31,28 +32,29 @@ def _scene(text: str) -> Scene:
     return Scene.from_dict(json.loads(text))
 
 
-@torch.no_grad()
-def _expose(light: Tensor, *given: Any) -> Tensor:
-    # a graph has not seen the values: kernels would look up NaN and infinity out of bounds, and an
-    # error would leave gradients switched off
-    finite = light.dtype == torch.uint8 or math.isfinite(light.sum())
+def _reading_of(light: Tensor, shot: Shot) -> Tensor:
+    """Return `reading_of` images whose values a graph has not seen: kernels would look up NaN and
+    infinity out of bounds."""
+    finite = light.dtype == torch.uint8 or math.isfinite(light.detach().sum())
     with contextlib.nullcontext() if finite else reference():
-        return reading_of(light, _shot(*given[:-1])).contiguous()
+        return reading_of(light, shot)
 
 
-@torch.no_grad()
-def _develop(raw: Tensor, *given: Any) -> Tensor:
-    return develop(raw, _shot(*given)).contiguous()
+def _forward(stage: Callable[[Tensor, Shot], Tensor], values: Tensor, *given: Any) -> Tensor:
+    with torch.no_grad():
+        return stage(values, _shot(*given[:-1])).contiguous()
 
 
-@torch.enable_grad()
-def _develop_back(grad: Tensor, raw: Tensor, *given: Any) -> Tensor:
-    raw = raw.detach().requires_grad_()
-    return torch.autograd.grad(develop(raw, _shot(*given)), raw, grad)[0].contiguous()
+def _backward(
+    stage: Callable[[Tensor, Shot], Tensor], grad: Tensor, values: Tensor, *given: Any
+) -> Tensor:
+    with torch.enable_grad():
+        values = values.detach().requires_grad_()
+        return torch.autograd.grad(stage(values, _shot(*given)), values, grad)[0].contiguous()
 
 
 for backend in BACKENDS:
     key = backend.device_type.upper()  # of PyTorch's dispatcher
-    LIBRARY.impl("expose", _expose, key)
-    LIBRARY.impl("develop", _develop, key)
-    LIBRARY.impl("develop_back", _develop_back, key)
+    for name, stage in (("expose", _reading_of), ("develop", develop)):
+        LIBRARY.impl(name, functools.partial(_forward, stage), key)
+        LIBRARY.impl(f"{name}_back", functools.partial(_backward, stage), key)

@@ -77,7 +77,9 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
 
 
 def apply(names: Collection[str], values: Tensor, shot: ShotRecord) -> Tensor:
-    """Apply the effects of these names in turn."""
+    """Apply the effects of these names in turn, on the values' device."""
+    if names:
+        shot = shot.to(values.device)
     for effect in (*EXPOSE, *DEVELOP):
         if effect.name in names:
             values = effect(values, shot)

@@ -2,8 +2,8 @@
 reference.
 
 It runs on the CPU, on float32, half precision (computed in float32) and uint8, for the exposures
-"spectral", "mean" and "point", unless a gradient in the image or the shot is needed; `develop` is
-differentiable in the raw reading. The reference, `moireaug.pipeline`, does the rest.
+"spectral", "mean" and "point", unless a gradient in the shot is needed: `expose` is differentiable
+in the image, `develop` in the raw reading. The reference, `moireaug.pipeline`, does the rest.
 `explain(scene)` says which one a scene gets. `reference()` turns the engine off.
 
 A call is decided by `program`, from the table in `backends`; `dispatch` lowers its shot to records

@@ -30,7 +30,7 @@ class Stage(NamedTuple):
 class _Differentiable(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, values: Tensor, stage: Stage) -> Tensor:
-        results, saved = stage.forward(values, ctx.needs_input_grad[0])
+        results, saved = stage.forward(values, True)
         ctx.save_for_backward(values, saved)
         ctx.stage = stage
         return results
@@ -51,4 +51,6 @@ class _Differentiable(torch.autograd.Function):
 
 def apply(stage: Stage, values: Tensor) -> Tensor:
     """Return a stage's results, differentiable in the values."""
-    return _Differentiable.apply(values, stage)
+    if torch.is_grad_enabled() and values.requires_grad:
+        return _Differentiable.apply(values, stage)
+    return stage.forward(values, False)[0]

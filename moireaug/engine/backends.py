@@ -34,11 +34,13 @@ class Backend(NamedTuple):
     def kernels(self) -> ModuleType:
         """Return the module of the functions on batches, of tensors and records.
 
-        - fits(exposure, beats) -> (B,) bool, whether `expose` can follow each image's view;
-        - expose(picture, exposure, beats) -> raw;
-        - develop(raw, saves, development) -> photo, and a tensor that `develop_back` takes, which
-          may be empty unless `saves`;
-        - develop_back(grad, raw, saved, development) -> gradient in raw.
+        - fits(exposure, beats) -> (B,) bool, whether `expose` can follow each image's view
+        - expose(picture, saves, exposure, beats) -> raw, saved
+        - expose_back(grad, picture, saved, exposure, beats) -> gradient in the picture
+        - develop(raw, saves, development) -> photo, saved
+        - develop_back(grad, raw, saved, development) -> gradient in raw
+
+        The gradient's functions take the tensor that the others saved for it, if `saves`.
         """
         return importlib.import_module(self.module)
 

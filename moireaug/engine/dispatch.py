@@ -17,17 +17,16 @@ from moireaug.numeric import as_float, saturate
 from moireaug.shot import ShotRecord
 
 
-@torch.no_grad()
 def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
-    does for float32."""
+    does for float32; differentiable in float32 images."""
     if torch.compiler.is_compiling():
         return graph.expose(light, shot)
     from moireaug.engine.shot_exposure import lower_exposure
 
     # over the image: the reference does that blur
     varies = shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE
-    exposure, beats = lower_exposure(shot, decoded=varies)
+    exposure, beats = lower_exposure(shot.to("cpu"), decoded=varies)
     kernels = program.kernels()
     fits = kernels.fits(exposure, beats)
     if not fits.any():
@@ -39,11 +38,17 @@ def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return in_order(
             [rows, others], [raw, pipeline.expose(as_float(light[others]), shot[others])]
         )
+    names = set(shot.plan.exposing)
     if varies:
-        light = as_float(light)
-        names = {"decode", "black_level", "prefilter"}.intersection(shot.plan.exposing)
-        light = pipeline.apply(names, light, shot)
-    return kernels.expose(light, exposure, beats)
+        decoding = {"decode", "black_level", "prefilter"}
+        light = pipeline.apply(names & decoding, as_float(light), shot)
+        names -= decoding
+    stage = autograd.Stage(
+        functools.partial(kernels.expose, exposure=exposure, beats=beats),
+        functools.partial(kernels.expose_back, exposure=exposure, beats=beats),
+        lambda light: pipeline.apply(names, light, shot),
+    )
+    return autograd.apply(stage, light)
 
 
 def develop(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
@@ -53,7 +58,7 @@ def develop(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return graph.develop(raw, shot)
     from moireaug.engine.shot_development import lower_development
 
-    finite = raw.detach().sum((1, 2, 3)).isfinite()
+    finite = raw.detach().sum((1, 2, 3)).isfinite().cpu()
     if not finite.any():  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
     if not finite.all():
@@ -65,7 +70,7 @@ def develop(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
         names = tuple(name for name in names if name not in ("saturate", "demosaic"))
-    development, kernels = lower_development(shot), program.kernels()
+    development, kernels = lower_development(shot.to("cpu")), program.kernels()
     stage = autograd.Stage(
         functools.partial(kernels.develop, development=development),
         functools.partial(kernels.develop_back, development=development),

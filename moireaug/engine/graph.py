@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import torch
 from torch import Tensor
 
@@ -12,49 +14,50 @@ from moireaug.shot import ShotRecord
 
 # a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and size
 SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
-
-# by hand, as in `effects.sensor`: `custom_op` imports the compiler
-LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
-LIBRARY.define(f"expose(Tensor light, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
-LIBRARY.define(f"develop(Tensor raw, {SHOT_SCHEMA}) -> Tensor")
-LIBRARY.define(f"develop_back(Tensor grad, Tensor raw, {SHOT_SCHEMA}) -> Tensor")
+STAGES = ("expose", "develop")
 
 
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the readings of images, without a gradient."""
-    return torch.ops.moireaug.expose(light, *_schema_values(shot), shot.raw_shape()[1:])
+    """Return the readings of images, differentiable in them."""
+    return _apply("expose", light, shot, shot.raw_shape()[1:], pipeline.expose)
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the photos of readings, with a gradient in them."""
-    schema = _schema_values(shot)
-
-    def forward(raw: Tensor, _: bool) -> tuple[Tensor, Tensor]:
-        return torch.ops.moireaug.develop(raw, *schema), raw.new_empty(0)
-
-    def backward(grad: Tensor, raw: Tensor, _: Tensor) -> Tensor:
-        return torch.ops.moireaug.develop_back(grad, raw, *schema)
-
-    stage = autograd.Stage(forward, backward, lambda raw: pipeline.develop(raw, shot))
-    return autograd.apply(stage, raw)
+    """Return the photos of readings, differentiable in them."""
+    return _apply("develop", raw, shot, (3, *shot.size), pipeline.develop)
 
 
-def _schema_values(shot: ShotRecord) -> tuple[list[Tensor], Tensor, str, tuple[int, int]]:
-    """Return what `SHOT_SCHEMA` lists."""
+def _apply(
+    name: str, values: Tensor, shot: ShotRecord, shape: Sequence[int], reference: Callable
+) -> Tensor:
+    """Return what a stage's operator makes of values, (B, *shape)."""
+    operator = getattr(torch.ops.moireaug, name)
+    operator_back = getattr(torch.ops.moireaug, f"{name}_back")
     text = vars(shot.scene)["_text"]  # which its plan has left there
-    return list(shot.numbers().values()), shot.seed, text, shot.size
+    given = list(shot.numbers().values()), shot.seed, text, shot.size
+
+    def forward(values: Tensor, _: bool) -> tuple[Tensor, Tensor]:
+        return operator(values, *given, shape), values.new_empty(0)
+
+    def backward(grad: Tensor, values: Tensor, _: Tensor) -> Tensor:
+        return operator_back(grad, values, *given)
+
+    stage = autograd.Stage(forward, backward, lambda values: reference(values, shot))
+    return autograd.apply(stage, values)
 
 
-@torch.library.register_fake("moireaug::expose", lib=LIBRARY)
-def _(light, numbers, seeds, scene, size, shape):
-    return light.new_empty((len(light), *shape), dtype=torch.float32)
+def _fake(values, numbers, seeds, scene, size, shape):
+    return values.new_empty((len(values), *shape), dtype=torch.float32)
 
 
-@torch.library.register_fake("moireaug::develop", lib=LIBRARY)
-def _(raw, numbers, seeds, scene, size):
-    return raw.new_empty((len(raw), 3, *size))
+def _fake_back(grad, values, numbers, seeds, scene, size):
+    return values.new_empty(values.shape)
 
 
-@torch.library.register_fake("moireaug::develop_back", lib=LIBRARY)
-def _(grad, raw, numbers, seeds, scene, size):
-    return raw.new_empty(raw.shape)
+# by hand, as in `effects.sensor`: `custom_op` imports the compiler
+LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
+for stage in STAGES:
+    LIBRARY.define(f"{stage}(Tensor values, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
+    LIBRARY.define(f"{stage}_back(Tensor grad, Tensor values, {SHOT_SCHEMA}) -> Tensor")
+    torch.library.register_fake(f"moireaug::{stage}", _fake, lib=LIBRARY)
+    torch.library.register_fake(f"moireaug::{stage}_back", _fake_back, lib=LIBRARY)

@@ -57,8 +57,8 @@ def program_of(
     image's frame, for what the photo does not show.
 
     Args:
-        derivatives: those asked for: "image", a gradient in the images or the reading; "shot", one
-            in the drawn numbers; "forward", any forward one, and all by `torch.func`.
+        derivatives: those asked for besides the gradient in images or readings: "shot", one in the
+            drawn numbers; "forward", any forward one, and all by `torch.func`.
     """
     names = plan.developing
     unknown = ("denoise", "register", "jpeg") if scene.is_rectified else ("denoise", "jpeg")
@@ -68,7 +68,7 @@ def program_of(
         off = f"the engine computes in float32, not {str(dtype).removeprefix('torch.')}"
     return Program(
         backend_of(device_type),
-        off or _why_not_expose(plan, derivatives),
+        off or _why_not_expose(plan),
         off or _why_not_develop(plan),
         names[:first],
         names[first:],
@@ -81,11 +81,8 @@ def program_for(values: Tensor, shot: ShotRecord) -> Program:
     plain = type(values) in (Tensor, torch.nn.Parameter) and values.numel()
     device_type = values.device.type if plain else "tensors like these"
     derivatives = []
-    if torch.is_grad_enabled():
-        if values.requires_grad:
-            derivatives.append("image")
-        if shot.requires_grad:
-            derivatives.append("shot")
+    if torch.is_grad_enabled() and shot.requires_grad:
+        derivatives.append("shot")
     if may_be_dual(values) or _is_dual(shot):
         derivatives.append("forward")
     return program_of(shot.scene, shot.plan, device_type, values.dtype, derivatives)
@@ -134,13 +131,11 @@ def _why_not_derive(derivatives: Collection[str]) -> str:
     return ""
 
 
-def _why_not_expose(plan: Plan, derivatives: Collection[str]) -> str:
+def _why_not_expose(plan: Plan) -> str:
     if "exposure" not in plan:
         return "nothing is exposed"
     if plan.method.name not in ENGINE_EXPOSURES:
         return f"the engine has no exposure {plan.method.name!r}"
-    if "image" in derivatives:
-        return "a gradient in the image is asked for"
     return ""
 
 

@@ -152,6 +152,11 @@ def test_the_first_call_on_a_machine_is_announced_once(tmp_path, monkeypatch):
     first_use.prepare.cache_clear()
     first_use.prepare()
     assert len(said) == 2
+    first_use.prepare_back.cache_clear()
+    first_use.prepare_back()
+    first_use.prepare_back()
+    assert len(said) == 3
+    assert "gradient" in said[2]
 
 
 @pytest.fixture
@@ -194,7 +199,7 @@ def test_what_is_compiled_ahead_is_what_is_called(tmp_path):
     raw = expose(IMAGES, SHOT).requires_grad_()
     develop(raw, SHOT).sum().backward()  # compiled now, if never before
     count = """
-from moireaug.engine.cpu import batch
+from moireaug.engine.cpu import batch_develop as batch
 print([len(k.stats.cache_misses) for k in (batch.develop, batch.develop_back)])
 """
     given = [a + count if a == ahead.PROGRAM else a for a in ahead.PYTHON_ARGUMENTS]

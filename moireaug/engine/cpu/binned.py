@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.engine.cpu import beats, stencil
 from moireaug.engine.cpu.compiling import copy, fill, inner, once, part
-from moireaug.engine.cpu.expose import MIN_BANDS, fill_band_weights
+from moireaug.engine.cpu.expose import MIN_BANDS, fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance
 from moireaug.engine.cpu.register import photo_row, undistortion
 from moireaug.engine.cpu.rows import (
@@ -53,7 +53,7 @@ class _Work(NamedTuple):
 
 
 @part
-def _work_of(w, planes, image):
+def work_of(w, planes, image):
     """Return the _Work of a reading w wide."""
     forward, passes = np.empty((3, 3), np.float64), np.empty((3, 3), np.bool_)
     back = inverse(image.sensor)
@@ -77,7 +77,7 @@ def _work_of(w, planes, image):
 
 
 @inner
-def _locate(work, r, v, sensor, size):
+def locate(work, r, v, sensor, size):
     """Fill where row r of the bins, v about the centre, lies on the photo."""
     at = work.row.position
     if sensor.rectified != 0:
@@ -89,7 +89,7 @@ def _locate(work, r, v, sensor, size):
 
 
 @inner
-def _flicker(light, bands, v, height):
+def flicker(light, bands, v, height):
     """Multiply a row by the panel's pulses at photo rows v (w,) about the centre."""
     last = len(bands) - 2.0
     for i in range(len(light)):
@@ -106,26 +106,23 @@ def _add_modulated(light, content, modulation, passed, mean):
 
 
 @once
-def _expose(raw, panel, size, image, work, top, bottom):
+def _expose(raw, slope, panel, size, image, work, top, bottom):
     """Do the same as `expose`, in buffers that it allocated."""
     planes, h, w = raw.shape
-    pattern, nodes, sites = image.pattern, image.nodes, image.sites
+    pattern, sites = image.pattern, image.sites
     row, passes, modulation = work.row, work.passes, work.modulation
     position, first_row = row.position, sites.rows[0]
     light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
     band = max(1, h // MIN_BANDS)
     for r in range(top, bottom):
         v = sites.rows[r]
-        _locate(work, r, v, image.sensor, (h, w))
+        locate(work, r, v, image.sensor, (h, w))
         if image.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
             line = work.lines[0]
             stencil.content(row.irradiance, line, image.stencil, panel, image.cell, sites, r)
         else:
-            if r % band == 0 or r == top:
-                start = r - r % band
-                middle = (sites.rows[start] + sites.rows[min(start + band, h) - 1]) / 2
-                fill_band_weights(row.weights, nodes, middle, first_row)
+            fill_row_weights(row, image, sites.rows, r, top, band)
             panel_irradiance(work, panel, size, image, 0, v)
         beats.modulate(modulation, work.lines, image.terms, pattern, passes, position, v, first_row)
         for plane in range(planes):
@@ -137,29 +134,30 @@ def _expose(raw, panel, size, image, work, top, bottom):
                     content, mean = row.irradiance[channel], pattern.mean[channel]
                     _add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
             if len(image.flicker) > 0:
-                _flicker(light, image.flicker, position[V], h)
+                flicker(light, image.flicker, position[V], h)
             reflect(light, position[U], position[V], image.white[plane], image.camera)
             attenuate(light, position[U], position[V], image.camera)
             out, away = raw[plane, r], pattern.lost_noise_variance
-            add_noise(light, (plane * h + r) * w, image.readout, noise, bits)
+            add_noise(light, slope[plane, r], (plane * h + r) * w, image.readout, noise, bits)
             if image.readout.clips:
                 lost_pattern_variance = (
                     image.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
                 )
-                clip_mean(out, light, away[0], away[1], lost_pattern_variance)
+                clip_mean(out, light, slope[plane, r], away[0], away[1], lost_pattern_variance)
             else:
                 copy(out, light)
 
 
 @part
-def expose(raw, panel, size, image, top, bottom):
+def expose(raw, slope, panel, size, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the binned reading of one
     image.
 
     Args:
+        slope: see `expose.expose`.
         panel: (3, ...) float32, from `panel.fill_panel`.
         size: (height, width) of the picture in panel pixels, rounded up.
         image: see `binned_records.BinnedImage`.
     """
     planes, _, w = raw.shape
-    _expose(raw, panel, size, image, _work_of(w, planes, image), top, bottom)
+    _expose(raw, slope, panel, size, image, work_of(w, planes, image), top, bottom)

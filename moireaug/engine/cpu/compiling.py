@@ -75,10 +75,10 @@ def folder() -> str | None:
     return None
 
 
-def cold() -> bool:
-    """Return whether these kernels are yet to be compiled on this machine."""
+def cold(module: str = "") -> bool:
+    """Return whether the kernels of a module, or all, are yet to be compiled on this machine."""
     path = folder()
-    return path is None or not any(Path(path).rglob("*.nbi"))
+    return path is None or not any(Path(path).rglob(f"{module}*.nbi"))
 
 
 def kernel(function):

@@ -41,8 +41,22 @@ def fill_band_weights(out, nodes, v, first):
         blend(out[kind, :n], low, high, np.float32(t))
 
 
+@part
+def fill_row_weights(row, image, positions, r, top, count):
+    """Fill the tap weights of row r if it is the first of its band, or of all that are read.
+
+    Args:
+        positions: of the rows. top: the first that is read. count: of the rows in a band.
+    """
+    if r % count == 0 or r == top:
+        start = r - r % count
+        end = min(start + count, len(positions)) - 1
+        middle = (positions[start] + positions[end]) / 2
+        fill_band_weights(row.weights, image.nodes, middle, positions[0])
+
+
 @once
-def _expose(raw, panel, size, image, work, top, bottom):
+def _expose(raw, slope, panel, size, image, work, top, bottom):
     """Do the same as `expose`, in buffers that it allocated."""
     planes, h, w = raw.shape
     row, places, camera, sites = work.row, work.places, image.camera, image.sites
@@ -51,11 +65,7 @@ def _expose(raw, panel, size, image, work, top, bottom):
     band = max(1, len(rows) // MIN_BANDS)
     for r in range(top * step, bottom * step):
         v = rows[r]
-        if r % band == 0 or r == top * step:
-            start = r - r % band
-            end = min(start + band, len(rows)) - 1
-            middle = (rows[start] + rows[end]) / 2
-            fill_band_weights(row.weights, image.nodes, middle, rows[0])
+        fill_row_weights(row, image, rows, r, top * step, band)
         fill(row.position[V], v)
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for plane in range(planes):
@@ -70,15 +80,18 @@ def _expose(raw, panel, size, image, work, top, bottom):
             u = places.u[plane]
             reflect(light, u, row.position[V], image.white[plane], camera)
             attenuate(light, u, row.position[V], camera)
-            out, start = raw[plane, r // step], (plane * h + r // step) * w
-            read(out, light, start, image.readout, noise, bits)
+            y = r // step
+            start = (plane * h + y) * w
+            read(raw[plane, y], light, slope[plane, y], start, image.readout, noise, bits)
 
 
 @part
-def expose(raw, panel, size, image, top, bottom):
+def expose(raw, slope, panel, size, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
 
     Args:
+        slope: of raw's shape, filled with its derivative in the light before noise and clipping; or
+            (planes, h, 0).
         panel: (3, ...) float32, from `panel.fill_panel`.
         size: (height, width) of the picture in panel pixels, rounded up.
         image: see `exposure_records.FullImage`.
@@ -86,4 +99,4 @@ def expose(raw, panel, size, image, top, bottom):
     planes, _, w = raw.shape
     places = places_of(w, planes, image.sites, image.nodes, image.filters)
     work = _Work(places, row_of(w, image.cell, image.nodes))
-    _expose(raw, panel, size, image, work, top, bottom)
+    _expose(raw, slope, panel, size, image, work, top, bottom)

@@ -198,16 +198,20 @@ def _add_shifted(out, in_phase, quadrature, cos, sin):
 
 
 @inner
-def modulate(light, content, in_phase, quadrature, cos, sin, modulation):
-    """Add the content (n,) of one subpixel, times the sum of its harmonics, to light (n,).
+def fill_modulation(modulation, in_phase, quadrature, cos, sin):
+    """Fill modulation (n,) with the sum of one subpixel's harmonics.
 
     Args:
         in_phase, quadrature: from `rotate_phase`. cos, sin: (K + 1,) float32, of k times the angle
             of the subpixel's centre in the cell.
-        modulation: (n,) float32, workspace.
     """
     fill(modulation, ZERO)
     for k in range(len(in_phase)):
         _add_shifted(modulation, in_phase[k], quadrature[k], cos[k], sin[k])
-    for i in range(len(light)):
-        poke(light, i, light[i] + peek(content, i) * peek(modulation, i))
+
+
+@inner
+def add_product(out, first, second):
+    """Add the product of two rows to out, (n,) each."""
+    for i in range(len(out)):
+        poke(out, i, out[i] + peek(first, i) * peek(second, i))

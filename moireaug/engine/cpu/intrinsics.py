@@ -87,6 +87,24 @@ def emit_content(taps, rows, pixels, context, builder, signature, args):
     return context.get_dummy_value()
 
 
+def emit_content_back(taps, rows, context, builder, signature, args):
+    """Write what `vectors._content_back_of` makes for one pixel."""
+    stride, pixel = _indices(context, builder, signature, args, (2, 6))
+    at = _pointers(context, builder, signature.args, args)
+    start = builder.mul(pixel, ir.Constant(pixel.type, taps))
+    across = _load(builder, at(3, start), taps)
+    grad = builder.load(at(5, pixel), typ=ir.FloatType())
+    (base,) = _whole_numbers(builder, at(1, pixel), 1)
+    for j in range(taps):
+        if (taps - rows) // 2 <= j < (taps + rows) // 2:
+            place = builder.add(start, ir.Constant(start.type, j))
+            weight = builder.fmul(grad, builder.load(at(4, place), typ=ir.FloatType()))
+            row, weight = _load(builder, at(0, base), taps), _broadcast(builder, weight, taps)
+            _store(builder, _fma(builder, weight, across, row), at(0, base))
+        base = builder.add(base, stride)
+    return context.get_dummy_value()
+
+
 def _scope(builder: ir.IRBuilder) -> ir.MDValue:
     """Return the alias scope of the function that is being compiled."""
     module = builder.module

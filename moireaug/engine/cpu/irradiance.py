@@ -110,37 +110,46 @@ def _origin(cell, i, stride):
 
 
 @part
-def _fill_content(work, pixels, stride, size, image, plane, i):
-    """Fill the content of subpixel i's cells; pixels: the flattened panel of its colour."""
+def _locate_content(work, stride, size, image, plane, i):
+    """Fill the index of the first cell that each pixel sees of subpixel i, on its colour's
+    flattened panel; return the pixels' TapWeights along x."""
     row, cell, nodes = work.row, image.cell, image.nodes
-    kind, base = cell.kind[i], row.ints[BASE_INDEX]
-    taps, start = nodes.taps[kind], work.places.weight_start[kind, 0, plane]
-    index, phase_share, first = (
-        row.ints[WEIGHT_INDEX],
-        row.floats[PHASE_SHARE],
-        row.ints[FIRST_CELL_X],
-    )
-    offset, nearest, period = row.floats[CELL_OFFSET_X], row.ints[NEAREST_CELL_X], cell.period[kind]
+    kind, period = cell.kind[i], cell.period[cell.kind[i]]
+    start, first = work.places.weight_start[kind, 0, plane], row.ints[FIRST_CELL_X]
+    index, phase_share = row.ints[WEIGHT_INDEX], row.floats[PHASE_SHARE]
+    offset, nearest = row.floats[CELL_OFFSET_X], row.ints[NEAREST_CELL_X]
     _split(offset, nearest, row.position[X], cell.centre[i, 0], period[0], size[1], cell.radius)
     lookup.locate_taps(
-        first, index, phase_share, offset, nearest, start, nodes.phases[kind, 0], taps
+        first, index, phase_share, offset, nearest, start, nodes.phases[kind, 0], nodes.taps[kind]
     )
-    down = np.int32(period[1] * stride)
-    lookup.fill_base(base, first, row.ints[FIRST_CELL_Y], down, _origin(cell, i, stride))
-    weights = _tap_weights(work, nodes, plane, kind)
-    content = row.floats[CONTENT]
-    lookup.content(content, pixels, base, down, weights, row.weights_y, taps, cell.radius)
+    down, origin = np.int32(period[1] * stride), _origin(cell, i, stride)
+    lookup.fill_base(row.ints[BASE_INDEX], first, row.ints[FIRST_CELL_Y], down, origin)
+    return _tap_weights(work, nodes, plane, kind)
 
 
 @part
-def _add_subpixel(work, pixels, stride, size, image, plane, i):
-    """Add the light of subpixel i to the row's irradiance."""
-    row, cell = work.row, image.cell
-    colour, orders = cell.channel[i], row.orders[cell.kind[i]]
-    _fill_content(work, pixels[colour], stride, size, image, plane, i)
+def _fill_modulation(row, cell, i):
+    """Fill the modulation of subpixel i's content."""
+    orders = row.orders[cell.kind[i]]
     in_phase, quadrature = row.wave[IN_PHASE, :orders], row.wave[QUADRATURE, :orders]
-    light, content, modulation = row.irradiance[colour], row.floats[CONTENT], row.floats[MODULATION]
-    harmonics.modulate(light, content, in_phase, quadrature, row.cos[i], row.sin[i], modulation)
+    modulation = row.floats[MODULATION]
+    harmonics.fill_modulation(modulation, in_phase, quadrature, row.cos[i], row.sin[i])
+
+
+@part
+def _locate_subpixel(work, size, image, plane, v, i, before):
+    """Fill what the pixels on row v need of subpixel i, and subpixel `before`, if any, has not
+    filled already."""
+    row, cell = work.row, image.cell
+    kind, is_first = cell.kind[i], before < 0
+    if is_first or cell.period[kind, 0] != cell.period[cell.kind[before], 0]:
+        _locate_along_x(row, size, cell, kind)
+    if is_first or cell.y_group[i] != cell.y_group[before]:
+        _locate_along_y(row, size, cell, i)
+    if is_first or cell.kind_y_group[i] != cell.kind_y_group[before]:
+        _fill_weights_along_y(work, image.nodes, plane, kind)
+        _add_up_harmonics(row, image.nodes, image.sites, plane, kind, v)
+    _fill_modulation(row, cell, i)
 
 
 @part
@@ -152,24 +161,52 @@ def panel_irradiance(work, panel, size, image, plane, v):
         work: a record of the `places` and the `row` of `rows`. panel, size: as in `expose.expose`.
         image: see `exposure_records.FullImage` or `binned_records.BinnedImage`.
     """
-    row, cell, nodes = work.row, image.cell, image.nodes
+    row, cell, taps = work.row, image.cell, image.nodes.taps
     look(row.position[X], row.position[Y], work.places.u[plane], v, image.camera)
     fill(row.irradiance.reshape(-1), ZERO)
     stride = panel.shape[2]
     pixels = panel.reshape(3, panel.shape[1] * stride)
-    last_period, last_height, last_row = -1, -1, -1
+    before = -1
     for i in range(len(cell.channel)):
-        kind = cell.kind[i]
-        if not work.places.needs_colour[plane, cell.channel[i]]:
+        colour, kind = cell.channel[i], cell.kind[i]
+        if not work.places.needs_colour[plane, colour]:
             continue
-        if cell.period[kind, 0] != last_period:
-            last_period = cell.period[kind, 0]
-            _locate_along_x(row, size, cell, kind)
-        if cell.y_group[i] != last_height:
-            last_height = cell.y_group[i]
-            _locate_along_y(row, size, cell, i)
-        if cell.kind_y_group[i] != last_row:
-            last_row = cell.kind_y_group[i]
-            _fill_weights_along_y(work, nodes, plane, kind)
-            _add_up_harmonics(row, nodes, image.sites, plane, kind, v)
-        _add_subpixel(work, pixels, stride, size, image, plane, i)
+        _locate_subpixel(work, size, image, plane, v, i, before)
+        before = i
+        weights = _locate_content(work, stride, size, image, plane, i)
+        content, base = row.floats[CONTENT], row.ints[BASE_INDEX]
+        down = np.int32(cell.period[kind, 1] * stride)
+        lookup.content(
+            content, pixels[colour], base, down, weights, row.weights_y, taps[kind], cell.radius
+        )
+        harmonics.add_product(row.irradiance[colour], content, row.floats[MODULATION])
+
+
+@part
+def panel_irradiance_back(work, panel_grad, size, image, plane, v):
+    """Add the gradient in the panel, of its shape, from that in a plane's irradiance on row v,
+    which the row holds.
+
+    work: besides what `panel_irradiance` needs, `weights_x`, of the shape of the row's weights_y.
+    """
+    row, cell, taps = work.row, image.cell, image.nodes.taps
+    look(row.position[X], row.position[Y], work.places.u[plane], v, image.camera)
+    stride = panel_grad.shape[2]
+    pixels = panel_grad.reshape(3, panel_grad.shape[1] * stride)
+    before = -1
+    for i in range(len(cell.channel)):
+        colour, kind = cell.channel[i], cell.kind[i]
+        if not work.places.needs_colour[plane, colour]:
+            continue
+        _locate_subpixel(work, size, image, plane, v, i, before)
+        before = i
+        weights = _locate_content(work, stride, size, image, plane, i)
+        lookup.fill_weights(work.weights_x, weights, taps[kind])
+        content, base = row.floats[CONTENT], row.ints[BASE_INDEX]
+        fill(content, ZERO)
+        harmonics.add_product(content, row.irradiance[colour], row.floats[MODULATION])
+        down = np.int32(cell.period[kind, 1] * stride)
+        lookup.content_back(
+            pixels[colour], content, base, down, work.weights_x, row.weights_y, taps[kind],
+            cell.radius,
+        )  # fmt: skip

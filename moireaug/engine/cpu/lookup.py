@@ -10,10 +10,13 @@ import numpy as np
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import (
     eight_by_eight,
+    eight_by_eight_back,
     eight_by_six,
+    eight_by_six_back,
     fill_eight_weights,
     fill_four_weights,
     four_by_four,
+    four_by_four_back,
     peek,
     poke,
 )
@@ -98,3 +101,15 @@ def content(out, panel, base, stride, weights, weights_y, taps, radius):
         eight_by_six(out, panel, base, stride, weights, weights_y)
     else:
         eight_by_eight(out, panel, base, stride, weights, weights_y)
+
+
+@inner
+def content_back(panel_grad, grad, base, stride, weights_x, weights_y, taps, radius):
+    """Add to panel_grad, flat, the gradient in it from that in the content of pixels (n,); the
+    rest as in `content`, with the tap weights along x as those along y."""
+    if taps == NARROW_TAPS:
+        four_by_four_back(panel_grad, grad, base, stride, weights_x, weights_y)
+    elif radius <= MAX_RADIUS_OF_SIX_ROWS:
+        eight_by_six_back(panel_grad, grad, base, stride, weights_x, weights_y)
+    else:
+        eight_by_eight_back(panel_grad, grad, base, stride, weights_x, weights_y)

@@ -31,7 +31,7 @@ def margin(cell, axis):
 
 
 @inner
-def _period_of(cell, channel):
+def period_of(cell, channel):
     """Return the period along x of a channel's subpixels, which share one."""
     for i in range(len(cell.channel)):
         if cell.channel[i] == channel:
@@ -48,7 +48,7 @@ def _pixel_at(i, n, period):
 
 
 @inner
-def _fill_axis(n, size, alpha, period, lead, first, share):
+def fill_axis(n, size, alpha, period, lead, first, share):
     """Find where each of n panel pixels lies between two picture pixels.
 
     period: see `_pixel_at`. lead: panel pixels ahead of the picture.
@@ -83,8 +83,8 @@ def _enlarge(panel, light, alpha, period, ahead, above):
     (h, w), (n, m) = light.shape, panel.shape
     x, fx = np.empty(m, np.int32), np.empty(m, np.float32)
     y, fy = np.empty(n, np.int32), np.empty(n, np.float32)
-    _fill_axis(n, h, alpha, 1, above, y, fy)
-    _fill_axis(m, w, alpha, period, ahead, x, fx)
+    fill_axis(n, h, alpha, 1, above, y, fy)
+    fill_axis(m, w, alpha, period, ahead, x, fx)
     row = np.empty(w + 1, np.float32)
     for i in range(n):
         low = np.int64(y[i])
@@ -93,9 +93,9 @@ def _enlarge(panel, light, alpha, period, ahead, above):
 
 
 @inner
-def _fill_triangles(pixel, weight, size, alpha, period, lead):
+def fill_triangles(pixel, weight, size, alpha, period, lead):
     """Find which picture pixels each panel pixel shows, (taps, n) int32, and how much of each,
-    (taps, n) float32; the rest as in `_fill_axis`."""
+    (taps, n) float32; the rest as in `fill_axis`."""
     taps, n = pixel.shape
     for i in range(n):
         at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
@@ -126,8 +126,8 @@ def shrink(panel, light, alpha, period, ahead, above):
     taps = math.ceil(2 / alpha)  # picture pixels under a triangle
     x, across = np.empty((taps, m), np.int32), np.empty((taps, m), np.float32)
     y, down = np.empty((taps, n), np.int32), np.empty((taps, n), np.float32)
-    _fill_triangles(x, across, w, alpha, period, ahead)
-    _fill_triangles(y, down, h, alpha, 1, above)
+    fill_triangles(x, across, w, alpha, period, ahead)
+    fill_triangles(y, down, h, alpha, 1, above)
     row = np.empty(w, np.float32)
     for i in range(n):
         fill(row, ZERO)
@@ -141,7 +141,7 @@ def shrink(panel, light, alpha, period, ahead, above):
 
 @inner
 def _fill_on_picture(on_picture, size, alpha, period, lead):
-    """Find whether each panel pixel is on the picture, (n,) bool; the rest as in `_fill_axis`."""
+    """Find whether each panel pixel is on the picture, (n,) bool; the rest as in `fill_axis`."""
     n = len(on_picture)
     for i in range(n):
         at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
@@ -149,7 +149,7 @@ def _fill_on_picture(on_picture, size, alpha, period, lead):
 
 
 @loop
-def _blacken(panel, size, alpha, period, ahead, above):
+def blacken(panel, size, alpha, period, ahead, above):
     """Blacken what lies beyond the picture, on one colour's panel (n, m)."""
     n, m = panel.shape
     x, y = np.empty(m, np.bool_), np.empty(n, np.bool_)
@@ -181,7 +181,7 @@ def fill_panel(panel, light, alpha, cell, dark):
     """
     ahead, above = margin(cell, 0), margin(cell, 1)
     for c in range(3):
-        period = _period_of(cell, c)
+        period = period_of(cell, c)
         if alpha < 1:
             shrink(panel[c], light[c], alpha, period, ahead, above)
         elif alpha == 1 and period == 1:
@@ -189,4 +189,4 @@ def fill_panel(panel, light, alpha, cell, dark):
         else:
             _enlarge(panel[c], light[c], alpha, period, ahead, above)
         if dark:
-            _blacken(panel[c], light.shape[1:], alpha, period, ahead, above)
+            blacken(panel[c], light.shape[1:], alpha, period, ahead, above)

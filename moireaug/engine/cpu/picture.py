@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.cpu.compiling import inner, loop
-from moireaug.engine.cpu.tables import DECODE_BYTE_TABLE, decode
+from moireaug.engine.cpu.tables import DECODE_BYTE_TABLE, decode, decode_slope
 
-HALF, ONE = np.float32(0.5), np.float32(1)
+ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
 @inner
@@ -68,3 +68,22 @@ def fill_light(light, picture, coded, black, neighbour_share):
                 above, below = max(y - 2, 0) % 3, min(y, h - 1) % 3
                 row = ring[(y - 1) % 3]
                 _blur(light[c, y - 1], ring[above], row, ring[below], neighbour_share)
+
+
+@inner
+def _multiply_by_slope(grad, row, coded, black):
+    """Multiply a row (w,) of the gradient in the light by the slope of the light in the picture."""
+    for i in range(len(grad)):
+        slope = decode_slope(row[i]) if coded else ONE
+        grad[i] *= slope * (ONE - black)
+
+
+@loop
+def fill_light_back(grad, light_grad, picture, coded, black, neighbour_share):
+    """Fill grad (3, H, W) with the gradient in a float32 picture, from that in its light; the rest
+    as in `fill_light`."""
+    # the blur is its own transpose
+    fill_light(grad, light_grad, False, ZERO, neighbour_share)
+    for c in range(3):
+        for y in range(grad.shape[1]):
+            _multiply_by_slope(grad[c, y], picture[c, y], coded, black)

@@ -148,43 +148,92 @@ def _shown(light, alpha, height, width):
     return shown
 
 
+class _Work(NamedTuple):
+    """What a row of readings is computed in.
+
+    Args:
+        columns, rows: an _Axis each. x, y, u, v: (w,) float64, where the pixels look and lie.
+        along_x, along_y: what they see of a subpixel. light, noise, bits: (w,) float32 and int32.
+    """
+
+    columns: _Axis
+    rows: _Axis
+    x: np.ndarray
+    y: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    along_x: _AxisLight
+    along_y: _AxisLight
+    light: np.ndarray
+    noise: np.ndarray
+    bits: np.ndarray
+
+
+@part
+def work_of(w, size, image):
+    """Return the _Work of a reading w wide of a picture of `size`."""
+    raster, alpha = float(image.point.raster), image.camera.alpha
+    return _Work(
+        _axis(size[1], alpha, raster, image.dark),
+        _axis(size[0], alpha, raster, image.dark),
+        np.empty(w),
+        np.empty(w),
+        np.empty(w),
+        np.empty(w),
+        _empty_axis_light(w),
+        _empty_axis_light(w),
+        np.empty(w, np.float32),
+        np.empty(w, np.float32),
+        np.empty(w, np.int32),
+    )
+
+
+@inner
+def locate(work, image, plane, v):
+    """Fill where a plane's pixels on row v lie, and where they look."""
+    sites = image.sites
+    for i in range(len(work.u)):
+        work.u[i] = sites.cols[sites.col[plane] + i * sites.step]
+    fill(work.v, v)
+    look(work.x, work.y, work.u, v, image.camera)
+
+
+@inner
+def see(work, image, i):
+    """Fill what the pixels see of subpixel i."""
+    x0, y0, x1, y1 = image.point.rectangles[i]
+    px, py = image.cell.period[image.cell.kind[i]]
+    _raster(work.along_x, work.x, x0, x1, float(px), work.columns)
+    _raster(work.along_y, work.y, y0, y1, float(py), work.rows)
+
+
 @loop
-def expose_point(raw, light, image):
+def expose_point(raw, slope, light, image):
     """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is
-    float32; image: see `exposure_records.PointImage`."""
+    float32; image: see `exposure_records.PointImage`, slope: see `expose.expose`."""
     planes, h, w = raw.shape
-    camera, cell, sites, rectangles = image.camera, image.cell, image.sites, image.point.rectangles
-    raster = float(image.point.raster)
-    rows = _axis(light.shape[1], camera.alpha, raster, image.dark)
-    columns = _axis(light.shape[2], camera.alpha, raster, image.dark)
-    shown, width = _shown(light, camera.alpha, rows.size, columns.size), np.int32(columns.size)
-    x, y, u, vs = np.empty(w), np.empty(w), np.empty(w), np.empty(w)
-    along_x, along_y = _empty_axis_light(w), _empty_axis_light(w)
-    line, noise, bits = np.empty(w, np.float32), np.empty(w, np.float32), np.empty(w, np.int32)
+    camera, sites = image.camera, image.sites
+    work = work_of(w, light.shape[1:], image)
+    line, width = work.light, np.int32(work.columns.size)
+    shown = _shown(light, camera.alpha, work.rows.size, work.columns.size)
     step = sites.step
     for r in range(h * step):
-        v = sites.rows[r]
-        fill(vs, v)
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
-            for i in range(w):
-                u[i] = sites.cols[sites.col[plane] + i * step]
-            look(x, y, u, v, camera)
+            locate(work, image, plane, sites.rows[r])
             fill(line, ZERO)
-            for i in range(len(rectangles)):
-                colour = cell.channel[i]
+            for i in range(len(image.point.rectangles)):
+                colour = image.cell.channel[i]
                 passed = image.filters[sites.channel[plane], colour] * pulse
                 if passed == 0:
                     continue
-                x0, y0, x1, y1 = rectangles[i]
-                px, py = cell.period[cell.kind[i]]
-                _raster(along_x, x, x0, x1, float(px), columns)
-                _raster(along_y, y, y0, y1, float(py), rows)
+                see(work, image, i)
                 lit = np.float32(image.lit * passed)
-                _add_content(line, shown[colour], along_x, along_y, width, lit)
-            reflect(line, u, vs, image.white[plane], camera)
-            attenuate(line, u, vs, camera)
-            row = r // step
-            read(raw[plane, row], line, (plane * h + row) * w, image.readout, noise, bits)
+                _add_content(line, shown[colour], work.along_x, work.along_y, width, lit)
+            reflect(line, work.u, work.v, image.white[plane], camera)
+            attenuate(line, work.u, work.v, camera)
+            y = r // step
+            start = (plane * h + y) * w
+            read(raw[plane, y], line, slope[plane, y], start, image.readout, work.noise, work.bits)

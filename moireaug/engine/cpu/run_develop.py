@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.engine.cpu import batch
+from moireaug.engine.cpu import batch_develop as batch
 from moireaug.engine.cpu.arrays import array_of, empty
 from moireaug.engine.cpu.first_use import prepare
 from moireaug.engine.cpu.layout import lay_out
@@ -56,7 +56,8 @@ def _develop(
     top: int,
     bottom: int,
 ) -> None:
-    """Fill rows `top` to `bottom` of the photos from `first` to `last`; see `batch.develop`."""
+    """Fill rows `top` to `bottom` of the photos from `first` to `last`; see
+    `batch_develop.develop`."""
     out = Photos(photos, np.zeros(batch.photo_size(d), np.float32), unclipped)
     batch.develop(out, readings, d, first, last, top, bottom)
 
@@ -70,6 +71,7 @@ def _develop_back(
     first: int,
     last: int,
 ) -> None:
-    """Fill the gradients from `first` to `last` in the readings; see `batch.develop_back`."""
+    """Fill the gradients from `first` to `last` in the readings; see
+    `batch_develop.develop_back`."""
     in_camera = np.empty(batch.photo_size(d), np.float32)
     batch.develop_back(raw_grads, photo_grads, in_camera, unclipped, readings, d, first, last)

@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from moireaug.effects.sensor import DARK_LEVEL, LEAST_VARIANCE
-from moireaug.engine.cpu.compiling import copy, inner
+from moireaug.engine.cpu.compiling import copy, fill, inner
 from moireaug.engine.cpu.random_numbers import normal_row
-from moireaug.engine.cpu.tables import integral
+from moireaug.engine.cpu.tables import integral, normal
 
 DARK32 = np.float32(DARK_LEVEL)
 UNCLIPPED_SIGMAS = 5.0  # noise does not matter to a mean so far from a bound
-ZERO, ONE = np.float32(0), np.float32(1)
+ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
 @inner
@@ -55,6 +55,19 @@ def _scale_and_add(line, noise, dark, photons):
 
 
 @inner
+def _fill_noise_slope(slope, line, noise, dark, photons):
+    """Fill slope with the derivative of what `_scale_and_add` makes of a row."""
+    fill(slope, ONE)
+    if photons == 0:
+        return
+    for i in range(len(slope)):
+        if line[i] > DARK32:
+            variance = dark * dark + photons * photons * line[i]
+            sigma = np.float32(math.sqrt(variance))
+            slope[i] += noise[i] * photons * photons / (TWO * sigma)
+
+
+@inner
 def _mean_excess(mean, variance):
     """Return the mean of max(x, 0) of normally distributed x."""
     if variance <= LEAST_VARIANCE or mean * mean > UNCLIPPED_SIGMAS * UNCLIPPED_SIGMAS * variance:
@@ -69,15 +82,47 @@ def _greatest_excess(mean, noise, pattern):
 
 
 @inner
-def clip_mean(out, light, dark, photons, pattern):
+def _excess_slopes(mean, variance):
+    """Return the derivatives of `_mean_excess`."""
+    if variance <= LEAST_VARIANCE or mean * mean > UNCLIPPED_SIGMAS * UNCLIPPED_SIGMAS * variance:
+        return (1.0 if mean > 0 else 0.0), 0.0
+    sigma = math.sqrt(variance)
+    below, density = normal(mean / sigma)
+    return below, density / (2 * sigma)
+
+
+@inner
+def _clip_slope(value, dark, photons, pattern):
+    """Return the derivative of what `clip_mean` makes of a value, float64."""
+    noise = dark + photons * max(value, DARK_LEVEL)
+    more_noise = photons if value > DARK_LEVEL else 0.0
+    variance = noise + value * value * pattern
+    by_mean, by_variance = _excess_slopes(value - 1, variance)
+    above = by_mean + by_variance * (more_noise + 2 * value * pattern)
+    if value * (1 + pattern) > 2:
+        bound = _greatest_excess(value, noise, pattern)
+        if bound < _mean_excess(value - 1, variance):
+            root = math.sqrt(2 * math.pi * max(noise, LEAST_VARIANCE))
+            above = 1 + more_noise / (2 * root)
+    by_mean, by_variance = _excess_slopes(-value, noise)
+    return 1 - by_mean + by_variance * more_noise - above
+
+
+@inner
+def clip_mean(out, light, slope, dark, photons, pattern):
     """Fill a row of binned readings (w,) from its light with the mean of sensor pixels clipped to
     [0, 1], as `effects.sensor.expected_clip` does.
 
     Args:
+        slope: as `add_noise` filled it, multiplied by that of the clip.
         dark, photons: float32, variance of the noise that was averaged away: in the dark, and what
             a reading of 1 adds.
         pattern: float32, that of the panel's pattern as a share of the squared reading.
     """
+    for i in range(len(slope)):
+        slope[i] *= np.float32(
+            _clip_slope(float(light[i]), float(dark), float(photons), float(pattern))
+        )
     for i in range(len(out)):
         value = light[i]
         noise = dark + photons * max(value, DARK32)
@@ -88,26 +133,40 @@ def clip_mean(out, light, dark, photons, pattern):
 
 
 @inner
-def add_noise(light, start, readout, noise, bits):
+def add_noise(light, slope, start, readout, noise, bits):
     """Add noise to the light on a row of pixels (w,), the first of which is number `start` of the
     image's raw.
 
     Args:
+        slope: (w,) float32, filled with the derivative of the result in the light; or (0,).
         readout: see `exposure_records.Readout`.
         noise, bits: (w,) workspaces, float32 and int32.
     """
     if readout.noisy:
         normal_row(noise, bits, start, readout.keys[0], readout.keys[1])
+        _fill_noise_slope(slope, light, noise, readout.dark_noise, readout.photon_noise)
         _scale_and_add(light, noise, readout.dark_noise, readout.photon_noise)
+    else:
+        fill(slope, ONE)
 
 
 @inner
-def read(out, light, start, readout, noise, bits):
+def read(out, light, slope, start, readout, noise, bits):
     """Fill a row of readings (w,) from its light: noisy, and clipped; arguments as in
     `add_noise`."""
-    add_noise(light, start, readout, noise, bits)
+    add_noise(light, slope, start, readout, noise, bits)
     if readout.clips:
+        for i in range(len(slope)):
+            slope[i] = slope[i] if ZERO <= light[i] <= ONE else ZERO
         for i in range(len(out)):
             out[i] = min(max(light[i], ZERO), ONE)
     else:
         copy(out, light)
+
+
+@inner
+def read_back(light, grad, slope):
+    """Fill light (w,) with the gradient in a row's light, from that in its readings and what `read`
+    filled slope with."""
+    for i in range(len(light)):
+        light[i] = grad[i] * slope[i]

@@ -25,6 +25,10 @@ def _srgb_light(code: float) -> float:
 
 _codes = [i / DECODE_STEPS for i in range(DECODE_STEPS + 2)]
 DECODE_TABLE = np.array([_srgb_light(code) for code in _codes], np.float32)
+SRGB_CODE_KNEE, SRGB_SLOPE_AT_BLACK = np.float32(0.04045), np.float32(1 / 12.92)
+DECODE_SLOPE_TABLE = np.array(
+    [2.4 / 1.055 * ((code + 0.055) / 1.055) ** 1.4 for code in _codes], np.float32
+)
 DECODE_BYTE_TABLE = np.array([_srgb_light(i / 255) for i in range(256)], np.float32)
 
 # Encoding takes light to the power of 1 / 2.4: the mantissa by a polynomial, the octave as a whole
@@ -56,6 +60,13 @@ TAIL_TABLE = np.array(
         for z in (i / TAIL_STEPS for i in range(TAIL_END_SIGMAS * TAIL_STEPS + 2))
     ]
 )
+# of the normal distribution, at -z
+CUMULATIVE_TABLE = np.array(
+    [_normal.cdf(-i / TAIL_STEPS) for i in range(TAIL_END_SIGMAS * TAIL_STEPS + 2)]
+)
+DENSITY_TABLE = np.array(
+    [_normal.pdf(i / TAIL_STEPS) for i in range(TAIL_END_SIGMAS * TAIL_STEPS + 2)]
+)
 
 
 @inner
@@ -65,6 +76,17 @@ def decode(code):
     i = np.int32(at)
     low = DECODE_TABLE[np.uint32(i)]
     return low + (at - np.float32(i)) * (DECODE_TABLE[np.uint32(np.int32(i + 1))] - low)
+
+
+@inner
+def decode_slope(code):
+    """Return the derivative of the light of an sRGB code in [0, 1], float32; that of `decode`, a
+    table, is a staircase."""
+    at = code * np.float32(DECODE_STEPS)
+    i = np.int32(at)
+    low = DECODE_SLOPE_TABLE[np.uint32(i)]
+    slope = low + (at - np.float32(i)) * (DECODE_SLOPE_TABLE[np.uint32(np.int32(i + 1))] - low)
+    return slope if code > SRGB_CODE_KNEE else SRGB_SLOPE_AT_BLACK
 
 
 @inner
@@ -112,6 +134,19 @@ def tail(z):
 def integral(x, sigma):
     """Return sigma (z Phi(z) + phi(z)) at z = x / sigma, float64."""
     return max(x, 0.0) + sigma * tail(abs(x) / sigma)
+
+
+@inner
+def normal(z):
+    """Return the normal distribution function at z and its derivative, float64."""
+    at = min(abs(z), float(TAIL_END_SIGMAS)) * TAIL_STEPS
+    i = np.int32(at)
+    here, there, past = np.uint32(i), np.uint32(np.int32(i + 1)), at - i
+    low = CUMULATIVE_TABLE[here]
+    below = low + past * (CUMULATIVE_TABLE[there] - low)
+    low = DENSITY_TABLE[here]
+    density = low + past * (DENSITY_TABLE[there] - low)
+    return (1 - below if z > 0 else below), density
 
 
 @inner

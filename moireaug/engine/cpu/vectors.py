@@ -11,6 +11,7 @@ from numba.extending import intrinsic
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.intrinsics import (
     emit_content,
+    emit_content_back,
     emit_peek,
     emit_poke,
     emit_sums,
@@ -133,6 +134,28 @@ def _content_of(taps: int, rows: int):
     return content
 
 
+def _content_back_of(taps: int, rows: int):
+    """Make the transpose of what `_content_of` makes, a pixel at a time: neighbours add to the same
+    cells."""
+
+    @intrinsic
+    def add_content(typing, panel, base, stride, weights_x, weights_y, grad, pixel):
+        """Do the same as `content_back`, for one pixel."""
+        if not _floats(panel, weights_x, weights_y, grad) or not _indices(base):
+            return None
+        kinds = panel, base, stride, weights_x, weights_y, grad, pixel
+        return types.none(*kinds), partial(emit_content_back, taps, rows)
+
+    @inner
+    def content_back(panel, grad, base, stride, weights_x, weights_y):
+        """Add grad[pixel] * across[i] * down[j] to panel[base + j * stride + i] for each pixel and
+        i, j < taps; across, down: the pixel's tap weights."""
+        for i in range(len(grad)):
+            add_content(panel, base, stride, weights_x, weights_y, grad, i)
+
+    return content_back
+
+
 def _vector_of_sums(lanes: int, sums: int):
     """Make an intrinsic that sums rows for `lanes` pixels, with `sums` sets of coefficients."""
 
@@ -150,6 +173,11 @@ def _vector_of_sums(lanes: int, sums: int):
 
 fill_four_weights, fill_eight_weights = _weights_of(4), _weights_of(8)
 four_by_four, eight_by_six, eight_by_eight = _content_of(4, 4), _content_of(8, 6), _content_of(8, 8)
+four_by_four_back, eight_by_six_back, eight_by_eight_back = (
+    _content_back_of(4, 4),
+    _content_back_of(8, 6),
+    _content_back_of(8, 8),
+)
 # as many sums as there are registers for
 _one_sum, _wide_sum = _vector_of_sums(LANES, 1), _vector_of_sums(4 * LANES, 1)
 _four_sums, _four_wide_sums = (

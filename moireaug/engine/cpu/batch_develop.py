@@ -1,0 +1,81 @@
+"""The kernels of developing, and of its gradient, that Python calls; see `batch_expose`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.cpu import finish
+from moireaug.engine.cpu.compiling import fill, kernel, part
+from moireaug.engine.cpu.develop import develop as develop_image
+from moireaug.engine.cpu.develop_back import develop_back as develop_image_back
+from moireaug.engine.cpu.register import flat_length, register, register_back, rows_read
+
+ZERO = np.float32(0)
+
+
+@part
+def _way_back(registration, i):
+    """Return the homography, k1 and k2 of image i."""
+    k1, k2 = registration.lens[i]
+    return registration.views[i], k1, k2
+
+
+def photo_size(d) -> int:
+    """Return how many values `develop` needs for a photo in the camera's frame."""
+    return flat_length(*d.size) if d.registers else 0
+
+
+@part
+def _develop(out, raw, d, i, top, bottom):
+    """Fill rows `top` to `bottom` of photo i from its raw."""
+    h, w = d.size
+    photo, in_camera = out.photos[i], out.photos[i]
+    highest, lowest = top, bottom
+    if d.registers:
+        view, k1, k2 = _way_back(d.registration, i)
+        in_camera = out.in_camera[: 3 * h * w].reshape(3, h, w)
+        highest, lowest = rows_read(view, k1, k2, h, w, top, bottom)
+    if d.finishes:
+        unclipped = out.unclipped[i : i + 1]
+        finish.finish(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)
+    else:
+        develop_image(in_camera, raw, d.codes, i, highest, lowest)
+    if d.registers:
+        register(photo, out.in_camera, view, k1, k2, top, bottom)
+
+
+@kernel
+def develop(out, raw, d, first, last, top, bottom):
+    """Fill rows `top` to `bottom` of the photos from `first` to `last` from raw (B, planes, h, w)
+    float32; out, d: see `development_records.Photos` and `Development`."""
+    for i in range(first, last):
+        _develop(out, raw[i], d, i, top, bottom)
+
+
+@part
+def _develop_back(raw_grad, grad, in_camera, unclipped, raw, d, i):
+    """Fill raw_grad with the gradient in image i's raw, from that in its photo."""
+    h, w = d.size
+    if d.registers:
+        view, k1, k2 = _way_back(d.registration, i)
+        fill(in_camera, ZERO)
+        register_back(in_camera, grad, view, k1, k2)
+        grad = in_camera[: 3 * h * w].reshape(3, h, w)
+    if d.finishes:
+        h, w = d.detail.size
+        codes_grad = np.empty((3, h, w), np.float32)
+        finish.finish_back(codes_grad, grad, unclipped[i], d.detail, i)
+        grad = codes_grad
+    develop_image_back(raw_grad, grad, raw, d.codes, i)
+
+
+@kernel
+def develop_back(raw_grad, photo_grad, in_camera, unclipped, raw, d, first, last):
+    """Fill the gradients from `first` to `last` in raw, of raw's shape, from those in the photos.
+
+    Args:
+        in_camera: (`photo_size`(d),) float32, workspace. unclipped: what `develop` filled.
+        d: see `development_records.Development`.
+    """
+    for i in range(first, last):
+        _develop_back(raw_grad[i], photo_grad[i], in_camera, unclipped, raw[i], d, i)

@@ -1,0 +1,210 @@
+"""The kernels of exposing that Python calls, each on some of a batch's images, or on some rows of
+one. The other modules' loops are compiled into them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from moireaug.engine.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
+from moireaug.engine.cpu import beat_terms, beats, nodes, panel, picture, stencil
+from moireaug.engine.cpu.binned import expose as expose_bins
+from moireaug.engine.cpu.compiling import kernel, loop, part
+from moireaug.engine.cpu.expose import expose as expose_image
+from moireaug.engine.cpu.point import expose_point
+from moireaug.engine.cpu.random_numbers import keys
+from moireaug.engine.cpu.records import BinnedImage, FullImage, Pattern, PointImage, Readout
+from moireaug.engine.exposure_records import Camera, Cell
+
+
+@loop
+def camera_of(row):
+    """Return the Camera of a row of `Exposure.cameras`, whose columns are its fields."""
+    # unpacking it would need numba's unsafe to_fixed_tuple, which takes longer to compile
+    return Camera(
+        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
+        row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20],
+        row[21], row[22], row[23], row[24], row[25], row[26], row[27],
+    )  # fmt: skip
+
+
+@kernel
+def views_fit(e):
+    """Return for each image whether `expose` can follow its view, (B,) bool; e: see
+    `exposure_records.Exposure`.
+
+    The reference takes views near the horizon, and panels of far more pixels than the sensor.
+    """
+    out = np.empty(len(e.cameras), np.bool_)
+    most = MAX_PANEL_PIXELS_PER_SENSOR_PIXEL * len(e.sites.rows) * len(e.sites.cols)
+    most = max(most, MAX_SMALL_PANEL_PIXELS)
+    for i in range(len(out)):
+        camera = camera_of(e.cameras[i])
+        h, w = panel.shape(e.size, camera.alpha, e.cell)
+        out[i] = h * w <= most and nodes.can_follow_view(
+            camera,
+            camera_of(e.lenses[i]),
+            e.cell,
+            e.widths[i],
+            e.added_variance[i],
+            e.sites,
+            e.dark,
+            e.budget,
+        )
+    return out
+
+
+@part
+def _light(light, pictures, e, i):
+    """Fill light (3, H, W) float32 from picture i."""
+    picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
+
+
+@part
+def panel_of(shown, alpha, e):
+    """Return the part of shown that a picture takes as the panel shows it, (3, h, w)."""
+    h, w = panel.shape(e.size, alpha, e.cell)
+    return shown[: 3 * h * w].reshape(3, h, w)
+
+
+def panel_size(e) -> int:
+    """Return how many values the largest picture takes as the panel shows it."""
+    alpha = e.cameras[:, Camera._fields.index("alpha")].max()
+    h, w = panel.shape.py_func(e.size, alpha, e.cell)
+    return int(3 * h * w)
+
+
+@kernel
+def show(shown, light, pictures, e, first, last):
+    """Fill shown with the pictures from `first` to `last` as the panel shows them.
+
+    Args:
+        shown: (last - first, `panel_size`(e)) float32, or more rows. light: (3, H, W) float32,
+            workspace.
+        pictures: (B, 3, H, W) float32 or uint8.
+        e: see `exposure_records.Exposure`.
+    """
+    for i in range(first, last):
+        alpha = camera_of(e.cameras[i]).alpha
+        _light(light, pictures, e, i)
+        panel.fill_panel(panel_of(shown[i - first], alpha, e), light, alpha, e.cell, e.dark)
+
+
+@part
+def _nodes(camera, cell, e, i):
+    """Return the Nodes of image i."""
+    lens, shapes = camera_of(e.lenses[i]), (e.coefficients[i], e.widths[i], e.added_variance[i])
+    return nodes.nodes_of(camera, lens, cell, shapes[0], shapes[1], shapes[2], e.sites, e.budget)
+
+
+@part
+def _readout(camera, e, i):
+    """Return the Readout of image i."""
+    dark, photons = np.float32(camera.dark_noise), np.float32(camera.photon_noise)
+    return Readout(e.noisy, dark, photons, keys(e.seeds[i]), e.clips)
+
+
+@part
+def size_in_panel_pixels(alpha, e):
+    """Return the height and width of a picture on the panel, rounded up."""
+    return math.ceil(alpha * e.size[0]), math.ceil(alpha * e.size[1])
+
+
+@part
+def full_image(e, i):
+    """Return the FullImage of image i."""
+    camera = camera_of(e.cameras[i])
+    return FullImage(
+        camera, e.cell, _nodes(camera, e.cell, e, i), e.sites,
+        e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
+    )  # fmt: skip
+
+
+@kernel
+def expose(raw, slopes, shown, e, first, last, top, bottom):
+    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the
+    pictures from `first` to `last`, from what `show` filled shown with.
+
+    slopes: (B, planes, h, w or 0) float32, see `expose.expose`.
+    """
+    for i in range(first, last):
+        alpha = camera_of(e.cameras[i]).alpha
+        panel, size = panel_of(shown[i - first], alpha, e), size_in_panel_pixels(alpha, e)
+        expose_image(raw[i], slopes[i], panel, size, full_image(e, i), top, bottom)
+
+
+@part
+def _content(camera, sensor, cell, e, i):
+    """Return the Nodes and the BinStencil of image i of a binned reading: one of them is empty."""
+    if not stencil.has_stencil(camera, sensor):
+        return _nodes(camera, cell, e, i), stencil.no_stencil()
+    none, lens = nodes.no_nodes(len(e.widths[i])), camera_of(e.lenses[i])
+    return none, stencil.stencil_of(
+        camera, lens, cell, e.widths[i], e.added_variance[i], e.sites, e.budget
+    )
+
+
+@part
+def _cell_of(cell, centre):
+    """Return a Cell with the centres of one image."""
+    return Cell(
+        cell.whole, cell.period, cell.orders, cell.channel, cell.kind, cell.y_group,
+        cell.kind_y_group, centre, cell.pixel, cell.radius,
+    )  # fmt: skip
+
+
+@kernel
+def beats_fit(e, b):
+    """Return for each image whether `expose_binned` can follow its beats, (B,) bool."""
+    out = np.empty(len(b.cameras), np.bool_)
+    for i in range(len(out)):
+        camera = camera_of(b.cameras[i])
+        out[i] = beat_terms.can_follow_beats(
+            e.sites, camera, b.enlargement[i], b.triangle[i], b.period, b.orders, b.strength[i],
+            e.budget,
+        )  # fmt: skip
+    return out
+
+
+@part
+def binned_image(e, b, i):
+    """Return the BinnedImage of image i."""
+    camera, cell = camera_of(e.cameras[i]), _cell_of(e.cell, b.centres[i])
+    sensor = camera_of(b.cameras[i])
+    pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer)
+    content = _content(camera, sensor, cell, e, i)
+    terms = beats.terms_of(b, i, sensor, e.filters[i], e.size, e.sites, e.budget)
+    return BinnedImage(
+        camera, sensor, cell, content[0], content[1], e.sites, terms, pattern,
+        e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
+    )  # fmt: skip
+
+
+@kernel
+def expose_binned(raw, slopes, shown, e, b, first, last, top, bottom):
+    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the binned readings of the
+    pictures from `first` to `last`; b: see `exposure_records.Beats`. The rest as in `expose`."""
+    for i in range(first, last):
+        alpha = camera_of(e.cameras[i]).alpha
+        panel, size = panel_of(shown[i - first], alpha, e), size_in_panel_pixels(alpha, e)
+        expose_bins(raw[i], slopes[i], panel, size, binned_image(e, b, i), top, bottom)
+
+
+@part
+def point_image(e, i):
+    """Return the PointImage of image i."""
+    camera = camera_of(e.cameras[i])
+    return PointImage(
+        camera, e.cell, e.point, e.point.lit[i], e.sites,
+        e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i), e.dark,
+    )  # fmt: skip
+
+
+@kernel
+def expose_points(raw, slopes, light, pictures, e, first, last):
+    """Fill raw (B, planes, h, w) float32 with the readings of the pictures from `first` to `last`
+    at points of the panel; arguments as in `show` and `expose`."""
+    for i in range(first, last):
+        _light(light, pictures, e, i)
+        expose_point(raw[i], slopes[i], light, point_image(e, i))

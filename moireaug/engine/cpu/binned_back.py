@@ -1,0 +1,113 @@
+"""The gradient of a binned reading in what the panel shows, one image per call: `binned` row by
+row, transposed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine.cpu import beats, stencil
+from moireaug.engine.cpu.binned import flicker, locate, work_of
+from moireaug.engine.cpu.compiling import fill, inner, once, part
+from moireaug.engine.cpu.expose import MIN_BANDS, fill_row_weights
+from moireaug.engine.cpu.irradiance import panel_irradiance_back
+from moireaug.engine.cpu.nodes import bracket
+from moireaug.engine.cpu.panel import margin
+from moireaug.engine.cpu.rows import LIGHT, Places, Row, U, V, X, Y
+from moireaug.engine.cpu.sensor import attenuate, read_back
+from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.view import look
+
+ZERO = np.float32(0)
+
+
+class _Work(NamedTuple):
+    """What `irradiance.panel_irradiance_back` needs."""
+
+    places: Places
+    row: Row
+    weights_x: np.ndarray
+
+
+@inner
+def _add_content_back(content, light, modulation, passed, mean):
+    """Add the gradient in a row of content from that in its light, by one colour filter."""
+    for i in range(len(light)):
+        content[i] += light[i] * (passed * (mean + modulation[i]))
+
+
+@inner
+def _add_weighed_back(out, grad, low, high, past):
+    """Add grad (w,) to out (w,), weighed as in `stencil.content`."""
+    for i in range(len(out)):
+        weight = peek(low, i) + past * (peek(high, i) - peek(low, i))
+        poke(out, i, out[i] + weight * peek(grad, i))
+
+
+@inner
+def _stencil_back(panel_grad, grad, line, bins, cell, sites, row):
+    """Add the gradient in the panel, of its shape, from that in the content of a row of bins, grad
+    (3, w); the rest as in `stencil.content`."""
+    v, first, w = sites.rows[row], sites.rows[0], grad.shape[1]
+    node, t = bracket(v, first, bins.step_v, len(bins.lines), 1)
+    before, behind, past = bins.lines[node], bins.lines[node + 1], np.float32(t)
+    taps, stride = bins.taps, panel_grad.shape[2]
+    flat = panel_grad.reshape(3, panel_grad.shape[1] * stride)
+    start = (margin(cell, 1) + row - taps // 2) * stride + margin(cell, 0) - taps // 2
+    for colour in range(3):
+        offset = colour * 2 * taps * w
+        for j in range(taps):
+            fill(line, ZERO)
+            a, b = offset + (taps + j) * w, offset + (taps + j + 1) * w
+            _add_weighed_back(line, grad[colour], before[a:b], behind[a:b], past)
+            for i in range(taps):
+                a, b, at = offset + i * w, offset + (i + 1) * w, start + j * stride + i
+                pixels = flat[colour, at : at + w]
+                _add_weighed_back(pixels, line, before[a:b], behind[a:b], past)
+
+
+@once
+def _expose_back(panel_grad, grad, slope, size, image, bins, work):
+    """Do the same as `expose_back`, in buffers that it allocated."""
+    planes, h, w = grad.shape
+    pattern, sites, row, passes = image.pattern, image.sites, bins.row, bins.passes
+    position, first_row, light = row.position, sites.rows[0], row.floats[LIGHT]
+    modulation, lines = bins.modulation, bins.lines
+    band = max(1, h // MIN_BANDS)
+    for r in range(h):
+        v = sites.rows[r]
+        locate(bins, r, v, image.sensor, (h, w))
+        if image.stencil.taps > 0:
+            stencil.look_straight(position[X], position[Y], r)
+        else:
+            fill_row_weights(row, image, sites.rows, r, 0, band)
+            look(position[X], position[Y], bins.places.u[0], v, image.camera)
+        beats.modulate(modulation, lines, image.terms, pattern, passes, position, v, first_row)
+        fill(row.irradiance.reshape(-1), ZERO)
+        for plane in range(planes):
+            colour = sites.channel[plane]
+            read_back(light, grad[plane, r], slope[plane, r])
+            attenuate(light, position[U], position[V], image.camera)
+            if len(image.flicker) > 0:
+                flicker(light, image.flicker, position[V], h)
+            for channel in range(3):
+                if passes[colour, channel]:
+                    passed, mean = image.filters[colour, channel], pattern.mean[channel]
+                    content, beat = row.irradiance[channel], modulation[colour, channel]
+                    _add_content_back(content, light, beat, np.float32(passed), np.float32(mean))
+        if image.stencil.taps > 0:
+            content, line = row.irradiance, lines[0]
+            _stencil_back(panel_grad, content, line, image.stencil, image.cell, sites, r)
+        else:
+            panel_irradiance_back(work, panel_grad, size, image, 0, v)
+
+
+@part
+def expose_back(panel_grad, grad, slope, size, image):
+    """Add the gradient in the panel, of its shape, from that in a binned reading (planes, h, w);
+    slope, size and image as in `binned.expose`."""
+    planes, _, w = grad.shape
+    bins = work_of(w, planes, image)
+    work = _Work(bins.places, bins.row, np.empty(len(bins.row.weights_y), np.float32))
+    _expose_back(panel_grad, grad, slope, size, image, bins, work)

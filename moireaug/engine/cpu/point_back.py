@@ -1,0 +1,74 @@
+"""The gradient of a point exposure in a picture's light, one image per call: `point` row by row,
+transposed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.cpu.compiling import copy, fill, inner, loop
+from moireaug.engine.cpu.panel_back import shrink_back
+from moireaug.engine.cpu.point import locate, see, work_of
+from moireaug.engine.cpu.sensor import attenuate, read_back
+from moireaug.exposure.displayed import EDGE_PIXELS
+
+ZERO, ONE = np.float32(0), np.float32(1)
+ONE32 = np.int32(1)
+
+
+@inner
+def _add_content_back(shown, grad, along_x, along_y, width, passed):
+    """Add to shown the gradient in it, from that in a row of light (n,); arguments as in
+    `point._add_content`."""
+    across, left, fx = along_x
+    down, top, fy = along_y
+    for i in range(len(grad)):
+        g = grad[i] * across[i] * down[i] * passed
+        below = g * fy[i]
+        above, f = g - below, fx[i]
+        k = np.int32(np.int32(top[i] * width) + left[i])
+        shown[np.uint32(k)] += above * (ONE - f)
+        shown[np.uint32(np.int32(k + ONE32))] += above * f
+        k = np.int32(k + width)
+        shown[np.uint32(k)] += below * (ONE - f)
+        shown[np.uint32(np.int32(k + ONE32))] += below * f
+
+
+@loop
+def _fill_light_grad(light_grad, shown, alpha, height, width):
+    """Fill light_grad (3, H, W) from the gradient in what `point._shown` returns."""
+    for c in range(3):
+        if alpha < 1:
+            fill(light_grad[c].reshape(-1), ZERO)
+            panel = shown[c, : height * width].reshape(height, width)
+            shrink_back(light_grad[c], panel, alpha, 1, EDGE_PIXELS, EDGE_PIXELS)
+        else:
+            copy(light_grad[c].reshape(-1), shown[c])
+
+
+@loop
+def expose_point_back(light_grad, grad, slope, image):
+    """Fill light_grad (3, H, W) with the gradient in a picture's light, from that in its reading
+    (planes, h, w); slope and image as in `point.expose_point`."""
+    planes, h, w = grad.shape
+    camera, sites = image.camera, image.sites
+    work = work_of(w, light_grad.shape[1:], image)
+    line, height, width = work.light, work.rows.size, np.int32(work.columns.size)
+    shown = np.zeros((3, height * width + width + 1), np.float32)
+    step = sites.step
+    for r in range(h * step):
+        pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
+        for plane in range(planes):
+            if sites.row[plane] != r % step:
+                continue
+            locate(work, image, plane, sites.rows[r])
+            read_back(line, grad[plane, r // step], slope[plane, r // step])
+            attenuate(line, work.u, work.v, camera)
+            for i in range(len(image.point.rectangles)):
+                colour = image.cell.channel[i]
+                passed = image.filters[sites.channel[plane], colour] * pulse
+                if passed == 0:
+                    continue
+                see(work, image, i)
+                lit = np.float32(image.lit * passed)
+                _add_content_back(shown[colour], line, work.along_x, work.along_y, width, lit)
+    _fill_light_grad(light_grad, shown, camera.alpha, height, work.columns.size)
