@@ -20,11 +20,13 @@ class Stage(NamedTuple):
         backward: takes the gradient in the results, the values and that tensor, and returns the
             gradient in the values.
         reference: does the same as `forward` in PyTorch, for derivatives of the gradient.
+        sums_in_order: see `Backend.kernels`.
     """
 
     forward: Callable[[Tensor, bool], tuple[Tensor, Tensor]]
     backward: Callable[[Tensor, Tensor, Tensor], Tensor]
     reference: Callable[[Tensor], Tensor]
+    sums_in_order: bool = True
 
 
 class _Differentiable(torch.autograd.Function):
@@ -41,7 +43,8 @@ class _Differentiable(torch.autograd.Function):
         if torch.compiler.is_compiling():
             return ctx.stage.backward(grad, values, saved), None
         twice = torch.is_grad_enabled()  # the gradient itself is to be differentiated
-        if not twice and not is_batched(grad):
+        ordered = ctx.stage.sums_in_order or not torch.are_deterministic_algorithms_enabled()
+        if ordered and not twice and not is_batched(grad):
             return ctx.stage.backward(grad, values, saved), None
         # autocast may be on where backward is called
         with torch.enable_grad(), torch.autocast(grad.device.type, enabled=False):

@@ -40,7 +40,9 @@ class Backend(NamedTuple):
         - develop(raw, saves, development) -> photo, saved
         - develop_back(grad, raw, saved, development) -> gradient in raw
 
-        The gradient's functions take the tensor that the others saved for it, if `saves`.
+        The gradient's functions take the tensor that the others saved for it, if `saves`. Its
+        SUMS_IN_ORDER says whether `expose_back` adds in a fixed order; if not, the reference takes
+        its place where PyTorch is told to be deterministic.
         """
         return importlib.import_module(self.module)
 
@@ -66,7 +68,15 @@ def _is_jit_disabled() -> bool:
         return False
 
 
-BACKENDS = (Backend("numba", "cpu", "moireaug.engine.cpu.run", _without_numba),)
+@functools.cache
+def _without_triton() -> str:
+    return "" if importlib.util.find_spec("triton") else "triton is not installed"
+
+
+BACKENDS = (
+    Backend("numba", "cpu", "moireaug.engine.cpu.run", _without_numba),
+    Backend("Triton", "cuda", "moireaug.engine.gpu.run", _without_triton),
+)
 
 
 def backend_of(device_type: str) -> Backend | None:

@@ -47,6 +47,7 @@ def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         functools.partial(kernels.expose, exposure=exposure, beats=beats),
         functools.partial(kernels.expose_back, exposure=exposure, beats=beats),
         lambda light: pipeline.apply(names, light, shot),
+        kernels.SUMS_IN_ORDER,
     )
     return autograd.apply(stage, light)
 

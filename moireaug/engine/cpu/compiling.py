@@ -24,7 +24,6 @@ CONSTANT_SOURCES = (
     "effects/random_numbers.py",
     "effects/sensor.py",
     "engine/budget.py",
-    "engine/development_records.py",
     "engine/exposure_records.py",
     "exposure/footprints.py",
     "exposure/displayed.py",

@@ -4,4 +4,5 @@ from moireaug.engine.cpu.run_develop import develop, develop_back
 from moireaug.engine.cpu.run_expose import expose, fits
 from moireaug.engine.cpu.run_expose_back import expose_back
 
-__all__ = ["develop", "develop_back", "expose", "expose_back", "fits"]
+SUMS_IN_ORDER = True
+__all__ = ["SUMS_IN_ORDER", "develop", "develop_back", "expose", "expose_back", "fits"]

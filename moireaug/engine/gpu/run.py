@@ -1,0 +1,57 @@
+"""The GPU's kernels on batches; see `engine.backends.Backend.kernels`. Nothing is saved for a
+gradient, which recomputes what it needs."""
+
+from __future__ import annotations
+
+import numpy as np
+from torch import Tensor
+
+from moireaug.engine.development_records import Development
+from moireaug.engine.exposure_records import Beats, Exposure
+from moireaug.engine.gpu import expose_binned, expose_full, expose_point
+from moireaug.engine.gpu.develop import develop as develop_batch
+from moireaug.engine.gpu.develop_back import develop_back as develop_batch_back
+
+SUMS_IN_ORDER = False
+
+
+def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
+    """Return for each image whether `expose` can follow its view, (B,) bool."""
+    if beats is not None:
+        return expose_binned.fits(exposure, beats)
+    return np.ones(len(exposure.cameras), bool)
+
+
+def expose(
+    picture: Tensor, saves: bool, exposure: Exposure, beats: Beats | None
+) -> tuple[Tensor, Tensor]:
+    """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
+    if beats is not None:
+        raw = expose_binned.expose(picture, exposure, beats)
+    elif exposure.point:
+        raw = expose_point.expose(picture, exposure)
+    else:
+        raw = expose_full.expose(picture, exposure)
+    return raw, raw.new_empty(0)
+
+
+def expose_back(
+    grad: Tensor, picture: Tensor, saved: Tensor, exposure: Exposure, beats: Beats | None
+) -> Tensor:
+    """Return the gradient in pictures, from that in their readings. Sums are not in a fixed
+    order."""
+    if beats is not None:
+        return expose_binned.expose_back(grad, picture, exposure, beats)
+    if exposure.point:
+        return expose_point.expose_back(grad, picture, exposure)
+    return expose_full.expose_back(grad, picture, exposure)
+
+
+def develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor, Tensor]:
+    """Return the photos (B, 3, H, W) float32, sRGB codes, of readings (B, planes, h, w) float32."""
+    return develop_batch(raw, development), raw.new_empty(0)
+
+
+def develop_back(grad: Tensor, raw: Tensor, saved: Tensor, development: Development) -> Tensor:
+    """Return the gradient in the readings, from that in the photos."""
+    return develop_batch_back(raw, grad, development)
