@@ -12,7 +12,7 @@ from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
 ROWS_OF_A_BIN = 8  # whose light a binned reading's flicker is the mean of
-BANDS_PER_ROW = 4  # of the photo, between which the engine takes a bin's flicker as linear
+BANDS_PER_ROW = 16  # of the photo, between which the engine takes a bin's flicker as linear
 
 
 class Flicker(Effect):

@@ -59,18 +59,17 @@ def panel_scale_ratio(scene: SceneRecord) -> float:
 
 def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
     """Return the least of `shot.bin_scale`, for `alpha` panel pixels per image pixel."""
-    view, zoom = scene.view, bounds(scene.view.zoom)
+    view, zoom, pitch = scene.view, bounds(scene.view.zoom), bounds(scene.sensor.pitch)[0]
     if not scene.is_rectified:
-        return _bin_scale(scene, alpha, magnifications(view, scene.lens, zoom[1])[1])
-    least = magnifications(view, scene.lens, zoom[0])[0]
+        if not pitch:
+            return scene.sensor.scale
+        return pitch * alpha / magnifications(view, scene.lens, zoom[1])[1]
+    # torch.compile follows this where a pitch is given, and could not follow a view's magnification
+    per_image_pixel = pitch * alpha
+    if not pitch:
+        per_image_pixel = scene.sensor.scale * magnifications(view, scene.lens, zoom[0])[0]
     yaw, tilt = (math.radians(max(map(abs, bounds(axis)))) for axis in (view.yaw, view.pitch))
-    return _bin_scale(scene, alpha, least) * least * math.sqrt(math.cos(yaw) * math.cos(tilt))
-
-
-def _bin_scale(scene: SceneRecord, alpha: float, magnification: float) -> float:
-    """Return the least sensor pixels per photo pixel in a view of this magnification."""
-    pitch = bounds(scene.sensor.pitch)[0]
-    return pitch * alpha / magnification if pitch else scene.sensor.scale
+    return per_image_pixel * math.sqrt(math.cos(yaw) * math.cos(tilt))
 
 
 def least_side(scene: SceneRecord, alpha: float) -> float:

@@ -123,7 +123,7 @@ def started(monkeypatch):
 
 def test_speed(started, ran):
     out, written, _ = ran("speed")
-    assert sum(row["bar"] is not None for row in written["rows"]) == 13
+    assert sum(row["bar"] is not None for row in written["rows"]) == 15
     assert not any("older checkout" in row["against"] for row in written["rows"])
     assert written["metadata"]["before"] is None
     for row in written["rows"]:

@@ -117,7 +117,7 @@ NOTEBOOKS = {
     ),
     "train": (
         "IMAGES, EPOCHS, SIZE, ATTACKED, STEPS = 120, 1, 24, 24, 1",
-        r"clean image .*gain.*Report: .*\['",
+        r"clean image .*Report: .*\['",
     ),
     "pairs": (
         'SIDE, PAIRS, SCENE = 48, 2, ["phone_at_monitor"]',

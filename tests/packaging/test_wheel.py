@@ -144,5 +144,7 @@ def test_no_core_module_imports_an_extras_dependency():
             asking.append(part.name)
             continue
         for path in modules:
-            assert not imported(path) - allowed, path
+            # PyTorch brings Triton where there may be a GPU; nothing else imports those files
+            ours = {"triton"} if path.parent == ROOT / "moireaug" / "engine" / "gpu" else set()
+            assert not imported(path) - allowed - ours, path
     assert {"evaluation", "defenses"} <= set(asking)

@@ -26,7 +26,7 @@ def test_the_figures_of_the_table(root):
     assert [good.rates[key].value for key in ("clean", "natural", "pgd_4")] == pytest.approx(
         [0.9, 0.7, 0.4]
     )
-    assert good.rates["unseen_mean"].value == pytest.approx(0.7)
+    assert good.rates["unseen_mean"].value == pytest.approx(0.7, abs=0.01)
     assert good.rates["unseen_worst"].value == 0.6
     plain = 20 + 11
     assert recipes["clean"].relative.value == pytest.approx(11 / plain)

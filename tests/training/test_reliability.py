@@ -118,7 +118,7 @@ def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight
     shutil.move(folder, tmp_path / "elsewhere/moire_at/seed0")  # a larger disk
     out, found = train(tmp_path, "elsewhere")
     assert same(out, straight[0])
-    assert [h["loss"] for h in found["history"]] == [h["loss"] for h in straight[1]["history"]]
+    assert [h["loss"] for h in found.history] == [h["loss"] for h in straight[1].history]
 
 
 def test_a_file_size_limit_leaves_no_half_written_file(tmp_path):
