@@ -65,7 +65,7 @@ ENTRIES = {
     ),
     "develop": Entry("develop", lambda m, c: m.develop(c.raw, c.development)),
     "develop, backward": Entry(
-        "develop_back", lambda m, c: m.develop_back(c.raw, c.photo, c.development)
+        "develop_back", lambda m, c: m.develop_back(c.photo, c.raw, c.development)
     ),
 }
 

@@ -117,29 +117,6 @@ class Attack(ABC):
         """
         return self.attack_batch(self._best_result, images, labels, targets, shot, generator)
 
-    def toward(
-        self,
-        images: Tensor,
-        labels: Tensor,
-        classes: Tensor,
-        *,
-        shot: Shot | MixedShot | None = None,
-        generator: torch.Generator | None = None,
-    ) -> Result:
-        """Attack a batch by steps toward one class per image, where any wrong class is a success.
-
-        Args:
-            classes: (B,) int64 classes that the loss steers toward, as toward the `targets` of a
-                call; the best point and success are as without targets.
-            others, and errors: as in a call.
-        """
-
-        def result_toward(search: Search) -> Result:
-            search.targets = None
-            return self._best_result(search)
-
-        return self.attack_batch(result_toward, images, labels, classes, shot, generator)
-
     def last(
         self,
         images: Tensor,

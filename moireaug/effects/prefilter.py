@@ -73,7 +73,8 @@ def variance_at(points: Tensor, shot: ShotRecord) -> Tensor:
     kinds, optics = as_layout(shot.scene.panel.layout).all(), optics_of(shot)
     if isinstance(method, Mean):
         kinds = (WHOLE_PIXEL,)
-    step = step * (alpha[..., None, None] / shot.sampled_pixels()[0].scale)
+    scale = step.new_tensor([pixels.scale for pixels in shot.sampled_pixels()[::-1]])
+    step = step * alpha[..., None, None] / scale
     lit = torch.ones_like(shot.panel_scale)
     footprints = footprints_of(kinds, step, (lit, lit), optics)
     return lost_variance(footprints, alpha, method.taps)

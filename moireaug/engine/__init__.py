@@ -1,14 +1,14 @@
 """The engine: `expose` and `develop` as fused kernels, which compute the same numbers as the
 reference.
 
-It runs on the CPU, on float32, half precision (computed in float32) and uint8, for the exposures
-"spectral", "mean" and "point", unless a gradient in the shot is needed: `expose` is differentiable
-in the image, `develop` in the raw reading. The reference, `moireaug.pipeline`, does the rest.
-`explain(scene)` says which one a scene gets. `reference()` turns the engine off.
+It runs on the CPU and on GPUs, on float32, half precision (computed in float32) and uint8, for the
+exposures "spectral", "mean" and "point", unless a gradient in the shot is needed: `expose` is
+differentiable in the image, `develop` in the raw reading. The reference, `moireaug.pipeline`, does
+the rest. `explain(scene)` says which one a scene gets. `reference()` turns the engine off.
 
 A call is decided by `program`, from the table in `backends`; `dispatch` lowers its shot to records
-and has the kernels of cpu/ fill its photo. Importing this package does not import numba; the first
-photo does.
+and has the kernels of cpu/ or gpu/ fill its photo. Importing this package imports neither numba nor
+Triton; the first photo does.
 """
 
 import moireaug.engine.cpu.forks  # noqa: F401  one thread in forked processes, before any is forked

@@ -80,7 +80,7 @@ def develop(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         functools.partial(kernels.develop_back, development=development),
         lambda raw: pipeline.apply(names, raw, shot),
     )
-    if not trial.agrees(stage, "developing", raw):
+    if not trial.agrees(stage, f"developing, {', '.join(names)}", raw):
         return pipeline.apply(program.reference_effects, stage.reference(raw), shot)
     photo = autograd.apply(stage, raw)
     return pipeline.apply(program.reference_effects, photo, shot)

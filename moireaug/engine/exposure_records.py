@@ -164,7 +164,7 @@ class Beats(NamedTuple):
     Args:
         cameras: (B, fields) float64, those of one `Camera` per image, of sensor pixels.
         enlargement: (B,) float64, factor by which bins are enlarged to the size of a sensor pixel.
-            triangle: (B,) float64, see `exposure.bins.Bins`. ratio: (B,) float64, panel pixels per
+            triangle: (B,) float64, see `bin_geometry.Bins`. ratio: (B,) float64, panel pixels per
             pixel of the panel that is shown.
         centres: (B, 3, 2) float64, where each colour's pixel lies in its cell.
         period: (2,) int64, of the layout. orders: (K, 2) int64, its harmonics.

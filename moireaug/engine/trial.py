@@ -20,7 +20,7 @@ def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
     """Return whether a stage's kernels give the reference's results on the device of `values`.
 
     Args:
-        kind: name of the kernels, such as "develop".
+        kind: name of the kernels, such as "developing, demosaic, encode".
         values: pictures or readings, (B, C, H, W).
     """
     if values.device.type == "cpu":
@@ -42,6 +42,8 @@ def why_not(stage: Stage, values: Tensor) -> str:
     """Return how a stage's kernels fail, or an empty string."""
     try:
         result, _ = stage.forward(values, False)
+    except torch.OutOfMemoryError:
+        raise  # the batch's fault, not the kernels'
     except Exception as error:  # of a compiler, a driver or a launch
         return f"do not run ({type(error).__name__}: {str(error).partition(chr(10))[0]})"
     difference = (result - stage.reference(as_float(values))).square().mean().sqrt().item()

@@ -89,9 +89,9 @@ def _condition_frame(
 def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """Return the worst of several conditions for each image."""
     worst = frames[0][["label", "counted", "image"]].copy()
-    for name in ("fooled", "undecided"):
-        worst[name] = np.any([frame[name] for frame in frames], axis=0)
     worst["correct"] = np.all([frame["correct"] for frame in frames], axis=0)
+    worst["fooled"] = ~worst["correct"]  # also by an attacker who aimed at another class
+    worst["undecided"] = np.any([frame["undecided"] for frame in frames], axis=0)
     worst["seconds"] = np.sum([frame["seconds"] for frame in frames], axis=0)
     return worst.assign(
         condition="worst",

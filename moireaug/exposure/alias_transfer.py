@@ -81,7 +81,7 @@ def plane_waves(
 
     Args:
         u, v: (K, B, h, w), the harmonics' frequencies along both axes.
-        centre, sides, triangle: of the bins, see `bins.Bins`.
+        centre, sides, triangle: of the bins, see `bin_geometry.Bins`.
     """
     none = torch.zeros_like(u), torch.zeros_like(u)
     red, green, blue = none, none, none

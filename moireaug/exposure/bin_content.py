@@ -49,7 +49,7 @@ class Content(NamedTuple):
 
         Args:
             step: (B, ..., 2, 2), change in pixels per sensor pixel along u and v.
-            sides: (B, ..., 2, 2) of the bins, see `bins.Bins`.
+            sides: (B, ..., 2, 2) of the bins, see `bin_geometry.Bins`.
         """
         along = step[..., axis, :]
         zero, one = torch.zeros_like(self.hold), torch.ones_like(self.hold)

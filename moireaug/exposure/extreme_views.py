@@ -44,7 +44,7 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool, magnified: bool = Fal
 def _views(
     v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool
 ) -> Tensor:
-    fields, k1, k2 = _poses(v, lens, zoom)
+    fields, k1, k2 = _poses(v, lens, zoom, bounds(v.fov)[1])
     jacobians = []
     for size in shapes:
         h, w = size
@@ -63,12 +63,16 @@ def _views(
 def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
     """Return the least and the greatest `homography.magnification` for the angles and lenses that a
     scene allows at this zoom."""
-    fields, k1, k2 = _poses(v, lens, zoom)
-    every = torch.cat([magnification(fields, k1, k2, size, v.fit) for size in PHOTO_SHAPES])
-    return float(every.min()), float(every.max())
+    every = []
+    for fov in bounds(v.fov):
+        fields, k1, k2 = _poses(v, lens, zoom, fov)
+        every += [magnification(fields, k1, k2, size, v.fit) for size in PHOTO_SHAPES]
+    return float(torch.cat(every).min()), float(torch.cat(every).max())
 
 
-def _poses(v: View, lens: Lens, zoom: float) -> tuple[dict[str, Tensor], Tensor, Tensor]:
+def _poses(
+    v: View, lens: Lens, zoom: float, fov: float
+) -> tuple[dict[str, Tensor], Tensor, Tensor]:
     """Return the fields of views of the angles that a scene allows, k1 and k2, (N,) each."""
     turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
@@ -76,7 +80,7 @@ def _poses(v: View, lens: Lens, zoom: float) -> tuple[dict[str, Tensor], Tensor,
     yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), **FLOAT64_ON_CPU).T
     fields = {k: torch.zeros_like(yaw) for k in v.ranged}
     fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
-    fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
+    fields |= {"fov": torch.full_like(yaw, fov), "zoom": torch.full_like(yaw, zoom)}
     return fields, k1, k2
 
 

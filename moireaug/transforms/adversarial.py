@@ -166,8 +166,8 @@ class AdversarialMoire(v2.Transform):
     def extra_repr(self) -> str:
         a = self.attack
         return (
-            f"scene={describe(as_scenes(a.scene))}, eps={a.eps}, steps={a.steps}, loss={a.loss!r}, "
-            f"random_start={a.random_start}, p={self.p}"
+            f"scene={describe(as_scenes(a.scene))}, eps={a.eps}, steps={a.steps}, "
+            f"step_size={a.step_size}, loss={a.loss!r}, random_start={a.random_start}, p={self.p}"
         )
 
 

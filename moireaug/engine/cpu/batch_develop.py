@@ -47,7 +47,7 @@ def _develop(out, raw, d, i, top, bottom):
 @kernel
 def develop(out, raw, d, first, last, top, bottom):
     """Fill rows `top` to `bottom` of the photos from `first` to `last` from raw (B, planes, h, w)
-    float32; out, d: see `development_records.Photos` and `Development`."""
+    float32; out, d: see `records.Photos` and `Development`."""
     for i in range(first, last):
         _develop(out, raw[i], d, i, top, bottom)
 

@@ -23,7 +23,7 @@ class BeatGrid(NamedTuple):
         frequency: (rows, cols, K, 2) float64, of each harmonic along u and v, in cycles per sensor
             pixel.
         sides: (rows, cols, 4) float64, u and v of the bins' two sides, in sensor pixels; at least
-            a pixel long. triangle: float, see `exposure.bins.Bins`.
+            a pixel long. triangle: float, see `bin_geometry.Bins`.
     """
 
     frequency: np.ndarray

@@ -1,7 +1,7 @@
 """The terms of beats: which aliases of which harmonics a binned reading shows, and how strong they
 are at nodes of the photo.
 
-A term is a harmonic (k, l) and an alias (m_u, m_v); see `exposure.binning`.
+A term is a harmonic (k, l) and an alias (m_u, m_v); see `exposure.binned`.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ def number_harmonics(terms):
 def alias_transfer(fu, fv, m_u, m_v, side, triangle):
     """Return the transfer of an alias before interpolation.
 
-    side: (4,), of the bin. triangle: see `exposure.bins.Bins`.
+    side: (4,), of the bin. triangle: see `bin_geometry.Bins`.
     """
     u, v = fu - m_u / 2, fv - m_v / 2
     if abs(u) >= 1 or abs(v) >= 1:

@@ -145,7 +145,7 @@ def modulate(out, work, terms, pattern, passes, position, v, first_row):
 
     Args:
         work: (5, w) float32, workspace.
-        terms: from `terms_of`. pattern: see `binned_records.Pattern`.
+        terms: from `terms_of`. pattern: see `records.Pattern`.
         passes: (3, 3) bool, which channels a filter passes.
         position: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of
             the first nodes.

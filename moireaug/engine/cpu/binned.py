@@ -157,7 +157,7 @@ def expose(raw, slope, panel, size, image, top, bottom):
         slope: see `expose.expose`.
         panel: (3, ...) float32, from `panel.fill_panel`.
         size: (height, width) of the picture in panel pixels, rounded up.
-        image: see `binned_records.BinnedImage`.
+        image: see `records.BinnedImage`.
     """
     planes, _, w = raw.shape
     _expose(raw, slope, panel, size, image, work_of(w, planes, image), top, bottom)

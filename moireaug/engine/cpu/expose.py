@@ -94,7 +94,7 @@ def expose(raw, slope, panel, size, image, top, bottom):
             (planes, h, 0).
         panel: (3, ...) float32, from `panel.fill_panel`.
         size: (height, width) of the picture in panel pixels, rounded up.
-        image: see `exposure_records.FullImage`.
+        image: see `records.FullImage`.
     """
     planes, _, w = raw.shape
     places = places_of(w, planes, image.sites, image.nodes, image.filters)

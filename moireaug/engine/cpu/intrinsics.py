@@ -219,7 +219,7 @@ def _tap_weights(context, builder, record_type, record, first, counts):
     """Return the tap weights of some pixels, as a vector.
 
     Args:
-        record: an `exposure_records.TapWeights`. first: the first of the pixels.
+        record: an `records.TapWeights`. first: the first of the pixels.
         counts: taps per pixel, and pixels.
     """
     taps, pixels = counts

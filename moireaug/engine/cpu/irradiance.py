@@ -159,7 +159,7 @@ def panel_irradiance(work, panel, size, image, plane, v):
 
     Args:
         work: a record of the `places` and the `row` of `rows`. panel, size: as in `expose.expose`.
-        image: see `exposure_records.FullImage` or `binned_records.BinnedImage`.
+        image: see `records.FullImage` or `records.BinnedImage`.
     """
     row, cell, taps = work.row, image.cell, image.nodes.taps
     look(row.position[X], row.position[Y], work.places.u[plane], v, image.camera)

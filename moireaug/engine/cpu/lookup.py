@@ -49,9 +49,9 @@ def locate_taps(first, index, phase_share, offset, nearest, start, phases, taps)
 
     Args:
         first: (n,) int32, filled with the cell of the first tap. index, phase_share: (n,) int32 and
-            float32, filled as in `exposure_records.TapWeights`.
+            float32, filled as in `records.TapWeights`.
         offset, nearest: (n,), from `split_into_cells`. start: (n,) int32, index in the table of the
-            left node's weights along this axis. phases, taps: see `exposure_records.Nodes`.
+            left node's weights along this axis. phases, taps: see `records.Nodes`.
     """
     scale, last = np.float32(phases), np.int32(phases - 1)
     size, half = np.int32(taps), np.int32(taps // 2)
@@ -76,7 +76,7 @@ def fill_base(base, x, y, stride, origin):
 def fill_weights(out, weights, taps):
     """Fill out (n * taps,) float32 with the pixels' tap weights along one axis.
 
-    weights: see `exposure_records.TapWeights`.
+    weights: see `records.TapWeights`.
     """
     if taps == NARROW_TAPS:
         fill_four_weights(out, weights)
@@ -91,7 +91,7 @@ def content(out, panel, base, stride, weights, weights_y, taps, radius):
     Args:
         panel: flat. base: (n,) int32, index of the first cell. stride: int32, from a row of cells
             to the next.
-        weights: along x, see `exposure_records.TapWeights`. weights_y: along y, from
+        weights: along x, see `records.TapWeights`. weights_y: along y, from
             `fill_weights`.
         radius: see `exposure_records.Cell`.
     """

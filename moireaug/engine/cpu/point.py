@@ -210,7 +210,7 @@ def see(work, image, i):
 @loop
 def expose_point(raw, slope, light, image):
     """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is
-    float32; image: see `exposure_records.PointImage`, slope: see `expose.expose`."""
+    float32; image: see `records.PointImage`, slope: see `expose.expose`."""
     planes, h, w = raw.shape
     camera, sites = image.camera, image.sites
     work = work_of(w, light.shape[1:], image)

@@ -101,9 +101,9 @@ class Row(NamedTuple):
             on the photo, U and V about the centre.
         ints: (7, w) int32, the cell nearest to where each pixel looks, the FIRST_CELL of its taps,
             the BASE_INDEX of that on the flattened panel, and the WEIGHT_INDEX of
-            `exposure_records.TapWeights`; the NOISE_BITS that random numbers are made from.
+            `records.TapWeights`; the NOISE_BITS that random numbers are made from.
         floats: (7, w) float32, each pixel's CELL_OFFSET from the nearest cell, in cells, and its
-            PHASE_SHARE of `exposure_records.TapWeights`; a subpixel's CONTENT, and the MODULATION
+            PHASE_SHARE of `records.TapWeights`; a subpixel's CONTENT, and the MODULATION
             of it; the LIGHT of all colours, and the sensor's NOISE.
         irradiance: (3, w) float32, the panel's light of each colour. weights_y: (w * WIDE_TAPS,)
             float32, the tap weights along y.

@@ -44,7 +44,7 @@ def attenuate(line, u, v, camera):
 @inner
 def _scale_and_add(line, noise, dark, photons):
     """Add standard normal noise to a row, times its standard deviation; dark, photons: float32, see
-    `exposure_records.Readout`."""
+    `records.Readout`."""
     if photons == 0:
         for i in range(len(noise)):
             line[i] += noise[i] * dark
@@ -139,7 +139,7 @@ def add_noise(light, slope, start, readout, noise, bits):
 
     Args:
         slope: (w,) float32, filled with the derivative of the result in the light; or (0,).
-        readout: see `exposure_records.Readout`.
+        readout: see `records.Readout`.
         noise, bits: (w,) workspaces, float32 and int32.
     """
     if readout.noisy:

@@ -85,7 +85,7 @@ def _weights_of(taps: int):
     def fill_weights(out, weights):
         """Fill out (n * taps,) with the tap weights of n pixels.
 
-        weights: see `exposure_records.TapWeights`.
+        weights: see `records.TapWeights`.
         """
         n = len(weights.weight_index)
         whole = n - n % at_once
@@ -123,7 +123,7 @@ def _content_of(taps: int, rows: int):
         """Fill out (n,), for each pixel, with the sum of
         panel[base + j * stride + i] * across[i] * down[taps * pixel + j] over i, j < taps.
 
-        across: the pixel's tap weights along x, from `weights`, an `exposure_records.TapWeights`.
+        across: the pixel's tap weights along x, from `weights`, an `records.TapWeights`.
         """
         whole = len(out) - len(out) % at_once
         for i in range(0, whole, at_once):

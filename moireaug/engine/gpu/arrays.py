@@ -29,7 +29,7 @@ def upload(arrays: Mapping[str, np.ndarray], device: torch.device) -> dict[str, 
     for name, array in arrays.items():
         starts[name] = end
         end += -(-array.nbytes // ALIGNMENT) * ALIGNMENT
-    packed = torch.empty(end, dtype=torch.uint8, pin_memory=device.type != "cpu")
+    packed = torch.empty(end, dtype=torch.uint8, device="cpu", pin_memory=device.type != "cpu")
     bytes_ = packed.numpy()
     for name, array in arrays.items():
         flat = np.ascontiguousarray(array).reshape(-1)

@@ -146,7 +146,7 @@ def codes_of_back(grad: Tensor, raw: Tensor, codes: CodesArrays) -> Tensor:
     return raw_grad
 
 
-def develop_back(raw: Tensor, grad: Tensor, development: Development) -> Tensor:
+def develop_back(grad: Tensor, raw: Tensor, development: Development) -> Tensor:
     """Return the gradient in readings (B, planes, h, w), from that in photos (B, 3, H, W)."""
     arrays = develop_arrays(development, raw.device)
     raw, grad = raw.contiguous(), grad.contiguous()

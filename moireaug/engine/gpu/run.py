@@ -3,7 +3,10 @@ gradient, which recomputes what it needs."""
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
+import torch
 from torch import Tensor
 
 from moireaug.engine.development_records import Development
@@ -26,12 +29,13 @@ def expose(
     picture: Tensor, saves: bool, exposure: Exposure, beats: Beats | None
 ) -> tuple[Tensor, Tensor]:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
-    if beats is not None:
-        raw = expose_binned.expose(picture, exposure, beats)
-    elif exposure.point:
-        raw = expose_point.expose(picture, exposure)
-    else:
-        raw = expose_full.expose(picture, exposure)
+    with _device_of(picture):
+        if beats is not None:
+            raw = expose_binned.expose(picture, exposure, beats)
+        elif exposure.point:
+            raw = expose_point.expose(picture, exposure)
+        else:
+            raw = expose_full.expose(picture, exposure)
     return raw, raw.new_empty(0)
 
 
@@ -40,18 +44,28 @@ def expose_back(
 ) -> Tensor:
     """Return the gradient in pictures, from that in their readings. Sums are not in a fixed
     order."""
-    if beats is not None:
-        return expose_binned.expose_back(grad, picture, exposure, beats)
-    if exposure.point:
-        return expose_point.expose_back(grad, picture, exposure)
-    return expose_full.expose_back(grad, picture, exposure)
+    with _device_of(picture):
+        if beats is not None:
+            return expose_binned.expose_back(grad, picture, exposure, beats)
+        if exposure.point:
+            return expose_point.expose_back(grad, picture, exposure)
+        return expose_full.expose_back(grad, picture, exposure)
 
 
 def develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor, Tensor]:
     """Return the photos (B, 3, H, W) float32, sRGB codes, of readings (B, planes, h, w) float32."""
-    return develop_batch(raw, development), raw.new_empty(0)
+    with _device_of(raw):
+        return develop_batch(raw, development), raw.new_empty(0)
 
 
 def develop_back(grad: Tensor, raw: Tensor, saved: Tensor, development: Development) -> Tensor:
     """Return the gradient in the readings, from that in the photos."""
-    return develop_batch_back(raw, grad, development)
+    with _device_of(raw):
+        return develop_batch_back(grad, raw, development)
+
+
+def _device_of(values: Tensor) -> contextlib.AbstractContextManager[object]:
+    """Make the GPU that holds some values the current one, on which Triton launches."""
+    if values.device.type == "cpu":  # Triton's interpreter
+        return contextlib.nullcontext()
+    return torch.accelerator.device_index(values.device.index)

@@ -8,16 +8,29 @@ from moireaug.evaluation.autoattack import Apgd, SquareAttacker, TargetedApgd
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.suites.paper import controls
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, row_of, worst_of
+from moireaug.evaluation.tables import (
+    Cell,
+    SuiteConfig,
+    Table,
+    cross,
+    eps_row,
+    paper_defences,
+    row_of,
+    worst_of,
+)
 
-ATTACKED_DEFENCES = ("jpeg_60", "median_3", "pixel_deflection")  # codec, filter, randomised
+# of the paper's defences: a codec, a filter, a randomised one
+ATTACKED_DEFENCES = ("jpeg_60", "median_3", "pixel_deflection")
 WORST_EPS = (4 / 255, 8 / 255)
 SQUARE_QUERIES_PER_STEP = 20  # for each gradient step of the others
 
 
 def adaptive(config: SuiteConfig) -> Table:
-    """Lay out attackers who know the defence, search harder, or do not know the pose."""
+    """Lay out attackers who know the defence, search harder, or do not know the pose: of three of
+    the paper's defences, and of all that the user has added."""
     eps, steps = config.middle, config.steps
+    added = [name for name in config.defences if name not in paper_defences()]
+    defences = (*ATTACKED_DEFENCES, *added)
     plain = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
     columns: dict[str, Condition] = controls(eps) | {
         "ma": plain,
@@ -28,13 +41,13 @@ def adaptive(config: SuiteConfig) -> Table:
     if parts:
         columns["turning"] = _turning(eps, steps, parts)
     cells = cross({"undefended": UNDEFENDED}, columns)
-    for name in ATTACKED_DEFENCES:
+    for name in defences:
         judge = config.behind(name)
         cells += cross({name: judge}, controls(eps) | {"ma": plain})
         cells.append(Cell(name, "adaptive", (Apgd(eps=eps, steps=steps, knows=judge),), judge))
     # of the attackers that every row has, or rows could not be compared
     shared = [cell for cell in cells if cell.column not in ("pose_unknown", "turning")]
-    for row in ("undefended", *ATTACKED_DEFENCES):
+    for row in ("undefended", *defences):
         cells.append(worst_of([cell for cell in shared if cell.row == row], row, eps))
     return Table("adaptive", tuple(cells), facts={"why_not_turned": reason})
 

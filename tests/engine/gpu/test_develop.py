@@ -78,7 +78,7 @@ def assert_equal(scene, size, n=1):
     assert (photo - expected).abs().max() < 1e-5
     if effects == shot.plan.developing:
         assert (photo - develop(raw, shot)).abs().max() < 1e-5
-    grad = develop_back.develop_back(raw, ahead, development)
+    grad = develop_back.develop_back(ahead, raw, development)
     assert (grad - slope).norm() <= 1e-4 * slope.norm()
 
 
