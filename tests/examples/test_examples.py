@@ -142,7 +142,7 @@ def test_notebooks_run_and_hold_their_output(name, monkeypatch, capsys):
         exec(compile(code, file.name, "exec"), names)
     assert re.search(printed, capsys.readouterr().out, re.DOTALL)
     kept = json.dumps([cell["outputs"] for cell in cells], ensure_ascii=False)
-    assert re.search(printed, kept, re.DOTALL) and "image/png" in kept
+    assert re.search(printed, kept, re.DOTALL) and "image/jpeg" in kept
     assert '"output_type": "error"' not in kept
 
 
