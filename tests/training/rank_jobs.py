@@ -10,6 +10,8 @@ def lose_one(folder):
     """The second process is killed; the first waits for it, as on a GPU: nothing wakes it."""
     rank = os.environ["RANK"]
     (Path(folder) / rank).write_text(str(os.getpid()))
+    while rank == "1" and not Path(folder, "0").exists():  # which may still be starting
+        time.sleep(0.05)
     if rank == "1":
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(600)
