@@ -20,7 +20,7 @@ from moireaug import Scene, capture
 
 SCENE = "screen_photo"
 STAGES = ("expose", "develop", "develop, forward and backward", "capture")
-DOORS = ("torchvision", "albumentations")
+LIBRARIES = ("torchvision", "albumentations")
 WORKERS = 2
 TORCH = "import torch"
 PHOTO = (
@@ -44,28 +44,28 @@ def executions(size: Size) -> Iterator[Row]:
             )
 
 
-def doors(size: Size) -> Iterator[Row]:
+def loaders(size: Size) -> Iterator[Row]:
     """Yield DataLoaders of two single-threaded workers against the older checkout's; uint8, all
     photographed."""
     if not size.before:
         return
     with Checkout(HERE, size.threads) as now, Checkout(size.before, size.threads) as before:
-        for door in DOORS:
+        for library in LIBRARIES:
             calls = {}
             for name, run in (("now", now), ("before", before)):
                 run.ask(
                     "load",
-                    key=door,
-                    door=door,
+                    key=library,
+                    library=library,
                     n=size.loaded,
                     side=size.side,
                     batch=size.batch,
                     workers=WORKERS,
                 )
-                calls[name] = run.call(door, "epoch")
+                calls[name] = run.call(library, "epoch")
             times = timed_together(calls, size.slow)
             a, b = times["now"] / size.loaded, times["before"] / size.loaded
-            what = f"an image of a DataLoader, 2 workers, {door}; {1 / a.median:.0f} images/s"
+            what = f"an image of a DataLoader, 2 workers, {library}; {1 / a.median:.0f} images/s"
             yield in_ms(
                 what,
                 a,

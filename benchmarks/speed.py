@@ -30,7 +30,7 @@ from benchmarks.measure import timed_together
 from benchmarks.rows import Row, Size, in_ms, report
 from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
 from moireaug.transforms import RandomMoire
-from moireaug.transforms import kornia as kornia_door
+from moireaug.transforms import kornia as kornia_transforms
 
 QUICK = Size(
     side=32,
@@ -48,25 +48,25 @@ QUICK = Size(
 
 
 def transforms(size: Size) -> Iterator[Row]:
-    """Yield the random transform of both doors beside kornia's JPEG, and with few images chosen."""
+    """Yield the random transform beside kornia's JPEG, and with few images chosen."""
     images = size.images()
-    doors = {"torchvision": RandomMoire, "kornia": kornia_door.RandomMoire}
+    by_library = {"torchvision": RandomMoire, "kornia": kornia_transforms.RandomMoire}
     calls: dict[str, Callable] = {"jpeg": partial(RandomJPEG(p=1), images)}
-    for name, door in doors.items():
-        calls[name] = partial(door(p=1), images)
+    for name, transform in by_library.items():
+        calls[name] = partial(transform(p=1), images)
     calls["torchvision, uint8"] = partial(RandomMoire(p=1), (255 * images).to(torch.uint8))
     times = timed_together(calls, size.repeats, warmup=2)
     rival = times.pop("jpeg")
     for name, own in times.items():
-        bars = {"bar": 0.25, "stretch": 0.15} if name in doors else {}
-        yield in_ms(f"RandomMoire(p=1), {name} door", own, "kornia RandomJPEG(p=1)", rival, **bars)
-    for name, door in doors.items():
-        calls = {"few": partial(door(p=0.1), images), "all": partial(door(p=1), images)}
+        bars = {"bar": 0.25, "stretch": 0.15} if name in by_library else {}
+        yield in_ms(f"RandomMoire(p=1), {name}", own, "kornia RandomJPEG(p=1)", rival, **bars)
+    for name, transform in by_library.items():
+        calls = {"few": partial(transform(p=0.1), images), "all": partial(transform(p=1), images)}
         times = timed_together(calls, size.calls, budget=20.0)
         # means, because how many images are chosen varies by call
         few, whole = times["few"], times["all"]
         ms = [1e3 * s for s in (few.mean, few.low, few.high)]
-        what = f"RandomMoire(p=0.1), {name} door, mean of {few.runs} calls"
+        what = f"RandomMoire(p=0.1), {name}, mean of {few.runs} calls"
         yield Row(what, *ms, "ms", "at p=1", 1e3 * whole.mean, bar=0.12, stretch=0.105)
 
 
@@ -168,7 +168,7 @@ GROUPS = (
     precisions,
     image_gradient,
     apart.executions,
-    apart.doors,
+    apart.loaders,
     apart.memory,
     apart.large_photo,
     apart.starts,
@@ -178,8 +178,8 @@ GROUPS = (
 def groups_of(word: str, before: Path | None) -> Sequence[Callable[[Size], Iterator[Row]]]:
     """Return the groups with a word in their names, without those that cannot be measured here."""
     found = [group for group in GROUPS if word in group.__name__]
-    if not before and apart.doors in found:
-        found.remove(apart.doors)
+    if not before and apart.loaders in found:
+        found.remove(apart.loaders)
     return found
 
 
@@ -198,7 +198,7 @@ def main() -> None:
         names = ", ".join(group.__name__ for group in GROUPS)
         parser.error(
             f"--only {args.only} leaves nothing to measure. Name a part of one of these: {names}; "
-            "doors needs --before DIR."
+            "loaders needs --before DIR."
         )
     torch.set_num_threads(args.threads)
     torch.manual_seed(0)

@@ -54,14 +54,14 @@ def hold(key: str, scene: dict[str, Any], images: np.ndarray) -> None:
     CALLS[key, "first reading"] = lambda: moireaug.expose(shown[:1], shot[:1]).numpy()
 
 
-def load(key: str, door: str, n: int, side: int, batch: int, workers: int) -> None:
+def load(key: str, library: str, n: int, side: int, batch: int, workers: int) -> None:
     """Keep a DataLoader's epoch of n uint8 images, all photographed; the workers stay alive, so
     that their start is not timed."""
     from moireaug.transforms import RandomMoire, albumentations
 
     picture = torch.randint(0, 256, (3, side, side), dtype=torch.uint8)
     transform = RandomMoire(p=1)
-    if door == "albumentations":
+    if library == "albumentations":
         picture = picture.movedim(0, -1).contiguous().numpy()
         whole = albumentations.RandomMoire(p=1)
         transform = lambda image: whole(image=image)["image"]  # noqa: E731

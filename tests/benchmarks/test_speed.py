@@ -28,7 +28,7 @@ def run(monkeypatch, folder, word):
     def panels(size):
         yield Row("a row", 1.0, 1.0, 1.0, "ms")
 
-    monkeypatch.setattr(speed, "GROUPS", (panels, speed.apart.doors))
+    monkeypatch.setattr(speed, "GROUPS", (panels, speed.apart.loaders))
     given = ["--quick", "--threads", "1", "--out", str(folder), "--only", word]
     monkeypatch.setattr(sys, "argv", ["speed.py", *given])
     speed.main()
@@ -43,10 +43,10 @@ def test_some_groups_leave_the_results_of_all_alone(monkeypatch, tmp_path):
     assert [row["what"] for row in written["rows"]] == ["a row"]
 
 
-@pytest.mark.parametrize("word", ["panelss", "doors"])
+@pytest.mark.parametrize("word", ["panelss", "loaders"])
 def test_a_word_that_leaves_nothing_to_measure_is_refused(monkeypatch, tmp_path, capsys, word):
     with pytest.raises(SystemExit):
         run(monkeypatch, tmp_path, word)
     said = capsys.readouterr().err
-    assert f"--only {word} leaves nothing to measure" in said and "panels, doors" in said
+    assert f"--only {word} leaves nothing to measure" in said and "panels, loaders" in said
     assert not list(tmp_path.iterdir())

@@ -31,7 +31,7 @@ def known():
 
 
 N, COUNTED = 200, 180
-RUNGS = {
+LADDER_ROWS = {
     "clean": 0,
     "no_moire": 0,
     "moire": 0,
@@ -45,7 +45,7 @@ RUNGS = {
 
 def rows(accuracies, fooled):
     found = []
-    for (name, eps), accuracy, success in zip(RUNGS.items(), accuracies, fooled, strict=True):
+    for (name, eps), accuracy, success in zip(LADDER_ROWS.items(), accuracies, fooled, strict=True):
         row = {
             "name": name,
             "eps": eps,

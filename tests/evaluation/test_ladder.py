@@ -25,7 +25,7 @@ SCENE = Scene.preset("screen_photo")
 
 
 def climbed(model, batches, eps=(4 / 255, 64 / 255), steps=4, seed=0, only=None, records=None):
-    """(rates by rung, runner)."""
+    """(rates by row, runner)."""
     table = ladder(SuiteConfig(scene=SCENE, eps=eps, steps=steps))
     if only:
         table = Table("ladder", tuple(cell for cell in table.cells if cell.row in only))

@@ -29,7 +29,7 @@ def through_pil(image, shot):
     return torch.tensor(array[None] if grey else array.transpose(2, 0, 1))
 
 
-DOORS = {
+TRANSFORMS = {
     "torchvision": torchvision.apply_shot,
     "PIL": through_pil,
     "kornia": through_kornia,
@@ -41,12 +41,12 @@ DOORS = {
 
 @pytest.mark.parametrize("dtype", [torch.uint8, torch.float32], ids=str)
 @pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("name", DOORS)
+@pytest.mark.parametrize("name", TRANSFORMS)
 def test_the_doors_give_the_same_photo(name, channels, dtype, registered):
     image = torch.rand(channels, 10, 14, generator=torch.Generator().manual_seed(0))
     image = (image * 255).round().to(dtype) if dtype == torch.uint8 else image
     shot = registered.sample(1, (10, 14), torch.Generator().manual_seed(1))
-    photo = DOORS[name](image, Shot.from_dict(shot.to_dict()))
+    photo = TRANSFORMS[name](image, Shot.from_dict(shot.to_dict()))
     assert torch.equal(photo, torchvision.apply_shot(image, shot))
     if channels == 3:
         shown = image.float() / 255 if dtype == torch.uint8 else image
@@ -56,11 +56,11 @@ def test_the_doors_give_the_same_photo(name, channels, dtype, registered):
         )
 
 
-@pytest.mark.parametrize("name", DOORS)
+@pytest.mark.parametrize("name", TRANSFORMS)
 def test_every_door_refuses_a_shot_of_other_images(name, registered):
     image = torch.zeros(3, 10, 14, dtype=torch.uint8 if name == "PIL" else torch.float32)
     with pytest.raises(ValueError, match=r"(of|for) 3 images"):
-        DOORS[name](image, registered.sample(3, (10, 14)))
+        TRANSFORMS[name](image, registered.sample(3, (10, 14)))
 
 
 @pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
@@ -95,7 +95,7 @@ IMPORTS = {
 
 
 @pytest.mark.parametrize("name", IMPORTS)
-def test_a_door_opens_no_other(name):
+def test_a_transform_imports_no_other_library(name):
     lines = ["import sys"]
     for statement, absent in IMPORTS[name]:
         lines += [

@@ -1,5 +1,5 @@
-"""Doors with a list of scenes: each image is photographed in one of them, everything else stays as
-with one scene."""
+"""Transforms with a list of scenes: each image is photographed in one of them, everything else
+stays as with one scene."""
 
 import albumentations as A
 import numpy as np

@@ -101,7 +101,7 @@ def scene_title(scene: Any) -> str:
 
 
 def gains(ours: Mapping[str, str], theirs: Mapping[str, str]) -> dict[str, Any]:
-    """Return the gain in accuracy over a baseline and its interval, by rung, from every image's
+    """Return the gain in accuracy over a baseline and its interval, by row, from every image's
     outcome."""
     gain, interval = {}, {}
     for name in ours:

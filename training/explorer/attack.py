@@ -33,8 +33,8 @@ class OpenedRun(NamedTuple):
     classes: dict[int, str]
 
 
-class Rung(NamedTuple):
-    """One rung of the ladder: its picture, and the model's answer with its probability."""
+class LadderRow(NamedTuple):
+    """One row of the ladder: its picture, and the model's answer with its probability."""
 
     title: str
     picture: Picture
@@ -73,8 +73,8 @@ def open_run(folder: str) -> OpenedRun:
 
 def ladder(
     run: OpenedRun, index: int, scene: Scene, eps: float, steps: int, seed: int = 0
-) -> list[Rung]:
-    """Show a run's model one of its test images, rung by rung: each adds one thing.
+) -> list[LadderRow]:
+    """Show a run's model one of its test images, row by row: each adds one thing.
 
     Args:
         run: model and its test images.
@@ -82,7 +82,7 @@ def ladder(
         scene: scene of the shot.
         eps: bound of the noise, in [0, 1] units.
         steps: steps of each attack.
-        seed: seed of the shot and of the random rungs.
+        seed: seed of the shot and of the random rows.
 
     Raises:
         ValueError: the index is out of range, or the attacks do not accept eps or steps.
@@ -98,34 +98,34 @@ def ladder(
     batch = EvalBatch(
         run.model, image, label, likeliest, scene.sample(1, size, generator), generator
     )
-    rungs = []
+    rows = []
     for condition in ladder_conditions(SuiteConfig(scene=scene, eps=(eps,), steps=steps)):
         photo = condition.show(batch).detach()
         with torch.no_grad():
             chances = run.model(photo)[0].softmax(0)
         answer = int(chances.argmax())
         class_name = run.classes.get(answer, str(answer))
-        rung = Rung(
+        row = LadderRow(
             title_of(condition.name, "ladder"),
             as_picture(photo),
             class_name,
             float(chances[answer]),
             answer == int(label),
         )
-        rungs.append(rung)
-    return rungs
+        rows.append(row)
+    return rows
 
 
-def as_html(rungs: Sequence[Rung]) -> str:
-    """Return a ladder as HTML figures: each rung's picture, and the model's answer below it."""
+def as_html(rows: Sequence[LadderRow]) -> str:
+    """Return a ladder as HTML figures: each row's picture, and the model's answer below it."""
     figures = []
-    for rung in rungs:
-        picture = embedded_picture(rung.picture, rung.title)
-        title, answer = html.escape(rung.title), html.escape(rung.answer)
-        caption = f"{answer}, {rung.probability:.0%}: {rung.verdict}"
+    for row in rows:
+        picture = embedded_picture(row.picture, row.title)
+        title, answer = html.escape(row.title), html.escape(row.answer)
+        caption = f"{answer}, {row.probability:.0%}: {row.verdict}"
         figures.append(
             f'<figure><img src="{picture["uri"]}" alt="{title}">'
-            f'<figcaption>{title}<br><span class="{rung.verdict}">{caption}</span>'
+            f'<figcaption>{title}<br><span class="{row.verdict}">{caption}</span>'
             "</figcaption></figure>"
         )
-    return f'<div class="rungs">{"".join(figures)}</div>'
+    return f'<div class="rows">{"".join(figures)}</div>'

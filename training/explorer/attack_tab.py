@@ -27,12 +27,12 @@ def attack_tab(run: str) -> None:
             button = gr.Button("Attack", variant="primary", elem_id="attack")
         with gr.Column(scale=3, min_width=320):
             summary = gr.Markdown(
-                "Each rung shows the model the same image through the same shot, and adds one "
-                "thing to the previous rung.",
+                "Each row shows the model the same image through the same shot, and adds one "
+                "thing to the previous row.",
                 elem_id="attacked",
             )
-            rungs = gr.HTML(elem_id="ladder")
-    button.click(show_ladder, [folder, preset, index, eps, steps], [summary, rungs])
+            rows = gr.HTML(elem_id="ladder")
+    button.click(show_ladder, [folder, preset, index, eps, steps], [summary, rows])
 
 
 def show_ladder(
@@ -41,13 +41,13 @@ def show_ladder(
     """Return the ladder of one image, or the reason why there is none."""
     try:
         run = attack.open_run(folder)
-        rungs = attack.ladder(run, int(index), Scene.preset(preset), eps / 255, int(steps))
+        rows = attack.ladder(run, int(index), Scene.preset(preset), eps / 255, int(steps))
     except REFUSALS as error:
         return f"**Not possible:** {error}", ""
     label = int(run.labels[int(index)])
-    right = sum(rung.right for rung in rungs)
+    right = sum(row.right for row in rows)
     summary = (
         f"The image's class is **{run.classes.get(label, label)}**. The model is right on "
-        f"{right} of {len(rungs)} rungs."
+        f"{right} of {len(rows)} rows."
     )
-    return summary, attack.as_html(rungs)
+    return summary, attack.as_html(rows)

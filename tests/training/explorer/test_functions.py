@@ -191,17 +191,17 @@ def test_a_ladder_climbs_from_clean_to_fooling_images():
     model = bright()
     label = int(model(images[:1]).argmax())
     run = attack.OpenedRun("here", model, images, torch.full((2,), label), {0: "dark", 1: "middle"})
-    rungs = attack.ladder(run, 1, Scene.preset("screen_photo"), 16 / 255, 3)
-    assert [rung.title for rung in rungs][:4] == [
+    rows = attack.ladder(run, 1, Scene.preset("screen_photo"), 16 / 255, 3)
+    assert [row.title for row in rows][:4] == [
         "clean image", "dimmed to the photo's mean", "photo, no moiré", "photo with moiré, no noise"
     ]  # fmt: skip
-    assert rungs[0].right and rungs[0].answer == "middle" and rungs[0].picture.shape == (16, 16, 3)
-    page = attack.as_html([rungs[0]._replace(answer="<b>")])
+    assert rows[0].right and rows[0].answer == "middle" and rows[0].picture.shape == (16, 16, 3)
+    page = attack.as_html([rows[0]._replace(answer="<b>")])
     assert page.count('<img src="data:image/png') == page.count('alt="clean image"') == 1
     assert re.search(r'<span class="right">&lt;b&gt;, \d+%: right</span>', page)
-    by_title = {rung.title: rung for rung in rungs}
+    by_title = {row.title: row for row in rows}
     assert not by_title["Moiré Attack 16/255"].right
-    assert all(0 <= rung.probability <= 1 for rung in rungs)
+    assert all(0 <= row.probability <= 1 for row in rows)
 
 
 @pytest.mark.parametrize(
