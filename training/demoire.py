@@ -1,7 +1,7 @@
-"""Train a demoiréing network on simulated pairs alone, or clean photos of screens with one.
+"""Clean photos of screens with a demoiréing network, or train one on simulated pairs alone.
 
+    python training/demoire.py clean in=DIR out=DIR
     python training/demoire.py train data.root=DIR model=esdnet
-    python training/demoire.py clean in=DIR out=DIR weights=FILE
 
 What each does, and its settings: python training/demoire.py train --help, and likewise clean.
 """

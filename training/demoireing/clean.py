@@ -1,13 +1,13 @@
 """Clean a folder of photos of screens: each keeps its name, its size and its file format.
 
-    python training/demoire.py clean in=DIR out=DIR weights=FILE
+    python training/demoire.py clean in=DIR out=DIR
 
-`weights` is the weights.pt of a run of training/demoire.py train, or any file written by
-moireaug.defenses.demoire.save. Photos are searched for in subfolders too; large ones are cleaned
-tile by tile. Photos that cannot be read are named, and the command then exits with status 1. Colour
-profile and EXIF data are kept, except TIFF tags and the orientation: what is written is upright. It
-has one page of 8 bits a channel, with white in place of what was transparent. Every file is written
-whole or not at all."""
+`weights` is by default "screen", the released weights; else the weights.pt of a run of
+training/demoire.py train, or any file written by moireaug.defenses.demoire.save. Photos are
+searched for in subfolders too; large ones are cleaned tile by tile. Photos that cannot be read are
+named, and the command then exits with status 1. Colour profile and EXIF data are kept, except TIFF
+tags and the orientation: what is written is upright. It has one page of 8 bits a channel, with
+white in place of what was transparent. Every file is written whole or not at all."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from training.config.plain import parse
 from training.config.settings import setting
 from training.system.messages import sentence
 
-EXAMPLE = "python training/demoire.py clean in=DIR out=DIR weights=FILE"
+EXAMPLE = "python training/demoire.py clean in=DIR out=DIR"
 DEVICES = ("cpu", "cuda", "mps")
 JPEG_OPTIONS = {"quality": 95, "subsampling": "4:4:4"}  # much of the moiré that remains is colour
 LOSSLESS_OPTIONS = {"lossless": True}
@@ -53,7 +53,7 @@ class Config:
 
     in_: str = setting(MISSING, "a folder of photos")
     out: str = setting(MISSING, "the folder that the cleaned ones go to")
-    weights: str = setting(MISSING, "a file of a network's weights")
+    weights: str = setting("screen", "released weights, or a file of a network's weights")
     device: str = setting("auto", "or cpu, cuda, cuda:1, mps")
     tile: int = setting(
         TILE_SIDE,

@@ -27,6 +27,7 @@ NETWORKS: dict[str, type[DemoireNet]] = {
     "esdnet": ESDNet,
 }
 FILE_KEYS = ("network", "width", "state")
+RELEASED_WEIGHTS = ("screen",)  # files of this folder
 
 
 def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -> DemoireNet:
@@ -36,7 +37,8 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
     Args:
         name: of `demoire.NETWORKS`.
         width: factor on the published numbers of channels, in (0, 4].
-        weights: a file that `save` wrote, of this name and width.
+        weights: a file that `save` wrote, of this name and width; or "screen", released weights of
+            an AMNet of width 0.25, trained on simulated photos of drawn pictures.
 
     Raises:
         TypeError, ValueError: an unknown name, a width out of range, a file that is missing,
@@ -64,7 +66,8 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
 
 
 def load(path: str | Path) -> DemoireNet:
-    """Return the network that `save` wrote to a file, in evaluation mode, in float32 on the CPU.
+    """Return the network that `save` wrote to a file, in evaluation mode, in float32 on the CPU;
+    "screen" is the released one.
 
     Raises:
         ValueError: a file that is missing, damaged, or holds none of `demoire.NETWORKS`.
@@ -100,7 +103,8 @@ def save(network: DemoireNet, path: str | Path) -> None:
 
 def _read(path: str | Path) -> dict[str, Any]:
     """Return a file's name, width and state; no code in it is run."""
-    content = read_weights(path, "demoire", _advice())
+    file = Path(__file__).with_name(f"{path}.pt") if path in RELEASED_WEIGHTS else path
+    content = read_weights(file, "demoire", _advice())
     if not isinstance(content, Mapping) or set(content) != set(FILE_KEYS):
         raise ValueError(
             f"demoire: the file {str(path)!r} holds no network, width and state. {_advice()}"
@@ -125,4 +129,5 @@ def _fill(network: DemoireNet, state: Mapping[str, torch.Tensor], path: str | Pa
 
 
 def _advice() -> str:
-    return f"Pass a file that demoire.save wrote, of {', '.join(NETWORKS)}."
+    released = ", ".join(map(repr, RELEASED_WEIGHTS))
+    return f"Pass {released}, or a file that demoire.save wrote, of {', '.join(NETWORKS)}."

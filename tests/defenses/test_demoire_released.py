@@ -1,0 +1,35 @@
+"""The released weights of a demoiréing network: small, found by name, and better than none."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from moireaug import Scene, capture
+from moireaug.defenses import demoire
+from moireaug.defenses.demoire import files
+from moireaug.evaluation.visibility import psnr
+from moireaug.synthesis import without_moire
+
+
+def test_released_weights_clean_simulated_photos():
+    network = demoire.build("amnet", width=0.25, weights="screen").eval()
+    whole = Scene.preset("screen_photo")
+    scene = replace(whole, panel=replace(whole.panel, width=(50.0, 200.0)))
+    shots = scene.sample(8, (128, 128), torch.Generator().manual_seed(0))
+    shades = torch.rand(8, 3, 3, 3, generator=torch.Generator().manual_seed(0))
+    pictures = torch.nn.functional.interpolate(shades, (128, 128), mode="bicubic").clamp(0, 1)
+    photos, twins = capture(pictures, shots), capture(pictures, without_moire(shots, noise=False))
+    with torch.inference_mode():
+        gains = psnr(network(photos), twins) - psnr(photos, twins)
+    assert gains.mean() > 1
+
+
+def test_released_weights_are_small_and_named_in_errors(tmp_path):
+    network = demoire.load("screen")
+    assert (network.name, network.width, network.training) == ("amnet", 0.25, False)
+    assert all(weights.dtype == torch.float32 for weights in network.parameters())
+    for name in files.RELEASED_WEIGHTS:
+        assert files.Path(files.__file__).with_name(f"{name}.pt").stat().st_size < 2e6
+    with pytest.raises(ValueError, match="Pass 'screen', or a file"):
+        demoire.load(tmp_path / "screan")
