@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import os
 import re
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from torch import Tensor
+from torch.profiler import ProfilerActivity, profile
 
 from benchmarks import measure
 from benchmarks.gpu_entries import ENTRIES, Case, cases, reading_of
@@ -21,6 +23,7 @@ ARCHITECTURES = (80, 90)  # an A100 and an H100
 BATCH, SIDE = 64, 224
 # of an H100 SXM; a fused multiply-add counts as two operations
 BYTES_PER_SECOND, FLOPS = 3.35e12, 67e12
+Key = tuple[str, str, str]  # architecture, case, entry
 INSTRUCTION = re.compile(r"/\*([0-9a-f]{4,})\*/\s+(.*?);")
 BRANCH = re.compile(r"\bBRA\b.*?0x([0-9a-f]+)")
 ASSUMPTIONS = """\
@@ -30,7 +33,8 @@ compiled for. Bytes: each array that a kernel takes is read or written once, at 
 Instructions: those that a thread executes, for each pixel of the array that the kernel fills; loops
 count as often as they run ("loops"), those of unknown length once ("?"). Each is issued at the rate
 of a multiply-add of float32, 33.5 T/s, float64 and special functions too. A kernel takes the longer
-of the two times; launching it is left out."""
+of the two times; launching it is left out. Peak: the most that an entry allocates at once, its
+result included, in sizes of the batch of images in float32."""
 
 
 class Launch(NamedTuple):
@@ -190,9 +194,22 @@ def launch_of(compiled: Any, grid: Any, arguments: Any, lengths: tuple[int, ...]
     }
 
 
-def launches(architecture: int, case: Case) -> list[Launch]:
-    """Return a row for each launch of each entry."""
+def peak_bytes(call: Callable[[], Any]) -> int:
+    """Return the most bytes of tensors that a call has allocated on the CPU at once."""
+    with profile(activities=[ProfilerActivity.CPU], profile_memory=True) as profiler:
+        result = call()
+    del result
+    alive = peak = 0
+    for event in sorted(profiler.events(), key=lambda event: event.time_range.start):
+        alive += event.self_cpu_memory_usage
+        peak = max(peak, alive)
+    return peak
+
+
+def launches(architecture: int, case: Case) -> tuple[list[Launch], dict[Key, float]]:
+    """Return a row for each launch of each entry, and each entry's peak of memory, in batches."""
     rows: list[Launch] = []
+    peaks: dict[Key, float] = {}
     for name, entry in ENTRIES.items():
         if entry.reading not in ("", reading_of(case)):
             continue
@@ -204,8 +221,9 @@ def launches(architecture: int, case: Case) -> list[Launch]:
             rows.append(Launch(f"sm_{architecture}", case.name, name, **fields))
 
         with compiling(architecture, launched):
-            entry.call(module, case)
-    return rows
+            peak = peak_bytes(functools.partial(entry.call, module, case))
+        peaks[f"sm_{architecture}", case.name, name] = peak / case.images.nbytes
+    return rows, peaks
 
 
 def main(args: Any) -> None:
@@ -214,27 +232,32 @@ def main(args: Any) -> None:
     batch, side, architectures = (2, 32, (90,)) if args.quick else (BATCH, SIDE, ARCHITECTURES)
     facts = measure.metadata("cpu")
     rows: list[Launch] = []
+    peaks: dict[Key, float] = {}
     for case in cases(batch, side)[: 1 if args.quick else None]:
         for architecture in architectures:
-            rows += launches(architecture, case)
+            of_case, peaks_of_case = launches(architecture, case)
+            rows += of_case
+            peaks |= peaks_of_case
     heading = f"{batch} photos of {side} px\n{measure.told(facts)}\n\n{ASSUMPTIONS}"
-    text = "\n\n".join([heading, measure.table(Launch._fields, rows), totals(rows)])
+    text = "\n\n".join([heading, measure.table(Launch._fields, rows), totals(rows, peaks)])
     print(text)
     folder = measure.results(args)
     content = {"metadata": facts, "batch": batch, "side": side, "assumptions": ASSUMPTIONS}
     content["launches"] = [row._asdict() for row in rows]
+    content["peaks"] = [[*key, peak] for key, peak in peaks.items()]
     measure.write_json(folder / "gpu-compiled.json", content)
     (folder / "gpu-compiled.txt").write_text(text + "\n")
 
 
-def totals(rows: list[Launch]) -> str:
-    """Return a table of each entry's launches, megabytes and estimated microseconds."""
-    sums: dict[tuple[str, str, str], list[float]] = {}
+def totals(rows: list[Launch], peaks: dict[Key, float]) -> str:
+    """Return a table of each entry's launches, megabytes, estimated microseconds and peak."""
+    sums: dict[Key, list[float]] = {}
     for row in rows:
         total = sums.setdefault((row.architecture, row.case, row.entry), [0, 0.0, 0.0])
         total[0] += 1
         total[1] += row.megabytes
         total[2] += row.us
-    lines = [[*key, *total] for key, total in sums.items()]
+    lines = [[*key, *total, peaks[key]] for key, total in sums.items()]
     columns = ["architecture", "case", "entry", "launches", "megabytes", "us, estimated"]
+    columns.append("peak, batches")
     return measure.table(columns, lines)

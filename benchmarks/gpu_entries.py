@@ -78,8 +78,8 @@ def reading_of(case: Case) -> str:
 
 
 def cases(batch: int, side: int) -> list[Case]:
-    """Return the default scene, whose readings are binned, one of full readings, of a Bayer sensor,
-    from the side, through a lens, and the paper's, of points."""
+    """Return the default scene, whose readings are binned, one of PenTile, one of full readings, of
+    a Bayer sensor, from the side, through a lens, and the paper's, of points."""
     default = Scene.preset(DEFAULT)
     full = dataclasses.replace(
         default,
@@ -89,7 +89,8 @@ def cases(batch: int, side: int) -> list[Case]:
         sensor=Sensor(scale=2.0, reading="full", crosstalk=(0.1, 0.25), gain=2.0),
         develop=dataclasses.replace(default.develop, chroma_blur=1.5, sharpen_radius=1.0),
     )
-    scenes = {DEFAULT: default, "full": full, "paper_code": Scene.preset("paper_code")}
+    scenes = {DEFAULT: default, "phone_at_phone": Scene.preset("phone_at_phone"), "full": full}
+    scenes["paper_code"] = Scene.preset("paper_code")
     return [_case(name, scene, batch, side) for name, scene in scenes.items()]
 
 
