@@ -14,7 +14,7 @@ from benchmarks.checkouts import Checkout, plain
 from moireaug import Shot, engine, expose
 from moireaug.engine import program
 from moireaug.engine.cpu import run
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 
 WITHOUT = "one panel pixel"
 

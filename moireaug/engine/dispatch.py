@@ -22,7 +22,7 @@ def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     does for float32; differentiable in float32 images."""
     if torch.compiler.is_compiling():
         return graph.expose(light, shot)
-    from moireaug.engine.shot_exposure import lower_exposure
+    from moireaug.engine.lower.exposure import lower_exposure
 
     # over the image: the reference does that blur
     varies = shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE
@@ -60,7 +60,7 @@ def develop(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     readings."""
     if torch.compiler.is_compiling():
         return graph.develop(raw, shot)
-    from moireaug.engine.shot_development import lower_development
+    from moireaug.engine.lower.development import lower_development
 
     finite = raw.detach().sum((1, 2, 3)).isfinite().cpu()
     if not finite.any():  # NaN and infinity are not in the kernels' tables

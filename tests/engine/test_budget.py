@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, Sensor, View, pipeline
-from moireaug.engine.budget import MAX_TOLERANCE, MIN_TOLERANCE, ErrorBudget
 from moireaug.engine.cpu import run
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.budget import MAX_TOLERANCE, MIN_TOLERANCE, ErrorBudget
+from moireaug.engine.lower.exposure import lower_exposure
 from tests.engine.readings import readings
 
 TURNED = View(yaw=(-25.0, 25.0), pitch=(-15.0, 15.0), roll=(-12.0, 12.0), fov=(20.0, 50.0))

@@ -12,7 +12,7 @@ import pytest
 import moireaug
 from moireaug import Panel, Scene, Sensor, View
 from moireaug.engine.cpu import compiling
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 
 PACKAGE = Path(moireaug.__file__).parent
 KERNELS = PACKAGE / "engine" / "cpu"
@@ -39,7 +39,7 @@ def compiled():
     while ahead:
         source = ahead.pop()
         found.add(source)
-        if source.parent in (KERNELS, KERNELS.parent):
+        if source.parent in (KERNELS, KERNELS.parent / "lower"):
             ahead.extend(imported(source) - found)
     return found
 

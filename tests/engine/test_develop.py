@@ -11,7 +11,7 @@ from moireaug import Develop, Lens, Scene, Sensor, View, develop, pipeline
 from moireaug.effects.demosaic import DEMOSAICS
 from moireaug.effects.resize import area_means
 from moireaug.engine import program
-from moireaug.engine.resampling import demosaic_weights, lower_resize
+from moireaug.engine.lower.resampling import demosaic_weights, lower_resize
 
 LIGHT = Develop(linear_light=True)
 BENT = Lens(k1=0.05, k2=-0.02)

@@ -11,7 +11,7 @@ from moireaug.capture import reading_of
 from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine import program
 from moireaug.engine.cpu import run
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.scene.presets import PRESETS
 from tests.engine.readings import assert_equal, readings
 

@@ -7,9 +7,9 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
 from moireaug.engine import program, reference
-from moireaug.engine.budget import ErrorBudget
 from moireaug.engine.cpu import run
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.budget import ErrorBudget
+from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.scene.presets import PRESETS
 from tests.engine import test_expose, test_point
@@ -92,7 +92,7 @@ def test_another_record_has_another_gradient(monkeypatch):
         exposure, beats = lower_exposure(shot, decoded=decoded)
         return exposure._replace(cameras=exposure.cameras * (1 + 1e-3)), beats
 
-    monkeypatch.setattr("moireaug.engine.shot_exposure.lower_exposure", moved)
+    monkeypatch.setattr("moireaug.engine.lower.exposure.lower_exposure", moved)
     assert error(gradient(expose, images, shot)[0], expected) > 2 * MAX_ERROR
 
 

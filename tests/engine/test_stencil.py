@@ -6,8 +6,8 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.engine import program
 from moireaug.engine.cpu import run
-from moireaug.engine.exposure_records import Camera
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
+from moireaug.engine.lower.exposure_records import Camera
 from tests.engine.readings import assert_equal
 
 TURNED = View(yaw=(-30.0, 30.0), pitch=(-20.0, 20.0), roll=(-15.0, 15.0))

@@ -10,7 +10,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.engine.cpu import batch_expose, panel
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.exposure.screen import on_panel
 from tests.engine.readings import assert_equal, readings

@@ -19,7 +19,7 @@ sys.path.append(sys.argv[1])
 import torch
 from moireaug import Scene, develop
 from moireaug.engine.cpu import run_expose
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 
 shot = Scene.preset("screen_photo").sample(1, (8, 8))
 raw = torch.zeros(shot.raw_shape(), requires_grad=True)

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from moireaug.engine.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
 from moireaug.engine.cpu import beat_terms, beats, nodes, panel, picture, stencil
 from moireaug.engine.cpu.binned import expose as expose_bins
 from moireaug.engine.cpu.compiling import kernel, loop, part
@@ -15,7 +14,8 @@ from moireaug.engine.cpu.expose import expose as expose_image
 from moireaug.engine.cpu.point import expose_point
 from moireaug.engine.cpu.random_numbers import keys
 from moireaug.engine.cpu.records import BinnedImage, FullImage, Pattern, PointImage, Readout
-from moireaug.engine.exposure_records import Camera, Cell
+from moireaug.engine.lower.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
+from moireaug.engine.lower.exposure_records import Camera, Cell
 
 
 @loop

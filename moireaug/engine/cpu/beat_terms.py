@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from moireaug.engine.budget import MAX_BEAT_NODES, MAX_BEAT_TERMS, SINC_LOBES, STEPS_PER_LOBE
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.beat_grid import (
     node_counts,
@@ -19,6 +18,7 @@ from moireaug.engine.cpu.beat_grid import (
 )
 from moireaug.engine.cpu.compiling import inner, loop
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES
+from moireaug.engine.lower.budget import MAX_BEAT_NODES, MAX_BEAT_TERMS, SINC_LOBES, STEPS_PER_LOBE
 
 UNKNOWN_TRANSFER = 2.0  # above any transfer
 TRANSFER_MARGIN = 1.2  # by how much the transfer may be higher between the samples

@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 
-from moireaug.engine.budget import MAX_NODES
 from moireaug.engine.cpu import harmonics, optics, weights
 from moireaug.engine.cpu.compiling import fill, inner, loop, part
 from moireaug.engine.cpu.records import Nodes
 from moireaug.engine.cpu.view import jacobian
+from moireaug.engine.lower.budget import MAX_NODES
 from moireaug.exposure.footprints import MIN_BLUR_VARIANCE
 
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.exposure_records import Camera, Cell, Point, Sites
+from moireaug.engine.lower.exposure_records import Camera, Cell, Point, Sites
 
 
 class Nodes(NamedTuple):

@@ -14,7 +14,7 @@ from moireaug.engine.cpu.first_use import prepare
 from moireaug.engine.cpu.layout import lay_out
 from moireaug.engine.cpu.records import Photos
 from moireaug.engine.cpu.threads import each, each_share, surplus
-from moireaug.engine.development_records import Development
+from moireaug.engine.lower.development_records import Development
 
 
 def develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor, Tensor]:

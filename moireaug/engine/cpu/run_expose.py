@@ -12,7 +12,7 @@ from moireaug.engine.cpu import batch_expose as batch
 from moireaug.engine.cpu.arrays import array_of, empty
 from moireaug.engine.cpu.first_use import prepare
 from moireaug.engine.cpu.threads import each, each_share, surplus
-from moireaug.engine.exposure_records import Beats, Exposure
+from moireaug.engine.lower.exposure_records import Beats, Exposure
 
 SHOWN_VALUES_AT_ONCE = 2**16  # of small panels, which are filled before any is read
 

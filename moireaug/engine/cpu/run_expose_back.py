@@ -12,7 +12,7 @@ from moireaug.engine.cpu.arrays import array_of, empty
 from moireaug.engine.cpu.first_use import prepare_back
 from moireaug.engine.cpu.run_expose import light_of, shown_of
 from moireaug.engine.cpu.threads import each
-from moireaug.engine.exposure_records import Beats, Exposure
+from moireaug.engine.lower.exposure_records import Beats, Exposure
 
 
 def expose_back(

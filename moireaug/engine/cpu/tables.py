@@ -11,9 +11,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.chebyshev import chebpts2
 
-from moireaug.engine.budget import DECODE_STEPS, TAIL_END_SIGMAS, TAIL_STEPS
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.lower.budget import DECODE_STEPS, TAIL_END_SIGMAS, TAIL_STEPS
 
 HALF = np.float32(0.5)
 ONE32 = np.int32(1)

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.budget import TAIL_END_SIGMAS
 from moireaug.engine.cpu.compiling import fill, inner
 from moireaug.engine.cpu.harmonics import lagrange
 from moireaug.engine.cpu.tables import integrals
 from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.lower.budget import TAIL_END_SIGMAS
 from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.engine.development_records import Development
-from moireaug.engine.exposure_records import Beats, Exposure
 from moireaug.engine.gpu import expose_binned, expose_full, expose_point
 from moireaug.engine.gpu.develop import develop as develop_batch
 from moireaug.engine.gpu.develop_back import develop_back as develop_batch_back
+from moireaug.engine.lower.development_records import Development
+from moireaug.engine.lower.exposure_records import Beats, Exposure
 
 SUMS_IN_ORDER = False
 

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from moireaug.engine.exposure_records import Beats, Exposure
-from moireaug.engine.views import Arrays, cameras_of, jacobian
+from moireaug.engine.lower.exposure_records import Beats, Exposure
+from moireaug.engine.lower.views import Arrays, cameras_of, jacobian
 
 VIEW_SAMPLES = 5  # along each axis of the photo
 TRANSFER_SAMPLES = 2  # every how many of them the optics' transfer is taken

@@ -10,17 +10,17 @@ import torch
 
 from moireaug.effects import prefilter
 from moireaug.effects.flicker import BANDS_PER_ROW, light_of_rows
-from moireaug.engine import lowering, pose
-from moireaug.engine.budget import ErrorBudget
-from moireaug.engine.exposure_records import Beats, Cell, Exposure, Point, Sites
-from moireaug.engine.shot_binned import (
+from moireaug.engine.lower import lowering, pose
+from moireaug.engine.lower.binned import (
     bin_scales,
     cell_in_bins,
     lower_beats,
     lower_bin_cameras,
     shapes_in_bins,
 )
-from moireaug.engine.shot_numbers import (
+from moireaug.engine.lower.budget import ErrorBudget
+from moireaug.engine.lower.exposure_records import Beats, Cell, Exposure, Point, Sites
+from moireaug.engine.lower.numbers import (
     MAX_CACHED_SCENES,
     distortion_of,
     homography_of,

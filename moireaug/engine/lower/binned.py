@@ -1,4 +1,4 @@
-"""From a Shot to the records of its binned reading; cached as in `shot_exposure`."""
+"""From a Shot to the records of its binned reading; cached as in `exposure`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 import torch
 
 from moireaug.effects.sensor import averaged_pixels
-from moireaug.engine import lowering, pose
-from moireaug.engine.exposure_records import Beats, Cell
-from moireaug.engine.shot_numbers import bin_scale_of, panel_scale_of, sensor_scale_of
+from moireaug.engine.lower import lowering, pose
+from moireaug.engine.lower.exposure_records import Beats, Cell
+from moireaug.engine.lower.numbers import bin_scale_of, panel_scale_of, sensor_scale_of
 from moireaug.exposure.bin_content import Content
 from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.layout import as_layout

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from moireaug.engine.exposure_records import Camera
+from moireaug.engine.lower.exposure_records import Camera
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
 from moireaug.scene.lens import MIN_LENS_SLOPE

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from moireaug.engine.exposure_records import Camera, Cell, Sites
+from moireaug.engine.lower.exposure_records import Camera, Cell, Sites
 
 HOMOGRAPHY_FIELDS = [f"h{row}{column}" for row in range(3) for column in range(3)]
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.budget import ErrorBudget
+from moireaug.engine.lower.budget import ErrorBudget
 
 
 class Camera(NamedTuple):
