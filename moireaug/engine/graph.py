@@ -17,12 +17,12 @@ SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
 STAGES = ("expose", "develop")
 
 
-def expose(light: Tensor, shot: ShotRecord) -> Tensor:
+def operator_reading(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the readings of images, differentiable in them."""
     return _apply("expose", light, shot, shot.raw_shape()[1:], pipeline.expose)
 
 
-def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
+def operator_photo(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photos of readings, differentiable in them."""
     return _apply("develop", raw, shot, (3, *shot.size), pipeline.develop)
 

@@ -33,9 +33,9 @@ def imported(source):
 
 
 def compiled():
-    """The files that kernels are compiled from: those of the batches, those that they import, and
-    so on within their folder."""
-    found, ahead = set(), list(KERNELS.glob("batch_*.py"))
+    """The files that kernels are compiled from: those that Python calls, those that they import,
+    and so on within their folder."""
+    found, ahead = set(), list(KERNELS.glob("*_kernels.py"))
     while ahead:
         source = ahead.pop()
         found.add(source)
@@ -46,7 +46,7 @@ def compiled():
 
 def test_kernels_are_found():
     names = {source.stem for source in compiled()}
-    assert {"batch_expose", "weights", "view", "random_numbers", "compiling"} <= names
+    assert {"expose_kernels", "weights", "view", "random_numbers", "compiling"} <= names
 
 
 def test_all_sources_outside_the_kernels_folder_are_named():

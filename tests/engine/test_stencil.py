@@ -84,7 +84,7 @@ def test_a_bright_pixel_in_a_corner_is_read_there(scene, corner):
 def test_bytes_are_read_by_a_stencil_too(scene):
     shot, _ = of(SCENES[scene][1], 30, 33)
     codes = (noise(2, 30, 33) * 255).round().byte()
-    got, _ = run.expose(codes, False, *lower_exposure(shot, decoded=False))
+    got, _ = run.launch_expose(codes, False, *lower_exposure(shot, decoded=False))
     assert_equal(got.double(), pipeline.expose(codes.double() / 255, shot))
 
 

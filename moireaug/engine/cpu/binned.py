@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.engine.cpu import beats, stencil
 from moireaug.engine.cpu.compiling import copy, fill, inner, once, part
-from moireaug.engine.cpu.expose import MIN_BANDS, fill_row_weights
+from moireaug.engine.cpu.full import MIN_BANDS, fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance
 from moireaug.engine.cpu.register import photo_row, undistortion
 from moireaug.engine.cpu.rows import (
@@ -106,8 +106,8 @@ def _add_modulated(light, content, modulation, passed, mean):
 
 
 @once
-def _expose(raw, slope, panel, size, image, work, top, bottom):
-    """Do the same as `expose`, in buffers that it allocated."""
+def _expose_rows(raw, slope, panel, size, image, work, top, bottom):
+    """Do the same as `expose_binned_image`, in buffers that it allocated."""
     planes, h, w = raw.shape
     pattern, sites = image.pattern, image.sites
     row, passes, modulation = work.row, work.passes, work.modulation
@@ -149,15 +149,15 @@ def _expose(raw, slope, panel, size, image, work, top, bottom):
 
 
 @part
-def expose(raw, slope, panel, size, image, top, bottom):
+def expose_binned_image(raw, slope, panel, size, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the binned reading of one
     image.
 
     Args:
-        slope: see `expose.expose`.
+        slope: see `full.expose_full_image`.
         panel: (3, ...) float32, from `panel.fill_panel`.
         size: (height, width) of the picture in panel pixels, rounded up.
         image: see `records.BinnedImage`.
     """
     planes, _, w = raw.shape
-    _expose(raw, slope, panel, size, image, work_of(w, planes, image), top, bottom)
+    _expose_rows(raw, slope, panel, size, image, work_of(w, planes, image), top, bottom)

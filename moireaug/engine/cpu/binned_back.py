@@ -10,7 +10,7 @@ import numpy as np
 from moireaug.engine.cpu import beats, stencil
 from moireaug.engine.cpu.binned import flicker, locate, work_of
 from moireaug.engine.cpu.compiling import fill, inner, once, part
-from moireaug.engine.cpu.expose import MIN_BANDS, fill_row_weights
+from moireaug.engine.cpu.full import MIN_BANDS, fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance_back
 from moireaug.engine.cpu.nodes import bracket
 from moireaug.engine.cpu.panel import margin
@@ -68,8 +68,8 @@ def _stencil_back(panel_grad, grad, line, bins, cell, sites, row):
 
 
 @once
-def _expose_back(panel_grad, grad, slope, size, image, bins, work):
-    """Do the same as `expose_back`, in buffers that it allocated."""
+def _expose_rows_back(panel_grad, grad, slope, size, image, bins, work):
+    """Do the same as `expose_binned_image_back`, in buffers that it allocated."""
     planes, h, w = grad.shape
     pattern, sites, row, passes = image.pattern, image.sites, bins.row, bins.passes
     position, first_row, light = row.position, sites.rows[0], row.floats[LIGHT]
@@ -104,10 +104,10 @@ def _expose_back(panel_grad, grad, slope, size, image, bins, work):
 
 
 @part
-def expose_back(panel_grad, grad, slope, size, image):
+def expose_binned_image_back(panel_grad, grad, slope, size, image):
     """Add the gradient in the panel, of its shape, from that in a binned reading (planes, h, w);
-    slope, size and image as in `binned.expose`."""
+    slope, size and image as in `binned.expose_binned_image`."""
     planes, _, w = grad.shape
     bins = work_of(w, planes, image)
     work = _Work(bins.places, bins.row, np.empty(len(bins.row.weights_y), np.float32))
-    _expose_back(panel_grad, grad, slope, size, image, bins, work)
+    _expose_rows_back(panel_grad, grad, slope, size, image, bins, work)

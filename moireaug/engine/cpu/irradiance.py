@@ -158,7 +158,8 @@ def panel_irradiance(work, panel, size, image, plane, v):
     that the plane needs.
 
     Args:
-        work: a record of the `places` and the `row` of `rows`. panel, size: as in `expose.expose`.
+        work: a record of the `places` and the `row` of `rows`.
+        panel, size: as in `full.expose_full_image`.
         image: see `records.FullImage` or `records.BinnedImage`.
     """
     row, cell, taps = work.row, image.cell, image.nodes.taps

@@ -181,10 +181,10 @@ class Photos(NamedTuple):
 
     Args:
         photos: (B, 3, H, W) float32, sRGB codes.
-        in_camera: (`batch_develop.photo_size`,) float32, workspace: a photo in the camera's frame,
-            with zeros after it.
-            A look-up at a plane's last pixels reads beyond them with weight 0.
-        unclipped: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
+        in_camera: (`develop_kernels.photo_size`,) float32, workspace: a photo in the camera's
+            frame, with zeros after it: a look-up at a plane's last pixels reads beyond them with
+            weight 0.
+        unclipped: (B, 3, ...) uint8, see `finish.finish_image`; (0, 3, ...) if not needed.
     """
 
     photos: np.ndarray

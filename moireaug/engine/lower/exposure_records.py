@@ -108,7 +108,7 @@ class Point(NamedTuple):
 
 
 class Exposure(NamedTuple):
-    """A batch's exposure, as `run.expose` takes it.
+    """A batch's exposure, as kernels take it.
 
     Args:
         size: height and width of the pictures.

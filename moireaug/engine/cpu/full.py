@@ -56,8 +56,8 @@ def fill_row_weights(row, image, positions, r, top, count):
 
 
 @once
-def _expose(raw, slope, panel, size, image, work, top, bottom):
-    """Do the same as `expose`, in buffers that it allocated."""
+def _expose_rows(raw, slope, panel, size, image, work, top, bottom):
+    """Do the same as `expose_full_image`, in buffers that it allocated."""
     planes, h, w = raw.shape
     row, places, camera, sites = work.row, work.places, image.camera, image.sites
     rows, step = sites.rows, sites.step
@@ -86,7 +86,7 @@ def _expose(raw, slope, panel, size, image, work, top, bottom):
 
 
 @part
-def expose(raw, slope, panel, size, image, top, bottom):
+def expose_full_image(raw, slope, panel, size, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
 
     Args:
@@ -99,4 +99,4 @@ def expose(raw, slope, panel, size, image, top, bottom):
     planes, _, w = raw.shape
     places = places_of(w, planes, image.sites, image.nodes, image.filters)
     work = _Work(places, row_of(w, image.cell, image.nodes))
-    _expose(raw, slope, panel, size, image, work, top, bottom)
+    _expose_rows(raw, slope, panel, size, image, work, top, bottom)

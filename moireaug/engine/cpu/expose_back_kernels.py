@@ -1,12 +1,13 @@
 """The kernels of the gradient in pictures, each on some of a batch's images: those of
-`batch_expose`, transposed."""
+`expose_kernels`, transposed."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.cpu import binned_back, expose_back, panel_back, picture, point_back
-from moireaug.engine.cpu.batch_expose import (
+from moireaug.engine.cpu import binned_back, full_back, panel_back, picture, point_back
+from moireaug.engine.cpu.compiling import fill, kernel, part
+from moireaug.engine.cpu.expose_kernels import (
     binned_image,
     camera_of,
     full_image,
@@ -14,7 +15,6 @@ from moireaug.engine.cpu.batch_expose import (
     point_image,
     size_in_panel_pixels,
 )
-from moireaug.engine.cpu.compiling import fill, kernel, part
 
 ZERO = np.float32(0)
 
@@ -28,9 +28,9 @@ def _picture_back(grad, light_grad, pictures, e, i):
 
 
 @kernel
-def show_back(grads, shown_grads, light_grad, pictures, e, first, last):
+def show_back_kernel(grads, shown_grads, light_grad, pictures, e, first, last):
     """Fill the gradients from `first` to `last` in pictures (B, 3, H, W) float32, from those in
-    what `batch_expose.show` fills; arguments as there. shown_grads is written to."""
+    what `show_kernel` fills; arguments as there. shown_grads is written to."""
     for i in range(first, last):
         alpha = camera_of(e.cameras[i]).alpha
         panel_grad = panel_of(shown_grads[i - first], alpha, e)
@@ -39,30 +39,34 @@ def show_back(grads, shown_grads, light_grad, pictures, e, first, last):
 
 
 @kernel
-def expose_full_back(shown_grads, raw_grads, slopes, e, first, last):
-    """Fill the gradients from `first` to `last` in what `batch_expose.show` fills, from those in
-    readings (B, planes, h, w); slopes: as `batch_expose.expose` filled them."""
+def expose_full_back_kernel(shown_grads, raw_grads, slopes, e, first, last):
+    """Fill the gradients from `first` to `last` in what `show_kernel` fills, from those in readings
+    (B, planes, h, w); slopes: as `expose_full_kernel` filled them."""
     for i in range(first, last):
         alpha, shown_grad = camera_of(e.cameras[i]).alpha, shown_grads[i - first]
         fill(shown_grad, ZERO)
         panel_grad, size = panel_of(shown_grad, alpha, e), size_in_panel_pixels(alpha, e)
-        expose_back.expose_back(panel_grad, raw_grads[i], slopes[i], size, full_image(e, i))
+        full_back.expose_full_image_back(
+            panel_grad, raw_grads[i], slopes[i], size, full_image(e, i)
+        )
 
 
 @kernel
-def expose_binned_back(shown_grads, raw_grads, slopes, e, b, first, last):
-    """Do the same as `expose_full_back` for binned readings."""
+def expose_binned_back_kernel(shown_grads, raw_grads, slopes, e, b, first, last):
+    """Do the same as `expose_full_back_kernel` for binned readings."""
     for i in range(first, last):
         alpha, shown_grad = camera_of(e.cameras[i]).alpha, shown_grads[i - first]
         fill(shown_grad, ZERO)
         panel_grad, size = panel_of(shown_grad, alpha, e), size_in_panel_pixels(alpha, e)
-        binned_back.expose_back(panel_grad, raw_grads[i], slopes[i], size, binned_image(e, b, i))
+        binned_back.expose_binned_image_back(
+            panel_grad, raw_grads[i], slopes[i], size, binned_image(e, b, i)
+        )
 
 
 @kernel
-def expose_points_back(grads, light_grad, raw_grads, slopes, pictures, e, first, last):
+def expose_point_back_kernel(grads, light_grad, raw_grads, slopes, pictures, e, first, last):
     """Fill the gradients from `first` to `last` in pictures (B, 3, H, W) float32, from those in
     readings at points of the panel; light_grad: (3, H, W) float32, workspace."""
     for i in range(first, last):
-        point_back.expose_point_back(light_grad, raw_grads[i], slopes[i], point_image(e, i))
+        point_back.expose_point_image_back(light_grad, raw_grads[i], slopes[i], point_image(e, i))
         _picture_back(grads[i], light_grad, pictures, e, i)

@@ -1,4 +1,4 @@
-"""The gradient of a full reading in what the panel shows, one image per call: `expose` row by row,
+"""The gradient of a full reading in what the panel shows, one image per call: `full` row by row,
 transposed."""
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu.compiling import fill, once, part
-from moireaug.engine.cpu.expose import MIN_BANDS, fill_row_weights
+from moireaug.engine.cpu.full import MIN_BANDS, fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance_back
 from moireaug.engine.cpu.rows import LIGHT, Places, Row, V, places_of, row_of
 from moireaug.engine.cpu.sensor import attenuate, read_back
@@ -30,8 +30,8 @@ class _Work(NamedTuple):
 
 
 @once
-def _expose_back(panel_grad, grad, slope, size, image, work):
-    """Do the same as `expose_back`, in buffers that it allocated."""
+def _expose_rows_back(panel_grad, grad, slope, size, image, work):
+    """Do the same as `expose_full_image_back`, in buffers that it allocated."""
     planes, h, _ = grad.shape
     row, places, sites = work.row, work.places, image.sites
     rows, step, light = sites.rows, sites.step, row.floats[LIGHT]
@@ -57,11 +57,11 @@ def _expose_back(panel_grad, grad, slope, size, image, work):
 
 
 @part
-def expose_back(panel_grad, grad, slope, size, image):
+def expose_full_image_back(panel_grad, grad, slope, size, image):
     """Add the gradient in the panel, of its shape, from that in a reading (planes, h, w); slope,
-    size and image as in `expose.expose`."""
+    size and image as in `full.expose_full_image`."""
     planes, _, w = grad.shape
     places = places_of(w, planes, image.sites, image.nodes, image.filters)
     row = row_of(w, image.cell, image.nodes)
     work = _Work(places, row, np.empty(len(row.weights_y), np.float32))
-    _expose_back(panel_grad, grad, slope, size, image, work)
+    _expose_rows_back(panel_grad, grad, slope, size, image, work)
