@@ -1,24 +1,46 @@
-"""From a Shot to the records of its binned reading; cached as in `exposure`."""
+"""From a Shot to how the bins of a binned reading see the panel, and to its Beats."""
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from moireaug.effects.sensor import averaged_pixels
-from moireaug.engine.lower import lowering, pose
-from moireaug.engine.lower.exposure_records import Beats, Cell
+from moireaug.engine.lower import pose
+from moireaug.engine.lower.cameras import camera_fields, lower_cameras
+from moireaug.engine.lower.cell import PanelView, Shapes, cell_of_whole_pixels, mean_light_of
+from moireaug.engine.lower.exposure_records import Beats
 from moireaug.engine.lower.numbers import bin_scale_of, panel_scale_of, sensor_scale_of
-from moireaug.exposure.bin_content import Content
-from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
+from moireaug.exposure.bin_content import Content, content_of
+from moireaug.panel.fourier import amplitudes_of
 from moireaug.scene.layout import as_layout
 from moireaug.shot import ShotRecord
 
 
-class BinScales(NamedTuple):
+def binned_view(
+    shot: ShotRecord, drawn: dict[str, np.ndarray], inverse: np.ndarray, magnified: np.ndarray
+) -> tuple[PanelView, Beats]:
+    """Return a shot's PanelView, of pixels of the panel that emit all over, and its Beats.
+
+    Args:
+        inverse: (B, 3, 3), from ideal photo to image coordinates, both about the centre.
+        magnified: second result of `numbers.homography_of`.
+    """
+    with torch.no_grad():
+        content = content_of(shot)
+    scales = _bin_scales(shot, drawn, magnified)
+    fields = camera_fields(shot, drawn)
+    cameras, lenses, sensors = _bin_cameras(shot, inverse, fields, content, scales)
+    # none at the same height: centres differ
+    cell = cell_of_whole_pixels(shot.plan.method.taps)
+    cell = cell._replace(y_group=np.arange(3), kind_y_group=np.arange(3))
+    view = PanelView(cameras, lenses, cell, _shapes_of(content))
+    return view, _beats_of(shot, sensors, content, scales)
+
+
+class _BinScales(NamedTuple):
     """`shot.panel_scale`, `shot.sensor_scale` and `shot.bin_scale`, (B,) each."""
 
     panel: np.ndarray
@@ -31,14 +53,16 @@ class BinScales(NamedTuple):
         return np.maximum(1 / self.bin, 1)
 
 
-def bin_scales(shot: ShotRecord, drawn: dict[str, np.ndarray], magnified: np.ndarray) -> BinScales:
-    """Return a shot's BinScales, given its numbers and the second result of `homography_of`."""
+def _bin_scales(
+    shot: ShotRecord, drawn: dict[str, np.ndarray], magnified: np.ndarray
+) -> _BinScales:
+    """Return a shot's _BinScales, given its numbers and the second result of `homography_of`."""
     sensor = sensor_scale_of(shot, drawn, magnified)
     bin_ = bin_scale_of(shot, drawn, magnified)
-    return BinScales(panel_scale_of(shot, drawn), sensor, bin_)
+    return _BinScales(panel_scale_of(shot, drawn), sensor, bin_)
 
 
-class BinCameras(NamedTuple):
+class _BinCameras(NamedTuple):
     """The cameras of a binned reading, (B, fields) each: of photo pixels, of what blurs them and of
     sensor pixels; see `exposure_records`."""
 
@@ -47,24 +71,19 @@ class BinCameras(NamedTuple):
     sensors: np.ndarray
 
 
-def lower_bin_cameras(
+def _bin_cameras(
     shot: ShotRecord,
     inverse: np.ndarray,
     fields: dict[str, np.ndarray],
-    seen: Content,
-    scales: BinScales,
-) -> BinCameras:
-    """Return a shot's BinCameras.
-
-    Args:
-        inverse: (B, 3, 3), from ideal photo to image coordinates, both about the centre.
-        fields: see `lowering.lower_cameras`, of sensor pixels.
-    """
+    content: Content,
+    scales: _BinScales,
+) -> _BinCameras:
+    """Return a shot's _BinCameras; fields: from `camera_fields`, of sensor pixels."""
     zero = np.zeros(len(shot))
     of_bins = fields | _noise_of_bins(shot, scales.bin)
-    of_bins |= {"alpha": seen.scale.numpy(), "fill": scales.enlargement}
+    of_bins |= {"alpha": content.scale.numpy(), "fill": scales.enlargement}
     sensor = fields | {"alpha": scales.panel, "rectified": zero + shot.scene.is_rectified}
-    blur = {"alpha": seen.scale.numpy(), "fill": zero, "blur": seen.optics.blur.numpy()}
+    blur = {"alpha": content.scale.numpy(), "fill": zero, "blur": content.optics.blur.numpy()}
     images = pose.from_corner(inverse, shot.size)
     of_sensor = images
     if shot.scene.is_rectified:
@@ -73,10 +92,10 @@ def lower_bin_cameras(
         images = pose.from_corner(np.eye(3)[None].repeat(len(shot), 0), shot.size)
         of_sensor = inverse
     per_pixel = scales.sensor, scales.sensor
-    return BinCameras(
-        lowering.lower_cameras(images, shot.size, (1.0, 1.0), of_bins),
-        lowering.lower_cameras(of_sensor, shot.size, per_pixel, sensor | blur),
-        lowering.lower_cameras(of_sensor, shot.size, per_pixel, sensor),
+    return _BinCameras(
+        lower_cameras(images, shot.size, (1.0, 1.0), of_bins),
+        lower_cameras(of_sensor, shot.size, per_pixel, sensor | blur),
+        lower_cameras(of_sensor, shot.size, per_pixel, sensor),
     )
 
 
@@ -89,48 +108,32 @@ def _noise_of_bins(shot: ShotRecord, scale: np.ndarray) -> dict[str, np.ndarray]
     return {"read": read.detach().numpy(), "shot": photons.detach().numpy()}
 
 
-def shapes_in_bins(seen: Content) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coefficients, widths and added variances of `exposure_records.Exposure`: of pixels
-    that emit all over."""
-    width, hold = seen.width.detach().numpy(), seen.hold.detach().numpy()
+def _shapes_of(content: Content) -> Shapes:
+    width, hold = content.width.detach().numpy(), content.hold.detach().numpy()
     added_variance = np.repeat(hold, 6).reshape(-1, 3, 2)
-    return np.ones((len(hold), 3, 1, 1)), np.ascontiguousarray(width), added_variance
+    return Shapes(np.ones((len(hold), 3, 1, 1)), np.ascontiguousarray(width), added_variance)
 
 
-@functools.lru_cache(maxsize=8)
-def cell_in_bins(taps: int) -> Cell:
-    """Return the Cell of a panel that shows one pixel of each colour, of which `taps` are looked at
-    along each axis; its centres differ by image."""
-    none = np.empty((2, 0), np.int64)
-    subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
-    cell = lowering.lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, taps // 2)
-    # none at the same height: centres differ
-    return cell._replace(y_group=np.arange(3), kind_y_group=np.arange(3))
-
-
-def lower_beats(shot: ShotRecord, sensors: np.ndarray, seen: Content, scales: BinScales) -> Beats:
-    """Return a shot's Beats; sensors: see `BinCameras`."""
+def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _BinScales) -> Beats:
+    """Return a shot's Beats; sensors: see `_BinCameras`."""
     layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
-    harmonics = np.array(method.harmonics, np.int64).reshape(-1, 2)
-    lit = [share.detach() for share in emitting_share(shot.panel)]
     parts = amplitudes_of(layout, method.harmonics, shot.panel)
     waves = np.stack([part.detach().numpy() for part in parts], -1)
     waves = np.ascontiguousarray(waves.transpose(2, 0, 1, 3))  # (B, 3, K, 2)
-    mean = np.stack([mean_light(layout, c, *(t.numpy() for t in lit)) for c in range(3)], 1)
-    centres = 0.5 + seen.shift.detach().numpy()
+    triangle = np.zeros(len(shot))
+    if shot.scene.develop.resize == "antialias":
+        triangle = 1 / scales.enlargement
     return Beats(
         cameras=sensors,
         enlargement=scales.enlargement,
-        triangle=1 / scales.enlargement
-        if shot.scene.develop.resize == "antialias"
-        else 0 * scales.enlargement,
-        ratio=np.ascontiguousarray(seen.ratio.detach().numpy()),
-        centres=np.ascontiguousarray(centres),
+        triangle=triangle,
+        ratio=np.ascontiguousarray(content.ratio.detach().numpy()),
+        centres=np.ascontiguousarray(0.5 + content.shift.detach().numpy()),
         period=np.array(layout.period, np.int64),
-        orders=harmonics,
+        orders=np.array(method.harmonics, np.int64).reshape(-1, 2),
         coefficients=waves.astype(np.float32),
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
-        mean=mean,
+        mean=mean_light_of(shot),
         lost_noise_variance=_lost_noise_variance(shot, scales.bin),
         saturates="saturate" in shot.plan,
         bayer=shot.scene.cells == "binned",
