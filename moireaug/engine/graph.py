@@ -33,8 +33,7 @@ def _apply(
     """Return what a stage's operator makes of values, (B, *shape)."""
     operator = getattr(torch.ops.moireaug, name)
     operator_back = getattr(torch.ops.moireaug, f"{name}_back")
-    text = vars(shot.scene)["_text"]  # which its plan has left there
-    given = list(shot.numbers().values()), shot.seed, text, shot.size
+    given = list(shot.numbers().values()), shot.seed, shot.scene.as_json(), shot.size
 
     def forward(values: Tensor, _: bool) -> tuple[Tensor, Tensor]:
         return operator(values, *given, shape), values.new_empty(0)
