@@ -24,10 +24,12 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return graph.operator_reading(light, shot)
     from moireaug.engine.lower.exposure import lower_exposure
 
+    kernels = trial.kernels_of(program.backend)
+    if kernels is None:
+        return pipeline.expose(as_float(light), shot)
     # over the image: the reference does that blur
     varies = shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE
     exposure, beats = lower_exposure(shot.to("cpu"), decoded=varies)
-    kernels = program.kernels()
     fits = kernels.fits(exposure, beats)
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
@@ -62,8 +64,9 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return graph.operator_photo(raw, shot)
     from moireaug.engine.lower.development import lower_development
 
+    kernels = trial.kernels_of(program.backend)
     finite = raw.detach().sum((1, 2, 3)).isfinite().cpu()
-    if not finite.any():  # NaN and infinity are not in the kernels' tables
+    if kernels is None or not finite.any():  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
     if not finite.all():
         rows, others = finite.nonzero().flatten(), (~finite).nonzero().flatten()
@@ -74,7 +77,7 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
         names = tuple(name for name in names if name not in ("saturate", "demosaic"))
-    development, kernels = lower_development(shot.to("cpu")), program.kernels()
+    development = lower_development(shot.to("cpu"))
     stage = autograd.Stage(
         functools.partial(kernels.launch_develop, development=development),
         functools.partial(kernels.launch_develop_back, development=development),

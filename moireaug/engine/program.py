@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import ModuleType
 from typing import NamedTuple
 
 import torch
@@ -35,12 +34,6 @@ class Program(NamedTuple):
     why_not_develop: str
     engine_effects: tuple[str, ...]
     reference_effects: tuple[str, ...]
-
-    def kernels(self) -> ModuleType:
-        """Return the module of the backend's kernels; see `Backend.kernels`."""
-        if self.backend is None:
-            raise ValueError("the reference computes these photos: there are no kernels for them.")
-        return self.backend.kernels()
 
 
 def program_of(
