@@ -122,16 +122,17 @@ def full_image(e, i):
 
 
 @kernel
-def expose_full_kernel(raw, slopes, shown, e, first, last, top, bottom):
-    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the
-    pictures from `first` to `last`, from what `show_kernel` filled shown with.
+def expose_full_kernel(raw, slopes, shown, e, span):
+    """Fill a part of raw (B, planes, h, w) float32 with the readings of pictures, from what
+    `show_kernel` filled shown with.
 
-    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`.
+    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. span: a `records.Span`.
     """
-    for i in range(first, last):
+    for i in range(span.first, span.last):
         alpha = camera_of(e.cameras[i]).alpha
-        panel, size = panel_of(shown[i - first], alpha, e), size_in_panel_pixels(alpha, e)
-        expose_full_image(raw[i], slopes[i], panel, size, full_image(e, i), top, bottom)
+        panel, size = panel_of(shown[i - span.first], alpha, e), size_in_panel_pixels(alpha, e)
+        image = full_image(e, i)
+        expose_full_image(raw[i], slopes[i], panel, size, image, span.top, span.bottom)
 
 
 @part
@@ -182,14 +183,14 @@ def binned_image(e, b, i):
 
 
 @kernel
-def expose_binned_kernel(raw, slopes, shown, e, b, first, last, top, bottom):
-    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the binned readings of the
-    pictures from `first` to `last`; b: see `exposure_records.Beats`. The rest as in
-    `expose_full_kernel`."""
-    for i in range(first, last):
+def expose_binned_kernel(raw, slopes, shown, e, b, span):
+    """Fill a part of raw (B, planes, h, w) float32 with the binned readings of pictures; b: see
+    `exposure_records.Beats`. The rest as in `expose_full_kernel`."""
+    for i in range(span.first, span.last):
         alpha = camera_of(e.cameras[i]).alpha
-        panel, size = panel_of(shown[i - first], alpha, e), size_in_panel_pixels(alpha, e)
-        expose_binned_image(raw[i], slopes[i], panel, size, binned_image(e, b, i), top, bottom)
+        panel, size = panel_of(shown[i - span.first], alpha, e), size_in_panel_pixels(alpha, e)
+        image = binned_image(e, b, i)
+        expose_binned_image(raw[i], slopes[i], panel, size, image, span.top, span.bottom)
 
 
 @part

@@ -12,9 +12,11 @@ from moireaug.engine.cpu import expose_back_kernels as back_kernels
 from moireaug.engine.cpu import expose_kernels as kernels
 from moireaug.engine.cpu.arrays import array_of, empty
 from moireaug.engine.cpu.first_use import prepare, prepare_back
+from moireaug.engine.cpu.records import Span
 from moireaug.engine.cpu.threads import each, each_share, surplus
 from moireaug.engine.lower.exposure_records import Beats, Exposure
 
+Reader = Callable[[np.ndarray, Span], None]  # fills a part of the readings from what is shown
 SHOWN_VALUES_AT_ONCE = 2**16  # of small panels, which are filled before any is read
 
 
@@ -37,7 +39,7 @@ def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
 def compile_expose(exposure: Exposure, beats: Beats | None) -> None:
     """Compile the kernel of exposing, by exposing nothing."""
     readings, shown = np.empty((0, 1, 0, 0), np.float32), np.empty((0, 0), np.float32)
-    _reader(readings, readings, exposure, beats)(shown, 0, 0, 0, 0)
+    _reader(readings, readings, exposure, beats)(shown, Span(0, 0, 0, 0))
 
 
 def compile_show(exposure: Exposure) -> None:
@@ -98,21 +100,24 @@ def _read_points(
 
 def _reader(
     readings: np.ndarray, slopes: np.ndarray, exposure: Exposure, beats: Beats | None
-) -> Callable[..., None]:
-    """Return a function that fills rows of some readings, full or binned, from what is shown."""
+) -> Reader:
+    """Return the Reader of some readings, full or binned."""
 
-    def read(shown: np.ndarray, *rows: int) -> None:
-        """Fill the rows `first`, `last`, `top`, `bottom`; see `expose_full_kernel`."""
+    def read(shown: np.ndarray, span: Span) -> None:
         if beats is None:
-            kernels.expose_full_kernel(readings, slopes, shown, exposure, *rows)
+            kernels.expose_full_kernel(readings, slopes, shown, exposure, span)
         else:
-            kernels.expose_binned_kernel(readings, slopes, shown, exposure, beats, *rows)
+            kernels.expose_binned_kernel(readings, slopes, shown, exposure, beats, span)
 
     return read
 
 
 def _read_images(
-    read: Callable[..., None], pictures: np.ndarray, exposure: Exposure, first: int, last: int
+    read: Reader,
+    pictures: np.ndarray,
+    exposure: Exposure,
+    first: int,
+    last: int,
 ) -> None:
     """Fill the readings from `first` to `last`: show some pictures, then read them."""
     light, shown = _light_of(exposure), _shown_of(exposure)
@@ -120,16 +125,20 @@ def _read_images(
     for start in range(first, last, len(shown)):
         end = min(start + len(shown), last)
         kernels.show_kernel(shown, light, pictures, exposure, start, end)
-        read(shown, start, end, 0, rows)
+        read(shown, Span(start, end, 0, rows))
 
 
 def _share_image(
-    read: Callable[..., None], pictures: np.ndarray, exposure: Exposure, i: int, rows: int
+    read: Reader,
+    pictures: np.ndarray,
+    exposure: Exposure,
+    i: int,
+    rows: int,
 ) -> None:
     """Fill reading i: all threads share its rows."""
     shown = np.empty((1, kernels.panel_size(exposure)), np.float32)
     kernels.show_kernel(shown, _light_of(exposure), pictures, exposure, i, i + 1)
-    each_share(functools.partial(read, shown, i, i + 1), rows)
+    each_share(lambda top, bottom: read(shown, Span(i, i + 1, top, bottom)), rows)
 
 
 def _read_points_back(

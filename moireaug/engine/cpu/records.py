@@ -176,6 +176,16 @@ class BinnedImage(NamedTuple):
     readout: Readout
 
 
+class Span(NamedTuple):
+    """Which part of a batch is computed: rows `top` to `bottom` of the readings from `first` to
+    `last`."""
+
+    first: int
+    last: int
+    top: int
+    bottom: int
+
+
 class Photos(NamedTuple):
     """What the development of a batch fills.
 
