@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.engine.cpu import beats, stencil
 from moireaug.engine.cpu.compiling import copy, fill, inner, once, part
-from moireaug.engine.cpu.full import MIN_BANDS, fill_row_weights
+from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance
 from moireaug.engine.cpu.register import photo_row, undistortion
 from moireaug.engine.cpu.rows import (
@@ -27,6 +27,7 @@ from moireaug.engine.cpu.rows import (
 )
 from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, reflect
 from moireaug.engine.cpu.view import inverse
+from moireaug.engine.lower.budget import MIN_BANDS
 
 ZERO = np.float32(0)
 

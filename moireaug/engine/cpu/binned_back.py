@@ -10,7 +10,7 @@ import numpy as np
 from moireaug.engine.cpu import beats, stencil
 from moireaug.engine.cpu.binned import flicker, locate, work_of
 from moireaug.engine.cpu.compiling import fill, inner, once, part
-from moireaug.engine.cpu.full import MIN_BANDS, fill_row_weights
+from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance_back
 from moireaug.engine.cpu.nodes import bracket
 from moireaug.engine.cpu.panel import margin
@@ -18,6 +18,7 @@ from moireaug.engine.cpu.rows import LIGHT, Places, Row, U, V, X, Y
 from moireaug.engine.cpu.sensor import attenuate, read_back
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import look
+from moireaug.engine.lower.budget import MIN_BANDS
 
 ZERO = np.float32(0)
 

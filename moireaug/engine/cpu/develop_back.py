@@ -10,7 +10,7 @@ import numpy as np
 from moireaug.engine.cpu.codes import SITES_PER_CELL, is_read, light_of_row, mix_row, workspace
 from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.develop import gather
-from moireaug.engine.cpu.tables import encode_and_slope
+from moireaug.engine.cpu.srgb import encode_and_slope
 from moireaug.engine.cpu.vectors import add
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)

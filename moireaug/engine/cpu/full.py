@@ -15,11 +15,9 @@ from moireaug.engine.cpu.sensor import attenuate, read, reflect
 from moireaug.engine.cpu.tap_weights import weights_per_node
 from moireaug.engine.cpu.vectors import add
 from moireaug.engine.cpu.weights import blend
+from moireaug.engine.lower.budget import MIN_BANDS
 
 ZERO = np.float32(0)
-# a photo is divided into at least so many bands, if it has the rows; rows of a band share their
-# tap weights
-MIN_BANDS = 224
 
 
 class _Work(NamedTuple):

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu.compiling import fill, once, part
-from moireaug.engine.cpu.full import MIN_BANDS, fill_row_weights
+from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance_back
 from moireaug.engine.cpu.rows import LIGHT, Places, Row, V, places_of, row_of
 from moireaug.engine.cpu.sensor import attenuate, read_back
 from moireaug.engine.cpu.vectors import add
+from moireaug.engine.lower.budget import MIN_BANDS
 
 ZERO = np.float32(0)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from moireaug.engine.cpu.compiling import inner, loop
 from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
-from moireaug.engine.cpu.tables import integral
+from moireaug.engine.cpu.normal import integral
 from moireaug.engine.cpu.tap_weights import Scratch, cubic_margin, fill_node, weights_per_node
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import jacobian
