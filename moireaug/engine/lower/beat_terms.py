@@ -1,9 +1,8 @@
 """Which aliases of which harmonics a batch's binned readings show, in numpy, for a GPU; see
 `exposure.alias_transfer`.
 
-Bounds over the photo decide, from the ranges of frequencies at a few of its points. Not shared with
-`cpu.beat_terms`: that one chooses image by image in all threads, where a GPU needs its lists before
-it starts, from a host that may have no numba.
+Bounds over the photo decide, from the ranges of frequencies at a few of its points. CPU kernels
+choose by themselves, in `cpu.beat_terms`: for a single photo, this takes nine times as long.
 """
 
 from __future__ import annotations

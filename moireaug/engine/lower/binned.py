@@ -30,7 +30,11 @@ def binned_view(
     """
     with torch.no_grad():
         content = content_of(shot)
-    scales = _bin_scales(shot, drawn, magnified)
+    scales = _BinScales(
+        panel_scale_of(shot, drawn),
+        sensor_scale_of(shot, drawn, magnified),
+        bin_scale_of(shot, drawn, magnified),
+    )
     fields = camera_fields(shot, drawn)
     cameras, lenses, sensors = _bin_cameras(shot, inverse, fields, content, scales)
     # none at the same height: centres differ
@@ -53,59 +57,34 @@ class _BinScales(NamedTuple):
         return np.maximum(1 / self.bin, 1)
 
 
-def _bin_scales(
-    shot: ShotRecord, drawn: dict[str, np.ndarray], magnified: np.ndarray
-) -> _BinScales:
-    """Return a shot's _BinScales, given its numbers and the second result of `homography_of`."""
-    sensor = sensor_scale_of(shot, drawn, magnified)
-    bin_ = bin_scale_of(shot, drawn, magnified)
-    return _BinScales(panel_scale_of(shot, drawn), sensor, bin_)
-
-
-class _BinCameras(NamedTuple):
-    """The cameras of a binned reading, (B, fields) each: of photo pixels, of what blurs them and of
-    sensor pixels; see `exposure_records`."""
-
-    pixels: np.ndarray
-    lenses: np.ndarray
-    sensors: np.ndarray
-
-
 def _bin_cameras(
     shot: ShotRecord,
     inverse: np.ndarray,
     fields: dict[str, np.ndarray],
     content: Content,
     scales: _BinScales,
-) -> _BinCameras:
-    """Return a shot's _BinCameras; fields: from `camera_fields`, of sensor pixels."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a shot's cameras, (B, fields) each: of photo pixels, of what blurs them and of sensor
+    pixels; fields: those of sensor pixels."""
     zero = np.zeros(len(shot))
-    of_bins = fields | _noise_of_bins(shot, scales.bin)
-    of_bins |= {"alpha": content.scale.numpy(), "fill": scales.enlargement}
+    of_bins = fields | {"alpha": content.scale.numpy(), "fill": scales.enlargement}
+    if "noise" in shot.plan:
+        root = averaged_pixels(shot, torch.from_numpy(scales.bin)).sqrt().numpy()
+        of_bins |= {name: fields[name] / root for name in ("dark_noise", "photon_noise")}
     sensor = fields | {"alpha": scales.panel, "rectified": zero + shot.scene.is_rectified}
     blur = {"alpha": content.scale.numpy(), "fill": zero, "blur": content.optics.blur.numpy()}
-    images = pose.from_corner(inverse, shot.size)
-    of_sensor = images
+    images = of_sensor = pose.from_corner(inverse, shot.size)
     if shot.scene.is_rectified:
         # pixels look straight at the picture
         of_bins |= {"k1": zero, "k2": zero}
         images = pose.from_corner(np.eye(3)[None].repeat(len(shot), 0), shot.size)
         of_sensor = inverse
     per_pixel = scales.sensor, scales.sensor
-    return _BinCameras(
-        lower_cameras(images, shot.size, (1.0, 1.0), of_bins),
-        lower_cameras(of_sensor, shot.size, per_pixel, sensor | blur),
-        lower_cameras(of_sensor, shot.size, per_pixel, sensor),
+    return (
+        lower_cameras(images, (1.0, 1.0), of_bins),
+        lower_cameras(of_sensor, per_pixel, sensor | blur),
+        lower_cameras(of_sensor, per_pixel, sensor),
     )
-
-
-def _noise_of_bins(shot: ShotRecord, scale: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the noise of bins of `scale` (B,) sensor pixels a side."""
-    if "noise" not in shot.plan:
-        return {}
-    root, drawn = averaged_pixels(shot, torch.from_numpy(scale)).sqrt(), shot.numbers()
-    read, photons = (drawn[f"sensor.{name}_noise"] / root for name in ("read", "shot"))
-    return {"read": read.detach().numpy(), "shot": photons.detach().numpy()}
 
 
 def _shapes_of(content: Content) -> Shapes:
@@ -115,7 +94,7 @@ def _shapes_of(content: Content) -> Shapes:
 
 
 def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _BinScales) -> Beats:
-    """Return a shot's Beats; sensors: see `_BinCameras`."""
+    """Return a shot's Beats; sensors: the cameras of sensor pixels."""
     layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
     parts = amplitudes_of(layout, method.harmonics, shot.panel)
     waves = np.stack([part.detach().numpy() for part in parts], -1)
@@ -140,17 +119,13 @@ def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _
     )
 
 
-def _lost_variance_share(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
-    """Return the share of the variance of sensor pixels that bins average away, (B,)."""
-    return (1 - 1 / averaged_pixels(shot, torch.from_numpy(scale))).numpy()
-
-
 def _lost_noise_variance(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
     """Return the variance of the noise that bins average away, (B, 2) float32: in the dark, and
     what a reading of 1 adds; zeros without noise."""
     out = np.zeros((len(shot), 2), np.float32)
     if "noise" in shot.plan:
-        share, drawn = _lost_variance_share(shot, scale), shot.numbers()
+        share = (1 - 1 / averaged_pixels(shot, torch.from_numpy(scale))).numpy()
+        drawn = shot.numbers()
         for i, name in enumerate(("sensor.read_noise", "sensor.shot_noise")):
             out[:, i] = share * drawn[name].detach().numpy() ** 2
     return out

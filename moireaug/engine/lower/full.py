@@ -32,7 +32,7 @@ def full_view(shot: ShotRecord, drawn: dict[str, np.ndarray], inverse: np.ndarra
     rows, cols = shot.sampled_pixels()
     fields = camera_fields(shot, drawn) | {"alpha": panel_scale_of(shot, drawn)}
     back = pose.from_corner(inverse, shot.size)
-    cameras = lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
+    cameras = lower_cameras(back, (rows.scale, cols.scale), fields)
     return PanelView(cameras, cameras, _cell(shot.scene, shot.plan.method), _shapes_of(shot))
 
 
