@@ -13,7 +13,6 @@ from moireaug.engine.cpu.expose_kernels import (
     full_image,
     panel_of,
     point_image,
-    size_in_panel_pixels,
 )
 
 ZERO = np.float32(0)
@@ -43,24 +42,20 @@ def expose_full_back_kernel(shown_grads, raw_grads, slopes, e, first, last):
     """Fill the gradients from `first` to `last` in what `show_kernel` fills, from those in readings
     (B, planes, h, w); slopes: as `expose_full_kernel` filled them."""
     for i in range(first, last):
-        alpha, shown_grad = camera_of(e.cameras[i]).alpha, shown_grads[i - first]
+        image, shown_grad = full_image(e, i), shown_grads[i - first]
         fill(shown_grad, ZERO)
-        panel_grad, size = panel_of(shown_grad, alpha, e), size_in_panel_pixels(alpha, e)
-        full_back.expose_full_image_back(
-            panel_grad, raw_grads[i], slopes[i], size, full_image(e, i)
-        )
+        panel_grad = panel_of(shown_grad, image.camera.alpha, e)
+        full_back.expose_full_image_back(panel_grad, raw_grads[i], slopes[i], image)
 
 
 @kernel
 def expose_binned_back_kernel(shown_grads, raw_grads, slopes, e, b, first, last):
     """Do the same as `expose_full_back_kernel` for binned readings."""
     for i in range(first, last):
-        alpha, shown_grad = camera_of(e.cameras[i]).alpha, shown_grads[i - first]
+        image, shown_grad = binned_image(e, b, i), shown_grads[i - first]
         fill(shown_grad, ZERO)
-        panel_grad, size = panel_of(shown_grad, alpha, e), size_in_panel_pixels(alpha, e)
-        binned_back.expose_binned_image_back(
-            panel_grad, raw_grads[i], slopes[i], size, binned_image(e, b, i)
-        )
+        panel_grad = panel_of(shown_grad, image.camera.alpha, e)
+        binned_back.expose_binned_image_back(panel_grad, raw_grads[i], slopes[i], image)
 
 
 @kernel

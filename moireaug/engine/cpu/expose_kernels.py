@@ -106,7 +106,7 @@ def _readout(camera, e, i):
 
 
 @part
-def size_in_panel_pixels(alpha, e):
+def _size_on_panel(alpha, e):
     """Return the height and width of a picture on the panel, rounded up."""
     return math.ceil(alpha * e.size[0]), math.ceil(alpha * e.size[1])
 
@@ -116,7 +116,7 @@ def full_image(e, i):
     """Return the FullImage of image i."""
     camera = camera_of(e.cameras[i])
     return FullImage(
-        camera, e.cell, _nodes(camera, e.cell, e, i), e.sites,
+        camera, _size_on_panel(camera.alpha, e), e.cell, _nodes(camera, e.cell, e, i), e.sites,
         e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
@@ -129,10 +129,9 @@ def expose_full_kernel(raw, slopes, shown, e, span):
     slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. span: a `records.Span`.
     """
     for i in range(span.first, span.last):
-        alpha = camera_of(e.cameras[i]).alpha
-        panel, size = panel_of(shown[i - span.first], alpha, e), size_in_panel_pixels(alpha, e)
         image = full_image(e, i)
-        expose_full_image(raw[i], slopes[i], panel, size, image, span.top, span.bottom)
+        panel = panel_of(shown[i - span.first], image.camera.alpha, e)
+        expose_full_image(raw[i], slopes[i], panel, image, span.top, span.bottom)
 
 
 @part
@@ -177,7 +176,8 @@ def binned_image(e, b, i):
     content = _content(camera, sensor, cell, e, i)
     terms = beats.terms_of(b, i, sensor, e.filters[i], e.size, e.sites, e.budget)
     return BinnedImage(
-        camera, sensor, cell, content[0], content[1], e.sites, terms, pattern,
+        camera, sensor, _size_on_panel(camera.alpha, e), cell, content[0], content[1], e.sites,
+        terms, pattern,
         e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
@@ -187,10 +187,9 @@ def expose_binned_kernel(raw, slopes, shown, e, b, span):
     """Fill a part of raw (B, planes, h, w) float32 with the binned readings of pictures; b: see
     `exposure_records.Beats`. The rest as in `expose_full_kernel`."""
     for i in range(span.first, span.last):
-        alpha = camera_of(e.cameras[i]).alpha
-        panel, size = panel_of(shown[i - span.first], alpha, e), size_in_panel_pixels(alpha, e)
         image = binned_image(e, b, i)
-        expose_binned_image(raw[i], slopes[i], panel, size, image, span.top, span.bottom)
+        panel = panel_of(shown[i - span.first], image.camera.alpha, e)
+        expose_binned_image(raw[i], slopes[i], panel, image, span.top, span.bottom)
 
 
 @part

@@ -71,10 +71,13 @@ class Readout(NamedTuple):
 class FullImage(NamedTuple):
     """What one image's full reading is computed from.
 
-    filters, white, flicker: the image's rows of its Exposure; see there.
+    Args:
+        size: height and width of the picture in panel pixels, rounded up.
+        filters, white, flicker: the image's rows of its Exposure; see there.
     """
 
     camera: Camera
+    size: tuple[int, int]
     cell: Cell
     nodes: Nodes
     sites: Sites
@@ -157,13 +160,14 @@ class BinnedImage(NamedTuple):
     """What one image's binned reading is computed from.
 
     Args:
-        camera: of photo pixels. sensor: of sensor pixels.
+        camera: of photo pixels. sensor: of sensor pixels. size: as in `FullImage`.
         nodes, stencil: one of them is empty.
         filters, white, flicker: the image's rows of its Exposure; see there.
     """
 
     camera: Camera
     sensor: Camera
+    size: tuple[int, int]
     cell: Cell
     nodes: Nodes
     stencil: BinStencil
