@@ -11,11 +11,7 @@ import math
 import numpy as np
 
 from moireaug.engine.cpu import optics
-from moireaug.engine.cpu.beat_grid import (
-    node_counts,
-    sampled_grid,
-    transfer_of,
-)
+from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.compiling import inner, loop
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES
 from moireaug.engine.lower.budget import (

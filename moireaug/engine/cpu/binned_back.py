@@ -14,7 +14,6 @@ from moireaug.engine.cpu.nodes import bracket
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.rows import LIGHT, U, V, X, Y
 from moireaug.engine.cpu.sensor import attenuate, read_back
-from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import look
 
 ZERO = np.float32(0)
@@ -25,14 +24,6 @@ def _add_content_back(content, light, modulation, passed, mean):
     """Add the gradient in a row of content from that in its light, by one colour filter."""
     for i in range(len(light)):
         content[i] += light[i] * (passed * (mean + modulation[i]))
-
-
-@inner
-def _add_weighed_back(out, grad, low, high, past):
-    """Add grad (w,) to out (w,), weighed as in `stencil.content`."""
-    for i in range(len(out)):
-        weight = peek(low, i) + past * (peek(high, i) - peek(low, i))
-        poke(out, i, out[i] + weight * peek(grad, i))
 
 
 @inner
@@ -50,11 +41,11 @@ def _stencil_back(panel_grad, grad, line, bins, cell, sites, row):
         for j in range(taps):
             fill(line, ZERO)
             a, b = offset + (taps + j) * w, offset + (taps + j + 1) * w
-            _add_weighed_back(line, grad[colour], before[a:b], behind[a:b], past)
+            stencil.add_weighed(line, before[a:b], behind[a:b], past, grad[colour], 0)
             for i in range(taps):
                 a, b, at = offset + i * w, offset + (i + 1) * w, start + j * stride + i
                 pixels = flat[colour, at : at + w]
-                _add_weighed_back(pixels, line, before[a:b], behind[a:b], past)
+                stencil.add_weighed(pixels, before[a:b], behind[a:b], past, line, 0)
 
 
 @once

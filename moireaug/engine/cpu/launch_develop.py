@@ -28,13 +28,18 @@ def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[
     n, h = len(raw), development.size[0]
     count = n if development.finishes and saves else 0
     unclipped = torch.empty(count, 3, *development.detail.size, dtype=torch.uint8, device="cpu")
-    photo = empty(n, 3, *development.size)
-    arrays = photo.numpy(), unclipped.numpy(), array_of(raw)
-    work = functools.partial(_fill_photos, *arrays, development)
+    photo, readings = empty(n, 3, *development.size), array_of(raw)
+    filled = photo.numpy(), unclipped.numpy()
+
+    def fill_photos(first: int, last: int, top: int = 0, bottom: int = h) -> None:
+        in_camera = np.zeros(kernels.photo_size(development), np.float32)
+        out = Photos(filled[0], in_camera, filled[1])
+        kernels.develop_kernel(out, readings, development, first, last, top, bottom)
+
     whole = n - surplus(n, h)
-    each(functools.partial(work, top=0, bottom=h), whole)
+    each(fill_photos, whole)
     for i in range(whole, n):
-        each_share(functools.partial(work, i, i + 1), h)
+        each_share(functools.partial(fill_photos, i, i + 1), h)
     return photo, unclipped
 
 
@@ -44,37 +49,12 @@ def launch_develop_back(
     """Return the gradient in the readings, from that in the photos and the tensor that
     `launch_develop` saved."""
     out, development = empty(*raw.shape), lay_out(development)
-    arrays = out.numpy(), array_of(grad), unclipped.numpy(), array_of(raw)
-    each(functools.partial(_fill_raw_grads, *arrays, development), len(raw))
+    raw_grads, photo_grads, readings = out.numpy(), array_of(grad), array_of(raw)
+
+    def fill_grads(first: int, last: int) -> None:
+        in_camera = np.empty(kernels.photo_size(development), np.float32)
+        given = in_camera, unclipped.numpy(), readings, development, first, last
+        kernels.develop_back_kernel(raw_grads, photo_grads, *given)
+
+    each(fill_grads, len(raw))
     return out
-
-
-def _fill_photos(
-    photos: np.ndarray,
-    unclipped: np.ndarray,
-    readings: np.ndarray,
-    d: Development,
-    first: int,
-    last: int,
-    top: int,
-    bottom: int,
-) -> None:
-    """Fill rows `top` to `bottom` of the photos from `first` to `last`; see
-    `develop_kernel`."""
-    out = Photos(photos, np.zeros(kernels.photo_size(d), np.float32), unclipped)
-    kernels.develop_kernel(out, readings, d, first, last, top, bottom)
-
-
-def _fill_raw_grads(
-    raw_grads: np.ndarray,
-    photo_grads: np.ndarray,
-    unclipped: np.ndarray,
-    readings: np.ndarray,
-    d: Development,
-    first: int,
-    last: int,
-) -> None:
-    """Fill the gradients from `first` to `last` in the readings."""
-    in_camera = np.empty(kernels.photo_size(d), np.float32)
-    given = photo_grads, in_camera, unclipped, readings, d, first, last
-    kernels.develop_back_kernel(raw_grads, *given)

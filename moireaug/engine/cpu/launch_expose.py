@@ -61,11 +61,16 @@ def launch_expose(
     sites, n = exposure.sites, len(picture)
     h, w = len(sites.rows) // sites.step, len(sites.cols) // sites.step
     raw, slopes = empty(n, len(sites.channel), h, w), empty(n, len(sites.channel), h, saves * w)
-    pictures = array_of(picture)
+    arrays, pictures = (raw.numpy(), slopes.numpy()), array_of(picture)
     if exposure.point:
-        each(functools.partial(_read_points, raw.numpy(), slopes.numpy(), pictures, exposure), n)
+
+        def read_points(first: int, last: int) -> None:
+            light = _light_of(exposure)
+            kernels.expose_point_kernel(*arrays, light, pictures, exposure, first, last)
+
+        each(read_points, n)
         return raw, slopes
-    whole, read = n - surplus(n, h), _reader(raw.numpy(), slopes.numpy(), exposure, beats)
+    whole, read = n - surplus(n, h), _reader(*arrays, exposure, beats)
     each(functools.partial(_read_images, read, pictures, exposure), whole)
     for i in range(whole, n):
         _share_image(read, pictures, exposure, i, h)
@@ -79,23 +84,27 @@ def launch_expose_back(
     `launch_expose` saved."""
     prepare_back()
     out = empty(*picture.shape)
-    arrays = out.numpy(), array_of(grad), slopes.numpy(), array_of(picture)
-    work = _read_points_back if exposure.point else functools.partial(_read_images_back, beats)
-    each(functools.partial(work, *arrays, exposure), len(picture))
+    grads, pictures, read_grads = out.numpy(), array_of(picture), (array_of(grad), slopes.numpy())
+
+    def point_grads(first: int, last: int) -> None:
+        light = _light_of(exposure)
+        given = *read_grads, pictures, exposure, first, last
+        back_kernels.expose_point_back_kernel(grads, light, *given)
+
+    def image_grads(first: int, last: int) -> None:
+        """Fill the gradients of what the panel shows, then of pictures."""
+        light, shown = _light_of(exposure), _shown_of(exposure)
+        for start in range(first, last, len(shown)):
+            end = min(start + len(shown), last)
+            if beats is None:
+                back_kernels.expose_full_back_kernel(shown, *read_grads, exposure, start, end)
+            else:
+                given = *read_grads, exposure, beats, start, end
+                back_kernels.expose_binned_back_kernel(shown, *given)
+            back_kernels.show_back_kernel(grads, shown, light, pictures, exposure, start, end)
+
+    each(point_grads if exposure.point else image_grads, len(picture))
     return out
-
-
-def _read_points(
-    readings: np.ndarray,
-    slopes: np.ndarray,
-    pictures: np.ndarray,
-    exposure: Exposure,
-    first: int,
-    last: int,
-) -> None:
-    """Fill the readings from `first` to `last` of a point exposure."""
-    light = _light_of(exposure)
-    kernels.expose_point_kernel(readings, slopes, light, pictures, exposure, first, last)
 
 
 def _reader(
@@ -113,11 +122,7 @@ def _reader(
 
 
 def _read_images(
-    read: Reader,
-    pictures: np.ndarray,
-    exposure: Exposure,
-    first: int,
-    last: int,
+    read: Reader, pictures: np.ndarray, exposure: Exposure, first: int, last: int
 ) -> None:
     """Fill the readings from `first` to `last`: show some pictures, then read them."""
     light, shown = _light_of(exposure), _shown_of(exposure)
@@ -128,55 +133,11 @@ def _read_images(
         read(shown, Span(start, end, 0, rows))
 
 
-def _share_image(
-    read: Reader,
-    pictures: np.ndarray,
-    exposure: Exposure,
-    i: int,
-    rows: int,
-) -> None:
+def _share_image(read: Reader, pictures: np.ndarray, exposure: Exposure, i: int, rows: int) -> None:
     """Fill reading i: all threads share its rows."""
     shown = np.empty((1, kernels.panel_size(exposure)), np.float32)
     kernels.show_kernel(shown, _light_of(exposure), pictures, exposure, i, i + 1)
     each_share(lambda top, bottom: read(shown, Span(i, i + 1, top, bottom)), rows)
-
-
-def _read_points_back(
-    grads: np.ndarray,
-    raw_grads: np.ndarray,
-    slopes: np.ndarray,
-    pictures: np.ndarray,
-    exposure: Exposure,
-    first: int,
-    last: int,
-) -> None:
-    """Fill the gradients from `first` to `last` of a point exposure."""
-    given = raw_grads, slopes, pictures, exposure, first, last
-    back_kernels.expose_point_back_kernel(grads, _light_of(exposure), *given)
-
-
-def _read_images_back(
-    beats: Beats | None,
-    grads: np.ndarray,
-    raw_grads: np.ndarray,
-    slopes: np.ndarray,
-    pictures: np.ndarray,
-    exposure: Exposure,
-    first: int,
-    last: int,
-) -> None:
-    """Fill the gradients from `first` to `last`: of what the panel shows, then of pictures."""
-    light_grad, shown_grads = _light_of(exposure), _shown_of(exposure)
-    for start in range(first, last, len(shown_grads)):
-        end = min(start + len(shown_grads), last)
-        given = shown_grads, raw_grads, slopes, exposure
-        if beats is None:
-            back_kernels.expose_full_back_kernel(*given, start, end)
-        else:
-            back_kernels.expose_binned_back_kernel(*given, beats, start, end)
-        back_kernels.show_back_kernel(
-            grads, shown_grads, light_grad, pictures, exposure, start, end
-        )
 
 
 def _shown_of(exposure: Exposure) -> np.ndarray:
