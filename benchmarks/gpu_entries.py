@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 
 from moireaug import Lens, Panel, Scene, Sensor, View
-from moireaug.engine.development_records import Development
-from moireaug.engine.exposure_records import Beats, Exposure
-from moireaug.engine.shot_development import lower_development
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.development import lower_development
+from moireaug.engine.lower.development_records import Development
+from moireaug.engine.lower.exposure import lower_exposure
+from moireaug.engine.lower.exposure_records import Beats, Exposure
 
 DEFAULT = "screen_photo"
 

@@ -14,7 +14,7 @@ from benchmarks.checkouts import Checkout, plain
 from moireaug import Shot, engine, expose
 from moireaug.engine import program
 from moireaug.engine.cpu import run
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 
 WITHOUT = "one panel pixel"
 
@@ -71,7 +71,7 @@ def one_cell(shown: Tensor, shot: Shot) -> Tensor:
         neighbour_share=np.zeros_like(whole.neighbour_share),
     )
     run.fits(exposure, beats)  # as every exposure does
-    return run.expose(shown, False, exposure, beats)[0]
+    return run.launch_expose(shown, False, exposure, beats)[0]
 
 
 def first_reading(before: Checkout, name: str) -> Tensor:

@@ -94,7 +94,7 @@ def _photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
         program = program_for(light, shot)
         if program.why_not_develop:
             return pipeline.develop(light, shot).to(raw.dtype)
-        return dispatch.develop(light, shot, program).to(raw.dtype)
+        return dispatch.engine_photo(light, shot, program).to(raw.dtype)
 
 
 def photo_of(
@@ -146,7 +146,7 @@ def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
         program = program_for(light, shot)
         if program.why_not_expose:
             return pipeline.expose(as_float(light), shot)
-        return dispatch.expose(light, shot, program)
+        return dispatch.engine_reading(light, shot, program)
 
 
 def _single(values: Tensor) -> Tensor:

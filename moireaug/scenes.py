@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +31,7 @@ UNPLANNED = (
     "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
     "Scene.sample does; copies and unpickled scenes have no plan yet."
 )
-CACHES = ("_plans", "_text")  # plans by octave, and the scene as JSON, for a graph
+CACHES = ("_plans", "_json")  # plans by octave, and the scene as JSON, for a graph
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +90,7 @@ class Scene(SceneRecord):
                 raise RuntimeError(UNPLANNED)
             plans = {**plans, octave: make_plan(self.at(size))}
             object.__setattr__(self, "_plans", plans)
-            object.__setattr__(self, "_text", json.dumps(self.to_dict()))
+            self.as_json()  # made ready: torch.compile cannot follow how
         return plans[octave]
 
     def __getstate__(self) -> dict[str, Any]:

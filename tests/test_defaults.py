@@ -165,7 +165,7 @@ def trained():
 
 
 # modules that keep what they derive from a scene
-DERIVED = tuple(f"moireaug.{room}" for room in ("effects", "exposure", "geometry", "engine.shot"))
+DERIVED = tuple(f"moireaug.{room}" for room in ("effects", "exposure", "geometry", "engine.lower"))
 PATHS = {
     "replayed shot": replayed,
     "torchvision": lambda: by_torchvision(SCENE),

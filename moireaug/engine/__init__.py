@@ -6,9 +6,13 @@ exposures "spectral", "mean" and "point", unless a gradient in the shot is neede
 differentiable in the image, `develop` in the raw reading. The reference, `moireaug.pipeline`, does
 the rest. `explain(scene)` says which one a scene gets. `reference()` turns the engine off.
 
-A call is decided by `program`, from the table in `backends`; `dispatch` lowers its shot to records
-and has the kernels of cpu/ or gpu/ fill its photo. Importing this package imports neither numba nor
-Triton; the first photo does.
+A call is decided by `program`, from the table in `backends`; `dispatch` has lower/ make records
+of its shot, and the kernels of cpu/ or gpu/ fill its photo. Importing this package imports neither
+numba nor Triton; the first photo does.
+
+From a batch to a row, exposing goes through `dispatch.engine_reading`, a backend's `launch_expose`,
+and on the CPU `expose_full_kernel` for some images, `expose_full_image` for one and `_expose_rows`;
+developing likewise.
 """
 
 import moireaug.engine.cpu.forks  # noqa: F401  one thread in forked processes, before any is forked

@@ -52,8 +52,13 @@ class _Differentiable(torch.autograd.Function):
             return torch.autograd.grad(results, values, grad, create_graph=twice)[0], None
 
 
+def is_asked(values: Tensor) -> bool:
+    """Return whether a gradient in the values may be asked for."""
+    return torch.is_grad_enabled() and values.requires_grad
+
+
 def apply(stage: Stage, values: Tensor) -> Tensor:
     """Return a stage's results, differentiable in the values."""
-    if torch.is_grad_enabled() and values.requires_grad:
+    if is_asked(values):
         return _Differentiable.apply(values, stage)
     return stage.forward(values, False)[0]

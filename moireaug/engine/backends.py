@@ -34,15 +34,15 @@ class Backend(NamedTuple):
     def kernels(self) -> ModuleType:
         """Return the module of the functions on batches, of tensors and records.
 
-        - fits(exposure, beats) -> (B,) bool, whether `expose` can follow each image's view
-        - expose(picture, saves, exposure, beats) -> raw, saved
-        - expose_back(grad, picture, saved, exposure, beats) -> gradient in the picture
-        - develop(raw, saves, development) -> photo, saved
-        - develop_back(grad, raw, saved, development) -> gradient in raw
+        - fits(exposure, beats) -> (B,) bool, whether kernels can follow each image's view
+        - launch_expose(picture, saves, exposure, beats) -> raw, saved
+        - launch_expose_back(grad, picture, saved, exposure, beats) -> gradient in the picture
+        - launch_develop(raw, saves, development) -> photo, saved
+        - launch_develop_back(grad, raw, saved, development) -> gradient in raw
 
         The gradient's functions take the tensor that the others saved for it, if `saves`. Its
-        SUMS_IN_ORDER says whether `expose_back` adds in a fixed order; if not, the reference takes
-        its place where PyTorch is told to be deterministic.
+        SUMS_IN_ORDER says whether `launch_expose_back` adds in a fixed order; if not, the reference
+        takes its place where PyTorch is told to be deterministic.
         """
         return importlib.import_module(self.module)
 

@@ -17,24 +17,26 @@ from moireaug.numeric import as_float, saturate
 from moireaug.shot import ShotRecord
 
 
-def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
+def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
     does for float32; differentiable in float32 images."""
     if torch.compiler.is_compiling():
-        return graph.expose(light, shot)
-    from moireaug.engine.shot_exposure import lower_exposure
+        return graph.operator_reading(light, shot)
+    from moireaug.engine.lower.exposure import lower_exposure
 
+    kernels = trial.kernels_of(program.backend)
+    if kernels is None:
+        return pipeline.expose(as_float(light), shot)
     # over the image: the reference does that blur
     varies = shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE
     exposure, beats = lower_exposure(shot.to("cpu"), decoded=varies)
-    kernels = program.kernels()
     fits = kernels.fits(exposure, beats)
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
     # each image by itself, so that its reading does not depend on the rest of the batch
     if not fits.all():
         rows, others = (torch.from_numpy(where.nonzero()[0]) for where in (fits, ~fits))
-        raw = expose(light[rows], shot[rows], program)
+        raw = engine_reading(light[rows], shot[rows], program)
         return in_order(
             [rows, others], [raw, pipeline.expose(as_float(light[others]), shot[others])]
         )
@@ -44,8 +46,8 @@ def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         light = pipeline.apply(names & decoding, as_float(light), shot)
         names -= decoding
     stage = autograd.Stage(
-        functools.partial(kernels.expose, exposure=exposure, beats=beats),
-        functools.partial(kernels.expose_back, exposure=exposure, beats=beats),
+        functools.partial(kernels.launch_expose, exposure=exposure, beats=beats),
+        functools.partial(kernels.launch_expose_back, exposure=exposure, beats=beats),
         lambda light: pipeline.apply(names, light, shot),
         kernels.SUMS_IN_ORDER,
     )
@@ -55,29 +57,30 @@ def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     return autograd.apply(stage, light)
 
 
-def develop(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
+def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     """Return the photos of readings, as `moireaug.pipeline.develop` does; differentiable in the
     readings."""
     if torch.compiler.is_compiling():
-        return graph.develop(raw, shot)
-    from moireaug.engine.shot_development import lower_development
+        return graph.operator_photo(raw, shot)
+    from moireaug.engine.lower.development import lower_development
 
+    kernels = trial.kernels_of(program.backend)
     finite = raw.detach().sum((1, 2, 3)).isfinite().cpu()
-    if not finite.any():  # NaN and infinity are not in the kernels' tables
+    if kernels is None or not finite.any():  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
     if not finite.all():
         rows, others = finite.nonzero().flatten(), (~finite).nonzero().flatten()
-        photos = develop(raw[rows], shot[rows], program)
+        photos = engine_photo(raw[rows], shot[rows], program)
         return in_order([rows, others], [photos, pipeline.develop(raw[others], shot[others])])
     names = program.engine_effects
     if shot.scene.cells == "binned":
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
         names = tuple(name for name in names if name not in ("saturate", "demosaic"))
-    development, kernels = lower_development(shot.to("cpu")), program.kernels()
+    development = lower_development(shot.to("cpu"))
     stage = autograd.Stage(
-        functools.partial(kernels.develop, development=development),
-        functools.partial(kernels.develop_back, development=development),
+        functools.partial(kernels.launch_develop, development=development),
+        functools.partial(kernels.launch_develop_back, development=development),
         lambda raw: pipeline.apply(names, raw, shot),
     )
     if not trial.agrees(stage, f"developing, {', '.join(names)}", raw):

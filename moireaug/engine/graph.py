@@ -17,12 +17,12 @@ SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
 STAGES = ("expose", "develop")
 
 
-def expose(light: Tensor, shot: ShotRecord) -> Tensor:
+def operator_reading(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the readings of images, differentiable in them."""
     return _apply("expose", light, shot, shot.raw_shape()[1:], pipeline.expose)
 
 
-def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
+def operator_photo(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photos of readings, differentiable in them."""
     return _apply("develop", raw, shot, (3, *shot.size), pipeline.develop)
 
@@ -33,8 +33,7 @@ def _apply(
     """Return what a stage's operator makes of values, (B, *shape)."""
     operator = getattr(torch.ops.moireaug, name)
     operator_back = getattr(torch.ops.moireaug, f"{name}_back")
-    text = vars(shot.scene)["_text"]  # which its plan has left there
-    given = list(shot.numbers().values()), shot.seed, text, shot.size
+    given = list(shot.numbers().values()), shot.seed, shot.scene.as_json(), shot.size
 
     def forward(values: Tensor, _: bool) -> tuple[Tensor, Tensor]:
         return operator(values, *given, shape), values.new_empty(0)

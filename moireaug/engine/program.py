@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from types import ModuleType
 from typing import NamedTuple
 
 import torch
@@ -37,35 +35,21 @@ class Program(NamedTuple):
     engine_effects: tuple[str, ...]
     reference_effects: tuple[str, ...]
 
-    def kernels(self) -> ModuleType:
-        """Return the module of the backend's kernels; see `Backend.kernels`."""
-        if self.backend is None:
-            raise ValueError("the reference computes these photos: there are no kernels for them.")
-        return self.backend.kernels()
-
 
 def program_of(
-    scene: SceneRecord,
-    plan: Plan,
-    device_type: str = "cpu",
-    dtype: torch.dtype = torch.float32,
-    derivatives: Collection[str] = (),
+    scene: SceneRecord, plan: Plan, device_type: str = "cpu", why_not: str = ""
 ) -> Program:
     """Return the Program of a scene's photos of this plan.
 
     The engine has no kernel for the denoiser, for what follows it, for JPEG and, of bins in the
     image's frame, for what the photo does not show.
 
-    Args:
-        derivatives: those asked for besides the gradient in images or readings: "shot", one in the
-            drawn numbers; "forward", any forward one, and all by `torch.func`.
+    why_not: why kernels cannot take a call's tensors, whatever the scene; "" if they can.
     """
     names = plan.developing
     unknown = ("denoise", "register", "jpeg") if scene.is_rectified else ("denoise", "jpeg")
     first = min([len(names), *[names.index(name) for name in unknown if name in names]])
-    off = why_no_kernels(device_type) or _why_not_derive(derivatives)
-    if not off and dtype not in ENGINE_DTYPES:
-        off = f"the engine computes in float32, not {str(dtype).removeprefix('torch.')}"
+    off = why_no_kernels(device_type) or why_not
     return Program(
         backend_of(device_type),
         off or _why_not_expose(plan),
@@ -77,15 +61,8 @@ def program_of(
 
 def program_for(values: Tensor, shot: ShotRecord) -> Program:
     """Return the Program of photographing images (B, 3, H, W), or of developing readings."""
-    # a subclass may do as it likes
-    plain = type(values) in (Tensor, torch.nn.Parameter) and values.numel()
-    device_type = values.device.type if plain else "tensors like these"
-    derivatives = []
-    if torch.is_grad_enabled() and shot.requires_grad:
-        derivatives.append("shot")
-    if may_be_dual(values) or _is_dual(shot):
-        derivatives.append("forward")
-    return program_of(shot.scene, shot.plan, device_type, values.dtype, derivatives)
+    why_not = _why_not_take(values) or _why_not_derive(values, shot)
+    return program_of(shot.scene, shot.plan, values.device.type, why_not)
 
 
 def explain(scene: SceneRecord) -> str:
@@ -116,19 +93,29 @@ def explain(scene: SceneRecord) -> str:
     return "\n".join(lines)
 
 
+def _why_not_take(values: Tensor) -> str:
+    if type(values) not in (Tensor, torch.nn.Parameter):
+        return "a subclass of Tensor may do as it likes"
+    if not values.numel():
+        return "there is nothing to compute"
+    if values.dtype not in ENGINE_DTYPES:
+        return f"the engine computes in float32, not {str(values.dtype).removeprefix('torch.')}"
+    return ""
+
+
+def _why_not_derive(values: Tensor, shot: ShotRecord) -> str:
+    if torch.is_grad_enabled() and shot.requires_grad:
+        return "a gradient in the shot is asked for"
+    if may_be_dual(values) or _is_dual(shot):
+        return "a forward derivative, or one by torch.func, is asked for"
+    return ""
+
+
 def _is_dual(shot: ShotRecord) -> bool:
     """Return whether a forward derivative in a drawn number is asked for."""
     if forward_ad._current_level < 0:  # which spares asking every number
         return False
     return any(may_be_dual(values) for values in shot.numbers().values())
-
-
-def _why_not_derive(derivatives: Collection[str]) -> str:
-    if "shot" in derivatives:
-        return "a gradient in the shot is asked for"
-    if "forward" in derivatives:
-        return "a forward derivative, or one by torch.func, is asked for"
-    return ""
 
 
 def _why_not_expose(plan: Plan) -> str:

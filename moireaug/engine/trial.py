@@ -1,23 +1,41 @@
-"""The first photos on a GPU: kernels are held against the reference on the user's own batch, once a
-process and kind of reading, and left alone where they fail or differ. They were proved equal on a
-CPU; drivers and cards are many."""
+"""The first use of kernels: those that cannot be imported, and those of a GPU that fail or differ
+from the reference on the user's own batch, are left alone. They were proved equal on a CPU; drivers
+and cards are many."""
 
 from __future__ import annotations
 
+import functools
 import logging
+from types import ModuleType
 
 import torch
 from torch import Tensor
 
+from moireaug.engine import autograd
 from moireaug.engine.autograd import Stage
+from moireaug.engine.backends import Backend
 from moireaug.numeric import as_float
 
 MAX_RMS = 1e-3  # of photos and readings, in [0, 1]; kernels and reference differ by 1e-4 at most
-_agreements: dict[tuple[str, torch.device], bool] = {}
+_agreements: dict[tuple[str, torch.device, bool], bool] = {}
+
+
+@functools.cache
+def kernels_of(backend: Backend | None) -> ModuleType | None:
+    """Return the module of a backend's kernels, or None if it cannot be imported, as where the
+    library that compiles them does not go with an installed NumPy or driver."""
+    if backend is None:
+        return None
+    try:
+        return backend.kernels()
+    except (ImportError, OSError) as error:
+        _report(f"{backend.name} kernels cannot be imported ({_summary(error)})")
+        return None
 
 
 def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
-    """Return whether a stage's kernels give the reference's results on the device of `values`.
+    """Return whether a stage's kernels give the reference's results on the device of `values`, and
+    a gradient if one is asked for. Tried once a process, device and kind of kernels.
 
     Args:
         kind: name of the kernels, such as "developing, demosaic, encode".
@@ -25,26 +43,43 @@ def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
     """
     if values.device.type == "cpu":
         return True
-    key = kind, values.device
+    back = autograd.is_asked(values)
+    key = kind, values.device, back
     if key not in _agreements:
-        failure = why_not(stage, values.detach())
+        failure = why_not(stage, values.detach(), back=back)
         _agreements[key] = not failure
         if failure:
-            logging.getLogger("moireaug").warning(
-                f"moireaug's GPU kernels ({kind}) {failure}: on {values.device}, PyTorch computes "
-                "photos instead, which takes longer. Please report it."
-            )
+            _report(f"GPU kernels ({kind}) {failure} on {values.device}")
     return _agreements[key]
 
 
 @torch.no_grad()
-def why_not(stage: Stage, values: Tensor) -> str:
-    """Return how a stage's kernels fail, or an empty string."""
+def why_not(stage: Stage, values: Tensor, *, back: bool) -> str:
+    """Return how a stage's kernels fail, or an empty string.
+
+    back: also call those of the gradient. Its numbers are not compared: the reference's takes many
+    times the memory of the batch.
+    """
     try:
-        result, _ = stage.forward(values, False)
+        results, saved = stage.forward(values, back)
+        gradient = stage.backward(results, values, saved) if back else None
+        finite = gradient is None or bool(gradient.isfinite().all())
     except torch.OutOfMemoryError:
         raise  # the batch's fault, not the kernels'
     except Exception as error:  # of a compiler, a driver or a launch
-        return f"do not run ({type(error).__name__}: {str(error).partition(chr(10))[0]})"
-    difference = (result - stage.reference(as_float(values))).square().mean().sqrt().item()
-    return "" if difference <= MAX_RMS else f"differ from the reference by {difference:.1g} RMS"
+        return f"do not run ({_summary(error)})"
+    difference = (results - stage.reference(as_float(values))).square().mean().sqrt().item()
+    if not difference <= MAX_RMS:
+        return f"differ from the reference by {difference:.1g} RMS"
+    return "" if finite else "give a gradient that is not finite"
+
+
+def _summary(error: Exception) -> str:
+    return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+
+
+def _report(failure: str) -> None:
+    logging.getLogger("moireaug").warning(
+        f"moireaug's {failure}: PyTorch computes photos instead, which takes longer. Please report "
+        "it."
+    )

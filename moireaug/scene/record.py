@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -161,6 +162,14 @@ class SceneRecord:
         """Return plain numbers, strings and pairs, fit for JSON and YAML; `Scene.from_dict` is the
         inverse."""
         return _plain(asdict(self))
+
+    def as_json(self) -> str:
+        """Return `to_dict` as JSON. Made once: torch.compile finds it ready, and guards it."""
+        text = getattr(self, "_json", None)
+        if text is None:
+            text = json.dumps(self.to_dict())
+            object.__setattr__(self, "_json", text)
+        return text
 
 
 def _plain(value: Any) -> Any:

@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, Sensor, View, pipeline
-from moireaug.engine.budget import MAX_TOLERANCE, MIN_TOLERANCE, ErrorBudget
 from moireaug.engine.cpu import run
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.budget import MAX_TOLERANCE, MIN_TOLERANCE, ErrorBudget
+from moireaug.engine.lower.exposure import lower_exposure
 from tests.engine.readings import readings
 
 TURNED = View(yaw=(-25.0, 25.0), pitch=(-15.0, 15.0), roll=(-12.0, 12.0), fov=(20.0, 50.0))
@@ -52,7 +52,7 @@ def reading_errors(name):
     exposure, beats = lower_exposure(shot, decoded=False)
     for tolerance in (MAX_TOLERANCE, DEFAULT, DEFAULT / 8):
         lowered = exposure._replace(budget=ErrorBudget.of(tolerance))
-        difference = run.expose(images, False, lowered, beats)[0].double() - expected
+        difference = run.launch_expose(images, False, lowered, beats)[0].double() - expected
         errors[tolerance] = float(difference.square().mean().sqrt())
     return errors
 
@@ -70,5 +70,6 @@ def test_a_loose_budget_is_seen():
     shot = SCENES["full readings"].sample(2, SIZE, torch.Generator().manual_seed(3))
     images = torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(4))
     exposure, beats = lower_exposure(shot, decoded=False)
-    loose = run.expose(images, False, exposure._replace(budget=ErrorBudget.of(1.0)), beats)[0]
+    lowered = exposure._replace(budget=ErrorBudget.of(1.0))
+    loose = run.launch_expose(images, False, lowered, beats)[0]
     assert (loose.double() - pipeline.expose(images.double(), shot)).abs().max() > DEFAULT / 8

@@ -12,7 +12,7 @@ import pytest
 import moireaug
 from moireaug import Panel, Scene, Sensor, View
 from moireaug.engine.cpu import compiling
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 
 PACKAGE = Path(moireaug.__file__).parent
 KERNELS = PACKAGE / "engine" / "cpu"
@@ -33,20 +33,20 @@ def imported(source):
 
 
 def compiled():
-    """The files that kernels are compiled from: those of the batches, those that they import, and
-    so on within their folder."""
-    found, ahead = set(), list(KERNELS.glob("batch_*.py"))
+    """The files that kernels are compiled from: those that Python calls, those that they import,
+    and so on within their folder."""
+    found, ahead = set(), list(KERNELS.glob("*_kernels.py"))
     while ahead:
         source = ahead.pop()
         found.add(source)
-        if source.parent in (KERNELS, KERNELS.parent):
+        if source.parent in (KERNELS, KERNELS.parent / "lower"):
             ahead.extend(imported(source) - found)
     return found
 
 
 def test_kernels_are_found():
     names = {source.stem for source in compiled()}
-    assert {"batch_expose", "weights", "view", "random_numbers", "compiling"} <= names
+    assert {"expose_kernels", "weights", "view", "random_numbers", "compiling"} <= names
 
 
 def test_all_sources_outside_the_kernels_folder_are_named():

@@ -7,12 +7,12 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
 from moireaug.engine import program, reference
-from moireaug.engine.budget import ErrorBudget
 from moireaug.engine.cpu import run
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.budget import ErrorBudget
+from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.scene.presets import PRESETS
-from tests.engine import test_expose, test_point
+from tests.engine import scenes, test_point
 
 SIZE = (13, 16)
 # of the gradient's norm: by default, and where kernels leave next to nothing out
@@ -31,7 +31,7 @@ FULL = (
 POINT = ("everything", "led", "coarse and fine, camera's frame")
 BRIGHT = Sensor(pitch=2.1, gain=2.5, read_noise=0.02, shot_noise=0.05, crosstalk=0.1)
 SCENES = {
-    **{name: test_expose.SCENES[name] for name in FULL},
+    **{name: scenes.SCENES[name] for name in FULL},
     **{f"{name}, point": test_point.SCENES[name] for name in POINT},
     **{name: Scene.preset(name) for name in PRESETS},
     "mean": Scene(view=View(roll=5.0), sensor=Sensor(scale=2.0, exposure="mean")),
@@ -92,7 +92,7 @@ def test_another_record_has_another_gradient(monkeypatch):
         exposure, beats = lower_exposure(shot, decoded=decoded)
         return exposure._replace(cameras=exposure.cameras * (1 + 1e-3)), beats
 
-    monkeypatch.setattr("moireaug.engine.shot_exposure.lower_exposure", moved)
+    monkeypatch.setattr("moireaug.engine.lower.exposure.lower_exposure", moved)
     assert error(gradient(expose, images, shot)[0], expected) > 2 * MAX_ERROR
 
 

@@ -7,7 +7,7 @@ import torch
 
 from moireaug import Lens, Panel, Scene, Sensor, View, expose
 from moireaug.engine.cpu import run
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 from tests.engine.readings import assert_equal, readings
 
 SOFT, TWICE = Lens(blur=(0.2, 0.4)), Sensor(scale=2.0)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, View
-from moireaug.engine import pose, shot_numbers
+from moireaug.engine.lower import numbers, pose
 
 RANGES = {
     "yaw": (-60.0, 60.0),
@@ -29,9 +29,9 @@ LENS = Lens(k1=(-0.05, 0.2), k2=(-0.02, 0.02))
 )
 def test_homographies_agree(view, size):
     shot = Scene(view=view, lens=LENS).sample(200, size, torch.Generator().manual_seed(0))
-    drawn = shot_numbers.numbers_of(shot)
+    drawn = numbers.numbers_of(shot)
     there = pose.centred(shot.matrix().numpy(), size)
-    found, _ = shot_numbers.homography_of(shot, drawn)
+    found, _ = numbers.homography_of(shot, drawn)
     assert abs(found - there).max() < 1e-10 * max(size)
     h, w = size
     to_photo = torch.tensor([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]], dtype=torch.float64)

@@ -14,8 +14,8 @@ from moireaug.engine.cpu import (
     ahead,
     compiling,
     first_use,
-    run_develop,
-    run_expose,
+    launch_develop,
+    launch_expose,
     threads,
 )
 
@@ -112,7 +112,7 @@ def test_sharing_an_images_rows_changes_no_bit(preset, frame, size, monkeypatch)
 
     # compiled before NumPy is changed, from which kernels take their own np.empty
     develop(expose(images, shot).requires_grad_(), shot).sum().backward()
-    for module in (run_expose, run_develop):
+    for module in (launch_expose, launch_develop):
         monkeypatch.setattr(module, "each_share", spy)
     monkeypatch.setattr(np, "empty", unset)  # memory that nobody has written to
     for count in (1, 2, 3):
@@ -199,8 +199,8 @@ def test_what_is_compiled_ahead_is_what_is_called(tmp_path):
     raw = expose(IMAGES, SHOT).requires_grad_()
     develop(raw, SHOT).sum().backward()  # compiled now, if never before
     count = """
-from moireaug.engine.cpu import batch_develop as batch
-print([len(k.stats.cache_misses) for k in (batch.develop, batch.develop_back)])
+from moireaug.engine.cpu import develop_kernels as kernels
+print([len(k.stats.cache_misses) for k in (kernels.develop_kernel, kernels.develop_back_kernel)])
 """
     given = [a + count if a == ahead.PROGRAM else a for a in ahead.PYTHON_ARGUMENTS]
     command = [sys.executable, *given]

@@ -6,8 +6,8 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.engine import program
 from moireaug.engine.cpu import run
-from moireaug.engine.exposure_records import Camera
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
+from moireaug.engine.lower.exposure_records import Camera
 from tests.engine.readings import assert_equal
 
 TURNED = View(yaw=(-30.0, 30.0), pitch=(-20.0, 20.0), roll=(-15.0, 15.0))
@@ -84,7 +84,7 @@ def test_a_bright_pixel_in_a_corner_is_read_there(scene, corner):
 def test_bytes_are_read_by_a_stencil_too(scene):
     shot, _ = of(SCENES[scene][1], 30, 33)
     codes = (noise(2, 30, 33) * 255).round().byte()
-    got, _ = run.expose(codes, False, *lower_exposure(shot, decoded=False))
+    got, _ = run.launch_expose(codes, False, *lower_exposure(shot, decoded=False))
     assert_equal(got.double(), pipeline.expose(codes.double() / 255, shot))
 
 

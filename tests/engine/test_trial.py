@@ -1,4 +1,5 @@
-"""A GPU's kernels are used where they give the reference's results, and left alone elsewhere."""
+"""Kernels are used where they can be imported and, on a GPU, give the reference's results; they are
+left alone elsewhere."""
 
 import logging
 import re
@@ -6,50 +7,83 @@ import re
 import pytest
 import torch
 
-from moireaug.engine import trial
+from moireaug import Scene, capture
+from moireaug.engine import backends, trial
 from moireaug.engine.autograd import Stage
+from moireaug.engine.switch import reference
 
 
-def fails(values, saves):
+def fails(*_):
     raise RuntimeError("no kernel image is available\nfor this device")
 
 
+def doubled(values, saves):
+    return values * 2, values
+
+
+def slope(grad, values, saved):
+    return grad * 2
+
+
+# forward and backward kernels, and how they fail
 STAGES = {
-    "equal": (lambda values, saves: (values * 2, values), ""),
+    "equal": (doubled, slope, ""),
     "another photo": (
         lambda values, saves: (values * 2.01, values),
+        slope,
         "differ from the reference by",
     ),
     "not a number": (
         lambda values, saves: (values / 0 * 0, values),
+        slope,
         "differ from the reference by",
     ),
-    "no launch": (fails, r"do not run \(RuntimeError: no kernel image is available\)"),
+    "no launch": (fails, slope, r"do not run \(RuntimeError: no kernel image is available\)"),
+    "no launch of the gradient": (doubled, fails, r"do not run \(RuntimeError: no kernel image"),
+    "infinite gradient": (doubled, lambda grad, *_: grad / 0, "give a gradient that is not finite"),
 }
 
 
 def stage_of(name):
-    forward, message = STAGES[name]
-    return Stage(forward, fails, lambda values: values * 2), message
+    forward, backward, _ = STAGES[name]
+    return Stage(forward, backward, lambda values: values * 2)
 
 
 @pytest.mark.parametrize("name", STAGES)
 def test_kernels_are_held_against_the_reference(name):
-    stage, message = stage_of(name)
-    failure = trial.why_not(stage, torch.rand(2, 3, 4, 5))
+    message = STAGES[name][2]
+    failure = trial.why_not(stage_of(name), torch.rand(2, 3, 4, 5), back=True)
     assert re.match(message, failure) and bool(failure) == bool(message)
+
+
+def test_a_gradient_is_tried_where_one_is_asked_for():
+    stage = stage_of("no launch of the gradient")
+    assert not trial.why_not(stage, torch.rand(2, 3, 4, 5), back=False)
 
 
 @pytest.mark.parametrize("failure", ["", "do not run"])
 def test_a_failure_is_reported_once(failure, caplog, monkeypatch):
     monkeypatch.setattr(trial, "_agreements", {})
-    monkeypatch.setattr(trial, "why_not", lambda stage, values: failure)
+    monkeypatch.setattr(trial, "why_not", lambda stage, values, back: failure)
     values = torch.empty(1, 3, 2, 2, device="meta")  # any device but the CPU
     with caplog.at_level(logging.WARNING, "moireaug"):
-        verdicts = [trial.agrees(stage_of("equal")[0], "developing", values) for _ in range(2)]
+        verdicts = [trial.agrees(stage_of("equal"), "developing", values) for _ in range(2)]
     assert verdicts == [not failure] * 2
     assert len(caplog.records) == bool(failure)
 
 
 def test_kernels_of_the_cpu_are_not_tried():
     assert trial.agrees(Stage(fails, fails, fails), "developing", torch.rand(1, 3, 2, 2))
+
+
+def test_kernels_that_cannot_be_imported_are_left_alone(caplog, monkeypatch):
+    images, shot = torch.rand(1, 3, 8, 8), Scene.preset("screen_photo").sample(1, (8, 8))
+    with reference():
+        expected = capture(images, shot)
+    broken = backends.backend_of("cpu")._replace(module="moireaug.engine.cpu.missing")
+    monkeypatch.setattr(backends, "BACKENDS", (broken,))
+    with caplog.at_level(logging.WARNING, "moireaug"):
+        assert torch.equal(capture(images, shot), expected)
+    assert [record.message.split(":")[0] for record in caplog.records] == [
+        "moireaug's numba kernels cannot be imported (ModuleNotFoundError"
+    ]

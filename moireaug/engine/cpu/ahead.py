@@ -18,13 +18,13 @@ sys.path.append(sys.argv[1])
 
 import torch
 from moireaug import Scene, develop
-from moireaug.engine.cpu import run_expose
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.cpu import launch_expose
+from moireaug.engine.lower.exposure import lower_exposure
 
 shot = Scene.preset("screen_photo").sample(1, (8, 8))
 raw = torch.zeros(shot.raw_shape(), requires_grad=True)
 photo = develop(raw, shot)
-run_expose.compile_show(lower_exposure(shot, decoded=False)[0])
+launch_expose.compile_show(lower_exposure(shot, decoded=False)[0])
 photo.sum().backward()
 """
 # -P: a torch.py in the folder that somebody works in is not what the code means

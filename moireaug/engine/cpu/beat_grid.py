@@ -7,13 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.budget import MAX_BEAT_NODES
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.compiling import inner, loop
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES, sample
 from moireaug.engine.cpu.view import jacobian
-
-REFERENCE_AMPLITUDE = 0.3  # of a harmonic in a reading, for which budgets state `beat_cycles`
+from moireaug.engine.lower.budget import MAX_BEAT_NODES, REFERENCE_AMPLITUDE
 
 
 class BeatGrid(NamedTuple):

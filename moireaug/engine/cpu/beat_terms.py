@@ -10,18 +10,19 @@ import math
 
 import numpy as np
 
-from moireaug.engine.budget import MAX_BEAT_NODES, MAX_BEAT_TERMS, SINC_LOBES, STEPS_PER_LOBE
 from moireaug.engine.cpu import optics
-from moireaug.engine.cpu.beat_grid import (
-    node_counts,
-    sampled_grid,
-    transfer_of,
-)
+from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.compiling import inner, loop
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES
+from moireaug.engine.lower.budget import (
+    MAX_BEAT_NODES,
+    MAX_BEAT_TERMS,
+    SINC_LOBES,
+    STEPS_PER_LOBE,
+    TRANSFER_MARGIN,
+)
 
 UNKNOWN_TRANSFER = 2.0  # above any transfer
-TRANSFER_MARGIN = 1.2  # by how much the transfer may be higher between the samples
 SINC_TABLE = np.sinc(np.arange(SINC_LOBES * STEPS_PER_LOBE + 2) / STEPS_PER_LOBE)
 ZERO = np.float32(0)
 

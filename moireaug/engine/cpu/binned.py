@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.engine.cpu import beats, stencil
 from moireaug.engine.cpu.compiling import copy, fill, inner, once, part
-from moireaug.engine.cpu.expose import MIN_BANDS, fill_row_weights
+from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance
 from moireaug.engine.cpu.register import photo_row, undistortion
 from moireaug.engine.cpu.rows import (
@@ -106,14 +106,13 @@ def _add_modulated(light, content, modulation, passed, mean):
 
 
 @once
-def _expose(raw, slope, panel, size, image, work, top, bottom):
-    """Do the same as `expose`, in buffers that it allocated."""
+def _expose_rows(raw, slope, panel, image, work, top, bottom):
+    """Do the same as `expose_binned_image`, in buffers that it allocated."""
     planes, h, w = raw.shape
     pattern, sites = image.pattern, image.sites
     row, passes, modulation = work.row, work.passes, work.modulation
     position, first_row = row.position, sites.rows[0]
     light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
-    band = max(1, h // MIN_BANDS)
     for r in range(top, bottom):
         v = sites.rows[r]
         locate(work, r, v, image.sensor, (h, w))
@@ -122,8 +121,8 @@ def _expose(raw, slope, panel, size, image, work, top, bottom):
             line = work.lines[0]
             stencil.content(row.irradiance, line, image.stencil, panel, image.cell, sites, r)
         else:
-            fill_row_weights(row, image, sites.rows, r, top, band)
-            panel_irradiance(work, panel, size, image, 0, v)
+            fill_row_weights(row, image, sites.rows, r, top)
+            panel_irradiance(work, panel, image, 0, v)
         beats.modulate(modulation, work.lines, image.terms, pattern, passes, position, v, first_row)
         for plane in range(planes):
             colour = sites.channel[plane]
@@ -149,15 +148,14 @@ def _expose(raw, slope, panel, size, image, work, top, bottom):
 
 
 @part
-def expose(raw, slope, panel, size, image, top, bottom):
+def expose_binned_image(raw, slope, panel, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the binned reading of one
     image.
 
     Args:
-        slope: see `expose.expose`.
+        slope: see `full.expose_full_image`.
         panel: (3, ...) float32, from `panel.fill_panel`.
-        size: (height, width) of the picture in panel pixels, rounded up.
         image: see `records.BinnedImage`.
     """
     planes, _, w = raw.shape
-    _expose(raw, slope, panel, size, image, work_of(w, planes, image), top, bottom)
+    _expose_rows(raw, slope, panel, image, work_of(w, planes, image), top, bottom)

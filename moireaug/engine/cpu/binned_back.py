@@ -3,31 +3,20 @@ row, transposed."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from moireaug.engine.cpu import beats, stencil
 from moireaug.engine.cpu.binned import flicker, locate, work_of
 from moireaug.engine.cpu.compiling import fill, inner, once, part
-from moireaug.engine.cpu.expose import MIN_BANDS, fill_row_weights
-from moireaug.engine.cpu.irradiance import panel_irradiance_back
+from moireaug.engine.cpu.full import fill_row_weights
+from moireaug.engine.cpu.irradiance import BackWork, panel_irradiance_back
 from moireaug.engine.cpu.nodes import bracket
 from moireaug.engine.cpu.panel import margin
-from moireaug.engine.cpu.rows import LIGHT, Places, Row, U, V, X, Y
+from moireaug.engine.cpu.rows import LIGHT, U, V, X, Y
 from moireaug.engine.cpu.sensor import attenuate, read_back
-from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import look
 
 ZERO = np.float32(0)
-
-
-class _Work(NamedTuple):
-    """What `irradiance.panel_irradiance_back` needs."""
-
-    places: Places
-    row: Row
-    weights_x: np.ndarray
 
 
 @inner
@@ -35,14 +24,6 @@ def _add_content_back(content, light, modulation, passed, mean):
     """Add the gradient in a row of content from that in its light, by one colour filter."""
     for i in range(len(light)):
         content[i] += light[i] * (passed * (mean + modulation[i]))
-
-
-@inner
-def _add_weighed_back(out, grad, low, high, past):
-    """Add grad (w,) to out (w,), weighed as in `stencil.content`."""
-    for i in range(len(out)):
-        weight = peek(low, i) + past * (peek(high, i) - peek(low, i))
-        poke(out, i, out[i] + weight * peek(grad, i))
 
 
 @inner
@@ -60,28 +41,27 @@ def _stencil_back(panel_grad, grad, line, bins, cell, sites, row):
         for j in range(taps):
             fill(line, ZERO)
             a, b = offset + (taps + j) * w, offset + (taps + j + 1) * w
-            _add_weighed_back(line, grad[colour], before[a:b], behind[a:b], past)
+            stencil.add_weighed(line, before[a:b], behind[a:b], past, grad[colour], 0)
             for i in range(taps):
                 a, b, at = offset + i * w, offset + (i + 1) * w, start + j * stride + i
                 pixels = flat[colour, at : at + w]
-                _add_weighed_back(pixels, line, before[a:b], behind[a:b], past)
+                stencil.add_weighed(pixels, before[a:b], behind[a:b], past, line, 0)
 
 
 @once
-def _expose_back(panel_grad, grad, slope, size, image, bins, work):
-    """Do the same as `expose_back`, in buffers that it allocated."""
+def _expose_rows_back(panel_grad, grad, slope, image, bins, work):
+    """Do the same as `expose_binned_image_back`, in buffers that it allocated."""
     planes, h, w = grad.shape
     pattern, sites, row, passes = image.pattern, image.sites, bins.row, bins.passes
     position, first_row, light = row.position, sites.rows[0], row.floats[LIGHT]
     modulation, lines = bins.modulation, bins.lines
-    band = max(1, h // MIN_BANDS)
     for r in range(h):
         v = sites.rows[r]
         locate(bins, r, v, image.sensor, (h, w))
         if image.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
         else:
-            fill_row_weights(row, image, sites.rows, r, 0, band)
+            fill_row_weights(row, image, sites.rows, r, 0)
             look(position[X], position[Y], bins.places.u[0], v, image.camera)
         beats.modulate(modulation, lines, image.terms, pattern, passes, position, v, first_row)
         fill(row.irradiance.reshape(-1), ZERO)
@@ -100,14 +80,14 @@ def _expose_back(panel_grad, grad, slope, size, image, bins, work):
             content, line = row.irradiance, lines[0]
             _stencil_back(panel_grad, content, line, image.stencil, image.cell, sites, r)
         else:
-            panel_irradiance_back(work, panel_grad, size, image, 0, v)
+            panel_irradiance_back(work, panel_grad, image, 0, v)
 
 
 @part
-def expose_back(panel_grad, grad, slope, size, image):
+def expose_binned_image_back(panel_grad, grad, slope, image):
     """Add the gradient in the panel, of its shape, from that in a binned reading (planes, h, w);
-    slope, size and image as in `binned.expose`."""
+    slope and image as in `binned.expose_binned_image`."""
     planes, _, w = grad.shape
     bins = work_of(w, planes, image)
-    work = _Work(bins.places, bins.row, np.empty(len(bins.row.weights_y), np.float32))
-    _expose_back(panel_grad, grad, slope, size, image, bins, work)
+    work = BackWork(bins.places, bins.row, np.empty(len(bins.row.weights_y), np.float32))
+    _expose_rows_back(panel_grad, grad, slope, image, bins, work)

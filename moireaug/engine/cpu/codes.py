@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop
-from moireaug.engine.cpu.tables import encode
+from moireaug.engine.cpu.srgb import encode
 from moireaug.engine.cpu.vectors import LANES, add_sum
 
 ZERO, ONE = np.float32(0), np.float32(1)

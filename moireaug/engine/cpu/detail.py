@@ -11,9 +11,9 @@ import numpy as np
 from moireaug.effects.detail import LEAST_SIGMA
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop, once
 from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum
+from moireaug.engine.lower.budget import GAUSSIAN_REACH_SIGMAS
 
 BLOCK_ROWS = SUMS_AT_ONCE  # rows that are blurred vertically at once
-GAUSSIAN_REACH_SIGMAS = 4.5  # what lies beyond weighs less than 1e-5
 ZERO, THIRD = np.float32(0), np.float32(1 / 3)
 
 

@@ -85,8 +85,8 @@ def clip(photo, top, bottom):
 
 
 @inner
-def _develop(photo, raw, codes, work, top, bottom):
-    """Do the same as `develop`, in buffers that it allocated."""
+def _develop_rows(photo, raw, codes, work, top, bottom):
+    """Do the same as `develop_image`, in buffers that it allocated."""
     rows, line = codes.rows, work.resized
     clear(photo, top, bottom)
     first, last = source_rows(rows, top, bottom)
@@ -105,7 +105,7 @@ def _develop(photo, raw, codes, work, top, bottom):
 
 
 @part
-def develop(photo, raw, codes, image, top, bottom):
+def develop_image(photo, raw, codes, image, top, bottom):
     """Fill rows `top` to `bottom` of photo (3, H, W) float32, codes in the camera's frame, from raw
     (4 or 3, h, w) float32.
 
@@ -113,4 +113,4 @@ def develop(photo, raw, codes, image, top, bottom):
         codes: see `development_records.Codes`. image: index in the batch.
     """
     work = workspace(codes, image, raw.shape[2], photo.shape[2])
-    _develop(photo, raw, codes, work, top, bottom)
+    _develop_rows(photo, raw, codes, work, top, bottom)

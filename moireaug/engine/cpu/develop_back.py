@@ -10,7 +10,7 @@ import numpy as np
 from moireaug.engine.cpu.codes import SITES_PER_CELL, is_read, light_of_row, mix_row, workspace
 from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.develop import gather
-from moireaug.engine.cpu.tables import encode_and_slope
+from moireaug.engine.cpu.srgb import encode_and_slope
 from moireaug.engine.cpu.vectors import add
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
@@ -146,8 +146,8 @@ def _demosaic_back(gradients, y, h, codes, work):
 
 
 @inner
-def _develop_back(raw_grad, photo_grad, raw, codes, work, gradients):
-    """Do the same as `develop_back`, in buffers that it allocated."""
+def _develop_rows_back(raw_grad, photo_grad, raw, codes, work, gradients):
+    """Do the same as `develop_image_back`, in buffers that it allocated."""
     _, h, w = raw.shape
     grads, total = gradients.colours, gradients.ring
     for y in range(h):
@@ -168,13 +168,13 @@ def _develop_back(raw_grad, photo_grad, raw, codes, work, gradients):
 
 
 @part
-def develop_back(raw_grad, photo_grad, raw, codes, image):
+def develop_image_back(raw_grad, photo_grad, raw, codes, image):
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
-    as in `develop`."""
+    as in `develop.develop_image`."""
     work = workspace(codes, image, raw.shape[2], photo_grad.shape[2])
     gradients = _Gradients(
         np.zeros(work.colours.shape, np.float32),
         np.zeros(work.ring.shape, np.float32),
         work.matrix.T.copy(),
     )
-    _develop_back(raw_grad, photo_grad, raw, codes, work, gradients)
+    _develop_rows_back(raw_grad, photo_grad, raw, codes, work, gradients)

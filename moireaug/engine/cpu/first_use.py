@@ -30,7 +30,7 @@ def prepare() -> bool:
 @functools.lru_cache(maxsize=1)
 def prepare_back() -> None:
     """Announce, on a machine's first gradient in images, that its kernels are being compiled."""
-    if compiling.cold("batch_expose_back"):
+    if compiling.cold("expose_back_kernels"):
         announce(
             "moireaug compiles its CPU kernels of the gradient in images, once on this machine; "
             "this takes up to a minute."

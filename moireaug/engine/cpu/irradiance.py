@@ -5,6 +5,8 @@ Subpixels are sorted, so that what neighbours share is computed once.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from moireaug.engine.cpu import harmonics, lookup
@@ -32,6 +34,8 @@ from moireaug.engine.cpu.rows import (
     SIN_X,
     SIN_Y,
     WEIGHT_INDEX,
+    Places,
+    Row,
     X,
     Y,
 )
@@ -39,6 +43,15 @@ from moireaug.engine.cpu.tap_weights import weights_per_node
 from moireaug.engine.cpu.view import look
 
 ZERO = np.float32(0)
+
+
+class BackWork(NamedTuple):
+    """What the gradient of rows is computed in; see `rows`. The row's irradiance holds the gradient
+    in it; weights_x is like its weights_y."""
+
+    places: Places
+    row: Row
+    weights_x: np.ndarray
 
 
 @inner
@@ -51,19 +64,20 @@ def _split(offset, nearest, position, centre, period, size, radius):
 
 
 @part
-def _locate_along_x(row, size, cell, kind):
+def _locate_along_x(row, image, kind):
     """Fill where the pixels look along x in the cells of a kind, and the waves there."""
-    offset, period = row.floats[CELL_OFFSET_X], cell.period[kind, 0]
-    _split(offset, row.ints[NEAREST_CELL_X], row.position[X], 0.0, period, size[1], cell.radius)
+    offset, nearest = row.floats[CELL_OFFSET_X], row.ints[NEAREST_CELL_X]
+    period = image.cell.period[kind, 0]
+    _split(offset, nearest, row.position[X], 0.0, period, image.size[1], image.cell.radius)
     harmonics.fill_waves(row.wave[COS_X], row.wave[SIN_X], offset)
 
 
 @part
-def _locate_along_y(row, size, cell, i):
+def _locate_along_y(row, image, i):
     """Fill where the pixels look along y about subpixel i, and the waves there."""
-    offset, nearest = row.floats[CELL_OFFSET_Y], row.ints[NEAREST_CELL_Y]
+    offset, nearest, cell = row.floats[CELL_OFFSET_Y], row.ints[NEAREST_CELL_Y], image.cell
     period, centre = cell.period[cell.kind[i], 1], cell.centre[i, 1]
-    _split(offset, nearest, row.position[Y], centre, period, size[0], cell.radius)
+    _split(offset, nearest, row.position[Y], centre, period, image.size[0], cell.radius)
     harmonics.fill_waves(row.wave_y[COS_Y], row.wave_y[SIN_Y], offset)
 
 
@@ -110,7 +124,7 @@ def _origin(cell, i, stride):
 
 
 @part
-def _locate_content(work, stride, size, image, plane, i):
+def _locate_content(work, stride, image, plane, i):
     """Fill the index of the first cell that each pixel sees of subpixel i, on its colour's
     flattened panel; return the pixels' TapWeights along x."""
     row, cell, nodes = work.row, image.cell, image.nodes
@@ -118,7 +132,8 @@ def _locate_content(work, stride, size, image, plane, i):
     start, first = work.places.weight_start[kind, 0, plane], row.ints[FIRST_CELL_X]
     index, phase_share = row.ints[WEIGHT_INDEX], row.floats[PHASE_SHARE]
     offset, nearest = row.floats[CELL_OFFSET_X], row.ints[NEAREST_CELL_X]
-    _split(offset, nearest, row.position[X], cell.centre[i, 0], period[0], size[1], cell.radius)
+    centre, size = cell.centre[i, 0], image.size[1]
+    _split(offset, nearest, row.position[X], centre, period[0], size, cell.radius)
     lookup.locate_taps(
         first, index, phase_share, offset, nearest, start, nodes.phases[kind, 0], nodes.taps[kind]
     )
@@ -137,28 +152,30 @@ def _fill_modulation(row, cell, i):
 
 
 @part
-def _locate_subpixel(work, size, image, plane, v, i, before):
+def _locate_subpixel(work, stride, image, plane, v, i, before):
     """Fill what the pixels on row v need of subpixel i, and subpixel `before`, if any, has not
-    filled already."""
+    filled already; return their TapWeights along x."""
     row, cell = work.row, image.cell
     kind, is_first = cell.kind[i], before < 0
     if is_first or cell.period[kind, 0] != cell.period[cell.kind[before], 0]:
-        _locate_along_x(row, size, cell, kind)
+        _locate_along_x(row, image, kind)
     if is_first or cell.y_group[i] != cell.y_group[before]:
-        _locate_along_y(row, size, cell, i)
+        _locate_along_y(row, image, i)
     if is_first or cell.kind_y_group[i] != cell.kind_y_group[before]:
         _fill_weights_along_y(work, image.nodes, plane, kind)
         _add_up_harmonics(row, image.nodes, image.sites, plane, kind, v)
     _fill_modulation(row, cell, i)
+    return _locate_content(work, stride, image, plane, i)
 
 
 @part
-def panel_irradiance(work, panel, size, image, plane, v):
+def panel_irradiance(work, panel, image, plane, v):
     """Fill the row's irradiance with the light that a plane's pixels see on row v, in each colour
     that the plane needs.
 
     Args:
-        work: a record of the `places` and the `row` of `rows`. panel, size: as in `expose.expose`.
+        work: a record of the `places` and the `row` of `rows`.
+        panel: as in `full.expose_full_image`.
         image: see `records.FullImage` or `records.BinnedImage`.
     """
     row, cell, taps = work.row, image.cell, image.nodes.taps
@@ -171,9 +188,8 @@ def panel_irradiance(work, panel, size, image, plane, v):
         colour, kind = cell.channel[i], cell.kind[i]
         if not work.places.needs_colour[plane, colour]:
             continue
-        _locate_subpixel(work, size, image, plane, v, i, before)
+        weights = _locate_subpixel(work, stride, image, plane, v, i, before)
         before = i
-        weights = _locate_content(work, stride, size, image, plane, i)
         content, base = row.floats[CONTENT], row.ints[BASE_INDEX]
         down = np.int32(cell.period[kind, 1] * stride)
         lookup.content(
@@ -183,12 +199,9 @@ def panel_irradiance(work, panel, size, image, plane, v):
 
 
 @part
-def panel_irradiance_back(work, panel_grad, size, image, plane, v):
+def panel_irradiance_back(work, panel_grad, image, plane, v):
     """Add the gradient in the panel, of its shape, from that in a plane's irradiance on row v,
-    which the row holds.
-
-    work: besides what `panel_irradiance` needs, `weights_x`, of the shape of the row's weights_y.
-    """
+    which the row holds; work: a BackWork."""
     row, cell, taps = work.row, image.cell, image.nodes.taps
     look(row.position[X], row.position[Y], work.places.u[plane], v, image.camera)
     stride = panel_grad.shape[2]
@@ -198,9 +211,8 @@ def panel_irradiance_back(work, panel_grad, size, image, plane, v):
         colour, kind = cell.channel[i], cell.kind[i]
         if not work.places.needs_colour[plane, colour]:
             continue
-        _locate_subpixel(work, size, image, plane, v, i, before)
+        weights = _locate_subpixel(work, stride, image, plane, v, i, before)
         before = i
-        weights = _locate_content(work, stride, size, image, plane, i)
         lookup.fill_weights(work.weights_x, weights, taps[kind])
         content, base = row.floats[CONTENT], row.ints[BASE_INDEX]
         fill(content, ZERO)

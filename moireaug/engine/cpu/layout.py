@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu.vectors import LANES
-from moireaug.engine.development_records import Development, Resize
+from moireaug.engine.lower.development_records import Development, Resize
 
 
 class Stencil(NamedTuple):

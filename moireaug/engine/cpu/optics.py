@@ -9,13 +9,13 @@ import math
 
 import numpy as np
 
-from moireaug.engine.budget import (
+from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.view import jacobian
+from moireaug.engine.lower.budget import (
     MAX_TRANSFER_STEPS,
     MIN_TRANSFER_STEPS,
     TRANSFER_STEPS_PER_CYCLE,
 )
-from moireaug.engine.cpu.compiling import inner, loop
-from moireaug.engine.cpu.view import jacobian
 
 
 @inner

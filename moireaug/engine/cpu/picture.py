@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.cpu.compiling import inner, loop
-from moireaug.engine.cpu.tables import DECODE_BYTE_TABLE, decode, decode_slope
+from moireaug.engine.cpu.srgb import DECODE_BYTE_TABLE, decode, decode_slope
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 

@@ -208,9 +208,9 @@ def see(work, image, i):
 
 
 @loop
-def expose_point(raw, slope, light, image):
+def expose_point_image(raw, slope, light, image):
     """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is
-    float32; image: see `records.PointImage`, slope: see `expose.expose`."""
+    float32; image: see `records.PointImage`, slope: see `full.expose_full_image`."""
     planes, h, w = raw.shape
     camera, sites = image.camera, image.sites
     work = work_of(w, light.shape[1:], image)

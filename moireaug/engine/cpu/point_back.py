@@ -46,9 +46,9 @@ def _fill_light_grad(light_grad, shown, alpha, height, width):
 
 
 @loop
-def expose_point_back(light_grad, grad, slope, image):
+def expose_point_image_back(light_grad, grad, slope, image):
     """Fill light_grad (3, H, W) with the gradient in a picture's light, from that in its reading
-    (planes, h, w); slope and image as in `point.expose_point`."""
+    (planes, h, w); slope and image as in `point.expose_point_image`."""
     planes, h, w = grad.shape
     camera, sites = image.camera, image.sites
     work = work_of(w, light_grad.shape[1:], image)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.exposure_records import Camera, Cell, Point, Sites
+from moireaug.engine.lower.exposure_records import Camera, Cell, Point, Sites
 
 
 class Nodes(NamedTuple):
@@ -71,10 +71,13 @@ class Readout(NamedTuple):
 class FullImage(NamedTuple):
     """What one image's full reading is computed from.
 
-    filters, white, flicker: the image's rows of its Exposure; see there.
+    Args:
+        size: height and width of the picture in panel pixels, rounded up.
+        filters, white, flicker: the image's rows of its Exposure; see there.
     """
 
     camera: Camera
+    size: tuple[int, int]
     cell: Cell
     nodes: Nodes
     sites: Sites
@@ -157,13 +160,14 @@ class BinnedImage(NamedTuple):
     """What one image's binned reading is computed from.
 
     Args:
-        camera: of photo pixels. sensor: of sensor pixels.
+        camera: of photo pixels. sensor: of sensor pixels. size: as in `FullImage`.
         nodes, stencil: one of them is empty.
         filters, white, flicker: the image's rows of its Exposure; see there.
     """
 
     camera: Camera
     sensor: Camera
+    size: tuple[int, int]
     cell: Cell
     nodes: Nodes
     stencil: BinStencil
@@ -176,15 +180,25 @@ class BinnedImage(NamedTuple):
     readout: Readout
 
 
+class Span(NamedTuple):
+    """Which part of a batch is computed: rows `top` to `bottom` of the readings from `first` to
+    `last`."""
+
+    first: int
+    last: int
+    top: int
+    bottom: int
+
+
 class Photos(NamedTuple):
     """What the development of a batch fills.
 
     Args:
         photos: (B, 3, H, W) float32, sRGB codes.
-        in_camera: (`batch_develop.photo_size`,) float32, workspace: a photo in the camera's frame,
-            with zeros after it.
-            A look-up at a plane's last pixels reads beyond them with weight 0.
-        unclipped: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
+        in_camera: (`develop_kernels.photo_size`,) float32, workspace: a photo in the camera's
+            frame, with zeros after it: a look-up at a plane's last pixels reads beyond them with
+            weight 0.
+        unclipped: (B, 3, ...) uint8, see `finish.finish_image`; (0, 3, ...) if not needed.
     """
 
     photos: np.ndarray

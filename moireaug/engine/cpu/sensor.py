@@ -8,11 +8,11 @@ import numpy as np
 
 from moireaug.effects.sensor import DARK_LEVEL, LEAST_VARIANCE
 from moireaug.engine.cpu.compiling import copy, fill, inner
+from moireaug.engine.cpu.normal import integral, normal
 from moireaug.engine.cpu.random_numbers import normal_row
-from moireaug.engine.cpu.tables import integral, normal
+from moireaug.engine.lower.budget import UNCLIPPED_SIGMAS
 
 DARK32 = np.float32(DARK_LEVEL)
-UNCLIPPED_SIGMAS = 5.0  # noise does not matter to a mean so far from a bound
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 
 

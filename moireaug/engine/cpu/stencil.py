@@ -182,7 +182,7 @@ def _three_by_three(out, low, high, past, pixels, start, stride):
 
 
 @inner
-def _add_weighed(out, low, high, past, values, start):
+def add_weighed(out, low, high, past, values, start):
     """Add values (n,) from `start` on to out (w,), weighed as in `_three_by_three`."""
     for i in range(len(out)):
         weight = _interpolated(peek(low, i), peek(high, i), past)
@@ -199,9 +199,9 @@ def _square(out, line, low, high, past, pixels, start, stride):
         fill(line, ZERO)
         for i in range(taps):
             a, b = i * w, (i + 1) * w
-            _add_weighed(line, low[a:b], high[a:b], past, pixels, start + j * stride + i)
+            add_weighed(line, low[a:b], high[a:b], past, pixels, start + j * stride + i)
         a, b = (taps + j) * w, (taps + j + 1) * w
-        _add_weighed(out, low[a:b], high[a:b], past, line, 0)
+        add_weighed(out, low[a:b], high[a:b], past, line, 0)
 
 
 @inner

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.budget import TAIL_END_SIGMAS
 from moireaug.engine.cpu.compiling import fill, inner
 from moireaug.engine.cpu.harmonics import lagrange
-from moireaug.engine.cpu.tables import integrals
+from moireaug.engine.cpu.normal import integrals
 from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.lower.budget import TAIL_END_SIGMAS
 from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
 
 
@@ -20,7 +20,7 @@ class Scratch(NamedTuple):
     """What the weights of a node are computed in, float64.
 
     Args:
-        integral: (n,), what `tables.integrals` fills, `cubic_margin` steps beyond all light on both
+        integral: (n,), what `normal.integrals` fills, `cubic_margin` steps beyond all light on both
             sides. light: ((2 radius + 1) phases / 2 + 1,), the light from each distance.
         total: (phases / 2 + 1,), the light from all cells. cubic: (4,), weights of a cubic.
     """

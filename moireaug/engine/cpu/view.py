@@ -6,11 +6,10 @@ import math
 
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.lower.budget import MAX_LENS_RADIUS
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
 from moireaug.scene.lens import MIN_LENS_SLOPE
-
-MAX_LENS_RADIUS = 1.2  # in units of the photo's corner, up to which distortion is undone
 
 
 @inner

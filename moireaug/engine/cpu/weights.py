@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.budget import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.engine.cpu.compiling import inner, loop
 from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
-from moireaug.engine.cpu.tables import integral
+from moireaug.engine.cpu.normal import integral
 from moireaug.engine.cpu.tap_weights import Scratch, cubic_margin, fill_node, weights_per_node
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import jacobian
+from moireaug.engine.lower.budget import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.exposure.footprints import MIN_BLUR_VARIANCE, TAIL_SIGMAS
 
 PHASE_MULTIPLE = 16  # of which the number of phases is a multiple

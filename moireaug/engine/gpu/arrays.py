@@ -10,7 +10,7 @@ import torch
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.exposure_records import Camera
+from moireaug.engine.lower.exposure_records import Camera
 
 ALIGNMENT = 16  # bytes, which a load of four floats needs
 

@@ -11,7 +11,6 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.development_records import Development
 from moireaug.engine.gpu.demosaic import colours
 from moireaug.engine.gpu.detail import filter_detail
 from moireaug.engine.gpu.develop_arrays import CodesArrays, develop_arrays
@@ -19,6 +18,7 @@ from moireaug.engine.gpu.registration import register
 from moireaug.engine.gpu.resize import first_pixel, tap_weight
 from moireaug.engine.gpu.tile import launch, size_of, store_colours, tile
 from moireaug.engine.gpu.tone import clip, codes, look_of
+from moireaug.engine.lower.development_records import Development
 
 
 @triton.jit

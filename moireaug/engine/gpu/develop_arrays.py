@@ -10,9 +10,15 @@ import torch
 from torch import Tensor
 
 from moireaug.effects.detail import LEAST_SIGMA
-from moireaug.engine.development_records import Codes, Detail, Development, Registration, Resize
 from moireaug.engine.gpu.arrays import upload
 from moireaug.engine.gpu.demosaic import taps_of
+from moireaug.engine.lower.development_records import (
+    Codes,
+    Detail,
+    Development,
+    Registration,
+    Resize,
+)
 
 
 class ResizeArrays(NamedTuple):

@@ -13,7 +13,6 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.development_records import Development
 from moireaug.engine.gpu.demosaic import colours, demosaic_back
 from moireaug.engine.gpu.detail import filter_detail_back
 from moireaug.engine.gpu.develop import codes_of
@@ -22,6 +21,7 @@ from moireaug.engine.gpu.registration_back import register_back
 from moireaug.engine.gpu.resize import resize_back
 from moireaug.engine.gpu.tile import launch, size_of, store_colours, tile
 from moireaug.engine.gpu.tone import codes_back, look_of
+from moireaug.engine.lower.development_records import Development
 
 
 @triton.jit

@@ -12,7 +12,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.exposure_records import Camera, Exposure
+from moireaug.engine.lower.exposure_records import Camera, Exposure
 from moireaug.exposure.displayed import EDGE_PIXELS
 
 LEAD = tl.constexpr(EDGE_PIXELS)

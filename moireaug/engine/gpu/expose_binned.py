@@ -11,8 +11,6 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.beat_terms import beat_terms
-from moireaug.engine.exposure_records import Beats, Exposure
 from moireaug.engine.gpu import display
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS, upload
 from moireaug.engine.gpu.beats import pattern_variance, responses
@@ -20,7 +18,9 @@ from moireaug.engine.gpu.bin_content import Screen, add_content_back, content, v
 from moireaug.engine.gpu.bins import Batch, Variant, bins_at
 from moireaug.engine.gpu.noise import quantiles
 from moireaug.engine.gpu.sensor import attenuation, clipped_mean, flicker, noise_of, reflected
-from moireaug.engine.views import cameras_of, forward
+from moireaug.engine.lower.beat_terms import beat_terms
+from moireaug.engine.lower.exposure_records import Beats, Exposure
+from moireaug.engine.lower.views import cameras_of, forward
 
 BLOCK = 128
 

@@ -15,7 +15,6 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.exposure_records import Camera, Exposure
 from moireaug.engine.gpu import full_reading
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.footprint import footprint, narrowing, share_between, tap_shares
@@ -23,6 +22,7 @@ from moireaug.engine.gpu.full_reading import Method
 from moireaug.engine.gpu.panel import place_on_shown, weights_on_shown
 from moireaug.engine.gpu.transfer import transfer, wave
 from moireaug.engine.gpu.view import ALPHA
+from moireaug.engine.lower.exposure_records import Camera, Exposure
 
 
 class Subpixels(NamedTuple):

@@ -10,12 +10,12 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.exposure_records import Exposure
 from moireaug.engine.gpu import full_reading
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.full_reading import Method
 from moireaug.engine.gpu.panel import place_on_shown, split
 from moireaug.engine.gpu.view import ALPHA
+from moireaug.engine.lower.exposure_records import Exposure
 
 MIN_LIGHT = tl.constexpr(1e-12)  # that a weighted mean is divided by
 

@@ -15,7 +15,6 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.exposure_records import Exposure
 from moireaug.engine.gpu import display
 from moireaug.engine.gpu.arrays import upload
 from moireaug.engine.gpu.noise import quantiles
@@ -29,6 +28,7 @@ from moireaug.engine.gpu.sensor_pixels import (
     read,
     reading_of,
 )
+from moireaug.engine.lower.exposure_records import Exposure
 
 BLOCK_PIXELS = 128  # of a plane, that one program computes
 INTERPRETED_BLOCK_PIXELS = 1024  # where each operation of a program costs the same

@@ -9,23 +9,23 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.engine.development_records import Development
-from moireaug.engine.exposure_records import Beats, Exposure
 from moireaug.engine.gpu import expose_binned, expose_full, expose_point
 from moireaug.engine.gpu.develop import develop as develop_batch
 from moireaug.engine.gpu.develop_back import develop_back as develop_batch_back
+from moireaug.engine.lower.development_records import Development
+from moireaug.engine.lower.exposure_records import Beats, Exposure
 
 SUMS_IN_ORDER = False
 
 
 def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
-    """Return for each image whether `expose` can follow its view, (B,) bool."""
+    """Return for each image whether kernels can follow its view, (B,) bool."""
     if beats is not None:
         return expose_binned.fits(exposure, beats)
     return np.ones(len(exposure.cameras), bool)
 
 
-def expose(
+def launch_expose(
     picture: Tensor, saves: bool, exposure: Exposure, beats: Beats | None
 ) -> tuple[Tensor, Tensor]:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
@@ -39,7 +39,7 @@ def expose(
     return raw, raw.new_empty(0)
 
 
-def expose_back(
+def launch_expose_back(
     grad: Tensor, picture: Tensor, saved: Tensor, exposure: Exposure, beats: Beats | None
 ) -> Tensor:
     """Return the gradient in pictures, from that in their readings. Sums are not in a fixed
@@ -52,13 +52,15 @@ def expose_back(
         return expose_full.expose_back(grad, picture, exposure)
 
 
-def develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor, Tensor]:
+def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor, Tensor]:
     """Return the photos (B, 3, H, W) float32, sRGB codes, of readings (B, planes, h, w) float32."""
     with _device_of(raw):
         return develop_batch(raw, development), raw.new_empty(0)
 
 
-def develop_back(grad: Tensor, raw: Tensor, saved: Tensor, development: Development) -> Tensor:
+def launch_develop_back(
+    grad: Tensor, raw: Tensor, saved: Tensor, development: Development
+) -> Tensor:
     """Return the gradient in the readings, from that in the photos."""
     with _device_of(raw):
         return develop_batch_back(grad, raw, development)

@@ -9,10 +9,10 @@ import numpy as np
 import triton
 import triton.language as tl
 
-from moireaug.engine.exposure_records import Camera, Exposure
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.sensor import attenuation, noise_of, reflected
 from moireaug.engine.gpu.view import ALPHA, jacobian, to_image
+from moireaug.engine.lower.exposure_records import Camera, Exposure
 
 
 class Reading(NamedTuple):

@@ -9,8 +9,8 @@ pytest.importorskip("triton")
 from moireaug import Develop, Lens, Scene, Sensor, View, develop, pipeline
 from moireaug.engine.gpu import develop as gpu
 from moireaug.engine.gpu import develop_back, tile
+from moireaug.engine.lower.development import lower_development
 from moireaug.engine.program import program_of
-from moireaug.engine.shot_development import lower_development
 
 TONED = Develop(
     linear_light=True,

@@ -11,7 +11,7 @@ pytest.importorskip("triton")
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
 from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine.gpu import expose_binned
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.scene.presets import PRESETS
 from tests.engine.readings import assert_equal

@@ -9,9 +9,9 @@ import torch
 pytest.importorskip("triton")
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
 from moireaug.engine.gpu import expose_full, expose_point
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 from tests.engine.readings import assert_equal
-from tests.engine.test_expose import DELTA, TURNED
+from tests.engine.scenes import DELTA, TURNED
 
 SCENES = {
     "everything": Scene(

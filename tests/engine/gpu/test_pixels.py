@@ -14,7 +14,7 @@ from moireaug.effects import random_numbers
 from moireaug.effects.sensor import expected_clip
 from moireaug.engine.gpu import display, noise, sensor, transfer, view
 from moireaug.engine.gpu.arrays import upload
-from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.displayed import EDGE_PIXELS, shrink
 from moireaug.exposure.optics import optics_of
 from moireaug.geometry import grids

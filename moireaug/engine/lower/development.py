@@ -1,4 +1,4 @@
-"""From a Shot to the record of its development; cached as in `shot_exposure`."""
+"""From a Shot to the record of its development; cached as in `exposure`."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import torch
 from moireaug.effects.demosaic import DEMOSAICS
 from moireaug.effects.detail import kernel_sigma, kernel_size, photo_sigma
 from moireaug.effects.tone import colour_matrix
-from moireaug.engine.development_records import (
+from moireaug.engine.lower.development_records import (
     Codes,
     Detail,
     Development,
     Registration,
     Resize,
 )
-from moireaug.engine.resampling import demosaic_weights, lower_means, lower_resize
-from moireaug.engine.shot_numbers import (
+from moireaug.engine.lower.numbers import (
     MAX_CACHED_SCENES,
     bin_scale_of,
     distortion_of,
     homography_of,
     numbers_of,
 )
+from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
 from moireaug.geometry.sensor import SampledPixels
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_by

@@ -15,11 +15,9 @@ from moireaug.engine.cpu.sensor import attenuate, read, reflect
 from moireaug.engine.cpu.tap_weights import weights_per_node
 from moireaug.engine.cpu.vectors import add
 from moireaug.engine.cpu.weights import blend
+from moireaug.engine.lower.budget import MIN_BANDS
 
 ZERO = np.float32(0)
-# a photo is divided into at least so many bands, if it has the rows; rows of a band share their
-# tap weights
-MIN_BANDS = 224
 
 
 class _Work(NamedTuple):
@@ -42,12 +40,12 @@ def fill_band_weights(out, nodes, v, first):
 
 
 @part
-def fill_row_weights(row, image, positions, r, top, count):
+def fill_row_weights(row, image, positions, r, top):
     """Fill the tap weights of row r if it is the first of its band, or of all that are read.
 
-    Args:
-        positions: of the rows. top: the first that is read. count: of the rows in a band.
+    positions: of the rows. top: the first that is read.
     """
+    count = max(1, len(positions) // MIN_BANDS)
     if r % count == 0 or r == top:
         start = r - r % count
         end = min(start + count, len(positions)) - 1
@@ -56,23 +54,22 @@ def fill_row_weights(row, image, positions, r, top, count):
 
 
 @once
-def _expose(raw, slope, panel, size, image, work, top, bottom):
-    """Do the same as `expose`, in buffers that it allocated."""
+def _expose_rows(raw, slope, panel, image, work, top, bottom):
+    """Do the same as `expose_full_image`, in buffers that it allocated."""
     planes, h, w = raw.shape
     row, places, camera, sites = work.row, work.places, image.camera, image.sites
     rows, step = sites.rows, sites.step
     light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
-    band = max(1, len(rows) // MIN_BANDS)
     for r in range(top * step, bottom * step):
         v = rows[r]
-        fill_row_weights(row, image, rows, r, top * step, band)
+        fill_row_weights(row, image, rows, r, top * step)
         fill(row.position[V], v)
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
             if places.first[plane] == plane:
-                panel_irradiance(work, panel, size, image, plane, v)
+                panel_irradiance(work, panel, image, plane, v)
             fill(light, ZERO)
             for colour in range(3):
                 passed = image.filters[sites.channel[plane], colour] * pulse
@@ -86,17 +83,16 @@ def _expose(raw, slope, panel, size, image, work, top, bottom):
 
 
 @part
-def expose(raw, slope, panel, size, image, top, bottom):
+def expose_full_image(raw, slope, panel, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
 
     Args:
         slope: of raw's shape, filled with its derivative in the light before noise and clipping; or
             (planes, h, 0).
         panel: (3, ...) float32, from `panel.fill_panel`.
-        size: (height, width) of the picture in panel pixels, rounded up.
         image: see `records.FullImage`.
     """
     planes, _, w = raw.shape
     places = places_of(w, planes, image.sites, image.nodes, image.filters)
     work = _Work(places, row_of(w, image.cell, image.nodes))
-    _expose(raw, slope, panel, size, image, work, top, bottom)
+    _expose_rows(raw, slope, panel, image, work, top, bottom)

@@ -1,51 +1,36 @@
-"""From a scene's drawn numbers, as float64 arrays, to the kernels' records."""
+"""The panel: its subpixels and their light."""
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.exposure_records import Camera, Cell, Sites
+from moireaug.engine.lower.exposure_records import Cell
+from moireaug.panel.fourier import emitting_share, mean_light
+from moireaug.scene.layout import as_layout
+from moireaug.shot import ShotRecord
 
-HOMOGRAPHY_FIELDS = [f"h{row}{column}" for row in range(3) for column in range(3)]
+
+class Shapes(NamedTuple):
+    """What kinds of subpixel are like, of a batch; see `exposure_records.Exposure`."""
+
+    coefficients: np.ndarray
+    widths: np.ndarray
+    added_variance: np.ndarray
 
 
-def lower_cameras(
-    inverse: np.ndarray,
-    size: tuple[int, int],
-    scales: tuple[float | np.ndarray, float | np.ndarray],
-    fields: dict[str, np.ndarray],
-) -> np.ndarray:
-    """Return the fields of one Camera per image, (B, fields).
+class PanelView(NamedTuple):
+    """How the pixels of a batch's readings see the panel; cameras, lenses: see
+    `exposure_records.Exposure`."""
 
-    Args:
-        inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image
-            coordinates.
-        size: height and width of photo and image. scales: sensor pixels per photo pixel, along rows
-            and columns, one number or (B,) each.
-        fields: (B,) each: k1, k2, alpha, fill, blur, olpf, gain, read, shot, vignetting, motion_x,
-            motion_y, glare, glare_x, glare_y and rectified; neutral values for effects that are not
-            planned.
-    """
-    h, w = size
-    homography = dict(zip(HOMOGRAPHY_FIELDS, inverse.reshape(-1, 9).T, strict=True))
-    derived = {
-        "bend": 4 / (h * h + w * w),
-        "scale_u": scales[1],
-        "scale_v": scales[0],
-        "dark_noise": fields["read"],
-        "photon_noise": fields["shot"],
-        "falloff": (1 - fields["vignetting"]) ** -0.5 - 1,
-        "glare_u": fields["glare"] * fields["glare_x"] * 2 / w,
-        "glare_v": fields["glare"] * fields["glare_y"] * 2 / h,
-    }
-    columns = fields | homography | derived
-    cameras = np.empty((len(inverse), len(Camera._fields)))
-    for i, name in enumerate(Camera._fields):
-        cameras[:, i] = columns[name]
-    return cameras
+    cameras: np.ndarray
+    lenses: np.ndarray
+    cell: Cell
+    shapes: Shapes
 
 
 def lower_cell(
@@ -88,8 +73,8 @@ def lower_shapes(
     edges: np.ndarray,
     periods: Sequence[tuple[int, int]],
     orders: Sequence[np.ndarray],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coefficients, widths and added variances of `exposure_records.Exposure`.
+) -> Shapes:
+    """Return the Shapes of kinds of subpixel.
 
     Args:
         edges: (B, kinds, 2, 2), two edge vectors of each kind, x then y, in panel pixels.
@@ -105,21 +90,20 @@ def lower_shapes(
         waves = np.sinc(edges[:, kind] @ orders[kind])  # (B, edge, harmonic)
         out[:, kind, k, l + n_l] = 2 * area[:, kind, None] * waves[:, 0] * waves[:, 1]
     long, short = np.abs(edges).max(-2), np.abs(edges).min(-2)
-    return out, long, short * short / 12
+    return Shapes(out, long, short * short / 12)
 
 
-def lower_sites(
-    rows: np.ndarray,
-    cols: np.ndarray,
-    size: tuple[int, int],
-    cfa: Sequence[tuple[int, int, tuple[int, ...]]],
-) -> Sites:
-    """Return the Sites of a sensor that is read at photo coordinates rows and cols.
+@functools.lru_cache(maxsize=8)
+def cell_of_whole_pixels(taps: int) -> Cell:
+    """Return the Cell of a panel whose pixels emit all over, in each colour, of which `taps` are
+    looked at along each axis."""
+    subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
+    none = np.empty((2, 0), np.int64)
+    return lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, taps // 2)
 
-    Args:
-        cfa: (row, column, channels) of each site of a cell, in the order of the planes.
-    """
-    planes = [(r, c, channel) for r, c, channels in cfa for channel in channels]
-    step = math.isqrt(len(cfa))
-    row, col, channel = (np.array(values, np.int64) for values in zip(*planes, strict=True))
-    return Sites(rows - size[0] / 2, cols - size[1] / 2, step, row, col, channel)
+
+def mean_light_of(shot: ShotRecord) -> np.ndarray:
+    """Return the share of the panel's area that emits each colour, (B, 3) float64."""
+    layout = as_layout(shot.scene.panel.layout)
+    width, height = (share.detach().numpy() for share in emitting_share(shot.panel))
+    return np.stack([mean_light(layout, channel, width, height) for channel in range(3)], 1)

@@ -1,4 +1,4 @@
-"""The kernels of developing, and of its gradient, that Python calls; see `batch_expose`."""
+"""The kernels of developing, and of its gradient, that Python calls; see `expose_kernels`."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from moireaug.engine.cpu import finish
 from moireaug.engine.cpu.compiling import fill, kernel, part
-from moireaug.engine.cpu.develop import develop as develop_image
-from moireaug.engine.cpu.develop_back import develop_back as develop_image_back
+from moireaug.engine.cpu.develop import develop_image
+from moireaug.engine.cpu.develop_back import develop_image_back
 from moireaug.engine.cpu.register import flat_length, register, register_back, rows_read
 
 ZERO = np.float32(0)
@@ -21,12 +21,12 @@ def _way_back(registration, i):
 
 
 def photo_size(d) -> int:
-    """Return how many values `develop` needs for a photo in the camera's frame."""
+    """Return how many values `develop_kernel` needs for a photo in the camera's frame."""
     return flat_length(*d.size) if d.registers else 0
 
 
 @part
-def _develop(out, raw, d, i, top, bottom):
+def _fill_photo(out, raw, d, i, top, bottom):
     """Fill rows `top` to `bottom` of photo i from its raw."""
     h, w = d.size
     photo, in_camera = out.photos[i], out.photos[i]
@@ -37,7 +37,7 @@ def _develop(out, raw, d, i, top, bottom):
         highest, lowest = rows_read(view, k1, k2, h, w, top, bottom)
     if d.finishes:
         unclipped = out.unclipped[i : i + 1]
-        finish.finish(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)
+        finish.finish_image(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)
     else:
         develop_image(in_camera, raw, d.codes, i, highest, lowest)
     if d.registers:
@@ -45,15 +45,15 @@ def _develop(out, raw, d, i, top, bottom):
 
 
 @kernel
-def develop(out, raw, d, first, last, top, bottom):
+def develop_kernel(out, raw, d, first, last, top, bottom):
     """Fill rows `top` to `bottom` of the photos from `first` to `last` from raw (B, planes, h, w)
     float32; out, d: see `records.Photos` and `Development`."""
     for i in range(first, last):
-        _develop(out, raw[i], d, i, top, bottom)
+        _fill_photo(out, raw[i], d, i, top, bottom)
 
 
 @part
-def _develop_back(raw_grad, grad, in_camera, unclipped, raw, d, i):
+def _fill_raw_grad(raw_grad, grad, in_camera, unclipped, raw, d, i):
     """Fill raw_grad with the gradient in image i's raw, from that in its photo."""
     h, w = d.size
     if d.registers:
@@ -64,18 +64,18 @@ def _develop_back(raw_grad, grad, in_camera, unclipped, raw, d, i):
     if d.finishes:
         h, w = d.detail.size
         codes_grad = np.empty((3, h, w), np.float32)
-        finish.finish_back(codes_grad, grad, unclipped[i], d.detail, i)
+        finish.finish_image_back(codes_grad, grad, unclipped[i], d.detail, i)
         grad = codes_grad
     develop_image_back(raw_grad, grad, raw, d.codes, i)
 
 
 @kernel
-def develop_back(raw_grad, photo_grad, in_camera, unclipped, raw, d, first, last):
+def develop_back_kernel(raw_grad, photo_grad, in_camera, unclipped, raw, d, first, last):
     """Fill the gradients from `first` to `last` in raw, of raw's shape, from those in the photos.
 
     Args:
-        in_camera: (`photo_size`(d),) float32, workspace. unclipped: what `develop` filled.
+        in_camera: (`photo_size`(d),) float32, workspace. unclipped: what `develop_kernel` filled.
         d: see `development_records.Development`.
     """
     for i in range(first, last):
-        _develop_back(raw_grad[i], photo_grad[i], in_camera, unclipped, raw[i], d, i)
+        _fill_raw_grad(raw_grad[i], photo_grad[i], in_camera, unclipped, raw[i], d, i)

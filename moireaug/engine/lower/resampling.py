@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.effects.resize import area_weights
-from moireaug.engine.development_records import Resize
+from moireaug.engine.lower.development_records import Resize
 
 
 @functools.lru_cache(maxsize=64)

@@ -1,22 +1,18 @@
-"""Transfer curves and the normal distribution as tables, so that no loop calls a transcendental
+"""sRGB codes to light by a table and back by polynomials, so that no loop calls a transcendental
 function."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from statistics import NormalDist
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.chebyshev import chebpts2
 
-from moireaug.engine.budget import DECODE_STEPS, TAIL_END_SIGMAS, TAIL_STEPS
 from moireaug.engine.cpu.compiling import inner
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.lower.budget import DECODE_STEPS
 
 HALF = np.float32(0.5)
-ONE32 = np.int32(1)
 
 
 def _srgb_light(code: float) -> float:
@@ -51,22 +47,6 @@ def _polynomial(function: Callable[[np.ndarray], np.ndarray]) -> list[np.float32
 
 M0, M1, M2, M3, M4, M5 = _polynomial(lambda t: (1.5 + t) ** (1 / 2.4))
 E0, E1, E2, E3, E4, E5 = _polynomial(lambda t: 2 ** (0.5 + t))
-
-# the integral of the normal distribution function is max(z, 0) + tail(|z|)
-_normal = NormalDist()
-TAIL_TABLE = np.array(
-    [
-        math.exp(-z * z / 2) / math.sqrt(2 * math.pi) - z * _normal.cdf(-z)
-        for z in (i / TAIL_STEPS for i in range(TAIL_END_SIGMAS * TAIL_STEPS + 2))
-    ]
-)
-# of the normal distribution, at -z
-CUMULATIVE_TABLE = np.array(
-    [_normal.cdf(-i / TAIL_STEPS) for i in range(TAIL_END_SIGMAS * TAIL_STEPS + 2)]
-)
-DENSITY_TABLE = np.array(
-    [_normal.pdf(i / TAIL_STEPS) for i in range(TAIL_END_SIGMAS * TAIL_STEPS + 2)]
-)
 
 
 @inner
@@ -118,45 +98,3 @@ def encode_and_slope(light):
     code = SRGB_GAIN * root - SRGB_OFFSET
     slope = SRGB_GAIN * SRGB_POWER * root / max(light, SRGB_KNEE)
     return (code, slope) if light > SRGB_KNEE else (light * SRGB_LINEAR_GAIN, SRGB_LINEAR_GAIN)
-
-
-@inner
-def tail(z):
-    """Return the integral of the normal distribution function from -infinity to -z, z >= 0,
-    float64."""
-    at = min(z, float(TAIL_END_SIGMAS)) * TAIL_STEPS
-    i = np.int32(at)
-    low = TAIL_TABLE[np.uint32(i)]
-    return low + (at - i) * (TAIL_TABLE[np.uint32(np.int32(i + 1))] - low)
-
-
-@inner
-def integral(x, sigma):
-    """Return sigma (z Phi(z) + phi(z)) at z = x / sigma, float64."""
-    return max(x, 0.0) + sigma * tail(abs(x) / sigma)
-
-
-@inner
-def normal(z):
-    """Return the normal distribution function at z and its derivative, float64."""
-    at = min(abs(z), float(TAIL_END_SIGMAS)) * TAIL_STEPS
-    i = np.int32(at)
-    here, there, past = np.uint32(i), np.uint32(np.int32(i + 1)), at - i
-    low = CUMULATIVE_TABLE[here]
-    below = low + past * (CUMULATIVE_TABLE[there] - low)
-    low = DENSITY_TABLE[here]
-    density = low + past * (DENSITY_TABLE[there] - low)
-    return (1 - below if z > 0 else below), density
-
-
-@inner
-def integrals(out, origin, step, sigma):
-    """Fill out (n,) float64 with `integral` at multiples of a step, of which 0 is at `origin`."""
-    per_sigma = TAIL_STEPS / sigma
-    for i in range(len(out)):
-        x = (i - origin) * step
-        at = min(abs(x) * per_sigma, float(TAIL_END_SIGMAS * TAIL_STEPS))
-        k = np.int32(at)
-        low = peek(TAIL_TABLE, k)
-        beyond = low + (at - k) * (peek(TAIL_TABLE, np.int32(k + ONE32)) - low)
-        poke(out, i, max(x, 0.0) + sigma * beyond)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from moireaug.engine import pose
+from moireaug.engine.lower import pose
 from moireaug.scene.fields import bounds
 from moireaug.shot import ShotRecord
 

@@ -1,4 +1,5 @@
-"""Where a photo's points look, in numpy, for all cameras of a batch at once."""
+"""Where a photo's points look, in numpy, for all cameras of a batch at once; `cpu.view` does the
+same for one point in numba, which a GPU's host may not have."""
 
 from __future__ import annotations
 
@@ -6,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from moireaug.engine.exposure_records import Camera
+from moireaug.engine.lower.budget import MAX_LENS_RADIUS
+from moireaug.engine.lower.exposure_records import Camera
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
 from moireaug.scene.lens import MIN_LENS_SLOPE
 
-MAX_LENS_RADIUS = 1.2  # in units of the photo's corner, up to which distortion is undone
 Arrays = tuple[np.ndarray, ...]
 
 

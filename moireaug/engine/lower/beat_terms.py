@@ -1,7 +1,8 @@
-"""Which aliases of which harmonics a batch's binned readings show, in numpy; see
+"""Which aliases of which harmonics a batch's binned readings show, in numpy, for a GPU; see
 `exposure.alias_transfer`.
 
-Bounds over the photo decide, from the ranges of frequencies at a few of its points.
+Bounds over the photo decide, from the ranges of frequencies at a few of its points. CPU kernels
+choose by themselves, in `cpu.beat_terms`: for a single photo, this takes nine times as long.
 """
 
 from __future__ import annotations
@@ -11,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from moireaug.engine.exposure_records import Beats, Exposure
-from moireaug.engine.views import Arrays, cameras_of, jacobian
+from moireaug.engine.lower.budget import TRANSFER_MARGIN
+from moireaug.engine.lower.exposure_records import Beats, Exposure
+from moireaug.engine.lower.views import Arrays, cameras_of, jacobian
 
 VIEW_SAMPLES = 5  # along each axis of the photo
 TRANSFER_SAMPLES = 2  # every how many of them the optics' transfer is taken
-TRANSFER_MARGIN = 1.2  # by how much it may be higher between them
 MAX_FREQUENCY_RANGE = 16.0  # over the photo, cycles per sensor pixel; it has two aliases a cycle
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.budget import ErrorBudget
+from moireaug.engine.lower.budget import ErrorBudget
 
 
 class Camera(NamedTuple):
@@ -108,7 +108,7 @@ class Point(NamedTuple):
 
 
 class Exposure(NamedTuple):
-    """A batch's exposure, as `run.expose` takes it.
+    """A batch's exposure, as kernels take it.
 
     Args:
         size: height and width of the pictures.

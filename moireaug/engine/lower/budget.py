@@ -1,5 +1,5 @@
-"""The error that kernels of exposing may make: thresholds that follow a scene's tolerance, and
-limits that do not."""
+"""The error that kernels may make: thresholds, most of which follow a scene's tolerance, and limits
+of what kernels take on."""
 
 from __future__ import annotations
 
@@ -22,9 +22,19 @@ MAX_PHASES = 512
 # at a few nodes, as in a frontal view, whose pixels may all lie where a weight has a kink
 MAX_PHASES_OF_FEW_NODES = 8192
 
+# Thresholds at any tolerance.
+MAX_LENS_RADIUS = 1.2  # up to which distortion is undone, in units of the photo's corner
+PASSED_CYCLES_PER_BLUR = 0.8  # above this frequency a Gaussian blur passes less than 1e-5
+GAUSSIAN_REACH_SIGMAS = 4.5  # beyond it a Gaussian weighs less than 1e-5
+UNCLIPPED_SIGMAS = 5.0  # a mean is clipped by noise only if it is this close to a bound
+TRANSFER_MARGIN = 1.2  # by how much a transfer may be higher between samples of it
+REFERENCE_AMPLITUDE = 0.3  # of a beat's harmonic, for which `ErrorBudget` states `beat_cycles`
+MIN_BANDS = 224  # of a photo, if it has the rows; those of a band share their tap weights
+
 # Of tables, whose errors are below any budget: at most 2e-6. A table's size is compiled in.
 MIN_TRANSFER_STEPS, TRANSFER_STEPS_PER_CYCLE, MAX_TRANSFER_STEPS = 512, 64, 2**16
 SINC_LOBES, STEPS_PER_LOBE = 64, 32
+UNDISTORTION_STEPS = 1024
 TAIL_STEPS, TAIL_END_SIGMAS = 256, 7  # steps per standard deviation of the normal distribution
 DECODE_STEPS = 1024
 

@@ -7,15 +7,15 @@ import math
 
 import numpy as np
 
-from moireaug.engine.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
 from moireaug.engine.cpu import beat_terms, beats, nodes, panel, picture, stencil
-from moireaug.engine.cpu.binned import expose as expose_bins
+from moireaug.engine.cpu.binned import expose_binned_image
 from moireaug.engine.cpu.compiling import kernel, loop, part
-from moireaug.engine.cpu.expose import expose as expose_image
-from moireaug.engine.cpu.point import expose_point
+from moireaug.engine.cpu.full import expose_full_image
+from moireaug.engine.cpu.point import expose_point_image
 from moireaug.engine.cpu.random_numbers import keys
 from moireaug.engine.cpu.records import BinnedImage, FullImage, Pattern, PointImage, Readout
-from moireaug.engine.exposure_records import Camera, Cell
+from moireaug.engine.lower.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
+from moireaug.engine.lower.exposure_records import Camera, Cell
 
 
 @loop
@@ -31,7 +31,7 @@ def camera_of(row):
 
 @kernel
 def views_fit(e):
-    """Return for each image whether `expose` can follow its view, (B,) bool; e: see
+    """Return for each image whether the kernels can follow its view, (B,) bool; e: see
     `exposure_records.Exposure`.
 
     The reference takes views near the horizon, and panels of far more pixels than the sensor.
@@ -56,7 +56,7 @@ def views_fit(e):
 
 
 @part
-def _light(light, pictures, e, i):
+def _fill_light(light, pictures, e, i):
     """Fill light (3, H, W) float32 from picture i."""
     picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
 
@@ -76,7 +76,7 @@ def panel_size(e) -> int:
 
 
 @kernel
-def show(shown, light, pictures, e, first, last):
+def show_kernel(shown, light, pictures, e, first, last):
     """Fill shown with the pictures from `first` to `last` as the panel shows them.
 
     Args:
@@ -87,7 +87,7 @@ def show(shown, light, pictures, e, first, last):
     """
     for i in range(first, last):
         alpha = camera_of(e.cameras[i]).alpha
-        _light(light, pictures, e, i)
+        _fill_light(light, pictures, e, i)
         panel.fill_panel(panel_of(shown[i - first], alpha, e), light, alpha, e.cell, e.dark)
 
 
@@ -106,7 +106,7 @@ def _readout(camera, e, i):
 
 
 @part
-def size_in_panel_pixels(alpha, e):
+def _size_on_panel(alpha, e):
     """Return the height and width of a picture on the panel, rounded up."""
     return math.ceil(alpha * e.size[0]), math.ceil(alpha * e.size[1])
 
@@ -116,22 +116,22 @@ def full_image(e, i):
     """Return the FullImage of image i."""
     camera = camera_of(e.cameras[i])
     return FullImage(
-        camera, e.cell, _nodes(camera, e.cell, e, i), e.sites,
+        camera, _size_on_panel(camera.alpha, e), e.cell, _nodes(camera, e.cell, e, i), e.sites,
         e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
 
 @kernel
-def expose(raw, slopes, shown, e, first, last, top, bottom):
-    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the
-    pictures from `first` to `last`, from what `show` filled shown with.
+def expose_full_kernel(raw, slopes, shown, e, span):
+    """Fill a part of raw (B, planes, h, w) float32 with the readings of pictures, from what
+    `show_kernel` filled shown with.
 
-    slopes: (B, planes, h, w or 0) float32, see `expose.expose`.
+    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. span: a `records.Span`.
     """
-    for i in range(first, last):
-        alpha = camera_of(e.cameras[i]).alpha
-        panel, size = panel_of(shown[i - first], alpha, e), size_in_panel_pixels(alpha, e)
-        expose_image(raw[i], slopes[i], panel, size, full_image(e, i), top, bottom)
+    for i in range(span.first, span.last):
+        image = full_image(e, i)
+        panel = panel_of(shown[i - span.first], image.camera.alpha, e)
+        expose_full_image(raw[i], slopes[i], panel, image, span.top, span.bottom)
 
 
 @part
@@ -156,7 +156,7 @@ def _cell_of(cell, centre):
 
 @kernel
 def beats_fit(e, b):
-    """Return for each image whether `expose_binned` can follow its beats, (B,) bool."""
+    """Return for each image whether `expose_binned_kernel` can follow its beats, (B,) bool."""
     out = np.empty(len(b.cameras), np.bool_)
     for i in range(len(out)):
         camera = camera_of(b.cameras[i])
@@ -176,19 +176,20 @@ def binned_image(e, b, i):
     content = _content(camera, sensor, cell, e, i)
     terms = beats.terms_of(b, i, sensor, e.filters[i], e.size, e.sites, e.budget)
     return BinnedImage(
-        camera, sensor, cell, content[0], content[1], e.sites, terms, pattern,
+        camera, sensor, _size_on_panel(camera.alpha, e), cell, content[0], content[1], e.sites,
+        terms, pattern,
         e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
 
 @kernel
-def expose_binned(raw, slopes, shown, e, b, first, last, top, bottom):
-    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the binned readings of the
-    pictures from `first` to `last`; b: see `exposure_records.Beats`. The rest as in `expose`."""
-    for i in range(first, last):
-        alpha = camera_of(e.cameras[i]).alpha
-        panel, size = panel_of(shown[i - first], alpha, e), size_in_panel_pixels(alpha, e)
-        expose_bins(raw[i], slopes[i], panel, size, binned_image(e, b, i), top, bottom)
+def expose_binned_kernel(raw, slopes, shown, e, b, span):
+    """Fill a part of raw (B, planes, h, w) float32 with the binned readings of pictures; b: see
+    `exposure_records.Beats`. The rest as in `expose_full_kernel`."""
+    for i in range(span.first, span.last):
+        image = binned_image(e, b, i)
+        panel = panel_of(shown[i - span.first], image.camera.alpha, e)
+        expose_binned_image(raw[i], slopes[i], panel, image, span.top, span.bottom)
 
 
 @part
@@ -202,9 +203,9 @@ def point_image(e, i):
 
 
 @kernel
-def expose_points(raw, slopes, light, pictures, e, first, last):
+def expose_point_kernel(raw, slopes, light, pictures, e, first, last):
     """Fill raw (B, planes, h, w) float32 with the readings of the pictures from `first` to `last`
-    at points of the panel; arguments as in `show` and `expose`."""
+    at points of the panel; arguments as in `show_kernel` and `expose_full_kernel`."""
     for i in range(first, last):
-        _light(light, pictures, e, i)
-        expose_point(raw[i], slopes[i], light, point_image(e, i))
+        _fill_light(light, pictures, e, i)
+        expose_point_image(raw[i], slopes[i], light, point_image(e, i))

@@ -91,7 +91,7 @@ class Codes(NamedTuple):
 
 
 class Development(NamedTuple):
-    """A batch's development, as `run.develop` takes it.
+    """A batch's development, as kernels take it.
 
     Args:
         size: height and width of the photos.

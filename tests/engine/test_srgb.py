@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from moireaug.engine.cpu import tables
+from moireaug.engine.cpu import srgb
 
 
 @pytest.fixture(scope="module")
@@ -12,8 +12,8 @@ def encoded():
     @numba.njit(error_model="numpy")
     def fill(code, again, slope, light):
         for i in range(len(light)):
-            code[i] = tables.encode(light[i])
-            again[i], slope[i] = tables.encode_and_slope(light[i])
+            code[i] = srgb.encode(light[i])
+            again[i], slope[i] = srgb.encode_and_slope(light[i])
 
     def encoded(light):
         light = np.asarray(light, np.float32)
@@ -30,7 +30,7 @@ def test_encoding_and_its_slope_are_those_of_srgb(encoded):
     light = light.astype(np.float32)
     code, slope = encoded(light)
     exact = light.astype(np.float64)
-    bright, above = exact > tables.SRGB_KNEE, np.maximum(exact, tables.SRGB_KNEE)
+    bright, above = exact > srgb.SRGB_KNEE, np.maximum(exact, srgb.SRGB_KNEE)
     codes = np.where(bright, 1.055 * above ** (1 / 2.4) - 0.055, 12.92 * exact)
     slopes = np.where(bright, 1.055 / 2.4 * above ** (1 / 2.4 - 1), 12.92)
     assert (np.abs(code - codes) < 5e-6 * np.maximum(np.abs(codes), 1)).all()

@@ -1,0 +1,131 @@
+"""From a Shot to how the bins of a binned reading see the panel, and to its Beats."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from moireaug.effects.sensor import averaged_pixels
+from moireaug.engine.lower import pose
+from moireaug.engine.lower.cameras import camera_fields, lower_cameras
+from moireaug.engine.lower.cell import PanelView, Shapes, cell_of_whole_pixels, mean_light_of
+from moireaug.engine.lower.exposure_records import Beats
+from moireaug.engine.lower.numbers import bin_scale_of, panel_scale_of, sensor_scale_of
+from moireaug.exposure.bin_content import Content, content_of
+from moireaug.panel.fourier import amplitudes_of
+from moireaug.scene.layout import as_layout
+from moireaug.shot import ShotRecord
+
+
+def binned_view(
+    shot: ShotRecord, drawn: dict[str, np.ndarray], inverse: np.ndarray, magnified: np.ndarray
+) -> tuple[PanelView, Beats]:
+    """Return a shot's PanelView, of pixels of the panel that emit all over, and its Beats.
+
+    Args:
+        inverse: (B, 3, 3), from ideal photo to image coordinates, both about the centre.
+        magnified: second result of `numbers.homography_of`.
+    """
+    with torch.no_grad():
+        content = content_of(shot)
+    scales = _BinScales(
+        panel_scale_of(shot, drawn),
+        sensor_scale_of(shot, drawn, magnified),
+        bin_scale_of(shot, drawn, magnified),
+    )
+    fields = camera_fields(shot, drawn)
+    cameras, lenses, sensors = _bin_cameras(shot, inverse, fields, content, scales)
+    # none at the same height: centres differ
+    cell = cell_of_whole_pixels(shot.plan.method.taps)
+    cell = cell._replace(y_group=np.arange(3), kind_y_group=np.arange(3))
+    view = PanelView(cameras, lenses, cell, _shapes_of(content))
+    return view, _beats_of(shot, sensors, content, scales)
+
+
+class _BinScales(NamedTuple):
+    """`shot.panel_scale`, `shot.sensor_scale` and `shot.bin_scale`, (B,) each."""
+
+    panel: np.ndarray
+    sensor: np.ndarray
+    bin: np.ndarray
+
+    @property
+    def enlargement(self) -> np.ndarray:
+        """Factor by which bins are enlarged to the size of a sensor pixel, (B,)."""
+        return np.maximum(1 / self.bin, 1)
+
+
+def _bin_cameras(
+    shot: ShotRecord,
+    inverse: np.ndarray,
+    fields: dict[str, np.ndarray],
+    content: Content,
+    scales: _BinScales,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a shot's cameras, (B, fields) each: of photo pixels, of what blurs them and of sensor
+    pixels; fields: those of sensor pixels."""
+    zero = np.zeros(len(shot))
+    of_bins = fields | {"alpha": content.scale.numpy(), "fill": scales.enlargement}
+    if "noise" in shot.plan:
+        root = averaged_pixels(shot, torch.from_numpy(scales.bin)).sqrt().numpy()
+        of_bins |= {name: fields[name] / root for name in ("dark_noise", "photon_noise")}
+    sensor = fields | {"alpha": scales.panel, "rectified": zero + shot.scene.is_rectified}
+    blur = {"alpha": content.scale.numpy(), "fill": zero, "blur": content.optics.blur.numpy()}
+    images = of_sensor = pose.from_corner(inverse, shot.size)
+    if shot.scene.is_rectified:
+        # pixels look straight at the picture
+        of_bins |= {"k1": zero, "k2": zero}
+        images = pose.from_corner(np.eye(3)[None].repeat(len(shot), 0), shot.size)
+        of_sensor = inverse
+    per_pixel = scales.sensor, scales.sensor
+    return (
+        lower_cameras(images, (1.0, 1.0), of_bins),
+        lower_cameras(of_sensor, per_pixel, sensor | blur),
+        lower_cameras(of_sensor, per_pixel, sensor),
+    )
+
+
+def _shapes_of(content: Content) -> Shapes:
+    width, hold = content.width.detach().numpy(), content.hold.detach().numpy()
+    added_variance = np.repeat(hold, 6).reshape(-1, 3, 2)
+    return Shapes(np.ones((len(hold), 3, 1, 1)), np.ascontiguousarray(width), added_variance)
+
+
+def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _BinScales) -> Beats:
+    """Return a shot's Beats; sensors: the cameras of sensor pixels."""
+    layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
+    parts = amplitudes_of(layout, method.harmonics, shot.panel)
+    waves = np.stack([part.detach().numpy() for part in parts], -1)
+    waves = np.ascontiguousarray(waves.transpose(2, 0, 1, 3))  # (B, 3, K, 2)
+    triangle = np.zeros(len(shot))
+    if shot.scene.develop.resize == "antialias":
+        triangle = 1 / scales.enlargement
+    return Beats(
+        cameras=sensors,
+        enlargement=scales.enlargement,
+        triangle=triangle,
+        ratio=np.ascontiguousarray(content.ratio.detach().numpy()),
+        centres=np.ascontiguousarray(0.5 + content.shift.detach().numpy()),
+        period=np.array(layout.period, np.int64),
+        orders=np.array(method.harmonics, np.int64).reshape(-1, 2),
+        coefficients=waves.astype(np.float32),
+        strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
+        mean=mean_light_of(shot),
+        lost_noise_variance=_lost_noise_variance(shot, scales.bin),
+        saturates="saturate" in shot.plan,
+        bayer=shot.scene.cells == "binned",
+    )
+
+
+def _lost_noise_variance(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
+    """Return the variance of the noise that bins average away, (B, 2) float32: in the dark, and
+    what a reading of 1 adds; zeros without noise."""
+    out = np.zeros((len(shot), 2), np.float32)
+    if "noise" in shot.plan:
+        share = (1 - 1 / averaged_pixels(shot, torch.from_numpy(scale))).numpy()
+        drawn = shot.numbers()
+        for i, name in enumerate(("sensor.read_noise", "sensor.shot_noise")):
+            out[:, i] = share * drawn[name].detach().numpy() ** 2
+    return out

@@ -1,0 +1,60 @@
+"""The fields of a batch's cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.lower.exposure_records import Camera
+from moireaug.engine.lower.numbers import distortion_of
+from moireaug.shot import ShotRecord
+
+HOMOGRAPHY_FIELDS = [f"h{row}{column}" for row in range(3) for column in range(3)]
+
+
+def camera_fields(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the fields of a shot's cameras that neither pose nor scale change; neutral values for
+    effects that are not planned."""
+    plan, zero, (h, w) = shot.plan, np.zeros(len(shot)), shot.size
+    k1, k2 = distortion_of(shot, drawn)
+    noisy = "noise" in plan
+    vignetting = drawn["lens.vignetting"] if "vignetting" in plan else zero
+    glare = drawn["panel.glare"] if "glare" in plan else zero
+    return {
+        "k1": k1,
+        "k2": k2,
+        "bend": zero + 4 / (h * h + w * w),
+        "fill": drawn["sensor.fill"],
+        "blur": drawn["lens.blur"],
+        "olpf": drawn["lens.olpf"],
+        "gain": drawn["sensor.gain"] if "gain" in plan else zero + 1,
+        "dark_noise": drawn["sensor.read_noise"] if noisy else zero,
+        "photon_noise": drawn["sensor.shot_noise"] if noisy else zero,
+        "falloff": (1 - vignetting) ** -0.5 - 1,
+        "motion_x": drawn["lens.motion_x"],
+        "motion_y": drawn["lens.motion_y"],
+        "glare": glare,
+        "glare_u": glare * drawn["panel.glare_x"] * 2 / w,
+        "glare_v": glare * drawn["panel.glare_y"] * 2 / h,
+        "rectified": zero,
+    }
+
+
+def lower_cameras(
+    inverse: np.ndarray,
+    scales: tuple[float | np.ndarray, float | np.ndarray],
+    fields: dict[str, np.ndarray],
+) -> np.ndarray:
+    """Return the fields of one Camera per image, (B, fields).
+
+    Args:
+        inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image
+            coordinates.
+        scales: sensor pixels per photo pixel, along rows and columns, one number or (B,) each.
+        fields: (B,) each: `camera_fields` and alpha.
+    """
+    homography = dict(zip(HOMOGRAPHY_FIELDS, inverse.reshape(-1, 9).T, strict=True))
+    columns = fields | homography | {"scale_u": scales[1], "scale_v": scales[0]}
+    cameras = np.empty((len(inverse), len(Camera._fields)))
+    for i, name in enumerate(Camera._fields):
+        cameras[:, i] = columns[name]
+    return cameras

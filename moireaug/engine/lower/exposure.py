@@ -1,0 +1,99 @@
+"""From a Shot to the record of its exposure. What depends only on the scene and the size is cached;
+the rest changes with every photo, and is mostly computed in numpy."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+import torch
+
+from moireaug.effects import prefilter
+from moireaug.effects.flicker import BANDS_PER_ROW, light_of_rows
+from moireaug.engine.lower.binned import binned_view
+from moireaug.engine.lower.budget import ErrorBudget
+from moireaug.engine.lower.cell import mean_light_of
+from moireaug.engine.lower.exposure_records import Beats, Exposure, Sites
+from moireaug.engine.lower.full import full_view, point_of
+from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, homography_of, numbers_of
+from moireaug.exposure.filters import filters_of
+from moireaug.geometry.sensor import CFA
+from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord, sampled_by
+
+
+def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats | None]:
+    """Return a shot's Exposure and, of a binned reading, its Beats.
+
+    decoded: the pictures have already been decoded, raised to the black level and prefiltered.
+    """
+    plan, drawn, beats = shot.plan, numbers_of(shot), None
+    homography, magnified = homography_of(shot, drawn)
+    inverse = np.linalg.inv(homography)
+    if shot.scene.is_binned:
+        view, beats = binned_view(shot, drawn, inverse, magnified)
+    else:
+        view = full_view(shot, drawn, inverse)
+    # of one layout, as kernels are compiled for each
+    filters = np.ascontiguousarray(filters_of(shot).detach().numpy())
+    black, share = np.zeros((2, len(shot)), np.float32)
+    if "black_level" in plan and not decoded:
+        black[:] = drawn["panel.black"]
+    if "prefilter" in plan and not decoded:
+        share[:] = prefilter.share_at_centre(shot).detach().float().numpy()
+    exposure = Exposure(
+        size=shot.size,
+        cameras=view.cameras,
+        lenses=view.lenses,
+        filters=filters,
+        white=_white_of(shot, filters),
+        black=black,
+        cell=view.cell,
+        coefficients=view.shapes.coefficients,
+        widths=view.shapes.widths,
+        added_variance=view.shapes.added_variance,
+        sites=_sites(shot.scene, shot.size),
+        flicker=_flicker_of(shot),
+        seeds=np.ascontiguousarray(shot.seed.numpy()),  # kernels are compiled for each layout
+        noisy="noise" in plan,
+        coded="decode" in plan and not decoded,
+        neighbour_share=share,
+        dark=not shot.scene.develop.registered,
+        clips="full_well" in plan,
+        budget=ErrorBudget.of(shot.scene.tolerance),
+        point=point_of(shot) if plan.exposure == "point" else None,
+    )
+    return exposure, beats
+
+
+def _white_of(shot: ShotRecord, filters: np.ndarray) -> np.ndarray:
+    """Return what each plane reads of a white screen on average, (B, planes) float64, as
+    `effects.display.white_readings` does; zeros without glare."""
+    channel = _sites(shot.scene, shot.size).channel
+    if "glare" not in shot.plan:
+        return np.zeros((len(shot), len(channel)))
+    light = mean_light_of(shot)
+    return np.ascontiguousarray((filters @ light[:, :, None])[:, channel, 0])
+
+
+def _flicker_of(shot: ShotRecord) -> np.ndarray:
+    """Return each sensor row's light relative to the mean, or of a binned reading, that at every
+    1 / BANDS_PER_ROW of a photo row, (B, rows) float64; (B, 0) without flicker."""
+    if "flicker" not in shot.plan:
+        return np.empty((len(shot), 0))
+    rows = shot.sampled_pixels()[0].positions()
+    if shot.scene.is_binned:
+        bands = shot.size[0] * BANDS_PER_ROW
+        rows = torch.arange(bands + 2, dtype=torch.float64, device="cpu") / BANDS_PER_ROW
+    return light_of_rows(rows, shot).detach().contiguous().numpy()
+
+
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
+def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
+    rows, cols = (pixels.positions().numpy() for pixels in sampled_by(scene, size))
+    cfa = CFA[scene.cells]  # (row, column, channels) of each site of a cell, in the planes' order
+    planes = [(r, c, channel) for r, c, channels in cfa for channel in channels]
+    row, col, channel = (np.array(values, np.int64) for values in zip(*planes, strict=True))
+    step = math.isqrt(len(cfa))
+    return Sites(rows - size[0] / 2, cols - size[1] / 2, step, row, col, channel)
