@@ -59,13 +59,13 @@ ENTRIES = {
     "expose, full, backward": Entry(
         "expose_full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "full"
     ),
-    "expose, point": Entry("expose_point", lambda m, c: m.expose(c.images, c.exposure), "point"),
+    "expose, point": Entry("expose_full", lambda m, c: m.expose(c.images, c.exposure), "point"),
     "expose, point, backward": Entry(
-        "expose_point", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "point"
+        "expose_full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "point"
     ),
     "develop": Entry("develop", lambda m, c: m.develop(c.raw, c.development)),
     "develop, backward": Entry(
-        "develop_back", lambda m, c: m.develop_back(c.photo, c.raw, c.development)
+        "develop", lambda m, c: m.develop_back(c.photo, c.raw, c.development)
     ),
 }
 

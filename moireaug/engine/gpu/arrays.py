@@ -1,9 +1,13 @@
-"""The numbers of a record on the device of the pictures."""
+"""The numbers of a record on the device of the pictures.
+
+Kernels take what travels together as a NamedTuple: Triton 3.8 passes it as an argument, or, of
+constants alone, as one that they are compiled with (its `aggregate`s it passes neither way).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -13,6 +17,7 @@ from torch import Tensor
 from moireaug.engine.exposure_records import Camera
 
 ALIGNMENT = 16  # bytes, which a load of four floats needs
+Record = TypeVar("Record", bound=tuple)
 
 # what a kernel adds to its pointer to an image's Camera, float64
 CAMERA_FIELDS = tl.constexpr(len(Camera._fields))
@@ -23,21 +28,33 @@ def camera_field(name: str) -> Any:
     return tl.constexpr(Camera._fields.index(name))
 
 
-def upload(arrays: Mapping[str, np.ndarray], device: torch.device) -> dict[str, Tensor]:
-    """Return arrays as tensors of their dtypes on a device, by one transfer."""
-    starts, end = {}, 0
-    for name, array in arrays.items():
-        starts[name] = end
-        end += -(-array.nbytes // ALIGNMENT) * ALIGNMENT
-    packed = torch.empty(end, dtype=torch.uint8, device="cpu", pin_memory=device.type != "cpu")
-    bytes_ = packed.numpy()
-    for name, array in arrays.items():
+def upload(record: Record, device: torch.device) -> Record:
+    """Return a NamedTuple, which may hold others, with tensors of the same dtypes on a device in
+    the place of its arrays; by one transfer."""
+    arrays = list(_arrays_in(record))
+    lengths = [-(-array.nbytes // ALIGNMENT) * ALIGNMENT for array in arrays]
+    pinned = device.type != "cpu"
+    packed = torch.empty(sum(lengths), dtype=torch.uint8, device="cpu", pin_memory=pinned)
+    for array, part in zip(arrays, packed.split(lengths), strict=True):
         flat = np.ascontiguousarray(array).reshape(-1)
-        bytes_[starts[name] : starts[name] + array.nbytes] = flat.view(np.uint8)
-    there = packed.to(device, non_blocking=True)
-    tensors = {}
-    for name, array in arrays.items():
-        part = there[starts[name] : starts[name] + array.nbytes]
-        dtype = torch.from_numpy(np.empty(0, array.dtype)).dtype
-        tensors[name] = part.view(dtype).reshape(array.shape)
-    return tensors
+        part.numpy()[: array.nbytes] = flat.view(np.uint8)
+    parts = iter(packed.to(device, non_blocking=True).split(lengths))
+    return _with_tensors(record, parts)
+
+
+def _arrays_in(value: Any) -> Iterator[np.ndarray]:
+    if isinstance(value, np.ndarray):
+        yield value
+    elif hasattr(value, "_fields"):
+        for field in value:
+            yield from _arrays_in(field)
+
+
+def _with_tensors(value: Any, parts: Iterator[Tensor]) -> Any:
+    """Return a value with the next of the bytes on a device in the place of each array."""
+    if isinstance(value, np.ndarray):
+        dtype = torch.from_numpy(np.empty(0, value.dtype)).dtype
+        return next(parts)[: value.nbytes].view(dtype).reshape(value.shape)
+    if hasattr(value, "_fields"):
+        return value._make([_with_tensors(field, parts) for field in value])
+    return value

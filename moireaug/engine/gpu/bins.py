@@ -1,7 +1,5 @@
-"""The bins of a binned reading: where each lies, and where it looks.
-
-What the kernels of binned readings share of a batch is a `Batch` of pointers.
-"""
+"""The bins of a binned reading: where each lies, and where it looks; and the `Batch` of numbers
+that their kernels read."""
 
 from __future__ import annotations
 
@@ -11,11 +9,13 @@ import triton
 import triton.language as tl
 
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
+from moireaug.engine.gpu.display import DisplayNumbers
 from moireaug.engine.gpu.view import (
     ALPHA,
     SCALE_U,
     SCALE_V,
     jacobian,
+    lens_of,
     load32,
     to_image,
     to_photo,
@@ -23,7 +23,7 @@ from moireaug.engine.gpu.view import (
 
 
 class Batch(NamedTuple):
-    """A batch's Exposure and Beats, as pointers; see there.
+    """A batch's Exposure and Beats; see there.
 
     Args:
         pixels, lenses, sensors: cameras (B, fields) float64, of photo pixels, of what blurs them
@@ -37,6 +37,7 @@ class Batch(NamedTuple):
             `beats.pattern_variance`. flicker: (B, bands) float32. seeds: (B,) int64.
         height, width: of the photo. harmonics, bands: how many orders, and bands of flicker, there
             are.
+        display: see there. screen: what is shown. quantiles: see `noise.quantiles`.
     """
 
     pixels: Any
@@ -62,10 +63,13 @@ class Batch(NamedTuple):
     lost_pattern_variance: Any
     flicker: Any
     seeds: Any
-    height: Any
-    width: Any
-    harmonics: Any
-    bands: Any
+    height: int
+    width: int
+    harmonics: int
+    bands: int
+    display: DisplayNumbers
+    screen: Any = None
+    quantiles: Any = None
 
 
 class Variant(NamedTuple):
@@ -92,27 +96,30 @@ class Variant(NamedTuple):
 
 
 class Bin(NamedTuple):
-    """Bins of a program.
+    """Bins of an image that a program reads.
 
     Args:
-        x, y: float64, where their middles look, in panel pixels. u, v: float64, where they lie, in
-            photo pixels about the photo's centre.
-        xu, xv, yu, yv: float32, panel pixels per sensor pixel, see `view.jacobian`.
-        first_u, first_v, second_u, second_v: float32, their two sides, in sensor pixels.
+        image: its index, int64. x, y: float64, where their middles look, in panel pixels. u, v:
+            float64, where they lie, in photo pixels about the photo's centre.
+        step_x, step_y: float32, panel pixels per sensor pixel along u and v.
+        first, second: float32, their two sides along u and v, in sensor pixels.
     """
 
+    image: Any
     x: Any
     y: Any
     u: Any
     v: Any
-    xu: Any
-    xv: Any
-    yu: Any
-    yv: Any
-    first_u: Any
-    first_v: Any
-    second_u: Any
-    second_v: Any
+    step_x: Any
+    step_y: Any
+    first: Any
+    second: Any
+
+
+@triton.jit
+def along(step, vector):
+    """Return the product of two vectors along u and v."""
+    return step[0] * vector[0] + step[1] * vector[1]
 
 
 @triton.jit
@@ -123,7 +130,7 @@ def bins_at(u, v, image, batch, variant: tl.constexpr):
     half_w, half_h = 0.5 * batch.width, 0.5 * batch.height
     if variant.rectified:
         x, y = u + half_w, v + half_h
-        u, v = to_photo(u, v, batch.forward + image * 9, sensor, variant.bent)
+        u, v = to_photo(u, v, batch.forward + image * 9, lens_of(sensor), variant.bent)
         u = tl.minimum(tl.maximum(u, -half_w), half_w)  # others are put at the photo's edge
         v = tl.minimum(tl.maximum(v, -half_h), half_h)
     else:
@@ -132,11 +139,9 @@ def bins_at(u, v, image, batch, variant: tl.constexpr):
     scale, enlargement = tl.load(sensor + ALPHA), tl.load(batch.enlargement + image)
     if variant.rectified:
         by = scale.to(tl.float32) * enlargement / (xu * yv - xv * yu)
-        first_u, first_v, second_u, second_v = by * yv, -by * yu, -by * xv, by * xu
+        first, second = (by * yv, -by * yu), (-by * xv, by * xu)
     else:
         none = 0.0 * xu
-        first_u, first_v = none + load32(sensor, SCALE_U) * enlargement, none
-        second_u, second_v = none, none + load32(sensor, SCALE_V) * enlargement
-    return Bin(
-        x * scale, y * scale, u, v, xu, xv, yu, yv, first_u, first_v, second_u, second_v
-    )  # fmt: skip
+        first = none + load32(sensor, SCALE_U) * enlargement, none
+        second = none, none + load32(sensor, SCALE_V) * enlargement
+    return Bin(image, x * scale, y * scale, u, v, (xu, xv), (yu, yv), first, second)

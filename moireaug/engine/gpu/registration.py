@@ -11,83 +11,69 @@ import triton.language as tl
 from torch import Tensor
 
 from moireaug.engine.gpu.develop_arrays import RegistrationArrays
-from moireaug.engine.gpu.tile import launch, size_of, store_colours, tile
-from moireaug.engine.gpu.view import undistortion
-from moireaug.geometry import grids
-
-NEAR_HORIZON = tl.constexpr(grids.NEAR_HORIZON)
+from moireaug.engine.gpu.tile import Pixels, add, launch, load, store, tile
+from moireaug.engine.gpu.view import to_photo
 
 
 @triton.jit
-def through(homography, x, y):
-    """Return homogeneous coordinates of points x, y through a homography (9,)."""
-    return (
-        tl.load(homography) * x + tl.load(homography + 1) * y + tl.load(homography + 2),
-        tl.load(homography + 3) * x + tl.load(homography + 4) * y + tl.load(homography + 5),
-        tl.load(homography + 6) * x + tl.load(homography + 7) * y + tl.load(homography + 8),
-    )
+def about_middle(images, pixels):
+    """Return columns and rows of pixels about the middle of their image, float64, and its half
+    width and height."""
+    half_height, half_width = images.height * 0.5, images.width * 0.5
+    x, y = pixels.col.to(tl.float64) + 0.5 - half_width, pixels.row.to(tl.float64) + 0.5
+    return (x, y - half_height), half_width, half_height
 
 
 @triton.jit
-def photo_place(row, col, size, registration, image, BENDS: tl.constexpr):
+def lens_of(registration, image, half_width, half_height):
+    """Return the lens of an image, as `view.to_photo` takes it."""
+    lens = registration.lenses + image * 2
+    bend = 1.0 / (half_height * half_height + half_width * half_width)
+    return bend, tl.load(lens), tl.load(lens + 1)
+
+
+@triton.jit
+def photo_place(images, pixels, registration, BENDS: tl.constexpr):
     """Return where an image's pixels lie on the photo, as a row and a column between the centres of
     its pixels, float64; and whether the photo shows them.
 
     registration: see `develop_arrays.RegistrationArrays`.
     """
-    view, lens = registration.views + image * 9, registration.lenses + image * 2
-    height, width = size
-    half_height, half_width = height * 0.5, width * 0.5
-    u, v, depth = through(
-        view, col.to(tl.float64) + 0.5 - half_width, row.to(tl.float64) + 0.5 - half_height
-    )
-    nearness = 1.0 / tl.maximum(depth, NEAR_HORIZON)
-    u, v = u * nearness, v * nearness
-    if BENDS:
-        square = (u * u + v * v) / (half_height * half_height + half_width * half_width)
-        factor = undistortion(tl.sqrt(square), tl.load(lens), tl.load(lens + 1))
-        u, v = u * factor, v * factor
-    shown = (tl.abs(u) <= half_width) & (tl.abs(v) <= half_height)
+    (x, y), half_width, half_height = about_middle(images, pixels)
+    lens = lens_of(registration, pixels.image, half_width, half_height)
+    u, v = to_photo(x, y, registration.views + pixels.image * 9, lens, BENDS)
+    shown = pixels.exist & (tl.abs(u) <= half_width) & (tl.abs(v) <= half_height)
     # the outermost pixels are repeated past their centres
-    y = tl.minimum(tl.maximum(v + half_height - 0.5, 0.0), height - 1.0)
-    x = tl.minimum(tl.maximum(u + half_width - 0.5, 0.0), width - 1.0)
-    return y, x, shown
+    row = tl.minimum(tl.maximum(v + half_height - 0.5, 0.0), images.height - 1.0)
+    col = tl.minimum(tl.maximum(u + half_width - 0.5, 0.0), images.width - 1.0)
+    return row, col, shown
 
 
 @triton.jit
-def bilinear(plane, row, col, down, right, size, shown):
-    """Return the values of a plane at fractions `down` and `right` past rows and columns."""
-    width = size[1]
-    row_below = tl.minimum(row + 1, size[0] - 1)
-    col_right = tl.minimum(col + 1, width - 1)
-    a = tl.load(plane + row * width + col, mask=shown, other=0.0)
-    b = tl.load(plane + row * width + col_right, mask=shown, other=0.0)
-    c = tl.load(plane + row_below * width + col, mask=shown, other=0.0)
-    d = tl.load(plane + row_below * width + col_right, mask=shown, other=0.0)
-    above, below = a + right * (b - a), c + right * (d - c)
-    return above + down * (below - above)
+def blend(a, b, share):
+    """Return the mean of two colours, of which b has this share."""
+    return add(a, share, (b[0] - a[0], b[1] - a[1], b[2] - a[2]))
 
 
 @triton.jit
-def register_kernel(
-    out, photo, registration, size, BENDS: tl.constexpr, ROWS: tl.constexpr, COLS: tl.constexpr
-):
-    """Fill out (B, 3, *size) from photo (B, 3, *size): bilinear, black where it does not show the
+def register_kernel(out, photo, registration, BENDS: tl.constexpr, TILE: tl.constexpr):
+    """Fill out (B, 3, H, W) from photo (B, 3, H, W): bilinear, black where it does not show the
     image."""
-    image, row, col, inside = tile(size, ROWS, COLS)
-    photo += image * 3 * size[0] * size[1]
-    y, x, shown = photo_place(row, col, size, registration, image, BENDS)
-    shown = shown & inside
+    pixels = tile(out, TILE)
+    y, x, shown = photo_place(photo, pixels, registration, BENDS)
     top, left = y.to(tl.int32), x.to(tl.int32)
     down, right = (y - top).to(tl.float32), (x - left).to(tl.float32)
-    red = bilinear(photo, top, left, down, right, size, shown)
-    green = bilinear(photo + size[0] * size[1], top, left, down, right, size, shown)
-    blue = bilinear(photo + 2 * size[0] * size[1], top, left, down, right, size, shown)
-    store_colours(out, image, row, col, size, inside, red, green, blue)
+    bottom = tl.minimum(top + 1, photo.height - 1)
+    next_left = tl.minimum(left + 1, photo.width - 1)
+    a = load(photo, Pixels(pixels.image, top, left, shown))
+    b = load(photo, Pixels(pixels.image, top, next_left, shown))
+    c = load(photo, Pixels(pixels.image, bottom, left, shown))
+    d = load(photo, Pixels(pixels.image, bottom, next_left, shown))
+    store(out, pixels, blend(blend(a, b, right), blend(c, d, right), down))
 
 
 def register(photo: Tensor, registration: RegistrationArrays) -> Tensor:
     """Return photos (B, 3, H, W) in the image's frame."""
-    out, bends = torch.empty_like(photo), registration.bends
-    launch(register_kernel, out, photo, registration, size_of(photo), BENDS=bends)
+    out = torch.empty_like(photo)
+    launch(register_kernel, out, photo, registration, BENDS=registration.bends)
     return out

@@ -62,12 +62,6 @@ SCENES = {
 }
 
 
-@pytest.fixture(autouse=True)
-def one_program_an_image(monkeypatch):
-    """The interpreter takes as long for a program of one bin as of hundreds."""
-    monkeypatch.setattr(expose_binned, "BLOCK", 256)
-
-
 def shot_and_picture(scene, size=SIZE, n=1):
     g = torch.Generator().manual_seed(3)
     return scene.sample(n, size, g), torch.rand(n, 3, *size, generator=g)

@@ -8,7 +8,7 @@ import torch
 
 pytest.importorskip("triton")
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
-from moireaug.engine.gpu import expose_full, expose_point
+from moireaug.engine.gpu import expose_full
 from moireaug.engine.shot_exposure import lower_exposure
 from tests.engine.readings import assert_equal
 from tests.engine.test_expose import DELTA, TURNED
@@ -62,9 +62,8 @@ SCENES = {
 
 
 def lowered(shot):
-    """A shot's Exposure, and the module of its method."""
-    exposure, _ = lower_exposure(shot, decoded=False)
-    return exposure, expose_point if exposure.point else expose_full
+    """A shot's Exposure."""
+    return lower_exposure(shot, decoded=False)[0]
 
 
 def shot_and_images(name, size):
@@ -76,8 +75,10 @@ def shot_and_images(name, size):
 @pytest.mark.parametrize("name", SCENES)
 def test_equals_the_reference(name):
     shot, images = shot_and_images(name, (4, 6))
-    exposure, method = lowered(shot)
-    assert_equal(method.expose(images, exposure).double(), pipeline.expose(images.double(), shot))
+    exposure = lowered(shot)
+    assert_equal(
+        expose_full.expose(images, exposure).double(), pipeline.expose(images.double(), shot)
+    )
 
 
 @pytest.mark.parametrize(
@@ -92,12 +93,12 @@ def test_equals_the_reference(name):
 )
 def test_gradient_equals_the_reference(name):
     shot, images = shot_and_images(name, (3, 5))
-    exposure, method = lowered(shot)
+    exposure = lowered(shot)
     exact = images.double().requires_grad_()
     raw = pipeline.expose(exact, shot)
     slopes = torch.randn(raw.shape, generator=torch.Generator().manual_seed(7))
     (expected,) = torch.autograd.grad(raw, exact, slopes.double())
-    got = method.expose_back(slopes, images, exposure)
+    got = expose_full.expose_back(slopes, images, exposure)
     assert (got - expected).norm() < 1e-4 * expected.norm()
 
 
@@ -106,33 +107,35 @@ def test_gradient_equals_the_reference(name):
 )
 def test_any_size(name, size):
     shot, images = shot_and_images(name, size)
-    exposure, method = lowered(shot)
-    assert_equal(method.expose(images, exposure).double(), pipeline.expose(images.double(), shot))
+    exposure = lowered(shot)
+    assert_equal(
+        expose_full.expose(images, exposure).double(), pipeline.expose(images.double(), shot)
+    )
 
 
 def test_bytes_are_read_as_they_are():
     shot, images = shot_and_images("point, everything", (5, 6))
-    exposure, method = lowered(shot)
+    exposure = lowered(shot)
     codes = (images * 255).to(torch.uint8)
-    from_codes = method.expose(codes, exposure)
-    assert (from_codes - method.expose(codes.float() / 255, exposure)).abs().max() < 2e-6
+    from_codes = expose_full.expose(codes, exposure)
+    assert (from_codes - expose_full.expose(codes.float() / 255, exposure)).abs().max() < 2e-6
 
 
 def test_a_batch_of_none():
     shot = SCENES["paper"].sample(0, (4, 5))
-    exposure, method = lowered(shot)
-    raw = method.expose(torch.rand(0, 3, 4, 5), exposure)
+    exposure = lowered(shot)
+    raw = expose_full.expose(torch.rand(0, 3, 4, 5), exposure)
     assert raw.shape == shot.raw_shape()
-    assert method.expose_back(raw, torch.rand(0, 3, 4, 5), exposure).shape == (0, 3, 4, 5)
+    assert expose_full.expose_back(raw, torch.rand(0, 3, 4, 5), exposure).shape == (0, 3, 4, 5)
 
 
 @pytest.mark.parametrize("name", ["fine and sharp", "paper"])
 def test_a_panel_of_another_pitch_is_not_equal(name):
     shot, images = shot_and_images(name, (5, 7))
     scale = shot.panel.scale * 1.002
-    exposure, method = lowered(
+    exposure = lowered(
         dataclasses.replace(shot, panel=dataclasses.replace(shot.panel, scale=scale))
     )
-    got, expected = method.expose(images, exposure), pipeline.expose(images.double(), shot)
+    got, expected = expose_full.expose(images, exposure), pipeline.expose(images.double(), shot)
     with pytest.raises(AssertionError):
         assert_equal(got.double(), expected)

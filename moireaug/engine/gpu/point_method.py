@@ -8,13 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import triton
 import triton.language as tl
-from torch import Tensor
 
 from moireaug.engine.exposure_records import Exposure
-from moireaug.engine.gpu import full_reading
-from moireaug.engine.gpu.arrays import CAMERA_FIELDS
-from moireaug.engine.gpu.full_reading import Method
-from moireaug.engine.gpu.panel import place_on_shown, split
+from moireaug.engine.gpu.panel import Patch, place_on_shown, split
 from moireaug.engine.gpu.view import ALPHA
 
 MIN_LIGHT = tl.constexpr(1e-12)  # that a weighted mean is divided by
@@ -41,20 +37,11 @@ class Subpixels(NamedTuple):
     length: int
 
 
-def expose(picture: Tensor, exposure: Exposure) -> Tensor:
-    """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
-    return full_reading.expose(picture, exposure, _method_of(exposure))
-
-
-def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure) -> Tensor:
-    """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings."""
-    return full_reading.expose_back(grad, picture, exposure, _method_of(exposure))
-
-
-def _method_of(e: Exposure) -> Method:
+def subpixels_of(e: Exposure) -> Subpixels:
+    """Return an exposure's Subpixels, of arrays."""
     assert e.point is not None
     period = (e.cell.period[e.cell.kind] * e.point.raster).astype(np.float64)
-    subpixels = Subpixels(
+    return Subpixels(
         colour=e.cell.channel.astype(np.int32),
         rectangle=(e.point.rectangles * e.point.raster).astype(np.float32),
         period=period,
@@ -63,7 +50,11 @@ def _method_of(e: Exposure) -> Method:
         raster=np.array([e.point.raster, 1 / e.point.raster]),
         length=len(e.cell.channel),
     )
-    return Method(see, subpixels, 2, 2)
+
+
+def span_of(_: Exposure) -> tuple[int, int]:
+    """Return how many columns and rows of pixels shown a pixel sees of a subpixel."""
+    return 2, 2
 
 
 @triton.jit
@@ -78,18 +69,15 @@ def _covered(column, low, high, around):
 
 
 @triton.jit
-def _along_axis(
-    position, size, count, i, image, reading, screen, subpixels,
-    AXIS: tl.constexpr, DARK: tl.constexpr,
-):  # fmt: skip
+def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr):
     """Return what pixels see of subpixel i along one axis, through the two nearest raster
     subpixels: its light, and the first of two pixels shown that it comes from, with their weights.
 
-    Args:
-        position: float64, panel coordinates. size: of the picture. count: of pixels shown.
+    position: float64, panel coordinates.
     """
-    low, high = subpixels.rectangle + 4 * i + AXIS, subpixels.rectangle + 4 * i + 2 + AXIS
-    low, high, period = tl.load(low), tl.load(high), tl.load(subpixels.period + 2 * i + AXIS)
+    subpixels, screen = batch.subpixels, batch.screen
+    edges = subpixels.rectangle + 4 * i + AXIS
+    low, high, period = tl.load(edges), tl.load(edges + 2), tl.load(subpixels.period + 2 * i + AXIS)
     per_panel_pixel, panel_pixels = tl.load(subpixels.raster), tl.load(subpixels.raster + 1)
     place = position * per_panel_pixel - 0.5
     before = tl.floor(place)
@@ -103,27 +91,20 @@ def _along_axis(
     here = tl.floor((before + 0.5) * panel_pixels) + 0.5
     there = tl.floor((before + 1.5) * panel_pixels) + 0.5
     if DARK:
-        end = tl.load(reading.cameras + image * CAMERA_FIELDS + ALPHA) * size
+        end = tl.load(site.camera + ALPHA) * screen.size[AXIS]
         first = tl.where((here >= 0.0) & (here < end), first, 0.0)
         second = tl.where((there >= 0.0) & (there < end), second, 0.0)
     light = first + second
     panel_pixel = here + (there - here) * (second / tl.maximum(light, MIN_LIGHT))
-    scale = tl.load(reading.shown_scale + image)
-    pixel, to_next = split(place_on_shown(panel_pixel, scale, screen), count)
+    scale = tl.load(batch.sensor.shown_scale + site.image)
+    pixel, to_next = split(place_on_shown(panel_pixel, scale, screen), screen.pixels[AXIS])
     return light, pixel, (1.0 - to_next, to_next)
 
 
 @triton.jit
-def see(
-    i, sight, image, reading, screen, subpixels,
-    COLUMNS: tl.constexpr, ROWS: tl.constexpr, TAPS: tl.constexpr, DARK: tl.constexpr,
-):  # fmt: skip
-    """Return what pixels see of subpixel i, as `expose_full.see` does."""
-    (x, y), _, _ = sight
-    light_x, left, across = _along_axis(
-        x, screen.width, screen.columns, i, image, reading, screen, subpixels, 0, DARK
-    )
-    light_y, top, down = _along_axis(
-        y, screen.height, screen.rows, i, image, reading, screen, subpixels, 1, DARK
-    )
-    return light_x * light_y * tl.load(subpixels.lit + image), left, top, across, down
+def see(i, sight, site, batch, variant: tl.constexpr):
+    """Return what pixels see of subpixel i, as `spectral_method.see` does."""
+    light_x, left, across = _along_axis(i, sight[0][0], site, batch, 0, variant.dark)
+    light_y, top, down = _along_axis(i, sight[1][0], site, batch, 1, variant.dark)
+    lit = tl.load(batch.subpixels.lit + site.image)
+    return light_x * light_y * lit, Patch(left, top, across, down)
