@@ -1,8 +1,8 @@
 """The colours of a sensor pixel from packed readings, and the gradient on the way back.
 
-Readings of three planes are colours already. Those of four are the colour filters of a cell, R, G,
-G, B: of 2 x 2 sensor pixels, whose other colours a linear demosaic takes from the pixels around
-them, or of one binned pixel, whose greens are averaged.
+Readings of three planes are colours already. Those of four are the colour filters of 2 x 2 sensor
+pixels, R, G, G, B, whose other colours a linear demosaic takes from the pixels around them.
+`coding` is a `develop_arrays.Coding`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import functools
 import numpy as np
 import triton
 import triton.language as tl
+
+from moireaug.engine.gpu.tile import Pixels, address, black, tile, tile_corner
 
 ROUNDING_OFFSET = tl.constexpr(1.5 * 2**23)  # adding it to a float32 rounds to whole numbers
 
@@ -46,15 +48,26 @@ def _taps(data: bytes) -> tuple[Tap, ...]:
 
 
 @triton.jit
-def reading(raw, plane, row, col, size, exists, SATURATES: tl.constexpr, LEVELS: tl.constexpr):
-    """Return readings of an image's planes: saturated, and rounded as by the converter."""
-    value = tl.load(raw + (plane * size[0] + row) * size[1] + col, mask=exists, other=0.0)
-    if SATURATES:
+def reading(raw, plane, pixels, coding: tl.constexpr):
+    """Return readings of a plane: saturated, and rounded as by the converter."""
+    at = address(raw, pixels, coding.planes) + plane * raw.height * raw.width
+    value = tl.load(at, mask=pixels.exist, other=0.0)
+    if coding.saturates:
         value = tl.minimum(value, 1.0)
-    if LEVELS > 0:
-        steps = tl.minimum(tl.maximum(value, 0.0), 1.0) * LEVELS
-        value = ((steps + ROUNDING_OFFSET) - ROUNDING_OFFSET) / LEVELS
+    if coding.levels > 0:
+        steps = tl.minimum(tl.maximum(value, 0.0), 1.0) * coding.levels
+        value = ((steps + ROUNDING_OFFSET) - ROUNDING_OFFSET) / coding.levels
     return value
+
+
+@triton.jit
+def store_reading_grad(raw_grad, raw, plane, pixels, grad, coding: tl.constexpr):
+    """Store the gradient in readings of a plane, from that in what `reading` returns of them."""
+    offset = plane * raw.height * raw.width
+    if coding.saturates:
+        value = tl.load(address(raw, pixels, coding.planes) + offset, mask=pixels.exist, other=0.0)
+        grad = tl.where(value <= 1.0, grad, 0.0)
+    tl.store(address(raw_grad, pixels, coding.planes) + offset, grad, mask=pixels.exist)
 
 
 @triton.jit
@@ -68,70 +81,82 @@ def at_site(weight: tl.constexpr, odd_row, odd_col):
 
 
 @triton.jit
-def _demosaiced(raw, row, col, size, exists, TAPS: tl.constexpr, SATURATES, LEVELS):
-    """Return the colours of sensor pixels. Past the border, the outermost cells are repeated."""
-    odd_row, odd_col = row % 2 == 1, col % 2 == 1
-    red = tl.full(exists.shape, 0.0, tl.float32)
-    green = tl.full(exists.shape, 0.0, tl.float32)
-    blue = tl.full(exists.shape, 0.0, tl.float32)
-    for k in tl.static_range(len(TAPS)):
-        y = row + TAPS[k][0]
-        x = col + TAPS[k][1]
-        plane = (y & 1) * 2 + (x & 1)
-        cell_row = tl.minimum(tl.maximum(y >> 1, 0), size[0] - 1)
-        cell_col = tl.minimum(tl.maximum(x >> 1, 0), size[1] - 1)
-        value = reading(raw, plane, cell_row, cell_col, size, exists, SATURATES, LEVELS)
-        if len(TAPS[k][2][0]) > 0:
-            red += at_site(TAPS[k][2][0], odd_row, odd_col) * value
-        if len(TAPS[k][2][1]) > 0:
-            green += at_site(TAPS[k][2][1], odd_row, odd_col) * value
-        if len(TAPS[k][2][2]) > 0:
-            blue += at_site(TAPS[k][2][2], odd_row, odd_col) * value
-    return red, green, blue
-
-
-@triton.jit
-def colours(
-    raw,
-    row,
-    col,
-    size,
-    exists,
-    PLANES: tl.constexpr,
-    TAPS: tl.constexpr,
-    SATURATES: tl.constexpr,
-    LEVELS: tl.constexpr,
-):
-    """Return red, green and blue light of the sensor pixels at rows and columns of an image.
-
-    Args:
-        raw: the image's planes. size: their height and width.
-        TAPS: of a demosaic, or empty where each pixel of the planes is one of the photo.
-        SATURATES, LEVELS: see `development_records.Codes`.
-    """
-    if len(TAPS) > 0:
-        red, green, blue = _demosaiced(raw, row, col, size, exists, TAPS, SATURATES, LEVELS)
-    else:
-        red = reading(raw, 0, row, col, size, exists, SATURATES, LEVELS)
-        green = reading(raw, 1, row, col, size, exists, SATURATES, LEVELS)
-        blue = reading(raw, PLANES - 1, row, col, size, exists, SATURATES, LEVELS)
-        if PLANES == 4:
-            green = (green + reading(raw, 2, row, col, size, exists, SATURATES, LEVELS)) * 0.5
-    return red, green, blue
-
-
-@triton.jit
-def demosaic_back(grad, row, col, height, width, exists, TAPS: tl.constexpr):
-    """Return the gradient in pixels of the mosaic, which may lie past the border, from that in the
-    colours, planes (3, height, width), of the sensor's pixels."""
-    total = tl.full(exists.shape, 0.0, tl.float32)
-    for k in tl.static_range(len(TAPS)):
-        y = row - TAPS[k][0]
-        x = col - TAPS[k][1]
-        there = exists & (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        at = grad + y * width + x
+def sensor_colours(raw, pixels, coding: tl.constexpr):
+    """Return red, green and blue light of Pixels of the sensor. Past the border, the outermost
+    cells are repeated."""
+    if coding.planes == 3:
+        return (
+            reading(raw, 0, pixels, coding),
+            reading(raw, 1, pixels, coding),
+            reading(raw, 2, pixels, coding),
+        )
+    odd_row, odd_col, colours = pixels.row % 2 == 1, pixels.col % 2 == 1, black(pixels.exist)
+    for k in tl.static_range(len(coding.taps)):
+        y, x = pixels.row + coding.taps[k][0], pixels.col + coding.taps[k][1]
+        cell_row = tl.minimum(tl.maximum(y >> 1, 0), raw.height - 1)
+        cell_col = tl.minimum(tl.maximum(x >> 1, 0), raw.width - 1)
+        cell = Pixels(pixels.image, cell_row, cell_col, pixels.exist)
+        value, total = reading(raw, (y & 1) * 2 + (x & 1), cell, coding), ()
         for colour in tl.static_range(3):
-            if len(TAPS[k][2][colour]) > 0:
-                value = tl.load(at + colour * height * width, mask=there, other=0.0)
-                total += at_site(TAPS[k][2][colour], y % 2 == 1, x % 2 == 1) * value
+            weight = coding.taps[k][2][colour]
+            if len(weight) > 0:
+                total = total + (colours[colour] + at_site(weight, odd_row, odd_col) * value,)
+            else:
+                total = total + (colours[colour],)
+        colours = total
+    return colours
+
+
+@triton.jit
+def mosaic_grad(light_grad, pixels, coding: tl.constexpr):
+    """Return the gradient in Pixels of the mosaic, which may lie past the border, from that in the
+    light of every sensor pixel."""
+    total = tl.full(pixels.exist.shape, 0.0, tl.float32)
+    for k in tl.static_range(len(coding.taps)):
+        y, x = pixels.row - coding.taps[k][0], pixels.col - coding.taps[k][1]
+        exist = pixels.exist & (y >= 0) & (y < light_grad.height)
+        exist = exist & (x >= 0) & (x < light_grad.width)
+        at = address(light_grad, Pixels(pixels.image, y, x, exist), 3)
+        for colour in tl.static_range(3):
+            weight = coding.taps[k][2][colour]
+            if len(weight) > 0:
+                plane = colour * light_grad.height * light_grad.width
+                value = tl.load(at + plane, mask=exist, other=0.0)
+                total += at_site(weight, y % 2 == 1, x % 2 == 1) * value
     return total
+
+
+@triton.jit
+def max_copies(first, count, end):
+    """Return at how many places the demosaic reads a cell of a row (or column) of `end`, at most,
+    for `count` cells from `first` on. The outermost are repeated past the border."""
+    outermost = (first == 0) | (first + count >= end)
+    return 1 + tl.where(outermost, 1, 0) + tl.where(end == 1, 1, 0)
+
+
+@triton.jit
+def copy_of(cell, k, end):
+    """Return the k-th place at which the demosaic reads cells of a row (or column), and whether
+    there is one: their own, and that beside the first or the last."""
+    beside = tl.where((cell == 0) & (k == 1), -1, end)
+    outermost = (cell == 0) | (cell == end - 1)
+    exists = (k == 0) | ((k == 1) & outermost) | ((k == 2) & (end == 1))
+    return tl.where(k == 0, cell, beside), exists
+
+
+@triton.jit
+def demosaic_back_kernel(raw_grad, light_grad, raw, coding: tl.constexpr, TILE: tl.constexpr):
+    """Fill raw_grad (B, 4, h, w) from light_grad (B, 3, 2 h, 2 w), of every sensor pixel."""
+    cells, (_, first_row, first_col) = tile(raw, TILE), tile_corner(raw, TILE)
+    row_copies = max_copies(first_row, TILE[0], raw.height)
+    col_copies = max_copies(first_col, TILE[1], raw.width)
+    for plane in range(4):
+        total = tl.full(cells.exist.shape, 0.0, tl.float32)
+        for i in range(row_copies):
+            y, row_exists = copy_of(cells.row, i, raw.height)
+            for j in range(col_copies):
+                x, col_exists = copy_of(cells.col, j, raw.width)
+                exist = cells.exist & row_exists & col_exists
+                site = Pixels(cells.image, 2 * y + plane // 2, 2 * x + plane % 2, exist)
+                total += mosaic_grad(light_grad, site, coding)
+        store_reading_grad(raw_grad, raw, plane, cells, total, coding)

@@ -1,84 +1,96 @@
-"""Readings to photos.
+"""Readings to photos, and the gradient on the way back.
 
 One kernel computes a photo from its reading. Where detail is filtered, it computes the codes of
 every sensor pixel, of which two more make a photo (see `detail`); where the photo is brought back
 to the image's frame, one more does so (see `registration`).
+
+The gradient has gather form: each pixel's is a sum over the pixels that it contributes to, always
+in the same order. What developing left in between is computed again.
 """
 
 from __future__ import annotations
 
+import torch
 import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.gpu.demosaic import colours
-from moireaug.engine.gpu.detail import filter_detail
-from moireaug.engine.gpu.develop_arrays import CodesArrays, develop_arrays
-from moireaug.engine.gpu.registration import register
-from moireaug.engine.gpu.resize import first_pixel, tap_weight
-from moireaug.engine.gpu.tile import launch, size_of, store_colours, tile
-from moireaug.engine.gpu.tone import clip, codes, look_of
+from moireaug.engine.gpu.demosaic import demosaic_back_kernel, sensor_colours, store_reading_grad
+from moireaug.engine.gpu.detail import filter_detail, filter_detail_back
+from moireaug.engine.gpu.develop_arrays import CodesArrays, Coding, develop_arrays
+from moireaug.engine.gpu.registration import register, register_back
+from moireaug.engine.gpu.resize import resize_back, resized
+from moireaug.engine.gpu.tile import launch, store, tile
+from moireaug.engine.gpu.tone import codes, codes_back, look_of
 from moireaug.engine.lower.development_records import Development
 
 
 @triton.jit
-def develop_kernel(
-    photo,
-    raw,
-    looks,
-    rows,
-    cols,
-    size,
-    raw_size,
-    PLANES: tl.constexpr,
-    DEMOSAIC: tl.constexpr,
-    STEP: tl.constexpr,
-    SATURATES: tl.constexpr,
-    LEVELS: tl.constexpr,
-    CODED: tl.constexpr,
-    TONED: tl.constexpr,
-    ROWS: tl.constexpr,
-    COLS: tl.constexpr,
-):
-    """Fill photo (B, 3, *size) from raw (B, PLANES, *raw_size): means of sensor pixels' codes. The
-    other arguments are in `develop_arrays.CodesArrays`."""
-    image, row, col, inside = tile(size, ROWS, COLS)
-    raw += image * PLANES * raw_size[0] * raw_size[1]
-    look = look_of(looks, image)
-    first_row = first_pixel(rows, row, size[0])
-    first_col = first_pixel(cols, col, size[1])
-    red = tl.full(inside.shape, 0.0, tl.float32)
-    green = tl.full(inside.shape, 0.0, tl.float32)
-    blue = tl.full(inside.shape, 0.0, tl.float32)
-    for i in range(rows.tap_count):
-        y = tl.minimum(first_row + i, raw_size[0] * STEP - 1)
-        of_row = tap_weight(rows, row, i, size[0])
-        for j in range(cols.tap_count):
-            x = tl.minimum(first_col + j, raw_size[1] * STEP - 1)
-            weight = of_row * tap_weight(cols, col, j, size[1])
-            r, g, b = colours(raw, y, x, raw_size, inside, PLANES, DEMOSAIC, SATURATES, LEVELS)
-            r, g, b = codes(r, g, b, look, CODED, TONED)
-            red += weight * r
-            green += weight * g
-            blue += weight * b
-    # weights of codes in [0, 1] sum to 1, but for rounding
-    store_colours(photo, image, row, col, size, inside, clip(red), clip(green), clip(blue))
+def sensor_codes(source, pixels):
+    """Return the codes of Pixels of the sensor, as `resize.resized` takes them."""
+    raw, look, coding = source
+    return codes(sensor_colours(raw, pixels, coding), look, coding)
 
 
-def codes_of(raw: Tensor, codes: CodesArrays) -> Tensor:
+@triton.jit
+def develop_kernel(photo, raw, arrays, coding: tl.constexpr, TILE: tl.constexpr):
+    """Fill photo (B, 3, H, W) from raw: means of sensor pixels' codes; arrays, coding: see
+    `develop_arrays`."""
+    pixels = tile(photo, TILE)
+    source = raw, look_of(arrays.looks, pixels.image), coding
+    store(photo, pixels, resized(sensor_codes, source, pixels, arrays.rows, arrays.cols))
+
+
+@triton.jit
+def light_back_kernel(out, grad, raw, arrays, coding: tl.constexpr, TILE: tl.constexpr):
+    """Fill out with the gradient in raw, or before a demosaic in the light of every sensor pixel,
+    (B, 3, ...), from grad (B, 3, H, W). The rest as in `develop_kernel`."""
+    pixels = tile(out, TILE)
+    code_grads = resize_back(grad, pixels, arrays.rows, arrays.cols)
+    look, light = look_of(arrays.looks, pixels.image), sensor_colours(raw, pixels, coding)
+    grads = codes_back(code_grads, light, look, coding)
+    if coding.planes == 4:
+        store(out, pixels, grads)
+    else:
+        for plane in tl.static_range(3):
+            store_reading_grad(out, raw, plane, pixels, grads[plane], coding)
+
+
+def _codes_of(raw: Tensor, arrays: CodesArrays, coding: Coding) -> Tensor:
     """Return the codes (B, 3, h, w) of readings, resized, in the camera's frame."""
-    photo = raw.new_empty(len(raw), 3, len(codes.rows.start), len(codes.cols.start))
-    sizes, arrays = (size_of(photo), size_of(raw)), (codes.looks, codes.rows, codes.cols)
-    launch(develop_kernel, photo, raw, *arrays, *sizes, PLANES=raw.shape[1], **codes.constants)
+    photo = raw.new_empty(len(raw), 3, arrays.rows.photo_size, arrays.cols.photo_size)
+    launch(develop_kernel, photo, raw, arrays, coding=coding)
     return photo
+
+
+def _codes_back(grad: Tensor, raw: Tensor, arrays: CodesArrays, coding: Coding) -> Tensor:
+    """Return the gradient in readings, from that in their codes."""
+    light_grad = raw.new_empty(len(raw), 3, arrays.rows.size, arrays.cols.size)
+    launch(light_back_kernel, light_grad, grad, raw, arrays, coding=coding)
+    if coding.planes == 3:
+        return light_grad
+    raw_grad = torch.empty_like(raw)
+    launch(demosaic_back_kernel, raw_grad, light_grad, raw, coding=coding)
+    return raw_grad
 
 
 def develop(raw: Tensor, development: Development) -> Tensor:
     """Return the photos (B, 3, H, W) float32 of readings (B, planes, h, w) float32."""
-    arrays = develop_arrays(development, raw.device)
-    photo = codes_of(raw.contiguous(), arrays.codes)
+    arrays, coding = develop_arrays(development, raw.device)
+    photo = _codes_of(raw.contiguous(), arrays.codes, coding)
     if arrays.detail is not None:
         photo = filter_detail(photo, arrays.detail)
     if arrays.registration is not None:
         photo = register(photo, arrays.registration)
     return photo
+
+
+def develop_back(grad: Tensor, raw: Tensor, development: Development) -> Tensor:
+    """Return the gradient in readings (B, planes, h, w), from that in photos (B, 3, H, W)."""
+    arrays, coding = develop_arrays(development, raw.device)
+    raw, grad = raw.contiguous(), grad.contiguous()
+    if arrays.registration is not None:
+        grad = register_back(grad, arrays.registration)
+    if arrays.detail is not None:
+        grad = filter_detail_back(grad, _codes_of(raw, arrays.codes, coding), arrays.detail)
+    return _codes_back(grad, raw, arrays.codes, coding)

@@ -7,11 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from moireaug.effects.detail import LEAST_SIGMA
 from moireaug.engine.gpu.arrays import upload
-from moireaug.engine.gpu.demosaic import taps_of
+from moireaug.engine.gpu.demosaic import Tap, taps_of
 from moireaug.engine.lower.development_records import (
     Codes,
     Detail,
@@ -21,20 +20,39 @@ from moireaug.engine.lower.development_records import (
 )
 
 
+class Coding(NamedTuple):
+    """What kernels that make codes of readings are compiled with.
+
+    Args:
+        planes: of the readings, 4 before a demosaic, of these taps; else 3.
+        saturates, levels, coded, toned: see `development_records.Codes`.
+    """
+
+    planes: int
+    taps: tuple[Tap, ...]
+    saturates: bool
+    levels: float
+    coded: bool
+    toned: bool
+
+
 class ResizeArrays(NamedTuple):
     """A linear resize along one axis, see `development_records.Resize`.
 
     Args:
         start: (m,) int32. taps: (m, T) float32. first, last: (n,) int32.
-        tap_count: T. photo_pixels: the most that a sensor pixel contributes to.
+        size: n. photo_size: m. tap_count: T. target_count: the most photo pixels that a sensor
+            pixel contributes to.
     """
 
-    start: Tensor
-    taps: Tensor
-    first: Tensor
-    last: Tensor
+    start: Any
+    taps: Any
+    first: Any
+    last: Any
+    size: int
+    photo_size: int
     tap_count: int
-    photo_pixels: int
+    target_count: int
 
 
 class CodesArrays(NamedTuple):
@@ -43,15 +61,11 @@ class CodesArrays(NamedTuple):
     Args:
         looks: (B, 12) float32, of each image the colour matrix, row by row, shoulder, contrast and
             brightness.
-        constants: what kernels are compiled with. DEMOSAIC: the taps of a demosaic; none where each
-            pixel of the planes is one of the photo. STEP: sensor pixels along each side of a filter
-            cell. SATURATES, LEVELS, CODED and TONED: see `development_records.Codes`.
     """
 
-    looks: Tensor
+    looks: Any
     rows: ResizeArrays
     cols: ResizeArrays
-    constants: dict[str, Any]
 
 
 class DetailArrays(NamedTuple):
@@ -63,9 +77,9 @@ class DetailArrays(NamedTuple):
         amount: (B,) float32.
     """
 
-    gaussians: Tensor
+    gaussians: Any
     taps: int
-    amount: Tensor
+    amount: Any
     rows: ResizeArrays
     cols: ResizeArrays
 
@@ -79,9 +93,9 @@ class RegistrationArrays(NamedTuple):
         lenses: (B, 2) float64, k1 and k2. bends: whether any is not 0.
     """
 
-    views: Tensor
-    inverses: Tensor
-    lenses: Tensor
+    views: Any
+    inverses: Any
+    lenses: Any
     bends: bool
 
 
@@ -93,90 +107,45 @@ class DevelopArrays(NamedTuple):
     registration: RegistrationArrays | None
 
 
-def develop_arrays(d: Development, device: torch.device) -> DevelopArrays:
-    """Return a Development on a device."""
-    arrays = {"looks": _looks(d.codes)}
-    arrays |= _resize_arrays("codes.rows", d.codes.rows) | _resize_arrays(
-        "codes.cols", d.codes.cols
-    )
-    if d.finishes:
-        arrays |= {"gaussians": _gaussians(d.detail), "amount": d.detail.amount}
-        arrays |= _resize_arrays("rows", d.detail.rows) | _resize_arrays("cols", d.detail.cols)
-    if d.registers:
-        arrays |= _registration_arrays(d.registration)
-    there = upload(arrays, device)
-    codes = CodesArrays(
-        there["looks"],
-        _resize("codes.rows", d.codes.rows, there),
-        _resize("codes.cols", d.codes.cols, there),
-        _constants(d.codes),
-    )
-    detail, registration = None, None
-    if d.finishes:
-        resizes = _resize("rows", d.detail.rows, there), _resize("cols", d.detail.cols, there)
-        taps = there["gaussians"].shape[2]
-        detail = DetailArrays(there["gaussians"], taps, there["amount"], *resizes)
-    if d.registers:
-        bends = bool(d.registration.lens.any())
-        registration = RegistrationArrays(there["views"], there["inverses"], there["lenses"], bends)
-    return DevelopArrays(codes, detail, registration)
+def develop_arrays(d: Development, device: torch.device) -> tuple[DevelopArrays, Coding]:
+    """Return a Development on a device, and the Coding of its codes."""
+    codes = CodesArrays(_looks(d.codes), _resize_arrays(d.codes.rows), _resize_arrays(d.codes.cols))
+    detail = _detail_arrays(d.detail) if d.finishes else None
+    registration = _registration_arrays(d.registration) if d.registers else None
+    return upload(DevelopArrays(codes, detail, registration), device), _coding(d.codes)
 
 
-def _constants(c: Codes) -> dict[str, Any]:
-    return {
-        "DEMOSAIC": taps_of(c.demosaic) if c.mosaic else (),
-        "STEP": 2 if c.mosaic else 1,
-        "SATURATES": c.saturates,
-        "LEVELS": float(c.levels),
-        "CODED": c.coded,
-        "TONED": c.toned,
-    }
+def _coding(c: Codes) -> Coding:
+    planes, taps = (4, taps_of(c.demosaic)) if c.mosaic else (3, ())
+    return Coding(planes, taps, c.saturates, float(c.levels), c.coded, c.toned)
 
 
 def _looks(c: Codes) -> np.ndarray:
     tone = np.stack([c.shoulder, c.contrast, c.brighten], 1)
-    return np.concatenate([c.matrix.reshape(-1, 9), tone], 1, dtype=np.float32)
+    return np.concatenate([c.matrix.reshape(-1, 9), tone], 1)
 
 
-def _resize_arrays(name: str, resize: Resize) -> dict[str, np.ndarray]:
-    """Return a resize's arrays by names that begin with its own."""
-    return {
-        f"{name}.start": resize.start.astype(np.int32),
-        f"{name}.taps": resize.taps,
-        f"{name}.first": resize.first.astype(np.int32),
-        f"{name}.last": resize.last.astype(np.int32),
-    }
+def _resize_arrays(resize: Resize) -> ResizeArrays:
+    start, taps, first, last = resize[:4]
+    target_count = max(int((last - first).max()) + 1, 0)
+    photo_size, tap_count = taps.shape
+    return ResizeArrays(start, taps, first, last, len(first), photo_size, tap_count, target_count)
 
 
-def _resize(name: str, resize: Resize, there: dict[str, Tensor]) -> ResizeArrays:
-    photo_pixels = max(int((resize.last - resize.first).max()) + 1, 0)
-    return ResizeArrays(
-        there[f"{name}.start"],
-        there[f"{name}.taps"],
-        there[f"{name}.first"],
-        there[f"{name}.last"],
-        resize.taps.shape[1],
-        photo_pixels,
-    )
-
-
-def _gaussians(detail: Detail) -> np.ndarray:
-    """Return the Gaussians of a batch, (B, 2, taps) float32."""
+def _detail_arrays(detail: Detail) -> DetailArrays:
     half = max(detail.chroma_size, detail.sharp_size) // 2
     at = np.arange(-half, half + 1)
-    out = []
+    gaussians = []
     for sigma, size in ((detail.chroma, detail.chroma_size), (detail.sharp, detail.sharp_size)):
         sigma = np.maximum(sigma, LEAST_SIGMA)[:, None]
         weight = np.where(abs(at) <= size // 2, np.exp(-(at**2) / (2 * sigma**2)), 0.0)
-        out.append(weight / weight.sum(1, keepdims=True))
-    return np.stack(out, 1).astype(np.float32)
+        gaussians.append(weight / weight.sum(1, keepdims=True))
+    rows, cols = _resize_arrays(detail.rows), _resize_arrays(detail.cols)
+    return DetailArrays(np.stack(gaussians, 1), len(at), detail.amount, rows, cols)
 
 
-def _registration_arrays(registration: Registration) -> dict[str, np.ndarray]:
+def _registration_arrays(registration: Registration) -> RegistrationArrays:
     views = registration.views
-    inverses = np.linalg.inv(views)
-    return {
-        "views": views.reshape(-1, 9),
-        "inverses": inverses.reshape(-1, 9),
-        "lenses": registration.lens,
-    }
+    inverses = np.linalg.inv(views).reshape(-1, 9)
+    bends = bool(registration.lens.any())
+    return RegistrationArrays(views.reshape(-1, 9), inverses, registration.lens, bends)

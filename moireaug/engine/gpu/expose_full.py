@@ -1,190 +1,151 @@
-"""Screen to raw by the panel's light over each sensor pixel's aperture and blur, in full readings:
-the exposures "spectral" and "mean".
+"""Full readings, one for each pixel of the sensor, and the gradient in the picture.
 
-What a pixel sees of a subpixel is what the cells around show, weighted by their shares of the
-pixel's view, times the sum of the subpixel's harmonics, each weighted by its transfer.
+A program computes some pixels of one plane of one image. How pixels see a subpixel of the panel's
+cell is what exposure methods differ in: a device function `see`, which returns the subpixel's light
+on a white picture, and the Patch of pixels shown that the light comes from.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.gpu import full_reading
-from moireaug.engine.gpu.arrays import CAMERA_FIELDS
-from moireaug.engine.gpu.footprint import footprint, narrowing, share_between, tap_shares
-from moireaug.engine.gpu.full_reading import Method
-from moireaug.engine.gpu.panel import place_on_shown, weights_on_shown
-from moireaug.engine.gpu.transfer import transfer, wave
-from moireaug.engine.gpu.view import ALPHA
+from moireaug.engine.gpu import point_method, spectral_method
+from moireaug.engine.gpu.arrays import kernel_fields, upload
+from moireaug.engine.gpu.display import DisplayNumbers, display_numbers, show, show_back
+from moireaug.engine.gpu.noise import quantiles
+from moireaug.engine.gpu.panel import add_content_back, channel_of, content
+from moireaug.engine.gpu.sensor_sites import address, light_passed, look_at_panel, read, site_of
 from moireaug.engine.lower.exposure_records import Camera, Exposure
 
+BLOCK = 128  # pixels of a plane, that one program computes
 
-class Subpixels(NamedTuple):
-    """The subpixels of a panel's cell, of some kinds; see `exposure_records.Cell`.
+
+class Batch(NamedTuple):
+    """What the kernels read.
 
     Args:
-        colour, kind: (n,) int32. centre, pixel: (n, 2) float64, panel pixels, of the pixel its
-            middle.
-        period: (kinds, 2) float64, panel pixels. cells: its inverse.
-        width, slant_variance: (B, kinds, 2) float32, see `footprint`.
-        k, l: (terms,) float32, of harmonics, those of each kind together. first_term: (kinds + 1,)
-            int32. amplitude: (B, terms) float32. mean: (B, kinds) float32.
-        length, kinds, terms: how many there are.
+        subpixels: what the exposure's method reads of them, and subpixel_count.
+        shown_scale: (B,) float64, pixels shown per panel pixel. raw_shape: planes, height and width
+            of a reading. quantiles: see `noise.quantiles`.
     """
 
-    colour: Any
-    kind: Any
-    centre: Any
-    pixel: Any
-    period: Any
-    cells: Any
-    width: Any
-    slant_variance: Any
-    k: Any
-    l: Any
-    first_term: Any
-    amplitude: Any
-    mean: Any
-    length: int
-    kinds: int
-    terms: int
+    exposure: Exposure
+    subpixels: Any
+    subpixel_count: int
+    display: DisplayNumbers
+    shown_scale: Any
+    raw_shape: tuple[int, int, int]
+    screen: Any = None
+    quantiles: Any = None
+
+
+class Variant(NamedTuple):
+    """What the kernels are compiled for.
+
+    Args:
+        span: columns and rows of pixels shown that one sensor pixel sees of a subpixel.
+        taps: of the panel's cells along each axis. dark: the panel is black beyond the picture.
+        flickers, noisy, clips: see `exposure_records.Exposure`.
+    """
+
+    span: tuple[int, int]
+    taps: int
+    dark: bool
+    flickers: bool
+    noisy: bool
+    clips: bool
 
 
 def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
-    return full_reading.expose(picture, exposure, _method_of(exposure))
+    batch, constants = _prepare(picture, exposure)
+    raw = picture.new_empty(len(picture), *batch.raw_shape, dtype=torch.float32)
+    if raw.numel():
+        _expose[_grid(raw)](raw, batch, **constants)
+    return raw
 
 
 def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure) -> Tensor:
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings."""
-    return full_reading.expose_back(grad, picture, exposure, _method_of(exposure))
+    if not grad.numel():
+        return torch.zeros_like(picture)
+    batch, constants = _prepare(picture, exposure)
+    light_grad = torch.zeros_like(batch.screen.light)
+    _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
+    return show_back(light_grad, picture, exposure, batch.display)
 
 
-def _method_of(e: Exposure) -> Method:
-    cell, middle = e.cell, e.coefficients.shape[3] // 2
-    amplitude = e.coefficients.copy()
-    amplitude[:, :, 0, middle] = 0
-    gain = e.cameras[:, Camera._fields.index("gain")].max(initial=1)
-    strongest = np.abs(amplitude).max(0, initial=0)
-    kind, k, l = np.nonzero(strongest > e.budget.harmonic_amplitude / gain)
-    kinds = len(cell.period)
-    subpixels = Subpixels(
-        colour=cell.channel.astype(np.int32),
-        kind=cell.kind.astype(np.int32),
-        centre=cell.centre,
-        pixel=cell.pixel + 0.5,
-        period=cell.period.astype(np.float64),
-        cells=1 / cell.period,
-        width=e.widths.astype(np.float32),
-        slant_variance=e.added_variance.astype(np.float32),
-        k=k.astype(np.float32),
-        l=(l - middle).astype(np.float32),
-        first_term=np.searchsorted(kind, np.arange(kinds + 1)).astype(np.int32),
-        amplitude=amplitude[:, kind, k, l].astype(np.float32),
-        mean=e.coefficients[:, :, 0, middle].astype(np.float32),
-        length=len(cell.channel),
-        kinds=kinds,
-        terms=len(k),
+def _prepare(picture: Tensor, e: Exposure) -> tuple[Batch, dict[str, Any]]:
+    """Return what the kernels read, and what they are compiled with."""
+    method = spectral_method if e.point is None else point_method
+    batch = Batch(
+        kernel_fields(e),
+        method.subpixels_of(e),
+        len(e.cell.channel),
+        display_numbers(e),
+        1 / np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1),
+        (
+            len(e.sites.channel),
+            len(e.sites.rows) // e.sites.step,
+            len(e.sites.cols) // e.sites.step,
+        ),
     )
-    return Method(see, subpixels, *_spans(e))
+    batch = upload(batch, picture.device)
+    screen = show(picture, e, batch.display)
+    batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
+    flickers, taps = e.flicker.shape[1] > 0, 2 * e.cell.radius + 1
+    variant = Variant(method.span_of(e), taps, e.dark, flickers, e.noisy, e.clips)
+    return batch, {"SEE": method.see, "variant": variant, "BLOCK": BLOCK}
 
 
-def _spans(e: Exposure) -> list[int]:
-    """Return how many columns and rows of pixels shown a pixel's cells take their light from, at
-    most: a finer panel's pixels from two each."""
-    alpha = np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1)
-    spans = []
-    for period in e.cell.period.max(0):
-        from_first_to_last = 2 * e.cell.radius * int(period) / int(alpha.min(initial=1))
-        spans.append(math.ceil(from_first_to_last) + (2 if alpha.max(initial=1) > 1 else 1))
-    return spans
-
-
-@triton.jit
-def _along_axis(
-    position, by_u, by_v, size, count, i, image, reading, screen, subpixels,
-    AXIS: tl.constexpr, SPAN: tl.constexpr, TAPS: tl.constexpr, DARK: tl.constexpr,
-):  # fmt: skip
-    """Return, along one axis, how far pixels look past the nearest subpixel i, in cells, the first
-    pixel shown that they see, and the weights of SPAN of them.
-
-    Args:
-        position: float64, panel coordinates. by_u, by_v: change per sensor pixel along u and v.
-        size: of the picture. count: of pixels shown.
-    """
-    camera, kind = reading.cameras + image * CAMERA_FIELDS, tl.load(subpixels.kind + i)
-    period, cells = subpixels.period + 2 * kind + AXIS, subpixels.cells + 2 * kind + AXIS
-    period, cells = tl.load(period), tl.load(cells)
-    shape = (image * subpixels.kinds + kind) * 2 + AXIS
-    width = tl.load(subpixels.width + shape)
-    slant_variance = tl.load(subpixels.slant_variance + shape)
-    place = (position - tl.load(subpixels.centre + 2 * i + AXIS)) * cells
-    nearest = tl.floor(place + 0.5)
-    offset = (place - nearest).to(tl.float32)
-    box, sigma = footprint(by_u, by_v, period.to(tl.float32), slant_variance, camera)
-    narrowed = narrowing(box, sigma, width, TAPS)
-    shares = tap_shares(offset, box * narrowed, sigma * narrowed, width, TAPS)
-    first = (nearest - TAPS // 2) * period + tl.load(subpixels.pixel + 2 * i + AXIS)
-    if DARK:
-        end = tl.load(camera + ALPHA) * size
-        from_middle, half = (position - 0.5 * end) * cells, 0.5 * end * cells
-        whole = share_between(from_middle.to(tl.float32), half.to(tl.float32), box, sigma)
-        lit = ()
-        for tap in tl.static_range(TAPS):
-            pixel = first + tap * period
-            alone = tl.where((pixel >= 0.0) & (pixel < end), 1.0, 0.0)
-            lit = lit + (shares[tap] * tl.where(narrowed < 1.0, whole, alone),)
-        shares = lit
-    scale = tl.load(reading.shown_scale + image)
-    start, weights = weights_on_shown(
-        place_on_shown(first, scale, screen), (period * scale).to(tl.float32), shares, count,
-        TAPS, SPAN,
-    )  # fmt: skip
-    return offset, start, weights
+def _grid(raw: Tensor) -> tuple[int]:
+    images, planes, height, width = raw.shape
+    return (images * planes * triton.cdiv(height * width, BLOCK),)
 
 
 @triton.jit
-def _modulation(x, y, by_u, by_v, i, image, reading, subpixels):
-    """Return the light of subpixels i on a white picture, at offsets in cells from the nearest.
-
-    by_u, by_v: change of both panel coordinates per sensor pixel along u and v.
-    """
-    camera, kind = reading.cameras + image * CAMERA_FIELDS, tl.load(subpixels.kind + i)
-    cells_x = tl.load(subpixels.cells + 2 * kind).to(tl.float32)
-    cells_y = tl.load(subpixels.cells + 2 * kind + 1).to(tl.float32)
-    light = 0.0 * x + tl.load(subpixels.mean + image * subpixels.kinds + kind)
-    last = tl.load(subpixels.first_term + kind + 1)
-    for term in range(tl.load(subpixels.first_term + kind), last):
-        k, l = tl.load(subpixels.k + term), tl.load(subpixels.l + term)
-        amplitude = tl.load(subpixels.amplitude + image * subpixels.terms + term)
-        fx, fy = k * cells_x, l * cells_y
-        fu, fv = fx * by_u[0] + fy * by_u[1], fx * by_v[0] + fy * by_v[1]
-        cosine, _ = wave(k * x + l * y)
-        light += amplitude * transfer(fu, fv, camera) * cosine
-    return light
+def _expose(raw, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.constexpr):
+    """Fill raw (B, planes, h, w), a program for BLOCK pixels of a plane."""
+    site = site_of(batch, BLOCK)
+    sight, light = look_at_panel(site), 0.0 * site.u.to(tl.float32)
+    for i in range(batch.subpixel_count):
+        colour, passed = light_passed(i, site, batch.exposure)
+        if passed != 0.0:
+            white, patch = SEE(i, sight, site, batch, variant)
+            channel = channel_of(batch.screen.light, site.image, colour, batch.screen)
+            light += passed * white * content(channel, patch, batch.screen)
+    value, _ = read(light, site, batch, variant)
+    tl.store(address(raw, site, batch), value, mask=site.inside)
 
 
 @triton.jit
-def see(
-    i, sight, image, reading, screen, subpixels,
-    COLUMNS: tl.constexpr, ROWS: tl.constexpr, TAPS: tl.constexpr, DARK: tl.constexpr,
-):  # fmt: skip
-    """Return what pixels see of subpixels i: their light on a white picture; the first column and
-    row of the pixels shown that it comes from, and the weights of these columns and rows."""
-    (x, y), by_u, by_v = sight
-    offset_x, left, across = _along_axis(
-        x, by_u[0], by_v[0], screen.width, screen.columns, i, image, reading, screen, subpixels,
-        0, COLUMNS, TAPS, DARK,
-    )  # fmt: skip
-    offset_y, top, down = _along_axis(
-        y, by_u[1], by_v[1], screen.height, screen.rows, i, image, reading, screen, subpixels,
-        1, ROWS, TAPS, DARK,
-    )  # fmt: skip
-    white = _modulation(offset_x, offset_y, by_u, by_v, i, image, reading, subpixels)
-    return white, left, top, across, down
+def _expose_back(
+    light_grad, grad, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.constexpr
+):
+    """Add to light_grad, the gradient in `screen.light`, what comes from that in raw."""
+    site = site_of(batch, BLOCK)
+    sight, light = look_at_panel(site), 0.0 * site.u.to(tl.float32)
+    back = light  # the gradient in light, once that is known
+    # twice over the subpixels: for their light, on which the slope may depend, and for the gradient
+    for turn in range(0 if variant.noisy or variant.clips else 1, 2):
+        if turn == 1:
+            _, slope = read(light, site, batch, variant)
+            back = slope * tl.load(address(grad, site, batch))
+        for i in range(batch.subpixel_count):
+            colour, passed = light_passed(i, site, batch.exposure)
+            if passed != 0.0:
+                white, patch = SEE(i, sight, site, batch, variant)
+                white *= passed
+                if turn == 0:
+                    channel = channel_of(batch.screen.light, site.image, colour, batch.screen)
+                    light += white * content(channel, patch, batch.screen)
+                else:
+                    channel = channel_of(light_grad, site.image, colour, batch.screen)
+                    seen = back * white
+                    add_content_back(channel, seen, patch, site.inside, batch.screen)

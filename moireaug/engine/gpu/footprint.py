@@ -9,9 +9,12 @@ small box loses no digits, as it does by differences of the integral.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
+import numpy as np
 import triton
 import triton.language as tl
+from numpy.polynomial import Polynomial
 
 from moireaug.engine.gpu.transfer import FILL, blur_variance
 from moireaug.engine.gpu.view import load32
@@ -21,13 +24,34 @@ MIN_BLUR_VARIANCE = tl.constexpr(footprints.MIN_BLUR_VARIANCE)
 TAIL_SIGMAS = tl.constexpr(footprints.TAIL_SIGMAS)
 NEAREST_GUARD_SHARE = tl.constexpr(footprints.NEAREST_GUARD_SHARE)
 MIN_EXPONENT = tl.constexpr(footprints.MIN_EXPONENT)
-ROOT_HALF = tl.constexpr(0.5**0.5)
-PEAK = tl.constexpr((2 * math.pi) ** -0.5)  # of the standard normal density
+FAR_SIGMAS = tl.constexpr(8.0)  # beyond which no light is
+
+
+def _tail_share(z: float) -> float:
+    """Return `_tail` as a share of the bell exp(-z^2 / 2)."""
+    bell, beyond = math.exp(-z * z / 2), 0.5 * math.erfc(z * 0.5**0.5)
+    return (2 * math.pi) ** -0.5 - z * beyond / bell
+
+
+# as a polynomial in 1 / (1 + TAIL_SCALE z): times the bell, right to 6e-8
+_scale = 0.4
+_t = 1 - (1 - 1 / (1 + _scale * 8)) * (1 + np.cos(np.pi * (np.arange(64) + 0.5) / 64)) / 2
+_z = (1 / _t - 1) / _scale
+_fitted = Polynomial.fit(_t, [_tail_share(z) for z in _z], 6, w=np.exp(-(_z**2) / 2) + 1e-3)
+TAIL_SCALE = tl.constexpr(_scale)
+T0, T1, T2, T3, T4, T5, T6 = (tl.constexpr(float(c)) for c in _fitted.convert().coef)
+
+
+class View(NamedTuple):
+    """A view along one axis: its box and the standard deviation of its Gaussian, in cells."""
+
+    box: Any
+    sigma: Any
 
 
 @triton.jit
 def footprint(by_u, by_v, period, slant_variance, camera):
-    """Return the box and the standard deviation of a view along one axis, in cells.
+    """Return the View along one axis.
 
     Args:
         by_u, by_v: panel pixels per sensor pixel along u and v. period: of the cells, panel pixels.
@@ -37,42 +61,44 @@ def footprint(by_u, by_v, period, slant_variance, camera):
     box, short = tl.maximum(across, down) * fill / period, tl.minimum(across, down) * fill
     variance = short * short / 12.0 + blur_variance(by_u, by_v, camera)
     variance = variance / (period * period) + slant_variance + MIN_BLUR_VARIANCE
-    return box, tl.sqrt(variance)
+    return View(box, tl.sqrt(variance))
 
 
 @triton.jit
-def narrowing(box, sigma, width, TAPS: tl.constexpr):
+def narrowing(view, width, TAPS: tl.constexpr):
     """Return the factor that narrows a view to TAPS cells, as `footprints.fitted` does."""
     room = tl.maximum(0.5 * TAPS - 0.5 * width, MIN_BLUR_VARIANCE)
-    return tl.minimum(room / (0.5 * box + TAIL_SIGMAS * sigma), 1.0)
+    return tl.minimum(room / (0.5 * view.box + TAIL_SIGMAS * view.sigma), 1.0)
 
 
 @triton.jit
 def _tail(z):
     """Return the integral of the standard normal distribution function up to -z, z >= 0."""
-    density = PEAK * tl.exp(tl.maximum(-0.5 * z * z, MIN_EXPONENT))
-    return tl.maximum(density - z * (0.5 - 0.5 * tl.erf(z * ROOT_HALF)), 0.0)
+    root = tl.rsqrt(z * TAIL_SCALE + 1.0)
+    t = root * root
+    bell = tl.exp(tl.maximum(-0.5 * z * z, MIN_EXPONENT))
+    return bell * (t * (T1 + t * (T2 + t * (T3 + t * (T4 + t * (T5 + t * T6))))) + T0)
 
 
 @triton.jit
-def share_beyond(edge, box, sigma):
+def share_beyond(edge, view):
     """Return the share of a view that lies beyond an edge, at a distance from its middle."""
-    near, far = edge - 0.5 * box, edge + 0.5 * box
+    near, far, inverse = edge - 0.5 * view.box, edge + 0.5 * view.box, 1.0 / view.sigma
     ramp = tl.maximum(-near, 0.0) - tl.maximum(-far, 0.0)
-    tails = _tail(tl.abs(near) / sigma) - _tail(tl.abs(far) / sigma)
-    return (ramp + sigma * tails) / box
+    tails = _tail(tl.abs(near) * inverse) - _tail(tl.abs(far) * inverse)
+    return (ramp + view.sigma * tails) / view.box
 
 
 @triton.jit
-def share_between(distance, half, box, sigma):
+def share_between(distance, half, view):
     """Return the share of a view within `half` of a point at a distance from its middle."""
     apart = tl.abs(distance)  # where what lies beyond is small, it has more digits
-    share = share_beyond(apart - half, box, sigma) - share_beyond(apart + half, box, sigma)
+    share = share_beyond(apart - half, view) - share_beyond(apart + half, view)
     return tl.maximum(share, 0.0)
 
 
 @triton.jit
-def tap_shares(offset, box, sigma, width, TAPS: tl.constexpr):
+def tap_shares(offset, view, width, TAPS: tl.constexpr):
     """Return the share of each of TAPS subpixels in the light of all of them, a tuple.
 
     Args:
@@ -81,7 +107,7 @@ def tap_shares(offset, box, sigma, width, TAPS: tl.constexpr):
     """
     shares, total = (), NEAREST_GUARD_SHARE + 0.0 * offset
     for tap in tl.static_range(TAPS):
-        share = share_between(tap - TAPS // 2 - offset, 0.5 * width, box, sigma)
+        share = share_between(tap - TAPS // 2 - offset, 0.5 * width, view)
         total += share
         if tap == TAPS // 2:
             share += NEAREST_GUARD_SHARE
@@ -90,3 +116,37 @@ def tap_shares(offset, box, sigma, width, TAPS: tl.constexpr):
     for tap in tl.static_range(TAPS):
         normalised = normalised + (shares[tap] * unit,)
     return normalised
+
+
+@triton.jit
+def share_on_picture(position, end, view):
+    """Return the share of a view that is on the picture, from 0 to `end`; float64, cells."""
+    far = 0.5 * view.box + FAR_SIGMAS * view.sigma
+    to_start, to_end = position.to(tl.float32), (position - end).to(tl.float32)
+    past_start = share_beyond(-tl.minimum(tl.maximum(to_start, -far), far), view)
+    return past_start - share_beyond(-tl.minimum(tl.maximum(to_end, -far), far), view)
+
+
+@triton.jit
+def lit_shares(place, view, width, picture, TAPS: tl.constexpr, DARK: tl.constexpr):
+    """Return the nearest cell, float64, how far past the middle of its light a view's is, and the
+    shares of TAPS cells around it, of which those beside the picture are DARK.
+
+    Args:
+        place: of the view's middle, float64, in cells from the middle of the light of cell 0.
+        width: of the light, cells. picture: where the view's middle and cell 0's pixel lie from the
+            picture's start, and the picture's end, in cells.
+    """
+    nearest = tl.floor(place + 0.5)
+    offset, narrowed = (place - nearest).to(tl.float32), narrowing(view, width, TAPS)
+    shares = tap_shares(offset, View(view.box * narrowed, view.sigma * narrowed), width, TAPS)
+    if DARK:
+        position, pixel, end = picture
+        whole, lit = share_on_picture(position, end, view), ()
+        for tap in tl.static_range(TAPS):
+            at = nearest + (tap - TAPS // 2) + pixel
+            alone = tl.where((at >= 0.0) & (at < end), 1.0, 0.0)
+            # a view that is not narrowed sees each pixel by itself
+            lit = lit + (shares[tap] * tl.where(narrowed < 1.0, whole, alone),)
+        shares = lit
+    return nearest, offset, shares

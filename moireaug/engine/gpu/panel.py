@@ -1,8 +1,4 @@
-"""The panel's pixels on the picture that is shown.
-
-`display.show` puts the picture on panels of at most its pixels. A finer panel shows what lies
-between these: kernels look that up where they need it, and build no panel.
-"""
+"""The pixels of a `display.Screen` that sensor pixels see, and the light of these."""
 
 from __future__ import annotations
 
@@ -11,35 +7,21 @@ from typing import Any, NamedTuple
 import triton
 import triton.language as tl
 
-from moireaug.engine.gpu.display import Shown
 
+class Patch(NamedTuple):
+    """Pixels shown: their first column and row, int32, which may be beyond the edge, and the
+    weights of as many columns and rows as there are weights."""
 
-class Screen(NamedTuple):
-    """What the panels show, or the gradient in it.
-
-    Args:
-        light: (B, 3, rows, columns) float32, `display.Shown.light`. lead: see there.
-        height, width: of the picture.
-    """
-
-    light: Any
-    rows: int
-    columns: int
-    lead: int
-    height: int
-    width: int
-
-
-def screen_of(shown: Shown, size: tuple[int, int]) -> Screen:
-    """Return the Screen of what is shown of pictures of a height and width."""
-    rows, columns = shown.light.shape[2:]
-    return Screen(shown.light, rows, columns, shown.lead, *size)
+    left: Any
+    top: Any
+    across: Any
+    down: Any
 
 
 @triton.jit
-def channel_start(image, colour, screen):
-    """Return the index of the first pixel of one channel of what an image's panel shows."""
-    return (image * 3 + colour).to(tl.int64) * screen.rows * screen.columns
+def channel_of(light, image, colour, screen):
+    """Return a pointer to one channel of an image on the screen, or of the gradient in it."""
+    return light + (image * 3 + colour) * screen.pixels[0] * screen.pixels[1]
 
 
 @triton.jit
@@ -59,13 +41,13 @@ def split(place, count):
 
 
 @triton.jit
-def weights_on_shown(first, step, shares, count, TAPS: tl.constexpr, SPAN: tl.constexpr):
+def weights_on_shown(first, step, shares, count, SPAN: tl.constexpr):
     """Return the first of SPAN pixels shown that panel pixels take their light from, and the weight
     of each.
 
     Args:
-        first: place of the first of TAPS panel pixels, from `place_on_shown`. step: float32, from
-            one to the next. shares: weights of the panel pixels. count: of pixels shown.
+        first: place of the first panel pixel, from `place_on_shown`. step: float32, from one to the
+            next. shares: weights of the panel pixels. count: of pixels shown.
     """
     start = tl.floor(tl.minimum(tl.maximum(first, 0.0), count - 1.0))
     near, low, high = (first - start).to(tl.float32), -start, count - 1.0 - start
@@ -73,7 +55,7 @@ def weights_on_shown(first, step, shares, count, TAPS: tl.constexpr, SPAN: tl.co
     weights = ()
     for pixel in tl.static_range(SPAN):
         weight = 0.0 * near
-        for tap in tl.static_range(TAPS):
+        for tap in tl.static_range(len(shares)):
             place = tl.minimum(tl.maximum(near + step * tap, low), high)
             weight += shares[tap] * tl.maximum(1.0 - tl.abs(place - pixel), 0.0)
         weights = weights + (weight,)
@@ -81,29 +63,32 @@ def weights_on_shown(first, step, shares, count, TAPS: tl.constexpr, SPAN: tl.co
 
 
 @triton.jit
-def content(light, left, top, across, down, screen, COLUMNS: tl.constexpr, ROWS: tl.constexpr):
-    """Return the sum of the pixels shown from a column and row on, times the weights of columns and
-    rows; light: of one channel."""
-    total = 0.0 * across[0]
-    for m in tl.static_range(ROWS):
-        line = light + tl.minimum(top + m, screen.rows - 1) * screen.columns
-        from_row = 0.0 * total
-        for n in tl.static_range(COLUMNS):
-            pixel = tl.minimum(left + n, screen.columns - 1)
-            from_row += across[n] * tl.load(line + pixel)
-        total += down[m] * from_row
+def within(first, offset, count):
+    """Return pixels at an offset from the first, of `count`, or the outermost beyond the edges."""
+    return tl.minimum(tl.maximum(first + offset, 0), count - 1)
+
+
+@triton.jit
+def content(channel, patch, screen):
+    """Return the light of a Patch: the weighted sum of its pixels."""
+    columns, rows = screen.pixels
+    total = 0.0 * patch.across[0]
+    for m in tl.static_range(len(patch.down)):
+        line = channel + within(patch.top, m, rows) * columns
+        of_row = 0.0 * total
+        for n in tl.static_range(len(patch.across)):
+            of_row += patch.across[n] * tl.load(line + within(patch.left, n, columns))
+        total += patch.down[m] * of_row
     return total
 
 
 @triton.jit
-def scatter(
-    light_grad, back, left, top, across, down, inside, screen,
-    COLUMNS: tl.constexpr, ROWS: tl.constexpr,
-):  # fmt: skip
-    """Add the gradient in pixels shown, from that in their `content`."""
-    for m in tl.static_range(ROWS):
-        line = light_grad + tl.minimum(top + m, screen.rows - 1) * screen.columns
-        for n in tl.static_range(COLUMNS):
-            weight = down[m] * across[n]
-            pixel = tl.minimum(left + n, screen.columns - 1)
-            tl.atomic_add(line + pixel, back * weight, mask=inside & (weight != 0.0))
+def add_content_back(channel, grad, patch, inside, screen):
+    """Add the gradient in pixels shown to a channel, from that in their `content`."""
+    columns, rows = screen.pixels
+    for m in tl.static_range(len(patch.down)):
+        line = channel + within(patch.top, m, rows) * columns
+        for n in tl.static_range(len(patch.across)):
+            back = grad * patch.down[m] * patch.across[n]
+            at = line + within(patch.left, n, columns)
+            tl.atomic_add(at, back, mask=inside & (back != 0.0))

@@ -9,9 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.engine.gpu import expose_binned, expose_full, expose_point
-from moireaug.engine.gpu.develop import develop as develop_batch
-from moireaug.engine.gpu.develop_back import develop_back as develop_batch_back
+from moireaug.engine.gpu import develop as developing
+from moireaug.engine.gpu import expose_binned, expose_full
 from moireaug.engine.lower.development_records import Development
 from moireaug.engine.lower.exposure_records import Beats, Exposure
 
@@ -32,8 +31,6 @@ def launch_expose(
     with _device_of(picture):
         if beats is not None:
             raw = expose_binned.expose(picture, exposure, beats)
-        elif exposure.point:
-            raw = expose_point.expose(picture, exposure)
         else:
             raw = expose_full.expose(picture, exposure)
     return raw, raw.new_empty(0)
@@ -47,15 +44,13 @@ def launch_expose_back(
     with _device_of(picture):
         if beats is not None:
             return expose_binned.expose_back(grad, picture, exposure, beats)
-        if exposure.point:
-            return expose_point.expose_back(grad, picture, exposure)
         return expose_full.expose_back(grad, picture, exposure)
 
 
 def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor, Tensor]:
     """Return the photos (B, 3, H, W) float32, sRGB codes, of readings (B, planes, h, w) float32."""
     with _device_of(raw):
-        return develop_batch(raw, development), raw.new_empty(0)
+        return developing.develop(raw, development), raw.new_empty(0)
 
 
 def launch_develop_back(
@@ -63,7 +58,7 @@ def launch_develop_back(
 ) -> Tensor:
     """Return the gradient in the readings, from that in the photos."""
     with _device_of(raw):
-        return develop_batch_back(grad, raw, development)
+        return developing.develop_back(grad, raw, development)
 
 
 def _device_of(values: Tensor) -> contextlib.AbstractContextManager[object]:

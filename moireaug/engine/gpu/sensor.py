@@ -65,6 +65,25 @@ def noise_of(light, index, seed, camera, quantiles):
 
 
 @triton.jit
+def reading(light, pulse, u, v, white, camera, noise, NOISY: tl.constexpr):
+    """Return readings before they are clipped, and their derivative in the panel's light.
+
+    Args:
+        light: of the panel, without flicker, through a plane's filter. pulse: of the flicker.
+        white: what the plane reads of a white screen. noise: indices, seed and quantiles, see
+            `noise.normal`. NOISY: whether there is any.
+    """
+    u, v = u.to(tl.float32), v.to(tl.float32)
+    factor = attenuation(u, v, camera)
+    value, slope = factor * (light * pulse + white * reflected(u, v, camera)), factor * pulse
+    if NOISY:
+        index, seed, quantiles = noise
+        added, by_light = noise_of(value, index, seed, camera, quantiles)
+        value, slope = value + added, slope * (1.0 + by_light)
+    return value, slope
+
+
+@triton.jit
 def mean_excess(mean, variance):
     """Return the mean of max(x, 0) of normally distributed x, and its derivatives in mean and
     variance."""

@@ -3,6 +3,8 @@ the gradient on the way back."""
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import triton
 import triton.language as tl
 
@@ -15,6 +17,20 @@ SRGB_OFFSET = tl.constexpr(0.055)
 SRGB_POWER = tl.constexpr(1 / 2.4)
 
 
+class Look(NamedTuple):
+    """An image's colours: what codes are made with besides its light; see
+    `development_records.Codes`.
+
+    Args:
+        matrix: three rows of three.
+    """
+
+    matrix: Any
+    shoulder: Any
+    contrast: Any
+    brighten: Any
+
+
 @triton.jit
 def root(light):
     """Return light^(1 / 2.4), of light above the straight part of sRGB."""
@@ -23,16 +39,11 @@ def root(light):
 
 @triton.jit
 def encode(light):
-    """Return the sRGB code of light; the straight part goes on below 0."""
-    bent = SRGB_GAIN * root(light) - SRGB_OFFSET
-    return tl.where(light > SRGB_KNEE, bent, light * SRGB_LINEAR_GAIN)
-
-
-@triton.jit
-def encode_slope(light):
-    """Return the derivative of `encode`."""
-    bent = SRGB_GAIN * SRGB_POWER * root(light) / tl.maximum(light, SRGB_KNEE)
-    return tl.where(light > SRGB_KNEE, bent, SRGB_LINEAR_GAIN)
+    """Return the sRGB code of light, whose straight part goes on below 0, and its derivative."""
+    bent, power = light > SRGB_KNEE, SRGB_GAIN * root(light)
+    slope = SRGB_POWER * power / tl.maximum(light, SRGB_KNEE)
+    code = tl.where(bent, power - SRGB_OFFSET, light * SRGB_LINEAR_GAIN)
+    return code, tl.where(bent, slope, SRGB_LINEAR_GAIN)
 
 
 @triton.jit
@@ -42,94 +53,63 @@ def clip(x):
 
 
 @triton.jit
-def is_unclipped(x):
-    """Return whether x lies in [0, 1], where a clip has slope 1."""
-    return (x >= 0.0) & (x <= 1.0)
+def clip_back(grad, x):
+    """Return the gradient in x, from that in its clip: the same at the bounds, too, 0 beyond."""
+    return tl.where((x >= 0.0) & (x <= 1.0), grad, 0.0)
 
 
 @triton.jit
 def look_of(looks, image):
-    """Return an image's colour matrix, row by row, shoulder, contrast and brightness, as laid out
-    by `develop_arrays`."""
+    """Return an image's Look, as laid out by `develop_arrays`."""
     at = looks + image * 12
     matrix = (
         (tl.load(at), tl.load(at + 1), tl.load(at + 2)),
         (tl.load(at + 3), tl.load(at + 4), tl.load(at + 5)),
         (tl.load(at + 6), tl.load(at + 7), tl.load(at + 8)),
     )
-    return matrix, tl.load(at + 9), tl.load(at + 10), tl.load(at + 11)
+    return Look(matrix, tl.load(at + 9), tl.load(at + 10), tl.load(at + 11))
 
 
 @triton.jit
-def mix(red, green, blue, matrix):
+def mix(colours, matrix):
     """Return colours times a matrix."""
-    return (
-        matrix[0][0] * red + matrix[0][1] * green + matrix[0][2] * blue,
-        matrix[1][0] * red + matrix[1][1] * green + matrix[1][2] * blue,
-        matrix[2][0] * red + matrix[2][1] * green + matrix[2][2] * blue,
-    )
+    red, green, blue = colours
+    return [row[0] * red + row[1] * green + row[2] * blue for row in matrix]
 
 
 @triton.jit
-def mix_back(red, green, blue, matrix):
-    """Return a gradient in colours times the transpose of a matrix."""
+def code(light, look, coding: tl.constexpr):
+    """Return the code of one colour's light, in [0, 1], and its derivative."""
+    x, slope = light, tl.full(light.shape, 1.0, tl.float32)
+    if coding.coded:
+        x, slope = encode(light)
+    if coding.toned:
+        slope = clip_back(slope, x)
+        x = clip(x)
+        inverse = 1 / (1 + look.shoulder * x)
+        slope *= (1 + look.shoulder) * inverse * inverse
+        x *= (1 + look.shoulder) * inverse
+        slope *= 1 + look.contrast * (6 * x * (1 - x) - 1)
+        x += look.contrast * (2 * x - 1) * x * (1 - x)
+    x += look.brighten
+    return clip(x), clip_back(slope, x)
+
+
+@triton.jit
+def codes(colours, look, coding: tl.constexpr):
+    """Return the codes of a pixel's colours, as the sensor has them; coding: see
+    `develop_arrays.Coding`."""
+    return [code(light, look, coding)[0] for light in mix(colours, look.matrix)]
+
+
+@triton.jit
+def codes_back(grad, colours, look, coding: tl.constexpr):
+    """Return the gradient in a pixel's colours, as the sensor has them, from that in its codes."""
+    slopes = [code(light, look, coding)[1] for light in mix(colours, look.matrix)]
+    red, green, blue = grad[0] * slopes[0], grad[1] * slopes[1], grad[2] * slopes[2]
+    matrix = look.matrix
     return (
         matrix[0][0] * red + matrix[1][0] * green + matrix[2][0] * blue,
         matrix[0][1] * red + matrix[1][1] * green + matrix[2][1] * blue,
         matrix[0][2] * red + matrix[1][2] * green + matrix[2][2] * blue,
-    )
-
-
-@triton.jit
-def code(light, shoulder, contrast, brighten, CODED: tl.constexpr, TONED: tl.constexpr):
-    """Return the code of one colour's light, in [0, 1]."""
-    x = light
-    if CODED:
-        x = encode(light)
-    if TONED:
-        x = clip(x)
-        x *= (1 + shoulder) / (1 + shoulder * x)
-        x += contrast * (2 * x - 1) * x * (1 - x)
-    return clip(x + brighten)
-
-
-@triton.jit
-def code_slope(light, shoulder, contrast, brighten, CODED: tl.constexpr, TONED: tl.constexpr):
-    """Return the derivative of `code` by light. A clip's slope is 1 at its bounds, 0 beyond."""
-    x = light
-    slope = tl.full(light.shape, 1.0, tl.float32)
-    if CODED:
-        x = encode(light)
-        slope = encode_slope(light)
-    if TONED:
-        slope = tl.where(is_unclipped(x), slope, 0.0)
-        x = clip(x)
-        inverse = 1 / (1 + shoulder * x)
-        slope *= (1 + shoulder) * inverse * inverse
-        x *= (1 + shoulder) * inverse
-        slope *= 1 + contrast * (6 * x * (1 - x) - 1)
-        x += contrast * (2 * x - 1) * x * (1 - x)
-    return tl.where(is_unclipped(x + brighten), slope, 0.0)
-
-
-@triton.jit
-def codes(red, green, blue, look, CODED: tl.constexpr, TONED: tl.constexpr):
-    """Return the codes of a pixel's colours, as the sensor has them."""
-    red, green, blue = mix(red, green, blue, look[0])
-    return (
-        code(red, look[1], look[2], look[3], CODED, TONED),
-        code(green, look[1], look[2], look[3], CODED, TONED),
-        code(blue, look[1], look[2], look[3], CODED, TONED),
-    )
-
-
-@triton.jit
-def codes_back(grad, red, green, blue, look, CODED: tl.constexpr, TONED: tl.constexpr):
-    """Return the gradient in a pixel's colours, as the sensor has them, from that in its codes."""
-    red, green, blue = mix(red, green, blue, look[0])
-    return mix_back(
-        grad[0] * code_slope(red, look[1], look[2], look[3], CODED, TONED),
-        grad[1] * code_slope(green, look[1], look[2], look[3], CODED, TONED),
-        grad[2] * code_slope(blue, look[1], look[2], look[3], CODED, TONED),
-        look[0],
     )

@@ -29,13 +29,11 @@ MIN_LENS_SLOPE = tl.constexpr(lens.MIN_LENS_SLOPE)
 @triton.jit
 def to_image(u, v, camera):
     """Return the image point x, y that a photo point sees, float64."""
-    r2 = (u * u + v * v) * tl.load(camera + BEND)
-    bent = 1.0 + r2 * (tl.load(camera + K1) + tl.load(camera + K2) * r2)
-    p, q = u * bent, v * bent
-    depth = tl.load(camera + H20) * p + tl.load(camera + H21) * q + tl.load(camera + H22)
+    bend, k1, k2 = lens_of(camera)
+    r2 = (u * u + v * v) * bend
+    bent = 1.0 + r2 * (k1 + k2 * r2)
+    x, y, depth = homogeneous(camera + H00, u * bent, v * bent)
     nearness = 1.0 / tl.maximum(depth, NEAR_HORIZON)
-    x = tl.load(camera + H00) * p + tl.load(camera + H01) * q + tl.load(camera + H02)
-    y = tl.load(camera + H10) * p + tl.load(camera + H11) * q + tl.load(camera + H12)
     return x * nearness, y * nearness
 
 
@@ -69,20 +67,37 @@ def undistortion(ideal, k1, k2):
 
 
 @triton.jit
-def to_photo(x, y, forward, camera, BENT: tl.constexpr):
+def homogeneous(homography, x, y):
+    """Return homogeneous coordinates of points x, y through a homography (9,) float64."""
+    return (
+        tl.load(homography) * x + tl.load(homography + 1) * y + tl.load(homography + 2),
+        tl.load(homography + 3) * x + tl.load(homography + 4) * y + tl.load(homography + 5),
+        tl.load(homography + 6) * x + tl.load(homography + 7) * y + tl.load(homography + 8),
+    )
+
+
+@triton.jit
+def to_photo(x, y, forward, lens, BENDS: tl.constexpr):
     """Return the photo point u, v that shows an image point x, y about the image's centre, float64.
 
-    forward: (9,) float64, the inverse of the camera's homography. BENT: whether the lens distorts.
+    Args:
+        forward: (9,) float64, the homography from image to ideal photo coordinates.
+        lens: `bend`, k1 and k2, see `exposure_records.Camera`. BENDS: whether it distorts.
     """
-    depth = tl.load(forward + 6) * x + tl.load(forward + 7) * y + tl.load(forward + 8)
+    u, v, depth = homogeneous(forward, x, y)
     nearness = 1.0 / tl.maximum(depth, NEAR_HORIZON)
-    u = (tl.load(forward) * x + tl.load(forward + 1) * y + tl.load(forward + 2)) * nearness
-    v = (tl.load(forward + 3) * x + tl.load(forward + 4) * y + tl.load(forward + 5)) * nearness
-    if BENT:
-        ideal = tl.sqrt((u * u + v * v) * tl.load(camera + BEND))
-        factor = undistortion(ideal, tl.load(camera + K1), tl.load(camera + K2))
+    u, v = u * nearness, v * nearness
+    if BENDS:
+        bend, k1, k2 = lens
+        factor = undistortion(tl.sqrt((u * u + v * v) * bend), k1, k2)
         u, v = u * factor, v * factor
     return u, v
+
+
+@triton.jit
+def lens_of(camera):
+    """Return the lens of a Camera, as `to_photo` takes it."""
+    return tl.load(camera + BEND), tl.load(camera + K1), tl.load(camera + K2)
 
 
 @triton.jit

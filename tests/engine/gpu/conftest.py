@@ -19,3 +19,13 @@ def quick_calls(monkeypatch):
         return self.rewrite()(*args, **kwargs)
 
     monkeypatch.setattr(interpreter.InterpretedFunction, "__call__", call)
+
+
+@pytest.fixture(autouse=True)
+def one_program_an_image(monkeypatch, quick_calls):
+    """The interpreter takes as long for a program of one pixel as of hundreds."""
+    from moireaug.engine.gpu import expose_binned, expose_full, tile
+
+    monkeypatch.setattr(tile, "TILE", (32, 64))
+    for module in (expose_binned, expose_full):
+        monkeypatch.setattr(module, "BLOCK", 256)

@@ -1,6 +1,8 @@
 """What kernels compute of one pixel equals the reference's functions, and the picture's light its
 effects."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 import pytest
 import torch
@@ -12,7 +14,7 @@ import triton.language as tl
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
 from moireaug.effects import random_numbers
 from moireaug.effects.sensor import expected_clip
-from moireaug.engine.gpu import display, noise, sensor, transfer, view
+from moireaug.engine.gpu import display, noise, sensor, tile, transfer, view
 from moireaug.engine.gpu.arrays import upload
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.displayed import EDGE_PIXELS, shrink
@@ -21,6 +23,12 @@ from moireaug.geometry import grids
 
 CPU = torch.device("cpu")
 N = 64
+
+
+@triton.jit
+def _fill_blocks(out, count, BLOCK: tl.constexpr):
+    group, i = tile.block(count, BLOCK)
+    tl.store(out + group * count + i, (group * 100 + i).to(tl.int32), mask=i < count)
 
 
 @triton.jit
@@ -42,7 +50,7 @@ def _view(out, u, v, camera, forward, N: tl.constexpr):
     i = tl.arange(0, N)
     u, v = tl.load(u + i), tl.load(v + i)
     x, y = view.to_image(u, v, camera)
-    back_u, back_v = view.to_photo(x, y, forward, camera, True)
+    back_u, back_v = view.to_photo(x, y, forward, view.lens_of(camera), True)
     xu, xv, yu, yv = view.jacobian(u, v, camera)
     tl.store(out + i, x)
     tl.store(out + N + i, y)
@@ -58,6 +66,12 @@ def _view(out, u, v, camera, forward, N: tl.constexpr):
 def _transfer(out, fu, fv, camera, N: tl.constexpr):
     i = tl.arange(0, N)
     tl.store(out + i, transfer.transfer(tl.load(fu + i), tl.load(fv + i), camera))
+
+
+def test_blocks_cover_each_group():
+    out = torch.full((3, 5), -1, dtype=torch.int32)
+    _fill_blocks[(6,)](out, 5, BLOCK=4)
+    assert torch.equal(out, 100 * torch.arange(3)[:, None] + torch.arange(5))
 
 
 def test_noise_is_the_references_bit_for_bit():
@@ -87,13 +101,17 @@ BENT = Scene(
 )
 
 
+class Numbers(NamedTuple):
+    cameras: Any
+    forward: Any
+
+
 def camera_of(scene, size):
     """A shot, its camera's record, and the inverse of its homography."""
     shot = scene.sample(1, size)
     exposure = lower_exposure(shot, decoded=False)[0]
     forward = np.linalg.inv(exposure.cameras[:, :9].reshape(3, 3))
-    arrays = {"camera": exposure.cameras[0], "forward": forward}
-    return shot, upload(arrays, CPU)
+    return shot, upload(Numbers(exposure.cameras[0], forward), CPU)
 
 
 def test_where_pixels_look():
@@ -104,7 +122,7 @@ def test_where_pixels_look():
     points = points * torch.tensor([40.0, 30.0], dtype=torch.float64)
     u, v = points[0, 0, :, 0] - 20, points[0, 0, :, 1] - 15
     out = torch.empty(8, N, dtype=torch.float64)
-    _view[(1,)](out, u, v, numbers["camera"], numbers["forward"], N=N)
+    _view[(1,)](out, u, v, numbers.cameras, numbers.forward, N=N)
     inverse = torch.linalg.inv(shot.matrix())
     images = grids.photo_to_image(points, inverse, size, shot.distortion)[0, 0]
     assert (out[:2].T - images).abs().max() < 1e-9
@@ -118,7 +136,7 @@ def test_the_transfer_of_the_optics():
     shot, numbers = camera_of(BENT, (8, 8))
     f = torch.randn(2, N, generator=torch.Generator().manual_seed(2))
     out = torch.empty(N)
-    _transfer[(1,)](out, *f, numbers["camera"], N=N)
+    _transfer[(1,)](out, *f, numbers.cameras, N=N)
     assert (out - optics_of(shot).transfer(*f.double())).abs().max() < 1e-6
 
 
@@ -138,7 +156,7 @@ SHOWN = {
 def lowered(shot):
     """A shot's exposure, and the numbers that `display.show` reads of it."""
     exposure = lower_exposure(shot, decoded=False)[0]
-    return exposure, upload(display.numbers_of(exposure), CPU)
+    return exposure, upload(display.display_numbers(exposure), CPU)
 
 
 @pytest.mark.parametrize("name", SHOWN)
