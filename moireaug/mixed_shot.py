@@ -132,7 +132,7 @@ class MixedShot(Generic[S]):
     @property
     def moves(self) -> bool:
         """Whether points may move from image to photo: in any of the mixture's scenes."""
-        return any(shot.moves for shot in self.empty)
+        return any(scene.moves for scene in self.scenes)
 
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image lie in the photo; see `Shot.to_photo`."""

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from moireaug.geometry import grids
 from moireaug.geometry.homography import homography, magnification
-from moireaug.geometry.sensor import CFA, SampledPixels, binned_pixels, cell, sampled_pixels
+from moireaug.geometry.lattice import CFA, SampledPixels, binned_pixels, cell, sampled_pixels
 from moireaug.numeric import as_dtype
 from moireaug.plan import Plan
 from moireaug.scene.by_name import by_part, parts_with, values_of
@@ -161,9 +161,8 @@ class ShotRecord:
 
     @property
     def moves(self) -> bool:
-        """Whether points move from image to photo: a photo in the camera's frame, with a pose or
-        lens distortion."""
-        return not self.scene.develop.registered and ("pose" in self.plan or "lens" in self.plan)
+        """Whether points move from image to photo; see `SceneRecord.moves`."""
+        return self.scene.moves
 
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image, x then y in pixels, lie in the photo's own

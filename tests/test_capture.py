@@ -10,7 +10,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
 from moireaug.engine import reference
-from moireaug.geometry.sensor import SampledPixels
+from moireaug.geometry.lattice import SampledPixels
 from moireaug.scene.presets import PRESETS
 
 GOLDEN = np.load(Path(__file__).parent / "data" / "official_ma_golden.npz")

@@ -25,7 +25,7 @@ def expose(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     from moireaug.engine.shot_exposure import lower_exposure
 
     # over the image: the reference does that blur
-    varies = shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE
+    varies = shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
     exposure, beats = lower_exposure(shot.to("cpu"), decoded=varies)
     kernels = program.kernels()
     fits = kernels.fits(exposure, beats)

@@ -25,7 +25,7 @@ from moireaug.engine.shot_numbers import (
     homography_of,
     numbers_of,
 )
-from moireaug.geometry.sensor import SampledPixels
+from moireaug.geometry.lattice import SampledPixels
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_by
 

@@ -30,7 +30,7 @@ from moireaug.engine.shot_numbers import (
 from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.bin_content import content_of
 from moireaug.exposure.filters import filters_of
-from moireaug.geometry.sensor import CFA
+from moireaug.geometry.lattice import CFA
 from moireaug.panel.fourier import emitting_share, mean_light, own_orders
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
 from moireaug.effects.demosaic import DEMOSAICS, demosaic_bilinear, demosaic_malvar
 from moireaug.geometry import grids
-from moireaug.geometry.sensor import pack, unpack
+from moireaug.geometry.lattice import pack, unpack
 from moireaug.scene.parts import POSES
 from tests.closed_forms.common import CLOSE, COLOUR, EVEN, read, sinc
 

@@ -12,7 +12,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.geometry import grids
-from moireaug.geometry.sensor import CFA
+from moireaug.geometry.lattice import CFA
 from moireaug.scene.layout import LAYOUTS, as_layout
 from tests.closed_forms.common import CELL, CLOSE, EVEN, read, sinc
 

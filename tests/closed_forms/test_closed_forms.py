@@ -13,7 +13,7 @@ import torch
 
 pytest.register_assert_rewrite("tests.closed_forms.screen", "tests.closed_forms.camera")
 
-from moireaug.geometry.sensor import pack
+from moireaug.geometry.lattice import pack
 from tests.closed_forms import camera, screen
 
 CHECKS = [
@@ -85,9 +85,12 @@ def resized_first(effects):
 
 TRANSFER, FOOTPRINT = (
     "moireaug.exposure.optics.Optics.transfer",
-    "moireaug.exposure.footprints.footprint",
+    "moireaug.exposure.footprint.Footprint.of",
 )
-SHARES, PREFILTER = "moireaug.exposure.footprints.tap_weights", "moireaug.effects.prefilter.mipmap"
+SHARES, PREFILTER = (
+    "moireaug.exposure.sight.tap_weights",
+    "moireaug.effects.prefilter.blur_by_pyramid",
+)
 DEMOSAICS, FLICKER = "moireaug.effects.demosaic.DEMOSAICS", "moireaug.effects.flicker.flicker"
 FALLOFF, NOISE = "moireaug.effects.vignetting.falloff", "moireaug.effects.sensor.add_noise"
 BROKEN = [  # check, where the effect is looked up, how it is spoilt

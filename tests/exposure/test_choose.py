@@ -7,6 +7,8 @@ import torch
 
 from benchmarks import problems
 from moireaug import Lens, Panel, Scene, Sensor, View, expose
+from moireaug.exposure.choose import MAX_HARMONICS
+from moireaug.exposure.extreme_harmonics import harmonics_in_bins
 
 TAPS = [  # scene, panel pixels along an axis that a sensor pixel sees
     (Scene(panel=Panel(scale=0.1, layout="led")), 1),
@@ -61,6 +63,16 @@ def test_another_exposure_is_not():
         given.scene, sensor=dataclasses.replace(given.scene.sensor, exposure="mean")
     )
     assert error(dataclasses.replace(given, scene=mean), 13, 21) > 5
+
+
+def test_a_plan_says_which_harmonics_are_too_many():
+    scene = Scene(panel=Panel(lit=0.5, width=20.0), sensor=Sensor(pitch=60.0, gain=10.0))
+    possible, summed = harmonics_in_bins(scene.at()), scene.plan().harmonics
+    assert summed == tuple(pair for pair, _ in possible[:MAX_HARMONICS])
+    left_out, strength = len(possible) - len(summed), possible[len(summed)][1]
+    reason = f"; {left_out} weaker ones, up to {strength:.2g}, are too many to sum"
+    assert left_out > 0 and reason in str(scene.plan())
+    assert "weaker" not in str(Scene(panel=Panel(width=20.0), sensor=Sensor(pitch=20.0)).plan())
 
 
 @pytest.mark.parametrize("layout", ["chevron", "pentile_diamond"])

@@ -6,8 +6,8 @@ import math
 import pytest
 import torch
 
-from moireaug.exposure import footprints
-from moireaug.exposure.footprints import Footprint
+from moireaug.exposure import footprint
+from moireaug.exposure.footprint import Footprint
 from moireaug.exposure.optics import Optics
 
 CASES = [  # box, standard deviation, width of the subpixel; all in cells
@@ -28,12 +28,12 @@ def fields(box, sigma, width):
 
 def shares(*given):
     """The shares of all taps, along a last axis."""
-    return footprints.tap_weights(*given).movedim(0, -1)
+    return footprint.tap_weights(*given).movedim(0, -1)
 
 
 def normalised(share):
     """The same for shares along a last axis."""
-    return footprints.normalised(share.movedim(-1, 0)).movedim(0, -1)
+    return footprint.normalised(share.movedim(-1, 0)).movedim(0, -1)
 
 
 @pytest.mark.parametrize(("box", "sigma", "width"), CASES)
@@ -107,7 +107,7 @@ def optics(fill, blur, olpf, motion_x=0.0, motion_y=0.0):
 
 
 def test_a_footprint_has_the_variance_of_what_blurs():
-    seen = footprints.footprint(STEPS, optics(0.9, 0.3, 0.5))
+    seen = Footprint.of(STEPS, optics(0.9, 0.3, 0.5))
     # of a box, a Gaussian, and two points
     wanted = STEPS.square().sum(-1) * (0.9**2 / 12 + 0.3**2 + 0.5**2 / 4)
     assert torch.allclose(seen.box.square() / 12 + seen.variance, wanted, atol=1e-11)
@@ -117,7 +117,7 @@ def test_a_footprint_has_the_variance_of_what_blurs():
 @pytest.mark.parametrize("motion", [(0.8, 0.0), (0.0, 0.8), (0.5, -0.7)])
 def test_motion_widens_a_footprint_by_how_far_it_goes_along_the_axis(motion):
     still, moved = optics(0.9, 0.3, 0.5), optics(0.9, 0.3, 0.5, *motion)
-    seen, sharp = footprints.footprint(STEPS, moved), footprints.footprint(STEPS, still)
+    seen, sharp = Footprint.of(STEPS, moved), Footprint.of(STEPS, still)
     along = STEPS @ torch.tensor(motion, dtype=torch.float64)
     assert torch.equal(seen.box, sharp.box)
     assert torch.allclose(seen.variance - sharp.variance, along.square(), atol=1e-12)
@@ -129,7 +129,7 @@ def test_what_is_fitted_reaches_no_further_and_loses_no_variance(taps):
     width = torch.full((1, 3), 0.4, dtype=torch.float64)
     box = torch.tensor([[0.1, 2.0, 30.0]], dtype=torch.float64)
     seen = Footprint(box, torch.tensor([[1e-4, 0.3, 9.0]], dtype=torch.float64))
-    kept, lost = footprints.fitted(seen, width, taps)
+    kept, lost = seen.fitted(width, taps)
     assert (kept.reach() + width / 2 <= taps / 2 + 1e-12).all()
     assert torch.allclose(
         kept.box.square() / 12 + kept.variance + lost, seen.box.square() / 12 + seen.variance

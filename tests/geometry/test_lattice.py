@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from moireaug.geometry.sensor import pack, sampled_pixels, unpack
+from moireaug.geometry.lattice import pack, sampled_pixels, unpack
 
 
 def test_planes_are_red_green_green_blue():
