@@ -64,10 +64,14 @@ class DrawTable(NamedTuple):
 def draw_table(scene: SceneRecord) -> DrawTable:
     """Return the DrawTable of a scene."""
     fields = values_of(scene)
-    ends = np.array([bounds(value) for value in fields.values()], np.float64)
-    low, width = ends[:, :1], ends[:, 1:] - ends[:, :1]
-    ranges = np.flatnonzero(width)
-    return DrawTable(tuple(fields), low, ranges, width[ranges])
+    lows, ranges, widths = [], [], []
+    for i, (low, high) in enumerate(map(bounds, fields.values())):
+        lows.append(low)
+        if low < high:
+            ranges.append(i)
+            widths.append(high - low)
+    low_column, width_column = (np.array(ends, np.float64)[:, None] for ends in (lows, widths))
+    return DrawTable(tuple(fields), low_column, np.array(ranges, np.int64), width_column)
 
 
 def numbers_needed(scene: SceneRecord) -> int:
