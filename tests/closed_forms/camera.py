@@ -206,10 +206,8 @@ def check_bits(dtype):
     """As many levels as there are, evenly from 0 to 1, and a gradient that passes straight
     through."""
     for bits in (1, 3, 8):
-        scene, image = (
-            Scene(panel=EVEN, sensor=Sensor(cfa="none", bits=bits)),
-            shade(dtype).clone().requires_grad_(),
-        )
+        scene = Scene(panel=EVEN, sensor=Sensor(cfa="none", bits=bits))
+        image = shade(dtype).clone().requires_grad_()
         photo = capture(image, scene.sample(1, (1, 101)))
         levels = photo.detach() * (2**bits - 1)
         assert (levels - levels.round()).abs().max() < 300 * CLOSE[dtype]
@@ -223,10 +221,8 @@ def check_balance(dtype):
     """White balance multiplies light, and brighten adds to codes."""
     gains = np.array([1.3, 1.0, 0.6])[None, :, None, None]
     for linear in (True, False):
-        how, codes = (
-            Develop(red=1.3, blue=0.6, brighten=0.05, linear_light=linear),
-            shade(torch.float64).numpy(),
-        )
+        how = Develop(red=1.3, blue=0.6, brighten=0.05, linear_light=linear)
+        codes = shade(torch.float64).numpy()
         expected = to_codes(to_light(codes) * gains) if linear else codes * gains
         shot = Scene(panel=EVEN, sensor=COLOUR, develop=how).sample(1, (1, 101))
         photo = capture(shade(dtype), shot).double().numpy()

@@ -109,10 +109,8 @@ def check_mean_light(dtype):
         followed = methods if layout in (*RASTERED, CELL) else {"mean": 1e-5, "spectral": 1e-5}
         for lit in (1.0, 0.6):
             for method, bound in followed.items():
-                panel, sensor = (
-                    Panel(layout=layout, lit=lit, scale=44 / 31),
-                    Sensor(scale=2.0, exposure=method),
-                )
+                panel = Panel(layout=layout, lit=lit, scale=44 / 31)
+                sensor = Sensor(scale=2.0, exposure=method)
                 mean = read(Scene(panel=panel, sensor=sensor), (31, 31), dtype).mean((1, 2))
                 assert mean.tolist() == pytest.approx([lit * a for a in area], rel=bound)
 
@@ -121,10 +119,8 @@ def overlap(centre, reach, start, width, period):
     """How much of [centre - reach, centre + reach] lies in the copies of [start, start + width],
     one each period."""
     left = start + period * np.arange(-200, 200)
-    low, high = (
-        np.maximum(centre[:, None] - reach, left),
-        np.minimum(centre[:, None] + reach, left + width),
-    )
+    low = np.maximum(centre[:, None] - reach, left)
+    high = np.minimum(centre[:, None] + reach, left + width)
     return np.clip(high - low, 0, None).sum(1)
 
 
@@ -133,10 +129,8 @@ def check_box(dtype):
     size, scale, fill, lit = (8, 12), 3.0, 0.9, 0.7
     for layout in (*RASTERED, CELL):
         for alpha in (0.31, 1.7):
-            panel, sensor = (
-                Panel(layout=layout, lit=lit, scale=alpha),
-                Sensor(scale=scale, fill=fill, exposure="box"),
-            )
+            panel = Panel(layout=layout, lit=lit, scale=alpha)
+            sensor = Sensor(scale=scale, fill=fill, exposure="box")
             raw = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), size, dtype)
             # of sensor pixels, on the panel
             centres = [(np.arange(n * scale) + 0.5) * alpha / scale for n in size]
@@ -158,14 +152,10 @@ def check_point(dtype):
     n, scale, lit = 8, 2.5, 0.6
     for layout in (*RASTERED, CELL):
         for alpha in (1.3, 4.0):
-            panel, sensor = (
-                Panel(layout=layout, lit=lit, scale=alpha),
-                Sensor(scale=scale, exposure="point"),
-            )
-            raw, cell = (
-                read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), (n, n), dtype),
-                as_layout(layout),
-            )
+            panel = Panel(layout=layout, lit=lit, scale=alpha)
+            sensor = Sensor(scale=scale, exposure="point")
+            raw = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), (n, n), dtype)
+            cell = as_layout(layout)
             # of sensor pixels, on the raster
             at = ((np.arange(n * scale) + 0.5) * alpha / scale) * cell.raster - 0.5
             left, height, width = (

@@ -83,14 +83,10 @@ def resized_first(effects):
     return (*others[:before], *resize, *others[before:])
 
 
-TRANSFER, FOOTPRINT = (
-    "moireaug.exposure.optics.Optics.transfer",
-    "moireaug.exposure.footprint.Footprint.of",
-)
-SHARES, PREFILTER = (
-    "moireaug.exposure.sight.tap_weights",
-    "moireaug.effects.prefilter.blur_by_pyramid",
-)
+TRANSFER = "moireaug.exposure.optics.Optics.transfer"
+FOOTPRINT = "moireaug.exposure.footprint.Footprint.of"
+SHARES = "moireaug.exposure.sight.tap_weights"
+PREFILTER = "moireaug.effects.prefilter.blur_by_pyramid"
 DEMOSAICS, FLICKER = "moireaug.effects.demosaic.DEMOSAICS", "moireaug.effects.flicker.flicker"
 FALLOFF, NOISE = "moireaug.effects.vignetting.falloff", "moireaug.effects.sensor.add_noise"
 BROKEN = [  # check, where the effect is looked up, how it is spoilt

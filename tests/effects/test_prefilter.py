@@ -53,10 +53,8 @@ def test_a_spread_blurs_by_its_variance(v):
 
 @pytest.mark.parametrize("v", [0.2, 0.4, 0.5])
 def test_a_spread_inverts_no_pattern(v):
-    point, wanted = (
-        torch.zeros(1, 3, 16, 16, dtype=torch.float64),
-        torch.full((1,), v, dtype=torch.float64),
-    )
+    point = torch.zeros(1, 3, 16, 16, dtype=torch.float64)
+    wanted = torch.full((1,), v, dtype=torch.float64)
     point[..., 8, 8] = 1
     transfer = torch.fft.fft2(torch.roll(blur_by_neighbours(point, wanted), (-8, -8), (2, 3)))
     assert transfer.imag.abs().max() < 1e-12
@@ -66,10 +64,8 @@ def test_a_spread_inverts_no_pattern(v):
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (2, 3)])
 def test_what_blurs_keeps_a_flat_picture_of_any_size(size):
-    flat, v = (
-        torch.full((1, 3, *size), 0.7, dtype=torch.float64),
-        torch.full((1,), 0.4, dtype=torch.float64),
-    )
+    flat = torch.full((1, 3, *size), 0.7, dtype=torch.float64)
+    v = torch.full((1,), 0.4, dtype=torch.float64)
     for blurred in (
         blur_by_neighbours(flat, v),
         blur_by_pyramid(flat, 9 * v[:, None, None, None], 4),

@@ -7,6 +7,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
 from moireaug.exposure.filters import crosstalk_matrix
+from moireaug.scene.by_name import with_values
 
 SHARES = torch.tensor([0.0, 0.1, 0.3], dtype=torch.float64)
 FULL = Sensor(cfa="none", scale=2.0, crosstalk=0.25)
@@ -23,7 +24,7 @@ def test_each_filter_shares_its_light_with_its_neighbours_in_the_spectrum():
 
 
 def without(scene):
-    return dataclasses.replace(scene, sensor=dataclasses.replace(scene.sensor, crosstalk=0.0))
+    return with_values(scene, {"sensor.crosstalk": 0.0})
 
 
 @pytest.mark.parametrize("exposure", ["spectral", "box", "mean", "point", "supersample:2"])

@@ -144,10 +144,8 @@ def test_a_lit_area_is_its_two_sides(exposure, images):
 @pytest.mark.parametrize("exposure", ["spectral", "box", "supersample:6"])
 def test_gaps_between_rows_alias_along_the_columns(exposure):
     """A panel of even colour whose rows have gaps: bands go down the photo, and none across."""
-    panel, sensor = (
-        Panel(layout="even", lit_y=0.5, scale=1.1),
-        Sensor(cfa="none", exposure=exposure),
-    )
+    panel = Panel(layout="even", lit_y=0.5, scale=1.1)
+    sensor = Sensor(cfa="none", exposure=exposure)
     raw = expose(
         torch.ones(1, 3, 20, 20, dtype=torch.float64),
         Scene(panel=panel, sensor=sensor).sample(1, (20, 20)),

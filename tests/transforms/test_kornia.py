@@ -31,10 +31,8 @@ def test_masks_boxes_and_keypoints_stay(registered):
         RandomMoire(registered, p=1), data_keys=["input", "mask", "bbox_xyxy", "keypoints"]
     )
     image, mask = torch.rand(2, 3, 9, 12), torch.rand(2, 1, 9, 12).round()
-    boxes, points = (
-        torch.tensor([[[1.0, 2.0, 5.0, 6.0]]]).expand(2, -1, -1),
-        torch.rand(2, 4, 2) * 9,
-    )
+    boxes = torch.tensor([[[1.0, 2.0, 5.0, 6.0]]]).expand(2, -1, -1)
+    points = torch.rand(2, 4, 2) * 9
     new = steps(image, mask, boxes, points)
     assert not torch.equal(new[0], image)
     assert torch.equal(new[1], mask) and torch.equal(new[2], boxes) and torch.equal(new[3], points)

@@ -1,6 +1,5 @@
 """The torchvision transform: what is kept, what moves, and what is drawn."""
 
-import dataclasses
 import itertools
 
 import numpy as np
@@ -13,6 +12,7 @@ from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 
 from moireaug import Panel, Scene, Sensor, capture
+from moireaug.scene.by_name import with_values
 from moireaug.transforms import RandomMoire
 from moireaug.transforms.torchvision import apply_shot
 from tests.transforms.common import sample_of_leaves, values
@@ -110,9 +110,7 @@ def test_every_image_of_a_batch_has_its_own_draw(registered):
 
 
 def test_a_video_is_one_scene(registered):
-    quiet = dataclasses.replace(
-        registered, sensor=dataclasses.replace(registered.sensor, read_noise=0.0)
-    )
+    quiet = with_values(registered, {"sensor.read_noise": 0.0})
     frames = values((1, 3, 9, 12), torch.float32).expand(3, -1, -1, -1)
     still = RandomMoire(quiet, p=1)(tv_tensors.Video(frames))
     assert torch.equal(still[0], still[1]) and torch.equal(still[0], still[2])
