@@ -188,18 +188,10 @@ class AdversarialMoire(RandomMoire):
             `from_dict(..., nonserializable={name: transform})` looks up, because a model cannot be
             written.
 
-    Targets:
-        image, mask, bboxes, keypoints, volume, mask3d
-
-    Image types:
-        uint8, float32
-
-    Number of channels:
-        1, 3
-
-    As in RandomMoire; each image, and each slice of a volume, gets its own noise. Pictures in
-    additional targets are refused: pass several as `images`. The noise is one of the parameters, as
-    nested lists, so that `ReplayCompose.replay` needs no model, but images of the same size.
+    Targets and images as in RandomMoire; each image, and each slice of a volume, gets its own
+    noise. Pictures in additional targets are refused: pass several as `images`. The noise is one of
+    the parameters, as nested lists, so that `ReplayCompose.replay` needs no model, but images of
+    the same size.
 
     Raises:
         ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a model that cannot be
