@@ -45,9 +45,8 @@ def test_shares_of_all_subpixels_are_the_masks_mean(box, sigma, width):
     whole = share.sum(-1)
     assert whole.mean().item() == pytest.approx(width, rel=0.2)
     narrow = torch.full_like(OFFSETS, 1.0)  # a mask without gaps is seen whole from everywhere
-    assert torch.allclose(
-        shares(OFFSETS, seen, narrow, 21).sum(-1), torch.ones(()).double(), atol=1e-9
-    )
+    whole = shares(OFFSETS, seen, narrow, 21).sum(-1)
+    assert torch.allclose(whole, torch.ones(()).double(), atol=1e-9)
 
 
 @pytest.mark.parametrize(("box", "sigma", "width"), CASES)
@@ -60,29 +59,27 @@ def test_shares_are_the_integral_of_box_gaussian_and_subpixel(box, sigma, width)
     for i, offset in enumerate(OFFSETS.flatten().tolist()):
         for j, k in enumerate(range(-2, 3)):
             at = offset - k + u
-            inside = torch.special.ndtr((at + width / 2) / sigma) - torch.special.ndtr(
-                (at - width / 2) / sigma
-            )
-            assert found[0, 0, i, j].item() == pytest.approx(inside.mean().item(), abs=5e-5)
+            past, before = (torch.special.ndtr((at + w / 2) / sigma) for w in (width, -width))
+            inside = (past - before).mean().item()
+            assert found[0, 0, i, j].item() == pytest.approx(inside, abs=5e-5)
 
 
 def test_a_wrong_width_is_noticed():
     seen, wide = fields(0.7, 0.25, 1 / 3)
-    assert (
-        shares(OFFSETS, seen, wide, 5) - shares(OFFSETS, seen, 1.01 * wide, 5)
-    ).abs().max() > 1e-3
+    change = shares(OFFSETS, seen, wide, 5) - shares(OFFSETS, seen, 1.01 * wide, 5)
+    assert change.abs().max() > 1e-3
 
 
 def test_gradients_of_every_argument():
     offset = torch.tensor([[[-0.4, 0.0, 0.13, 0.5]]], dtype=torch.float64, requires_grad=True)
     box, variance, width = (torch.full_like(offset, v).requires_grad_() for v in (0.8, 0.04, 0.3))
-    assert torch.autograd.gradcheck(
-        lambda o, b, v, w: shares(o, Footprint(b, v), w, 3), (offset, box, variance, width)
-    )
-    assert torch.autograd.gradcheck(
-        lambda o, b, v, w: normalised(shares(o, Footprint(b, v), w, 3)),
-        (offset, box, variance, width),
-    )
+
+    def three(offset, box, variance, width):
+        return shares(offset, Footprint(box, variance), width, 3)
+
+    given = (offset, box, variance, width)
+    assert torch.autograd.gradcheck(three, given)
+    assert torch.autograd.gradcheck(lambda *values: normalised(three(*values)), given)
 
 
 def test_normalised_shares_sum_to_one_where_nothing_is_seen_too():
