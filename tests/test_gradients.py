@@ -7,46 +7,21 @@ from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.attacks import LOSSES
 from moireaug.scene.by_name import values_of, with_values
 
+LIGHT = {"pwm": 200.0, "duty": 0.7, "phase": 0.1, "black": 0.03}
+LIGHT |= {"glare": 0.05, "glare_x": 0.2, "glare_y": -0.3}
+ROWS = {"shutter": 1 / 90, "readout": 1 / 70, "read_noise": 0.01, "shot_noise": 0.01}
+TONE = {"red": 1.1, "blue": 0.9, "saturation": 0.7, "shoulder": 0.4, "contrast": -0.3}
+TONE |= {"brighten": 0.03}
 SCENES = {
     "spectral": Scene(
-        panel=Panel(
-            scale=0.9,
-            lit=0.9,
-            lit_x=0.8,
-            lit_y=0.7,
-            pwm=200.0,
-            duty=0.7,
-            phase=0.1,
-            black=0.03,
-            glare=0.05,
-            glare_x=0.2,
-            glare_y=-0.3,
-        ),
+        panel=Panel(scale=0.9, lit=0.9, lit_x=0.8, lit_y=0.7, **LIGHT),
         view=View(yaw=12.0, pitch=-7.0, roll=5.0, zoom=0.95, shift_x=0.02, shift_y=0.01),
         lens=Lens(
             k1=0.03, k2=0.01, blur=0.3, olpf=0.3, vignetting=0.2, motion_x=0.4, motion_y=-0.2
         ),
-        sensor=Sensor(
-            scale=2.0,
-            crosstalk=0.1,
-            gain=1.7,
-            fill=0.9,
-            shutter=1 / 90,
-            readout=1 / 70,
-            read_noise=0.01,
-            shot_noise=0.01,
-        ),
+        sensor=Sensor(scale=2.0, crosstalk=0.1, gain=1.7, fill=0.9, **ROWS),
         develop=Develop(
-            linear_light=True,
-            brighten=0.03,
-            red=1.1,
-            blue=0.9,
-            saturation=0.7,
-            shoulder=0.4,
-            contrast=-0.3,
-            chroma_blur=0.6,
-            sharpen=0.3,
-            sharpen_radius=0.7,
+            linear_light=True, **TONE, chroma_blur=0.6, sharpen=0.3, sharpen_radius=0.7
         ),
     ),
     "point": Scene(

@@ -85,15 +85,8 @@ CASES = {
 }
 # Where a rounding decides between two levels, pixels differ by a whole one, and only finiteness can
 # be asked for.
-STEPS = {
-    "one bit",
-    "worst file",
-    "best file",
-    "supersample",
-    "less than a pixel",
-    "grazing, near",
-    "hardly a pulse",
-}
+STEPS = {"one bit", "worst file", "best file", "supersample", "less than a pixel"}
+STEPS |= {"grazing, near", "hardly a pulse"}
 IMAGES = {
     "random": lambda: torch.rand(2, 3, 9, 12, generator=torch.Generator().manual_seed(5)),
     "black": lambda: torch.zeros(1, 3, 9, 12),
@@ -145,19 +138,13 @@ def test_every_size_and_exposure_with_sensors_in_turn(size, exposure):
     turn = SIZES.index(size) + EXPOSURES.index(exposure)
     cfa, denoise = SENSORS[turn % len(SENSORS)]
     for layout, demosaic in (("pentile", "malvar"), ("led", "bilinear")):
+        filters = {"denoise": denoise, "demosaic": demosaic, "chroma_blur": 1.0, "sharpen": 0.5}
         scene = Scene(
             panel=Panel(layout=layout, scale=0.8),
             view=View(yaw=20, roll=5),
             lens=Lens(k1=0.1, blur=0.2),
             sensor=Sensor(scale=1.5, cfa=cfa, exposure=exposure),
-            develop=Develop(
-                denoise=denoise,
-                demosaic=demosaic,
-                jpeg=50,
-                linear_light=True,
-                chroma_blur=1.0,
-                sharpen=0.5,
-            ),
+            develop=Develop(jpeg=50, linear_light=True, **filters),
         )
         image = torch.rand(2, 3, *size)
         assert in_range(scene.capture(image), image)
@@ -182,12 +169,8 @@ def test_magnified_screens_under_any_lens_are_near_brute_force(name):
 
 @pytest.mark.parametrize("size", [(16, 16), (17, 17)])
 def test_a_picture_smaller_than_a_pixel_keeps_its_light(size):
-    scene = Scene(
-        panel=Panel(layout="even"),
-        view=View(zoom=0.01),
-        sensor=Sensor(cfa="none"),
-        develop=Develop(registered=False),
-    )
+    bare = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
+    scene = with_values(bare, {"view.zoom": 0.01, "develop.registered": False})
     light = float(scene.capture(torch.ones(1, 3, *size, dtype=torch.float64)).sum())
     assert light == pytest.approx(3 * size[0] * size[1] * 0.01**2, rel=1e-3)
 
