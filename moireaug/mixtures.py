@@ -62,9 +62,7 @@ class Mixture:
         return [scene.to_dict() for scene in self.scenes]
 
 
-def as_scenes(
-    scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any],
-) -> Scene | Mixture:
+def as_scenes(scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any]) -> Scene | Mixture:
     """Return a Scene from a Scene, a preset's name or a mapping, such as a dict, and a Mixture from
     a list or tuple of these, or from the name of one: what every public `scene=` argument accepts.
     A list of one is that scene. "anywhere" is the mixture of every screen in

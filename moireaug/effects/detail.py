@@ -10,14 +10,7 @@ import torch
 from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
-from moireaug.effects.base import (
-    Effect,
-    Verdict,
-    called,
-    format_range,
-    left_out,
-    verdict_of,
-)
+from moireaug.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.exposure.extreme_scales import least_bin_scale
 from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds, deviation

@@ -6,14 +6,7 @@ import math
 
 from torch import Tensor
 
-from moireaug.effects.base import (
-    Effect,
-    Verdict,
-    WithinExposure,
-    called,
-    format_range,
-    left_out,
-)
+from moireaug.effects.base import Effect, Verdict, WithinExposure, called, format_range, left_out
 from moireaug.exposure.choose import method_of
 from moireaug.exposure.extreme_harmonics import harmonics, harmonics_in_bins
 from moireaug.exposure.extreme_scales import least_bin_scale

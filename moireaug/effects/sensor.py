@@ -5,14 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import (
-    Effect,
-    Verdict,
-    called,
-    format_range,
-    left_out,
-    verdict_of,
-)
+from moireaug.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.effects.display import most_reflected
 from moireaug.effects.flicker import modulation_depth
 from moireaug.effects.random_numbers import normal

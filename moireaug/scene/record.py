@@ -135,16 +135,11 @@ class SceneRecord:
                 f"Panel.width must be at least {least:g} panel pixels for pictures of {size[0]} x "
                 f"{size[1]}; got {self.panel.width!r}. Raise it, or make the pictures smaller."
             )
-        panel = replace(self.panel, width=0.0, scale=scales)
+        changed = {name: getattr(self, name) for name in (*PARTS, "tolerance")}
+        changed["panel"] = replace(self.panel, width=0.0, scale=scales)
         reading = "binned" if self.is_binned else "full"
-        return SceneRecord(
-            panel=panel,
-            view=self.view,
-            lens=self.lens,
-            sensor=replace(self.sensor, reading=reading),
-            develop=self.develop,
-            tolerance=self.tolerance,
-        )
+        changed["sensor"] = replace(self.sensor, reading=reading)
+        return SceneRecord(**changed)
 
     def _check_reading(self) -> None:
         """Refuse a full reading of scenes that have no one number of sensor pixels, and what a

@@ -6,14 +6,7 @@ import re
 from dataclasses import dataclass
 from numbers import Integral
 
-from moireaug.scene.fields import (
-    Part,
-    Range,
-    check_number,
-    check_stated_once,
-    one_of,
-    ranged,
-)
+from moireaug.scene.fields import Part, Range, check_number, check_stated_once, one_of, ranged
 
 EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "supersample:8")
 CFAS = ("rggb", "none")

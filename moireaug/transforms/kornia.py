@@ -3,7 +3,7 @@ device."""
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import Any
 
 import torch
 from kornia.augmentation import IntensityAugmentationBase2D
@@ -144,16 +144,12 @@ class RandomMoire(IntensityAugmentationBase2D):
 
     def _unmoved(self, input: Any, annotations: str) -> Any:
         if self.scene.moves:
-            _refuse(annotations)
+            raise ValueError(
+                f"images_only=True takes no {annotations}: this scene's photo stays in the "
+                "camera's frame (Develop(registered=False)), and they would not move with it. Set "
+                "registered=True, or use moireaug.transforms.RandomMoire, which moves them."
+            )
         return input
-
-
-def _refuse(annotations: str) -> NoReturn:
-    raise ValueError(
-        f"images_only=True takes no {annotations}: this scene's photo stays in the camera's frame "
-        "(Develop(registered=False)), and they would not move with it. Set registered=True, or use "
-        "moireaug.transforms.RandomMoire, which moves them."
-    )
 
 
 def to_params(shot: Shot | MixedShot) -> dict[str, Tensor]:
