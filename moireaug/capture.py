@@ -31,9 +31,7 @@ from moireaug.shot_checks import (
 
 
 def capture(
-    image: Tensor,
-    shot: ShotRecord | MixedShot,
-    noise: Tensor | Sequence[Tensor] | None = None,
+    image: Tensor, shot: ShotRecord | MixedShot, noise: Tensor | Sequence[Tensor] | None = None
 ) -> Tensor:
     """Return the photo of `image` on a screen: the paper's g(x, delta, kappa).
 
@@ -98,9 +96,7 @@ def _photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
 
 
 def photo_of(
-    image: Tensor,
-    shot: ShotRecord | MixedShot,
-    noise: Tensor | Sequence[Tensor] | None = None,
+    image: Tensor, shot: ShotRecord | MixedShot, noise: Tensor | Sequence[Tensor] | None = None
 ) -> Tensor:
     """Return the photo of `image`, of its reading's dtype; arguments as in `reading_of` and
     `capture`."""

@@ -49,29 +49,29 @@ class DrawTable(NamedTuple):
 
     Args:
         names: names of the fields, such as "view.yaw", in the order in which they are drawn.
-        ranges: (ranges,) int64, indices of the fields that are not fixed.
         low: (fields, 1) float64, low ends of all fields.
-        range_low, range_width: (ranges, 1) float64, low ends and widths of these.
+        ranges: (ranges,) int64, indices of the fields that are not fixed.
+        width: (ranges, 1) float64, widths of these.
     """
 
     names: tuple[str, ...]
-    ranges: np.ndarray
     low: np.ndarray
-    range_low: np.ndarray
-    range_width: np.ndarray
+    ranges: np.ndarray
+    width: np.ndarray
 
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def draw_table(scene: SceneRecord) -> DrawTable:
     """Return the DrawTable of a scene."""
-    fields = {name: bounds(value) for name, value in values_of(scene).items()}
-    lows = [[low] for low, _ in fields.values()]
-    ranges = [i for i, (low, high) in enumerate(fields.values()) if low < high]
-    range_lows = [[low] for low, high in fields.values() if low < high]
-    widths = [[high - low] for low, high in fields.values() if low < high]
-    as_column = functools.partial(np.array, dtype=np.float64)
-    columns = [as_column(rows).reshape(-1, 1) for rows in (lows, range_lows, widths)]
-    return DrawTable(tuple(fields), np.array(ranges, np.int64), *columns)
+    fields = values_of(scene)
+    lows, ranges, widths = [], [], []
+    for i, (low, high) in enumerate(map(bounds, fields.values())):
+        lows.append(low)
+        if low < high:
+            ranges.append(i)
+            widths.append(high - low)
+    low_column, width_column = (np.array(ends, np.float64)[:, None] for ends in (lows, widths))
+    return DrawTable(tuple(fields), low_column, np.array(ranges, np.int64), width_column)
 
 
 def numbers_needed(scene: SceneRecord) -> int:
@@ -88,7 +88,7 @@ def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tens
     """
     table = draw_table(scene)
     values = table.low.repeat(len(u), 1)
-    values[table.ranges] = table.range_low + table.range_width * u[:, :-1].mT.numpy()
+    values[table.ranges] += table.width * u[:, :-1].mT.numpy()
     numbers = {}
     for name, row in zip(table.names, values, strict=True):
         numbers[name] = torch.from_numpy(row.copy())  # else pickled with the whole table

@@ -10,16 +10,7 @@ import sys
 
 # the modules that the package needs from each extra of pyproject.toml
 MODULES = {
-    "eval": (
-        "jinja2",
-        "matplotlib",
-        "pandas",
-        "pywt",
-        "rich",
-        "skimage",
-        "torchmetrics",
-        "tqdm",
-    ),
+    "eval": ("jinja2", "matplotlib", "pandas", "pywt", "rich", "skimage", "torchmetrics", "tqdm"),
     "train": ("cma", "hydra", "lightning", "omegaconf", "yaml"),
     "explore": ("gradio",),
     "safetensors": ("safetensors",),

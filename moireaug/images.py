@@ -20,15 +20,7 @@ DAMAGED_EXIF = (
     *(AttributeError, TypeError, ValueError, LookupError, ArithmeticError),
 )
 DEEP_GREY_MODES = ("I;16", "I;16L", "I;16B")  # 16-bit grey
-AS_RGB = (
-    "1",
-    "L",
-    "P",
-    "RGB",
-    "CMYK",
-    "YCbCr",
-    "HSV",
-)  # modes that PIL converts to RGB unambiguously
+AS_RGB = ("1", "L", "P", "RGB", "CMYK", "YCbCr", "HSV")  # that PIL converts unambiguously
 
 
 def read_picture(path: str | Path) -> Image.Image:

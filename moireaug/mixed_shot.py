@@ -5,15 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from numbers import Integral
-from typing import Any, Generic, TypeVar
+from typing import Generic, Self, TypeVar
 
 import torch
 from torch import Tensor
 
 from moireaug.scene.by_name import parts_with
 from moireaug.scene.record import SceneRecord
-from moireaug.shot import ShotRecord
+from moireaug.shot import Draws, ShotRecord
 
 S = TypeVar("S", bound=ShotRecord)
 UNFOLLOWED = (
@@ -23,7 +22,7 @@ UNFOLLOWED = (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MixedShot(Generic[S]):
+class MixedShot(Draws, Generic[S]):
     """What a `Mixture` draws for a batch: the scene of each image, and its numbers in that scene.
 
     `capture` takes it as it takes a Shot. Index it like a batch; `by_scene` gives it as Shots.
@@ -64,30 +63,9 @@ class MixedShot(Generic[S]):
         """The scenes of the mixture."""
         return tuple(shot.scene for shot in self.empty)
 
-    def __len__(self) -> int:
-        return len(self.seed)
-
-    @property
-    def device(self) -> torch.device:
-        return self.seed.device
-
-    def _map(self, f: Callable[[Tensor], Tensor]) -> MixedShot[S]:
+    def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
         drawn = {name: f(values) for name, values in self.drawn.items()}
         return dataclasses.replace(self, which=f(self.which), drawn=drawn, seed=f(self.seed))
-
-    def to(self, device: torch.device | str) -> MixedShot[S]:
-        """Return the same draw on another device."""
-        return self if torch.device(device) == self.device else self._map(lambda t: t.to(device))
-
-    def __getitem__(self, rows: Any) -> MixedShot[S]:
-        """Return the draws of some rows, as indexing a Shot does."""
-        if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
-            rows = [int(rows)]
-        return self._map(lambda t: t[rows])
-
-    def repeat(self, n: int) -> MixedShot[S]:
-        """Return the whole batch n times, one after another."""
-        return self if n == 1 else self._map(lambda t: t.repeat(n))
 
     def numbers(self) -> dict[str, Tensor]:
         """Return the drawn numbers, (B,) each, by name."""
@@ -132,7 +110,7 @@ class MixedShot(Generic[S]):
     @property
     def moves(self) -> bool:
         """Whether points may move from image to photo: in any of the mixture's scenes."""
-        return any(shot.moves for shot in self.empty)
+        return any(scene.moves for scene in self.scenes)
 
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image lie in the photo; see `Shot.to_photo`."""

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from moireaug.draws import check_size, numbers_needed, random_numbers
 from moireaug.mixed_shot import MixedShot
 from moireaug.scene.presets import MIXTURES
-from moireaug.scenes import Scene, Shot, as_scene, shot_of
+from moireaug.scenes import Scene, Shot, as_scene
 
 
 @dataclass(frozen=True)
@@ -31,27 +32,37 @@ class Mixture:
         rows of a larger draw are those of a smaller one.
         """
         size = check_size(size)
-        needed = [numbers_needed(scene) for scene in self.scenes]
-        u = random_numbers(n, 1 + max(needed), generator)
+        return self.shot_of(self.random_numbers(n, generator), size)
+
+    def random_numbers(self, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Return what `shot_of` draws from: a number that chooses the scene of each of `n` images,
+        and the numbers of the scene that takes most."""
+        return random_numbers(n, 1 + max(map(numbers_needed, self.scenes)), generator)
+
+    def shot_of(self, u: Tensor, size: tuple[int, int]) -> MixedShot[Shot]:
+        """Return the draw that `random_numbers` give of images of `size` (height, width)."""
         which = (u[:, 0] * len(self.scenes)).long()
         shots = []
         for k, scene in enumerate(self.scenes):
             rows = (which == k).nonzero().flatten()
-            shots.append((rows, shot_of(scene, size, u[rows, 1 : 1 + needed[k]])))
+            shots.append((rows, scene.shot_of(u[rows, 1 : 1 + numbers_needed(scene)], size)))
         return MixedShot.joined(self.empty_shots(size), which, shots)
 
     def empty_shots(self, size: tuple[int, int]) -> tuple[Shot, ...]:
         """Return a shot of no image of `size` (height, width) in each scene."""
         return tuple(scene.sample(0, size) for scene in self.scenes)
 
+    @property
+    def moves(self) -> bool:
+        """Whether points may move from image to photo: in any of the scenes."""
+        return any(scene.moves for scene in self.scenes)
+
     def to_dict(self) -> list[dict[str, Any]]:
         """Return plain values, those of each scene; `as_scenes` is the inverse."""
         return [scene.to_dict() for scene in self.scenes]
 
 
-def as_scenes(
-    scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any],
-) -> Scene | Mixture:
+def as_scenes(scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any]) -> Scene | Mixture:
     """Return a Scene from a Scene, a preset's name or a mapping, such as a dict, and a Mixture from
     a list or tuple of these, or from the name of one: what every public `scene=` argument accepts.
     A list of one is that scene. "anywhere" is the mixture of every screen in

@@ -16,15 +16,15 @@ from moireaug.capture import develop, reading_of
 from moireaug.engine.backends import BACKENDS
 from moireaug.engine.graph import LIBRARY
 from moireaug.engine.switch import reference
-from moireaug.scene.by_name import parts_with, values_of
-from moireaug.scenes import Scene, Shot
+from moireaug.scene.by_name import values_of
+from moireaug.scenes import Scene, Shot, shot_of
 
 
 def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> Shot:
     """Return the shot that an operator's arguments describe; see `graph.SHOT_SCHEMA`."""
     scene = _scene(text)
-    parts = parts_with(scene, dict(zip(values_of(scene), numbers, strict=True)))
-    return Shot(scene=scene, size=(size[0], size[1]), seed=seeds, **parts)
+    drawn = dict(zip(values_of(scene), numbers, strict=True))
+    return shot_of(scene, (size[0], size[1]), drawn, seeds)
 
 
 @functools.lru_cache(maxsize=64)

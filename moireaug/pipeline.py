@@ -16,7 +16,7 @@ from moireaug.effects.display import BlackLevel, Glare
 from moireaug.effects.exposure import Crosstalk, Distortion, Exposure, Pose, Subpixels
 from moireaug.effects.flicker import Flicker
 from moireaug.effects.jpeg import Jpeg
-from moireaug.effects.prefilter import Prefilter, most_lost
+from moireaug.effects.prefilter import Prefilter, max_lost_variance
 from moireaug.effects.registration import Registration
 from moireaug.effects.resize import Resize
 from moireaug.effects.sensor import FullWell, Gain, Noise, Quantisation, Saturation
@@ -89,18 +89,18 @@ def apply(names: Collection[str], values: Tensor, shot: ShotRecord) -> Tensor:
 @torch.no_grad()
 def make_plan(scene: SceneRecord) -> Plan:
     """Judge every effect by a scene's ranges; see `Scene.plan`."""
-    steps: list[Step] = []
-    computed: dict[str, list[str]] = {}
-    for stage, effects in (("exposing", EXPOSE), ("developing", DEVELOP)):
-        computed[stage] = []
-        for effect in effects:
-            verdict = effect.verdict(scene)
-            if verdict.called:
-                computed[stage].append(effect.name)
-            if effect.in_plan:
-                steps.append(Step(effect.name, *verdict))
-    exposing, developing = (tuple(names) for names in computed.values())
-    return Plan(tuple(steps), exposing, developing, method_of(scene), most_lost(scene))
+    verdicts = {effect.name: effect.verdict(scene) for effect in (*EXPOSE, *DEVELOP)}
+    steps = []
+    for effect in (*EXPOSE, *DEVELOP):
+        if effect.is_listed:
+            steps.append(Step(effect.name, *verdicts[effect.name]))
+    return Plan(
+        steps=tuple(steps),
+        exposing=tuple(effect.name for effect in EXPOSE if verdicts[effect.name].called),
+        developing=tuple(effect.name for effect in DEVELOP if verdicts[effect.name].called),
+        method=method_of(scene),
+        prefilter_variance=max_lost_variance(scene),
+    )
 
 
 make_plan._torchdynamo_disable = True  # type: ignore[attr-defined]  # torch.compile runs it as it is

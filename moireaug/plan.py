@@ -26,15 +26,15 @@ class Plan:
         exposing, developing: names of the effects that are computed before and after the attacker's
             noise.
         method: exposure method, "auto" resolved.
-        prefilter: largest variance of the blur of the picture before it is looked up, in squared
-            image pixels.
+        prefilter_variance: largest variance of the blur of the picture before it is looked up, in
+            squared image pixels.
     """
 
     steps: tuple[Step, ...]
     exposing: tuple[str, ...]
     developing: tuple[str, ...]
     method: ExposureMethod
-    prefilter: float
+    prefilter_variance: float
     _computed: frozenset[str] = field(init=False, repr=False)  # a photo asks for dozens of names
 
     def __post_init__(self) -> None:
@@ -65,9 +65,8 @@ class Plan:
 
     def __str__(self) -> str:
         width = max(len(step.name) for step in self.steps) + 2
-        lines = ["The photo is the image"]
-        if self.called:
-            lines = [f"{_counted(self.called)} computed, in this order"]
+        heading = f"{_counted(self.called)} computed, in this order"
+        lines = [heading if self.called else "The photo is the image"]
         for i, step in enumerate(self.called, 1):
             lines.append(f"  {i:2d}  {step.name:{width}}{step.reason}")
         if self.left_out:

@@ -111,8 +111,17 @@ class Scene(SceneRecord):
                 generator that is not on the CPU, or as in `plan`.
             TypeError: a generator that is not a torch.Generator.
         """
-        h, w = check_size(size)
-        return shot_of(self, (h, w), random_numbers(n, numbers_needed(self), generator))
+        size = check_size(size)
+        return self.shot_of(self.random_numbers(n, generator), size)
+
+    def random_numbers(self, n: int, generator: torch.Generator | None = None) -> Tensor:
+        """Return the random numbers of `n` images, of whatever size, from which `shot_of` draws;
+        arguments and errors as of `sample`."""
+        return random_numbers(n, numbers_needed(self), generator)
+
+    def shot_of(self, u: Tensor, size: tuple[int, int]) -> Shot:
+        """Return the shot that `random_numbers` give of images of `size` (height, width)."""
+        return shot_of(self, size, *draw_numbers(self, u))
 
     def capture(self, images: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw a shot for `images` (B, 3, H, W), from `generator` or torch's global one, and return
@@ -215,13 +224,14 @@ class Shot(ShotRecord):
             )
         scene = as_scene(values["scene"])
         numbers, seed = numbers_from_dict(scene, values)
-        size = check_size(values["size"])
-        return Shot(scene=scene, size=size, seed=seed, **parts_with(scene, numbers))
+        return shot_of(scene, check_size(values["size"]), numbers, seed)
 
 
-def shot_of(scene: Scene, size: tuple[int, int], u: Tensor) -> Shot:
-    """Return the shots of images of `size` (height, width) that `u` draws; see `draw_numbers`."""
-    numbers, seed = draw_numbers(scene, u)
+def shot_of(
+    scene: Scene, size: tuple[int, int], numbers: Mapping[str, Tensor], seed: Tensor
+) -> Shot:
+    """Return the shot of drawn numbers, (B,) each, by names such as "view.yaw", for images of
+    `size` (height, width)."""
     return Shot(scene=scene, size=size, seed=seed, **parts_with(scene, numbers))
 
 

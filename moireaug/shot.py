@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from numbers import Integral
 from typing import Any, Self
@@ -12,7 +14,7 @@ from torch import Tensor
 
 from moireaug.geometry import grids
 from moireaug.geometry.homography import homography, magnification
-from moireaug.geometry.sensor import CFA, SampledPixels, binned_pixels, cell, sampled_pixels
+from moireaug.geometry.lattice import CFA, SampledPixels, binned_pixels, cell, sampled_pixels
 from moireaug.numeric import as_dtype
 from moireaug.plan import Plan
 from moireaug.scene.by_name import by_part, parts_with, values_of
@@ -38,8 +40,42 @@ def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels
     return rows, cols
 
 
+class Draws(ABC):
+    """What is drawn for a batch, a row for each image; indexed like the batch."""
+
+    seed: Tensor
+
+    @abstractmethod
+    def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
+        """Return the same draws with `f` of each of their tensors (B,)."""
+
+    def __len__(self) -> int:
+        return len(self.seed)
+
+    @property
+    def device(self) -> torch.device:
+        return self.seed.device
+
+    def to(self, device: torch.device | str) -> Self:
+        """Return the same draws on another device."""
+        return (
+            self if torch.device(device) == self.device else self.map_rows(lambda t: t.to(device))
+        )
+
+    def __getitem__(self, rows: Any) -> Self:
+        """Return some rows: of a slice, a mask, an index tensor or list, or one integer (a batch of
+        one)."""
+        if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
+            rows = [int(rows)]
+        return self.map_rows(lambda t: t[rows])
+
+    def repeat(self, n: int) -> Self:
+        """Return the whole batch n times, one after another."""
+        return self if n == 1 else self.map_rows(lambda t: t.repeat(n))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ShotRecord:
+class ShotRecord(Draws):
     """The five parts with each ranged field a `(B,)` float64 tensor, scene, image size, and the
     plan of that scene at that size; users hold a `Shot`, which makes the plan."""
 
@@ -70,31 +106,9 @@ class ShotRecord:
                 object.__setattr__(self, name, part)
         object.__setattr__(self, "_numbers", numbers)
 
-    def __len__(self) -> int:
-        return len(self.seed)
-
-    @property
-    def device(self) -> torch.device:
-        return self.seed.device
-
-    def _map(self, f: Any) -> Self:
+    def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
         numbers = {name: f(values) for name, values in self.numbers().items()}
         return dataclasses.replace(self, **parts_with(self, numbers), seed=f(self.seed))
-
-    def to(self, device: torch.device | str) -> Self:
-        """Return the same shot on another device."""
-        return self if torch.device(device) == self.device else self._map(lambda t: t.to(device))
-
-    def __getitem__(self, rows: Any) -> Self:
-        """Return the shots of some rows: a slice, a mask, an index tensor or list, or one integer
-        (a batch of one)."""
-        if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
-            rows = [int(rows)]
-        return self._map(lambda t: t[rows])
-
-    def repeat(self, n: int) -> Self:
-        """Return the whole batch n times, one after another."""
-        return self if n == 1 else self._map(lambda t: t.repeat(n))
 
     @property
     def requires_grad(self) -> bool:
@@ -161,9 +175,8 @@ class ShotRecord:
 
     @property
     def moves(self) -> bool:
-        """Whether points move from image to photo: a photo in the camera's frame, with a pose or
-        lens distortion."""
-        return not self.scene.develop.registered and ("pose" in self.plan or "lens" in self.plan)
+        """Whether points move from image to photo; see `SceneRecord.moves`."""
+        return self.scene.moves
 
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image, x then y in pixels, lie in the photo's own

@@ -10,7 +10,8 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
 from moireaug.engine import reference
-from moireaug.geometry.sensor import SampledPixels
+from moireaug.geometry.lattice import SampledPixels
+from moireaug.scene.by_name import with_values
 from moireaug.scene.presets import PRESETS
 
 GOLDEN = np.load(Path(__file__).parent / "data" / "official_ma_golden.npz")
@@ -19,17 +20,12 @@ GOLDEN = np.load(Path(__file__).parent / "data" / "official_ma_golden.npz")
 def golden_shot(scene):
     theta, phi, gamma = torch.from_numpy(GOLDEN["angles_theta_phi_gamma_deg"]).double().T
     shot = scene.sample(4, (48, 48))
-    return dataclasses.replace(
-        shot, view=dataclasses.replace(shot.view, pitch=-theta, yaw=phi, roll=-gamma)
-    )
+    return with_values(shot, {"view.pitch": -theta, "view.yaw": phi, "view.roll": -gamma})
 
 
 @pytest.mark.parametrize(("key", "brighten"), [("photos", 0.0), ("photos_plus20", 20 / 255)])
 def test_paper_code_is_the_released_chain(key, brighten):
-    scene = Scene.preset("paper_code")
-    scene = dataclasses.replace(
-        scene, develop=dataclasses.replace(scene.develop, brighten=brighten)
-    )
+    scene = with_values(Scene.preset("paper_code"), {"develop.brighten": brighten})
     images = torch.from_numpy(GOLDEN["images"]).permute(0, 3, 1, 2).float() / 255
     photo = capture(images, golden_shot(scene)) * 255
     difference = (photo.permute(0, 2, 3, 1) - torch.from_numpy(GOLDEN[key])).abs()
@@ -40,10 +36,9 @@ def test_paper_code_is_the_released_chain(key, brighten):
 def test_the_golden_test_can_fail():
     images = torch.from_numpy(GOLDEN["images"]).permute(0, 3, 1, 2).float() / 255
     shot = golden_shot(Scene.preset("paper_code"))
-    turned = dataclasses.replace(shot, view=dataclasses.replace(shot.view, roll=-shot.view.roll))
-    difference = (
-        capture(images, turned).permute(0, 2, 3, 1) * 255 - torch.from_numpy(GOLDEN["photos"])
-    ).abs()
+    turned = with_values(shot, {"view.roll": -shot.view.roll})
+    photo = capture(images, turned) * 255
+    difference = (photo.permute(0, 2, 3, 1) - torch.from_numpy(GOLDEN["photos"])).abs()
     assert (difference[1:] < 0.1).float().mean() < 0.9
 
 
@@ -52,9 +47,7 @@ def test_only_the_sensor_pixels_that_a_photo_reads_are_exposed():
     rows, cols = shot.sampled_pixels()
     # a lead that keeps the Bayer parity, and an even number
     assert len(rows.index) == len(cols.index) == 3 * 48 + 2
-    full = dataclasses.replace(
-        shot.scene, develop=dataclasses.replace(shot.scene.develop, resize="antialias")
-    )
+    full = with_values(shot.scene, {"develop.resize": "antialias"})
     assert full.sample(1, (48, 48)).raw_shape()[2] * 2 == 9 * 48
 
 
@@ -67,11 +60,10 @@ def test_reading_windows_is_reading_everything(scale, size, demosaic):
     base = Scene(panel=Panel(scale=2), view=View(roll=7), sensor=Sensor(scale=scale), develop=how)
     images = torch.rand(2, 3, *size, dtype=torch.float64)
     shot = base.sample(2, size)
-    everything = [
-        SampledPixels(tuple(range(n + n % 2)), 0, 0, s, scale)
-        for s in size
-        for n in [round(s * scale)]
-    ]
+    everything = []
+    for side in size:
+        n = round(side * scale)
+        everything.append(SampledPixels(tuple(range(n + n % 2)), 0, 0, side, scale))
     whole = _with_readouts(images, shot, everything)
     inner = (slice(None), slice(None), slice(1, -1), slice(1, -1))
     assert torch.allclose(capture(images, shot)[inner], whole[inner], atol=1e-9)
@@ -100,11 +92,7 @@ def test_float32_stays_near_float64(name, execution, bound, images):
 def _quiet(scene):
     """Without noise, which is drawn again in each precision, and without JPEG, which makes a whole
     code of a rounding error."""
-    return dataclasses.replace(
-        scene,
-        sensor=dataclasses.replace(scene.sensor, read_noise=0.0),
-        develop=dataclasses.replace(scene.develop, jpeg=0.0),
-    )
+    return with_values(scene, {"sensor.read_noise": 0.0, "develop.jpeg": 0.0})
 
 
 def test_autocast_changes_nothing(images):
@@ -121,9 +109,9 @@ def test_inference_mode_leaves_nothing_behind():
     image, shot = torch.rand(1, 3, 61, 67, dtype=torch.float64), scene.sample(1, (61, 67))
     with torch.inference_mode():
         capture(image, scene.sample(1, (61, 67)))
-    turned = dataclasses.replace(shot.view, yaw=shot.view.yaw.clone().requires_grad_())
-    capture(image, dataclasses.replace(shot, view=turned)).sum().backward()
-    assert turned.yaw.grad.isfinite().all()
+    yaw = shot.view.yaw.clone().requires_grad_()
+    capture(image, with_values(shot, {"view.yaw": yaw})).sum().backward()
+    assert yaw.grad.isfinite().all()
 
 
 def test_noise_enters_the_raw_reading(images):
@@ -169,10 +157,10 @@ def test_wrong_images_get_a_sentence(spoil, kind, sentence, images):
 @pytest.mark.parametrize(("part", "field"), [("view", "yaw"), ("panel", "scale"), ("lens", "k1")])
 def test_a_shot_that_is_not_finite_is_named(part, field, value, images):
     shot = Scene.preset("screen_photo").sample(len(images), images.shape[-2:])
-    drawn = getattr(shot, part)
-    broken = dataclasses.replace(drawn, **{field: getattr(drawn, field) + value})
+    name = f"{part}.{field}"
+    broken = with_values(shot, {name: shot.numbers()[name] + value})
     with pytest.raises(ValueError, match=rf"shot\.{part}\.{field}"):
-        capture(images, dataclasses.replace(shot, **{part: broken}))
+        capture(images, broken)
 
 
 @pytest.mark.parametrize(
@@ -180,21 +168,17 @@ def test_a_shot_that_is_not_finite_is_named(part, field, value, images):
 )
 def test_a_field_of_another_shape_is_named(value, images):
     shot = Scene(view=View(yaw=(0.0, 9.0))).sample(4, (24, 32))
-    shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=value))
+    shot = with_values(shot, {"view.yaw": value})
     with pytest.raises(ValueError, match=r"here of shape \(4,\); got .* as shot.view.yaw"):
         capture(images, shot)
 
 
-@pytest.mark.parametrize(
-    ("part", "field", "value"), [("panel", "lit", -0.01), ("sensor", "fill", 0.0)]
-)
-def test_a_number_that_no_scene_may_have_is_named(part, field, value):
+@pytest.mark.parametrize(("name", "value"), [("panel.lit", -0.01), ("sensor.fill", 0.0)])
+def test_a_number_that_no_scene_may_have_is_named(name, value):
     shot = Scene.preset("screen_photo").sample(1, (8, 8))
-    wrong = dataclasses.replace(
-        getattr(shot, part), **{field: torch.tensor([value], dtype=torch.float64)}
-    )
-    with pytest.raises(ValueError, match=rf"shot.{part}.{field} lie in \[0.001, 1\]; got"):
-        capture(torch.rand(1, 3, 8, 8), dataclasses.replace(shot, **{part: wrong}))
+    wrong = with_values(shot, {name: torch.tensor([value], dtype=torch.float64)})
+    with pytest.raises(ValueError, match=rf"shot.{name} lie in \[0.001, 1\]; got"):
+        capture(torch.rand(1, 3, 8, 8), wrong)
 
 
 def test_a_reading_is_not_the_callers_image():

@@ -8,8 +8,8 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, transforms
 from moireaug.attacks import MoireAttack
+from moireaug.scene.by_name import with_values
 from moireaug.scene.layout import Layout
-from moireaug.scene.parts import PARTS
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 # Mean distance from the float64 answer on the same image. Half precision is computed in float32, so
@@ -85,15 +85,8 @@ CASES = {
 }
 # Where a rounding decides between two levels, pixels differ by a whole one, and only finiteness can
 # be asked for.
-STEPS = {
-    "one bit",
-    "worst file",
-    "best file",
-    "supersample",
-    "less than a pixel",
-    "grazing, near",
-    "hardly a pulse",
-}
+STEPS = {"one bit", "worst file", "best file", "supersample", "less than a pixel"}
+STEPS |= {"grazing, near", "hardly a pulse"}
 IMAGES = {
     "random": lambda: torch.rand(2, 3, 9, 12, generator=torch.Generator().manual_seed(5)),
     "black": lambda: torch.zeros(1, 3, 9, 12),
@@ -102,12 +95,8 @@ IMAGES = {
 
 
 def in_range(photo, image):
-    return (
-        photo.shape == image.shape
-        and bool(photo.isfinite().all())
-        and photo.min() >= 0
-        and photo.max() <= 1
-    )
+    finite = photo.shape == image.shape and bool(photo.isfinite().all())
+    return finite and photo.min() >= 0 and photo.max() <= 1
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -129,16 +118,11 @@ def test_finite_and_near_float64(name, device):
 def test_gradients_are_finite(name):
     image = IMAGES["random"]().double()[:1].requires_grad_()
     shot = CASES[name].sample(1, (9, 12), torch.Generator().manual_seed(1))
-    drawn = {
-        p: {k: getattr(getattr(shot, p), k).clone() for k in getattr(shot, p).ranged} for p in PARTS
-    }
-    leaves = [t.requires_grad_() for fields in drawn.values() for t in fields.values()]
-    moved = dataclasses.replace(
-        shot, **{p: dataclasses.replace(getattr(shot, p), **drawn[p]) for p in PARTS}
-    )
+    leaves = {name: values.clone().requires_grad_() for name, values in shot.numbers().items()}
     noise = torch.zeros(shot.raw_shape(), dtype=torch.float64, requires_grad=True)
-    photo = capture(image, moved, noise)
-    gradients = torch.autograd.grad(photo.sum(), (image, noise, *leaves), allow_unused=True)
+    photo = capture(image, with_values(shot, leaves), noise)
+    wanted = (image, noise, *leaves.values())
+    gradients = torch.autograd.grad(photo.sum(), wanted, allow_unused=True)
     assert gradients[0] is not None and gradients[1] is not None
     assert all(g.isfinite().all() for g in gradients if g is not None)
 
@@ -154,19 +138,13 @@ def test_every_size_and_exposure_with_sensors_in_turn(size, exposure):
     turn = SIZES.index(size) + EXPOSURES.index(exposure)
     cfa, denoise = SENSORS[turn % len(SENSORS)]
     for layout, demosaic in (("pentile", "malvar"), ("led", "bilinear")):
+        filters = {"denoise": denoise, "demosaic": demosaic, "chroma_blur": 1.0, "sharpen": 0.5}
         scene = Scene(
             panel=Panel(layout=layout, scale=0.8),
             view=View(yaw=20, roll=5),
             lens=Lens(k1=0.1, blur=0.2),
             sensor=Sensor(scale=1.5, cfa=cfa, exposure=exposure),
-            develop=Develop(
-                denoise=denoise,
-                demosaic=demosaic,
-                jpeg=50,
-                linear_light=True,
-                chroma_blur=1.0,
-                sharpen=0.5,
-            ),
+            develop=Develop(jpeg=50, linear_light=True, **filters),
         )
         image = torch.rand(2, 3, *size)
         assert in_range(scene.capture(image), image)
@@ -181,12 +159,9 @@ SOFT_AND_NEAR = {
 
 @pytest.mark.parametrize("name", SOFT_AND_NEAR)
 def test_magnified_screens_under_any_lens_are_near_brute_force(name):
-    base = dataclasses.replace(
-        SOFT_AND_NEAR[name], view=View(roll=3), sensor=Sensor(scale=2, cfa="none", exposure="auto")
-    )
-    brute = dataclasses.replace(
-        base, sensor=dataclasses.replace(base.sensor, exposure="supersample:24")
-    )
+    settings = {"view.roll": 3, "sensor.scale": 2, "sensor.cfa": "none"}
+    base = with_values(SOFT_AND_NEAR[name], settings)
+    brute = with_values(base, {"sensor.exposure": "supersample:24"})
     shot, white = base.sample(1, (12, 16)), torch.ones(1, 3, 12, 16).double()
     error = expose(white, shot) - expose(white, dataclasses.replace(shot, scene=brute))
     assert error.square().mean().sqrt() < 0.03  # a box for all was off by 0.1 to 0.2
@@ -194,12 +169,8 @@ def test_magnified_screens_under_any_lens_are_near_brute_force(name):
 
 @pytest.mark.parametrize("size", [(16, 16), (17, 17)])
 def test_a_picture_smaller_than_a_pixel_keeps_its_light(size):
-    scene = Scene(
-        panel=Panel(layout="even"),
-        view=View(zoom=0.01),
-        sensor=Sensor(cfa="none"),
-        develop=Develop(registered=False),
-    )
+    bare = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
+    scene = with_values(bare, {"view.zoom": 0.01, "develop.registered": False})
     light = float(scene.capture(torch.ones(1, 3, *size, dtype=torch.float64)).sum())
     assert light == pytest.approx(3 * size[0] * size[1] * 0.01**2, rel=1e-3)
 
@@ -207,9 +178,7 @@ def test_a_picture_smaller_than_a_pixel_keeps_its_light(size):
 def test_no_noise_of_a_noisy_scene_has_a_gradient():
     scene = Scene(sensor=Sensor(shot_noise=(0, 0.1)))
     shot = scene.sample(1, (4, 4))
-    quiet = dataclasses.replace(
-        shot, sensor=dataclasses.replace(shot.sensor, shot_noise=torch.zeros(1).double())
-    )
+    quiet = with_values(shot, {"sensor.shot_noise": torch.zeros(1).double()})
     image = torch.rand(1, 3, 4, 4, requires_grad=True)
     capture(image, quiet).sum().backward()
     assert image.grad.isfinite().all()
@@ -250,15 +219,12 @@ def test_deterministic_mode_changes_nothing():
 def test_an_attack_survives_any_logits(scale):
     class Net(torch.nn.Module):
         def forward(self, x):
-            return (
-                torch.stack([x.mean((1, 2, 3)), x[:, 0].mean((1, 2)), -x[:, 2].mean((1, 2))], 1)
-                * scale
-            )
+            red, _, blue = x.mean((2, 3)).unbind(1)
+            return scale * torch.stack([x.mean((1, 2, 3)), red, -blue], 1)
 
     image, labels = IMAGES["random"](), torch.tensor([0, 1])
-    result = MoireAttack(Net(), scene=Scene(sensor=Sensor(scale=2)), eps=0.1, steps=2)(
-        image, labels
-    )
+    attack = MoireAttack(Net(), scene=Scene(sensor=Sensor(scale=2)), eps=0.1, steps=2)
+    result = attack(image, labels)
     assert in_range(result.images, image) and result.noise.isfinite().all()
     # the sign of a zero gradient is zero, and the noise stays where it is
     assert bool(result.noise.any()) == (scale > 0)

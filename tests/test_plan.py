@@ -20,20 +20,22 @@ def colour(**fields):
     return Sensor(cfa="none", **fields)
 
 
+def even(**fields):
+    return {"panel": Panel(layout="even", **fields)}
+
+
+LIGHT = {"develop": Develop(linear_light=True)}
 CALLED = [
-    ("decode", {"develop": Develop(linear_light=True)}),
-    (
-        "black_level",
-        {"panel": Panel(layout="even", black=0.001), "develop": Develop(linear_light=True)},
-    ),
-    ("black_level", {"panel": Panel(layout="even", black=(0.0, 0.01))}),
+    ("decode", LIGHT),
+    ("black_level", even(black=0.001) | LIGHT),
+    ("black_level", even(black=(0.0, 0.01))),
     ("prefilter", {"lens": Lens(blur=3.0)}),
     ("prefilter", {"view": View(zoom=0.1)}),
     ("prefilter", {"view": View(yaw=80.0)}),
     ("layout", {"panel": Panel()}),
-    ("layout", {"panel": Panel(layout="even", lit=0.5)}),
-    ("layout", {"panel": Panel(layout="even", lit_x=0.5)}),
-    ("layout", {"panel": Panel(layout="even", lit_y=(0.5, 1.0))}),
+    ("layout", even(lit=0.5)),
+    ("layout", even(lit_x=0.5)),
+    ("layout", even(lit_y=(0.5, 1.0))),
     ("pose", {"view": View(yaw=(0, 1))}),
     ("pose", {"view": View(zoom=0.9)}),
     ("pose", {"view": View(shift_x=0.1)}),
@@ -47,24 +49,18 @@ CALLED = [
     ("exposure", {"lens": Lens(motion_x=0.5)}),
     ("exposure", {"lens": Lens(motion_y=(-0.5, 0.0))}),
     ("exposure", {"sensor": colour(crosstalk=0.1)}),
-    ("glare", {"panel": Panel(layout="even", glare=0.05)}),
-    (
-        "glare",
-        {"panel": Panel(layout="even", glare=0.001), "develop": Develop(linear_light=True)},
-    ),
+    ("glare", even(glare=0.05)),
+    ("glare", even(glare=0.001) | LIGHT),
     # too little in the middle of the photo, enough in a corner
-    ("glare", {"panel": Panel(layout="even", glare=0.0019, glare_x=0.3, glare_y=(-0.3, 0.0))}),
+    ("glare", even(glare=0.0019, glare_x=0.3, glare_y=(-0.3, 0.0))),
     ("vignetting", {"lens": Lens(vignetting=(0, 0.1))}),
-    (
-        "flicker",
-        {"panel": Panel(layout="even", pwm=240.0), "sensor": colour(shutter=0.001, readout=0.01)},
-    ),
+    ("flicker", even(pwm=240.0) | {"sensor": colour(shutter=0.001, readout=0.01)}),
     ("gain", {"sensor": colour(gain=0.5)}),
     ("noise", {"sensor": colour(read_noise=(0, 0.1))}),
     ("noise", {"sensor": colour(shot_noise=0.01)}),
     ("saturate", {"sensor": colour(gain=(0.5, 1.5))}),
-    ("saturate", {"panel": Panel(layout="even", pwm=240.0), "sensor": colour(shutter=0.001)}),
-    ("saturate", {"panel": Panel(layout="even", glare=0.05)}),
+    ("saturate", even(pwm=240.0) | {"sensor": colour(shutter=0.001)}),
+    ("saturate", even(glare=0.05)),
     ("bits", {"sensor": colour(bits=6)}),
     ("demosaic", {"sensor": Sensor()}),
     ("resize", {"sensor": colour(scale=2)}),
@@ -72,7 +68,7 @@ CALLED = [
     ("balance", {"develop": Develop(blue=(0.9, 1.0))}),
     ("colour_matrix", {"sensor": colour(crosstalk=0.1)}),
     ("colour_matrix", {"develop": Develop(saturation=(0.9, 1.0))}),
-    ("encode", {"develop": Develop(linear_light=True)}),
+    ("encode", LIGHT),
     ("tone_curve", {"develop": Develop(contrast=(-0.2, 0.0))}),
     ("tone_curve", {"develop": Develop(shoulder=(0.0, 0.3))}),
     ("brighten", {"develop": Develop(brighten=0.1)}),
@@ -98,21 +94,18 @@ def test_every_effect_has_a_scene_that_calls_for_it():
 
 
 NOT_CALLED = [
-    ("flicker", {"panel": Panel(layout="even", pwm=240.0)}),  # no shutter
-    (
-        "flicker",
-        {"panel": Panel(layout="even", pwm=240.0, duty=1.0), "sensor": colour(shutter=0.001)},
-    ),
+    ("flicker", even(pwm=240.0)),  # no shutter
+    ("flicker", even(pwm=240.0, duty=1.0) | {"sensor": colour(shutter=0.001)}),
     ("register", {"view": View(roll=5), "develop": Develop(registered=False)}),
     ("saturate", {"sensor": colour(gain=0.5)}),
-    ("saturate", {"panel": Panel(layout="even", glare=0.05), "sensor": colour(gain=0.5)}),
+    ("saturate", even(glare=0.05) | {"sensor": colour(gain=0.5)}),
     ("layout", {"panel": Panel(), "lens": Lens(blur=3.0)}),
     # the slope of a light that is not there, the radius of a mask that is not applied
-    ("glare", {"panel": Panel(layout="even", glare_x=0.5, glare_y=-0.5)}),
+    ("glare", even(glare_x=0.5, glare_y=-0.5)),
     ("sharpen", {"develop": Develop(sharpen_radius=5.0)}),
     # a coarse panel shows the picture averaged
-    ("prefilter", {"panel": Panel(layout="even", scale=0.1)}),
-    ("prefilter", {"panel": Panel(layout="even", scale=0.1), "sensor": colour(exposure="point")}),
+    ("prefilter", even(scale=0.1)),
+    ("prefilter", even(scale=0.1) | {"sensor": colour(exposure="point")}),
     # the exposure counts the panel pixels that it spreads over
     ("prefilter", {"lens": Lens(blur=0.6)}),
     ("prefilter", {"view": View(zoom=0.1), "sensor": colour(exposure="supersample:2")}),

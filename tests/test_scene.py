@@ -16,6 +16,7 @@ import torch
 import yaml
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, Shot, View, capture
+from moireaug.scene.by_name import values_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
@@ -61,11 +62,9 @@ RANGED = [(cls, field) for cls in PARTS.values() for field in cls.ranged]
 def test_a_number_beyond_its_bounds_is_refused(cls, field):
     metadata = cls.__dataclass_fields__[field].metadata
     low, high = metadata["low"], metadata["high"]
-    range_and_value = (
-        re.escape(f"{cls.__name__}.{field} must lie in [{low:g}, {high:g}]") + ".* got"
-    )
+    sentence = re.escape(f"{cls.__name__}.{field} must lie in [{low:g}, {high:g}]") + ".* got"
     for value in (low - 1, high + 1, (low, high + 1), math.nan, math.inf, 10**400):
-        with pytest.raises(ValueError, match=range_and_value):
+        with pytest.raises(ValueError, match=sentence):
             cls(**{field: value})
 
 
@@ -91,19 +90,17 @@ def test_a_dict_starts_from_a_preset():
     assert scene.panel == Scene.preset("screen_photo").panel
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_draws_fill_their_ranges(name):
-    scene = Scene.preset(name)
-    shot = scene.sample(400, (8, 8), torch.Generator().manual_seed(0))
-    for part in PARTS:
-        for field in getattr(scene, part).ranged:
-            low, high = bounds(getattr(getattr(scene, part), field))
-            drawn = getattr(getattr(shot, part), field)
-            assert drawn.shape == (400,) and drawn.dtype == torch.float64
-            assert drawn.min() >= low and drawn.max() <= high, field
-            if high > low:
-                assert drawn.max() - drawn.min() > 0.9 * (high - low), field
-                assert drawn.unique().numel() > 30, field
+@pytest.mark.parametrize("preset", PRESETS)
+def test_draws_fill_their_ranges(preset):
+    scene = Scene.preset(preset)
+    shot, ranges = scene.sample(400, (8, 8), torch.Generator().manual_seed(0)), values_of(scene)
+    for name, drawn in shot.numbers().items():
+        low, high = bounds(ranges[name])
+        assert drawn.shape == (400,) and drawn.dtype == torch.float64
+        assert drawn.min() >= low and drawn.max() <= high, name
+        if high > low:
+            assert drawn.max() - drawn.min() > 0.9 * (high - low), name
+            assert drawn.unique().numel() > 30, name
 
 
 def test_released_pose_turns_by_whole_degrees():
@@ -125,11 +122,10 @@ def test_released_pose_keeps_what_else_is_drawn():
 
 def test_same_seed_same_shot_and_prefix():
     scene = Scene.preset("screen_photo")
-    a, b = (scene.sample(n, (8, 8), torch.Generator().manual_seed(5)) for n in (6, 3))
+    draws = [(6, 5), (3, 5), (6, 6)]
+    a, b, c = (scene.sample(n, (8, 8), torch.Generator().manual_seed(s)) for n, s in draws)
     assert torch.equal(a.view.roll[:3], b.view.roll) and torch.equal(a.seed[:3], b.seed)
-    assert not torch.equal(
-        a.view.roll, scene.sample(6, (8, 8), torch.Generator().manual_seed(6)).view.roll
-    )
+    assert not torch.equal(a.view.roll, c.view.roll)
 
 
 @pytest.mark.parametrize(

@@ -51,31 +51,20 @@ def test_stepping_back_and_zooming_in_keep_the_pitch():
         assert torch.allclose(shot.sensor_scale * zoom, shot.sensor.pitch * shot.panel_scale)
 
 
+RANGED, FIXED, FULL = Panel(width=(100.0, 200.0)), Panel(width=99.0), Sensor(reading="full")
 SENTENCES = [
     (lambda: Panel(width=100.0, scale=2.0), "Panel.width and Panel.scale say the same thing"),
     (lambda: Sensor(pitch=2.0, scale=3.0), "Sensor.pitch and Sensor.scale say the same thing"),
     (lambda: Panel(width=(0.0, 100.0)), "Panel.width must be at least 1"),
     (lambda: Sensor(pitch=(0.0, 2.0)), "Sensor.pitch must be at least 0.001"),
     (lambda: Sensor(reading="bined"), "Did you mean 'binned'"),
-    (
-        lambda: Scene(panel=Panel(width=(100.0, 200.0)), sensor=Sensor(reading="full")),
-        "a full reading has one number of sensor pixels",
-    ),
+    (lambda: Scene(panel=RANGED, sensor=FULL), "a full reading has one number of sensor pixels"),
     (lambda: Scene(sensor=Sensor(pitch=2.0, reading="full")), "Sensor.pitch = 2.0 does not fix."),
-    (
-        lambda: Scene(panel=Panel(width=99.0), sensor=Sensor(exposure="point")),
-        "Sensor.exposure must be 'auto' or 'spectral' or 'mean'; got 'point'",
-    ),
-    (
-        lambda: Scene(panel=Panel(width=99.0), develop=Develop(demosaic="malvar")),
-        "Develop.demosaic must be 'bilinear'",
-    ),
-    (lambda: Scene(panel=Panel(width=99.0), develop=Develop(denoise="nlm")), "Develop.denoise"),
-    (lambda: Scene(panel=Panel(width=99.0), develop=Develop(resize="point")), "Develop.resize"),
-    (
-        lambda: Scene(panel=Panel(width=1.0)).plan((10, 8192)),
-        "Panel.width must be at least 1.6384 panel pixels for pictures of 10 x 8192; got 1.0.",
-    ),
+    (lambda: Scene(panel=FIXED, sensor=Sensor(exposure="point")), "or 'mean'; got 'point'"),
+    (lambda: Scene(panel=FIXED, develop=Develop(demosaic="malvar")), "must be 'bilinear'"),
+    (lambda: Scene(panel=FIXED, develop=Develop(denoise="nlm")), "Develop.denoise"),
+    (lambda: Scene(panel=FIXED, develop=Develop(resize="point")), "Develop.resize"),
+    (lambda: Scene(panel=Panel(width=1.0)).plan((10, 8192)), "at least 1.6384 panel pixels for"),
 ]
 
 
@@ -166,12 +155,9 @@ def test_a_transform_may_stand_before_or_after_a_resize():
 
 def test_a_panel_tied_to_pixels_differs_after_a_resize():
     """A negative control: tied to the picture's pixels, the moiré is another one."""
-    stamp = dataclasses.replace(
-        SCREEN,
-        panel=Panel(scale=1.1),
-        sensor=Sensor(scale=2.0, reading="binned"),
-        develop=Develop(registered=False),
-    )
+    sensor = Sensor(scale=2.0, reading="binned")
+    stamp = dataclasses.replace(SCREEN, panel=Panel(scale=1.1), sensor=sensor)
+    stamp = dataclasses.replace(stamp, develop=Develop(registered=False))
     after, before = before_and_after(stamp)
     assert rms(after - before) > rms(before) / 2
 

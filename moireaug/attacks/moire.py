@@ -134,5 +134,5 @@ class MoireAttack(Attack):
             clean = NOISE_AT[self.noise_at][0](images, shot)
         if searched_fields(shot.scene, self.optimise):
             # a shot that was drawn in inference mode takes no gradient
-            shot = shot._map(torch.clone).to(images.device)
+            shot = shot.map_rows(torch.clone).to(images.device)
         return CameraProblem(images, shot, clean, self.noise_at, self.optimise, self.eot, generator)

@@ -34,7 +34,7 @@ class Effect(ABC):
     light is left out if it changes no value by more than the scene's tolerance."""
 
     name: str
-    in_plan = True  # effects that only clip are not
+    is_listed = True  # in a plan; effects that only clip are not
 
     @abstractmethod
     def verdict(self, scene: SceneRecord) -> Verdict:
@@ -56,16 +56,6 @@ def format_range(value: Range) -> str:
     """Return a range as text, such as "0.2 to 0.4"."""
     low, high = bounds(value)
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
-
-
-def deviation(value: Range, identity: float) -> float:
-    """Return how far a range extends from an effect's identity."""
-    return max(abs(v - identity) for v in bounds(value))
-
-
-def varies(value: Range, identity: float = 0.0) -> bool:
-    """Whether a range leaves an effect's identity at all."""
-    return deviation(value, identity) > 0
 
 
 def verdict_of(change: float, scene: SceneRecord, why: str, why_not: str) -> Verdict:

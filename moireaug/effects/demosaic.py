@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
-from moireaug.geometry.sensor import CFA, unpack
+from moireaug.geometry.lattice import CFA, unpack
 from moireaug.numeric import repeat_edges
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord

@@ -10,25 +10,15 @@ import torch
 from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
-from moireaug.effects.base import (
-    Effect,
-    Verdict,
-    called,
-    deviation,
-    format_range,
-    left_out,
-    verdict_of,
-)
+from moireaug.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.exposure.extreme_scales import least_bin_scale
 from moireaug.numeric import clip, per_image, repeat_edges
-from moireaug.scene.fields import Range, bounds
+from moireaug.scene.fields import Range, bounds, deviation
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
 KERNEL_SIGMAS = 3.0  # standard deviations that a kernel holds
-LEAST_SAMPLED_VARIANCE = (
-    0.5  # variance of Gaussians, in squared pixels, below which they miss the next pixel
-)
+LEAST_SAMPLED_VARIANCE = 0.5  # squared pixels: a narrower Gaussian misses the next pixel
 LEAST_SIGMA = 1e-3  # least standard deviation: a Gaussian of 0 has no kernel
 
 
@@ -69,7 +59,7 @@ class ClipDetail(Effect):
     """Clips a smoothed or sharpened photo to [0, 1]."""
 
     name = "clip_detail"
-    in_plan = False
+    is_listed = False
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         if ChromaBlur().verdict(scene).called or Sharpen().verdict(scene).called:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, deviation, format_range, verdict_of
+from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.effects.srgb import in_codes
 from moireaug.exposure.filters import filters_of
-from moireaug.geometry.sensor import CFA
+from moireaug.geometry.lattice import CFA
 from moireaug.numeric import per_image
 from moireaug.panel.fourier import emitting_share, mean_light
-from moireaug.scene.fields import bounds
+from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord

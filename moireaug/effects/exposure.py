@@ -6,22 +6,11 @@ import math
 
 from torch import Tensor
 
-from moireaug.effects.base import (
-    Effect,
-    Verdict,
-    WithinExposure,
-    called,
-    format_range,
-    left_out,
-    varies,
-)
-from moireaug.exposure.binned import Binned
+from moireaug.effects.base import Effect, Verdict, WithinExposure, called, format_range, left_out
 from moireaug.exposure.choose import method_of
 from moireaug.exposure.extreme_harmonics import harmonics, harmonics_in_bins
 from moireaug.exposure.extreme_scales import least_bin_scale
-from moireaug.exposure.smooth import Spectral
-from moireaug.scene.fields import bounds
-from moireaug.scene.layout import as_layout
+from moireaug.scene.fields import bounds, varies
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
@@ -35,11 +24,11 @@ class Subpixels(WithinExposure):
         panel, method = scene.panel, method_of(scene)
         layout = panel.layout
         name = layout if isinstance(layout, str) else f"a cell of {len(layout.subpixels)} subpixels"
-        if is_solid(scene):
+        if scene.is_solid:
             return left_out(f"{name}: every panel pixel emits all over")
         if method.name == "mean":
             return left_out(f"{name} gives its mean light alone: nothing else is asked for")
-        if not isinstance(method, (Spectral, Binned)):
+        if not method.sums_harmonics:
             low, high = bounds(panel.scale)
             pitch = format_range((scene.sensor.scale / high, scene.sensor.scale / low))
             return called(f"{name}, {pitch} sensor pixels a panel pixel when frontal")
@@ -47,12 +36,18 @@ class Subpixels(WithinExposure):
             where = "in the photo" if scene.is_binned else "at the sensor"
             least = f"no contrast above {scene.tolerance:.2g} is left {where}"
             return left_out(f"{name} gives its mean light alone: {least}")
-        judged = harmonics_in_bins if scene.is_binned else harmonics
-        (pair, top), n = judged(scene)[0], len(method.harmonics)
+        possible = harmonics_in_bins(scene) if scene.is_binned else harmonics(scene)
+        (pair, top), n = possible[0], len(method.harmonics)
         counted = "1 harmonic" if n == 1 else f"{n} harmonics"
-        return called(
+        reason = (
             f"{name}: {counted} above {scene.tolerance:.2g}, the strongest {pair} up to {top:.2g}"
         )
+        if len(possible) > n:
+            _, strength = possible[n]
+            reason += (
+                f"; {len(possible) - n} weaker ones, up to {strength:.2g}, are too many to sum"
+            )
+        return called(reason)
 
 
 class Pose(WithinExposure):
@@ -61,7 +56,7 @@ class Pose(WithinExposure):
     name = "pose"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        if not is_posed(scene):
+        if not scene.is_posed:
             return left_out("frontal and edge to edge")
         view, angles = scene.view, []
         for angle in ("yaw", "pitch", "roll"):
@@ -80,7 +75,7 @@ class Distortion(WithinExposure):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         lens = scene.lens
-        if not is_bent(scene):
+        if not scene.is_bent:
             return left_out("no distortion, k1 = k2 = 0")
         return called(f"k1 {format_range(lens.k1)}, k2 {format_range(lens.k2)}")
 
@@ -104,11 +99,11 @@ class Exposure(Effect):
     name = "exposure"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        if not is_exposed(scene):
+        if not _is_exposed(scene):
             return left_out("each sensor pixel reads its own image pixel")
         method, lens = method_of(scene), scene.lens
         reason = f"{method.name}: {method.reason}"
-        if method.name == "point":
+        if not method.has_aperture:
             return called(reason)
         if scene.is_binned:
             least = least_bin_scale(scene, bounds(scene.panel.scale)[0])
@@ -124,38 +119,14 @@ class Exposure(Effect):
         return shot.plan.method(light, shot)
 
 
-def is_solid(scene: SceneRecord) -> bool:
-    """Whether panel pixels always emit all colours over their whole area."""
-    panel = scene.panel
-    dark = any(varies(share, 1.0) for share in (panel.lit, panel.lit_x, panel.lit_y))
-    return as_layout(panel.layout).is_solid and not dark
-
-
-def is_posed(scene: SceneRecord) -> bool:
-    """Whether the screen is ever anything but frontal and edge to edge."""
-    view = scene.view
-    moved = any(varies(a) for a in (view.yaw, view.pitch, view.roll, view.shift_x, view.shift_y))
-    return moved or varies(view.zoom, 1.0) or view.pose == "released"
-
-
-def is_bent(scene: SceneRecord) -> bool:
-    """Whether the lens ever distorts."""
-    return varies(scene.lens.k1) or varies(scene.lens.k2)
-
-
-def is_exposed(scene: SceneRecord) -> bool:
+def _is_exposed(scene: SceneRecord) -> bool:
     """Whether a sensor pixel ever reads anything but its own image pixel."""
     lens, sensor = scene.lens, scene.sensor
-    if is_posed(scene) or is_bent(scene) or not is_solid(scene):
+    if scene.is_posed or scene.is_bent or not scene.is_solid or scene.is_binned:
         return True
     if varies(lens.motion_x) or varies(lens.motion_y) or varies(sensor.crosstalk):
         return True
-    if (
-        scene.is_binned
-        or sensor.cfa != "none"
-        or sensor.scale != 1
-        or varies(scene.panel.scale, 1.0)
-    ):
+    if sensor.cfa != "none" or sensor.scale != 1 or varies(scene.panel.scale, 1.0):
         return True
     sigma = (bounds(lens.blur)[1] ** 2 + bounds(lens.olpf)[1] ** 2 / 4) ** 0.5
     leak = sigma / math.sqrt(2 * math.pi)  # of the light next to each of a pixel's four edges

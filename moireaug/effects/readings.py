@@ -1,11 +1,11 @@
-"""Raw readings, packed as in `geometry.sensor`, and where they lie on the photo."""
+"""Raw readings, packed as in `geometry.lattice`, and where they lie on the photo."""
 
 from __future__ import annotations
 
 from torch import Tensor
 
 from moireaug.exposure.bin_geometry import pixels_on_photo
-from moireaug.geometry.sensor import pack
+from moireaug.geometry.lattice import pack
 from moireaug.shot import ShotRecord
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
-from moireaug.effects.exposure import is_bent, is_posed
 from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.geometry import grids
 from moireaug.numeric import bounded
-from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
@@ -23,11 +21,11 @@ class Registration(Effect):
     def verdict(self, scene: SceneRecord) -> Verdict:
         if not scene.develop.registered:
             return left_out("the photo stays in the camera's frame")
-        if not (is_posed(scene) or is_bent(scene)):
+        if not (scene.is_posed or scene.is_bent):
             return left_out("the photo is in the image's frame already")
         if not scene.is_rectified:
             return called("back to the image's frame")
-        if is_shown_whole(scene):
+        if scene.is_shown_whole:
             return left_out("bins are read in the image's frame")
         return called("black where the photo does not show the image; bins are read in its frame")
 
@@ -36,14 +34,6 @@ class Registration(Effect):
             _, on_photo = pixels_on_photo(shot)
             return photo * on_photo.to(photo.dtype)[:, None]
         return register(photo, shot.matrix(), shot.distortion)
-
-
-def is_shown_whole(scene: SceneRecord) -> bool:
-    """Whether the photo always shows all of the image: one that fits, is not enlarged and not
-    moved."""
-    view = scene.view
-    still = not any(any(bounds(shift)) for shift in (view.shift_x, view.shift_y))
-    return view.fit and bounds(view.zoom)[1] <= 1 and still
 
 
 def register(photo: Tensor, matrix: Tensor, lens: grids.Lens | None) -> Tensor:

@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
-from moireaug.geometry.sensor import SampledPixels
+from moireaug.geometry.lattice import SampledPixels
 from moireaug.numeric import bounded
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord

@@ -5,22 +5,13 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import (
-    Effect,
-    Verdict,
-    called,
-    deviation,
-    format_range,
-    left_out,
-    verdict_of,
-)
+from moireaug.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.effects.display import most_reflected
 from moireaug.effects.flicker import modulation_depth
 from moireaug.effects.random_numbers import normal
 from moireaug.effects.srgb import in_codes
-from moireaug.exposure.binned import Binned
 from moireaug.numeric import clip, per_image, saturate
-from moireaug.scene.fields import bounds
+from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
@@ -72,7 +63,7 @@ class FullWell(Effect):
     """
 
     name = "full_well"
-    in_plan = False
+    is_listed = False
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         if Saturation().verdict(scene).called or Noise().verdict(scene).called:
@@ -168,7 +159,7 @@ def averaged_away(shot: ShotRecord) -> tuple[Tensor, Tensor, Tensor]:
         read, photons = torch.zeros_like(read), torch.zeros_like(read)
     read, photons = ((away * t)[:, None, None, None] for t in (read, photons))
     pattern = torch.zeros_like(away)[:, None].expand(-1, 3)
-    if "saturate" in shot.plan and isinstance(shot.plan.method, Binned):
+    if "saturate" in shot.plan:
         pattern = shot.plan.method.pattern_variance(shot)
     return read, photons, pattern
 

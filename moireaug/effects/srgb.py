@@ -50,7 +50,7 @@ class Clip(Effect):
     """Clips codes to [0, 1], whatever noise an attacker adds."""
 
     name = "clip"
-    in_plan = False
+    is_listed = False
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         return called("codes end at 0 and 1")

@@ -7,18 +7,10 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import (
-    Effect,
-    Verdict,
-    called,
-    deviation,
-    format_range,
-    left_out,
-    varies,
-    verdict_of,
-)
+from moireaug.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.numeric import clip, mix_colours, per_image
+from moireaug.scene.fields import deviation, varies
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 

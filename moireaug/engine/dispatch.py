@@ -28,7 +28,7 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     if kernels is None:
         return pipeline.expose(as_float(light), shot)
     # over the image: the reference does that blur
-    varies = shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE
+    varies = shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
     exposure, beats = lower_exposure(shot.to("cpu"), decoded=varies)
     fits = kernels.fits(exposure, beats)
     if not fits.any():

@@ -1,4 +1,4 @@
-"""What the photo pixels of a binned reading see of the picture."""
+"""The picture as the photo pixels of a binned reading see it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.exposure import footprints
-from moireaug.exposure.footprints import Footprint
+from moireaug.exposure.bin_geometry import Bins
+from moireaug.exposure.footprint import Footprint, blur_variance
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.panel.fourier import emitting_share
 from moireaug.scene.fields import bounds
@@ -25,7 +25,7 @@ HOLD_VARIANCE, BAYER_HOLD_VARIANCE = 1 / 12, 1 / 12 + 5 / 12
 
 
 class Content(NamedTuple):
-    """What bins see of a picture, on a panel of at most one pixel per image pixel.
+    """The picture as bins see it, on a panel of at most one pixel per image pixel.
 
     Args:
         scale: (B,) its panel pixels per image pixel.
@@ -43,19 +43,15 @@ class Content(NamedTuple):
     width: Tensor
     hold: Tensor
 
-    def footprint(self, axis: int, step: Tensor, sides: Tensor) -> Footprint:
-        """Return what bins see along x (axis 0) or y (axis 1), without `hold`: (B, ...) each, in
-        pixels.
-
-        Args:
-            step: (B, ..., 2, 2), change in pixels per sensor pixel along u and v.
-            sides: (B, ..., 2, 2) of the bins, see `bin_geometry.Bins`.
-        """
-        along = step[..., axis, :]
+    def footprint(self, axis: int, bins: Bins) -> Footprint:
+        """Return the view of bins along x (axis 0) or y (axis 1), without `hold`: (B, h, w) each,
+        in pixels."""
+        ratio = self.ratio.to(bins.step.dtype)[:, None, None, None]
+        step = bins.step[..., axis, :] / ratio
+        across_bin = (step[..., None] * bins.sides).sum(-2)
         zero, one = torch.zeros_like(self.hold), torch.ones_like(self.hold)
-        across_bin = (along[..., None] * sides).sum(-2)
-        box = footprints.footprint(across_bin, Optics(one, zero, zero, zero, zero))
-        return Footprint(box.box, box.variance + footprints.blur_variance(along, self.optics))
+        box = Footprint.of(across_bin, Optics(one, zero, zero, zero, zero))
+        return Footprint(box.box, box.variance + blur_variance(step, self.optics))
 
 
 def content_of(shot: ShotRecord) -> Content:
@@ -65,26 +61,26 @@ def content_of(shot: ShotRecord) -> Content:
     whatever has the picture's pixels as its means; with `Panel.scale`, the picture itself,
     interpolated. A bin then sees image pixels, in the latter case each a little wider.
     """
-    alpha, layout = shot.panel_scale, as_layout(shot.scene.panel.layout)
+    scene, alpha = shot.scene, shot.panel_scale
     ratio = alpha.clamp(min=1)
     fine = 1 - 1 / ratio  # 0 for a panel of the picture's pixels, near 1 for a much finer one
     hold = torch.zeros_like(fine)
-    if not bounds(shot.scene.panel.width)[1]:
+    if not bounds(scene.panel.width)[1]:
         # the filter that shrinks the photo blurs the picture, too, where its pixels are not means
-        second_mean = 1.0 if shot.scene.develop.resize == "antialias" else 0.0
+        second_mean = 1.0 if scene.develop.resize == "antialias" else 0.0
         hold = (fine + second_mean * alpha.clamp(max=1).square()) / 12
-    middle, edges, whole = map(alpha.new_tensor, _colour_cells(layout))
+    middle, edges, is_whole = map(alpha.new_tensor, _sources(as_layout(scene.panel.layout)))
     lit_x, lit_y = (share[:, None, None] for share in emitting_share(shot.panel))
     # the larger of its two edges, one across and one down
     width = torch.maximum(edges[..., 0] * lit_x, edges[..., 1] * lit_y).clamp(max=1)
-    width = torch.where(whole > 0, torch.ones_like(width), width)
+    width = torch.where(is_whole > 0, torch.ones_like(width), width)
     return Content(
-        alpha.clamp(max=1),
-        ratio,
-        gaussian_optics(shot.scene, optics_of(shot)),
-        middle / ratio[:, None, None],
-        width + (1 - width) * fine[:, None, None],
-        hold,
+        scale=alpha.clamp(max=1),
+        ratio=ratio,
+        optics=gaussian_optics(scene, optics_of(shot)),
+        shift=middle / ratio[:, None, None],
+        width=width + (1 - width) * fine[:, None, None],
+        hold=hold,
     )
 
 
@@ -97,9 +93,9 @@ def gaussian_optics(scene: SceneRecord, optics: Optics) -> Optics:
 
 
 @functools.lru_cache(maxsize=64)
-def _colour_cells(layout: Layout) -> tuple[list, list, list]:
+def _sources(layout: Layout) -> tuple[list, list, list]:
     """Return where in a panel pixel each channel's light comes from: its subpixel, or if it has
-    several, their middle and the whole pixel.
+    several, the whole pixel, about their middle.
 
     Returns:
         (3, 2) the middle along x and y, from that of the pixel; (3, 2, 2) the lengths along x and y
@@ -108,21 +104,24 @@ def _colour_cells(layout: Layout) -> tuple[list, list, list]:
     middles, edges, whole = [], [], []
     for channel in range(3):
         subpixels = layout.of(channel)
-        single = len(subpixels) == 1 and subpixels[0].period == (1, 1)
-        middles.append(subpixels[0].centre if single else _mean_place(subpixels))
-        across, down = (subpixels[0].across, subpixels[0].down) if single else ((1, 0), (0, 1))
+        is_single = len(subpixels) == 1 and subpixels[0].period == (1, 1)
+        if is_single:
+            (x, y), across, down = subpixels[0].centre, subpixels[0].across, subpixels[0].down
+        else:
+            (x, y), across, down = _mean_place(subpixels), (1.0, 0.0), (0.0, 1.0)
+        middles.append([x - 0.5, y - 0.5])
         edges.append([[abs(across[axis]), abs(down[axis])] for axis in (0, 1)])
-        whole.append([not single])
-    return [[x - 0.5, y - 0.5] for x, y in middles], edges, whole
+        whole.append([not is_single])
+    return middles, edges, whole
 
 
 def _mean_place(subpixels: Sequence[Subpixel]) -> tuple[float, float]:
     """Return the mean place of some subpixels in their panel pixels, weighted by their area."""
     if not subpixels:
         return 0.5, 0.5
-    total = sum(s.density for s in subpixels)
-    x, y = (
-        sum(s.density * (s.centre[axis] - s.pixel[axis] + 0.5) for s in subpixels) / total
-        for axis in (0, 1)
-    )
-    return x, y
+    total, x, y = 0.0, 0.0, 0.0
+    for subpixel in subpixels:
+        total += subpixel.density
+        x += subpixel.density * (subpixel.centre[0] - subpixel.pixel[0] + 0.5)
+        y += subpixel.density * (subpixel.centre[1] - subpixel.pixel[1] + 0.5)
+    return x / total, y / total

@@ -8,26 +8,17 @@ import math
 
 import torch
 from torch import Tensor
-from torch.utils.checkpoint import checkpoint
 
 from moireaug.exposure.alias_transfer import Wave, plane_waves, power_left, times
-from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.bin_content import Content, content_of
-from moireaug.exposure.bin_geometry import Bins, bins_at, middle_bins
+from moireaug.exposure.bin_geometry import Bins, bins_at, bins_on_image, middle_bins
+from moireaug.exposure.closed_form import ClosedForm, in_bands
 from moireaug.exposure.filters import filters_of
-from moireaug.exposure.footprints import Footprint
+from moireaug.exposure.footprint import Footprint
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
-from moireaug.exposure.sight import (
-    WHOLE_PIXEL,
-    AlongAxis,
-    Place,
-    panel_pixels,
-    shares_along,
-)
-from moireaug.exposure.smooth import bands_of
-from moireaug.geometry.sensor import CFA
-from moireaug.numeric import is_transformed
+from moireaug.exposure.sight import WHOLE_PIXEL, AxisView, Place, panel_pixels, shares_along
+from moireaug.geometry.lattice import CFA
 from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.layout import Layout, as_layout
 from moireaug.shot import ShotRecord
@@ -37,8 +28,8 @@ SEPARATE = ((0,), (1,), (2,))
 OVERLAPPING = ((0, 1), (0, 1, 2), (1, 2))
 
 
-class Binned(ExposureMethod):
-    """A binned reading, differentiable in the image and in every field of the shot.
+class Binned(ClosedForm):
+    """A binned reading.
 
     Args:
         taps: see `ExposureMethod`.
@@ -47,10 +38,11 @@ class Binned(ExposureMethod):
         name: "spectral" or "mean", as in `Sensor.exposure`.
     """
 
-    differentiable_in_shot = True
+    sums_harmonics = True
 
     def __init__(self, taps: int, harmonics: tuple[tuple[int, int], ...], *, name: str) -> None:
-        self.taps, self.harmonics, self.name = taps, harmonics, name
+        super().__init__(taps)
+        self.harmonics, self.name = harmonics, name
         self.reason = "the panel's mean light alone, so no moiré"
         if name == "spectral":
             self.reason = "harmonics by their modulation transfer and their aliases"
@@ -65,16 +57,10 @@ class Binned(ExposureMethod):
             bins = bins_at(band, cols, inverse, light.dtype, shot)
             return self.read(screen, content, bins, shot)
 
-        recompute = shot.requires_grad and torch.is_grad_enabled() and not is_transformed()
-        largest = max(self.taps**2, 16 * len(self.harmonics))  # numbers of one reading
-        planes = []
-        for band in rows.chunk(bands_of(light, len(rows) * len(cols), largest)):
-            if recompute:  # a pose's gradient would keep kilobytes per reading
-                planes.append(checkpoint(read, band, use_reentrant=False, preserve_rng_state=False))
-            else:
-                planes.append(read(band))
+        row_numbers = len(cols) * max(self.taps**2, 16 * len(self.harmonics))
+        planes = in_bands(read, rows, row_numbers, light, shot)
         (site,) = CFA[shot.scene.cells]
-        return torch.cat(planes, 2)[:, list(site.channels)]
+        return planes[:, list(site.channels)]
 
     def read(self, screen: Screen, content: Content, bins: Bins, shot: ShotRecord) -> Tensor:
         """Return what the pixels of each colour filter read in bins: (B, 3, h, w)."""
@@ -99,20 +85,23 @@ class Binned(ExposureMethod):
         self, screen: Screen, content: Content, channel: int, bins: Bins, shot: ShotRecord
     ) -> Tensor:
         """Return the picture in one channel as bins see it, (B, h, w)."""
-        dtype = bins.step.dtype
-        step = bins.step / content.ratio.to(dtype)[:, None, None, None, None]
-
-        def along(axis: int) -> AlongAxis:
-            shift = content.shift[:, channel, axis, None, None]
-            at = bins.position[..., axis] / content.ratio[:, None, None] - shift
-            view = content.footprint(axis, step, bins.sides)
-            variance = view.variance + content.hold.to(dtype)[:, None, None]
+        dtype, along = bins.step.dtype, []
+        for axis in (0, 1):
+            at = bins.position[..., axis] / content.ratio[:, None, None]
+            at = at - content.shift[:, channel, axis, None, None]
+            box, variance = content.footprint(axis, bins)
+            view = Footprint(box, variance + content.hold.to(dtype)[:, None, None])
             width = content.width[:, channel, axis, None, None].to(dtype)
-            place = Place(axis, 0.5, 1, 0.5)
-            whole = Footprint(view.box, variance)
-            return shares_along(place, at, whole, width, shot, screen)
+            place = Place(axis, centre=0.5, period=1, pixel=0.5)
+            along.append(shares_along(place, at, view, width, shot, screen))
+        x, y = along
+        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL)
 
-        return panel_pixels(screen, channel, along(0), along(1), WHOLE_PIXEL)
+    def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:
+        content, bins = content_of(shot), bins_on_image(points, shot)
+        one = torch.ones_like(shot.panel_scale)[:, None, None]
+        views = [AxisView(content.footprint(axis, bins), one, 1) for axis in (0, 1)]
+        return views, content.scale[:, None, None]
 
     def modulation(self, bins: Bins, layout: Layout, shot: ShotRecord) -> list[list[Tensor]]:
         """Return the sum of the harmonics of each channel's light, as the pixels of each colour
@@ -144,24 +133,26 @@ class Binned(ExposureMethod):
         return modulation
 
     def pattern_variance(self, shot: ShotRecord) -> Tensor:
-        """Return the variance of the panel's pattern that is averaged away in the middle, as a
-        share of the squared mean light, by colour filter: (B, 3)."""
-        layout = as_layout(shot.scene.panel.layout)
         if not self.harmonics:
-            return shot.panel_scale.new_zeros(len(shot), 3)
+            return super().pattern_variance(shot)
+        layout, lit = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
+        filters = filters_of(shot)
+        parts = amplitudes_of(layout, self.harmonics, shot.panel)
+        real, imaginary = (torch.einsum("bpc,ckb->kbp", filters, part) for part in parts)
+        total = (self._lost_power(layout, shot) * (real.square() + imaginary.square())).sum(0)
+        mean = torch.stack([mean_light(layout, channel, *lit) for channel in range(3)], -1)
+        return total / (filters @ mean[..., None])[..., 0].square().clamp(min=1e-12)
+
+    def _lost_power(self, layout: Layout, shot: ShotRecord) -> Tensor:
+        """Return the power that the bin in the middle averages away of each harmonic that has an
+        amplitude of 1 on the panel, by colour filter: (K, B, 3)."""
         bins = middle_bins(shot)
-        step, sides = bins.step[:, 0, 0], bins.sides[:, 0, 0]
+        step, sides, triangle = bins.step[:, 0, 0], bins.sides[:, 0, 0], bins.triangle[:, 0, 0]
         k, l = step.new_tensor(self.harmonics)[:, :, None].unbind(1)
         k, l = k / layout.period[0], l / layout.period[1]
         u, v = (k * step[:, 0, axis] + l * step[:, 1, axis] for axis in (0, 1))
-        power = optics_of(shot).transfer(u, v).square() / 2  # (K, B)
+        power = optics_of(shot).transfer(u, v).square() / 2
         bayer = shot.scene.cells == "binned"
-        left = power_left(u, v, sides, bins.triangle[:, 0, 0], bayer=bayer)
+        left = power_left(u, v, sides, triangle, bayer=bayer)
         lost = [power * (1 - left[plane if bayer else 0]).clamp(min=0) for plane in range(3)]
-        filters = filters_of(shot)
-        lit = emitting_share(shot.panel)
-        mean = torch.stack([mean_light(layout, c, *lit) for c in range(3)], -1)
-        parts = amplitudes_of(layout, self.harmonics, shot.panel)
-        by_filter = [torch.einsum("bpc,ckb->kbp", filters, part) for part in parts]
-        total = (torch.stack(lost, -1) * (by_filter[0].square() + by_filter[1].square())).sum(0)
-        return total / (filters @ mean[..., None])[..., 0].square().clamp(min=1e-12)
+        return torch.stack(lost, -1)

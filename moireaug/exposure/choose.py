@@ -5,16 +5,16 @@ from __future__ import annotations
 import functools
 import math
 
-from moireaug.exposure import extreme_footprints, extreme_harmonics, extreme_views
+from moireaug.exposure import extreme_footprints, extreme_harmonics
 from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.sampled import Point, Supersample
 from moireaug.exposure.smooth import Box, Mean, Spectral
-from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
-# a magnified screen with more harmonics than this is integrated by overlaps instead
+# a magnified screen with more harmonics than this is integrated by overlaps instead, or, in bins,
+# loses the weakest, as `effects.exposure.Subpixels` says
 MAX_HARMONICS = 1024
 FINE_APERTURE = 0.25  # cells: shares of a smaller aperture are differences too small for float32
 # panel pixels along an axis that one sensor pixel sees; if it sees more, the picture is blurred
@@ -46,10 +46,9 @@ def method_of(scene: SceneRecord) -> ExposureMethod:
         return Point()
     if method == "supersample":
         return Supersample(int(n))
-    fine = extreme_footprints.narrowest(scene) < FINE_APERTURE
+    taps, fine = taps_of(scene), extreme_footprints.narrowest(scene) < FINE_APERTURE
     if method == "mean":
-        return Mean(taps_of(scene, whole_pixel=True), fine=fine)
-    taps = taps_of(scene, whole_pixel=False)
+        return Mean(taps, fine=fine)
     if method == "box":
         return Box(taps)
     harmonics = extreme_harmonics.harmonics(scene)
@@ -60,7 +59,7 @@ def method_of(scene: SceneRecord) -> ExposureMethod:
 
 
 def _binned(scene: SceneRecord) -> Binned:
-    taps = taps_of(scene, whole_pixel=True)
+    taps = taps_of(scene)
     if scene.sensor.exposure == "mean":
         return Binned(taps, (), name="mean")
     harmonics = extreme_harmonics.harmonics_in_bins(scene)[:MAX_HARMONICS]
@@ -75,9 +74,6 @@ def _is_cut(scene: SceneRecord, harmonics: list[tuple[tuple[int, int], float]]) 
     return any(max(abs(k) / px, abs(l) / py) > last for (k, l), _ in harmonics)
 
 
-def taps_of(scene: SceneRecord, *, whole_pixel: bool) -> int:
+def taps_of(scene: SceneRecord) -> int:
     """Return how many panel pixels along an axis a sensor pixel must see: 1, 3, 5 or 7."""
-    # a blur may be a little short at the far end of a strip
-    views = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)
-    cells = extreme_footprints.cells_to_each_side(scene, views, whole_pixel=whole_pixel)
-    return min(2 * math.floor(cells + 0.5) + 1, MAX_TAPS)
+    return min(2 * math.floor(extreme_footprints.max_reach(scene) + 0.5) + 1, MAX_TAPS)

@@ -14,10 +14,10 @@ from moireaug.exposure.extreme_scales import (
     least_bin_scale,
     smallest_panel_steps,
 )
-from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, inside
-from moireaug.exposure.footprints import Footprint, blur_variance, footprint
+from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, inside, views
+from moireaug.exposure.footprint import Footprint, blur_variance
 from moireaug.exposure.optics import Optics
-from moireaug.exposure.sight import WHOLE_PIXEL, footprints_of
+from moireaug.exposure.sight import AxisView, axis_views, lost_variance
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
@@ -30,49 +30,66 @@ def narrowest(scene: SceneRecord) -> float:
     return bounds(scene.sensor.fill)[0] * float((widest / period).min())
 
 
-def footprints(
-    scene: SceneRecord, views: Tensor, alpha: float, *, whole_pixel: bool
-) -> list[tuple[Footprint, Tensor, int]]:
-    """Return `sight.footprints_of` for the widest spread that the optics allow."""
-    sensor, lens = scene.sensor, scene.lens
-    # as if the hand moved in every direction
-    motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
-    blur, fill, olpf = math.hypot(bounds(lens.blur)[1], motion), bounds(sensor.fill)[1], lens.olpf
-    widest = (fill, blur, bounds(olpf)[1], 0.0, 0.0)
-    optics = Optics(*(torch.tensor([value], **FLOAT64_ON_CPU) for value in widest))
-    if scene.is_binned:
-        return _footprints_of_bins(scene, views, alpha, optics)
-    step = views[None, :, None] * (alpha / sensor.scale)
-    lit = torch.ones(1, **FLOAT64_ON_CPU)
-    kinds = [WHOLE_PIXEL] if whole_pixel else as_layout(scene.panel.layout).all()
-    return footprints_of(kinds, step, (lit, lit), optics)
-
-
-def _footprints_of_bins(
-    scene: SceneRecord, image_views: Tensor, alpha: float, optics: Optics
-) -> list[tuple[Footprint, Tensor, int]]:
-    """Return the footprints of bins on a panel of at most the picture's pixels; `optics` of a
-    sensor pixel."""
-    cells, least = min(alpha, 1.0), least_bin_scale(scene, alpha)
-    per_sensor = smallest_panel_steps(scene, alpha, usual=True)
-    side = image_views[None, :, None] * cells
-    if scene.is_rectified:
-        side = torch.eye(2, **FLOAT64_ON_CPU)[None, None, None] * cells
-    zero, one = torch.zeros(1, **FLOAT64_ON_CPU), torch.ones(1, 1, 1, **FLOAT64_ON_CPU)
-    bin_ = Optics(one.flatten() * max(1.0, 1 / least), zero, zero, zero, zero)
-    blur, footprints = gaussian_optics(scene, optics), []
-    for axis in (0, 1):
-        box = footprint(side[..., axis, :], bin_)
-        variance = blur_variance(per_sensor[None, :, None, axis] * (cells / alpha), blur)
-        widest = Footprint(box.box.max(), box.variance.max() + variance.max())
-        footprints.append((Footprint(*(t.reshape(1, 1, 1) for t in widest)), one, 1))
-    return footprints
-
-
-def cells_to_each_side(scene: SceneRecord, views: Tensor, *, whole_pixel: bool) -> float:
+def max_reach(scene: SceneRecord) -> float:
     """Return how many cells to each side a sensor pixel sees at most."""
     most = 0.0
     for alpha in inside(scene.panel.scale, 1.0):
-        for along, width, _ in footprints(scene, views, alpha, whole_pixel=whole_pixel):
-            most = max(most, float(along.reach().max()) + float(width) / 2)
+        for view in widest_views(scene, alpha):
+            reach = float(view.footprint.reach().max()) + float(view.width) / 2
+            most = max(most, reach)
     return most
+
+
+def max_lost_variance(scene: SceneRecord, taps: int) -> float:
+    """Return the most variance that a view loses when narrowed to `taps` cells, in squared image
+    pixels."""
+    most = 0.0
+    for alpha in inside(scene.panel.scale, 1.0, points=3):
+        cells = min(alpha, 1.0) if scene.is_binned else alpha
+        lost = lost_variance(widest_views(scene, alpha), cells, taps)
+        most = max(most, float(lost.max()))
+    return most
+
+
+def widest_views(scene: SceneRecord, alpha: float) -> list[AxisView]:
+    """Return the views of sensor pixels, or of bins, for the widest spread that the optics allow,
+    on a panel of `alpha` pixels per image pixel."""
+    optics = _widest_optics(scene)
+    # a blur may be a little short at the far end of a strip
+    image_views = views(scene, bounds(scene.view.zoom)[0], usual=True)[None, :, None]
+    if not scene.is_binned:
+        return axis_views(scene, image_views * (alpha / scene.sensor.scale), optics)
+    return _views_of_bins(scene, image_views, alpha, optics)
+
+
+def _widest_optics(scene: SceneRecord) -> Optics:
+    sensor, lens = scene.sensor, scene.lens
+    # as if the hand moved in every direction
+    motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
+    blur = math.hypot(bounds(lens.blur)[1], motion)
+    widest = (bounds(sensor.fill)[1], blur, bounds(lens.olpf)[1], 0.0, 0.0)
+    return Optics(*(torch.tensor([value], **FLOAT64_ON_CPU) for value in widest))
+
+
+def _views_of_bins(
+    scene: SceneRecord, image_views: Tensor, alpha: float, optics: Optics
+) -> list[AxisView]:
+    """Return the views of bins on a panel of at most the picture's pixels; `optics` of a sensor
+    pixel."""
+    cells = min(alpha, 1.0)
+    per_sensor_pixel = smallest_panel_steps(scene, alpha, usual=True)[None, :, None]
+    per_sensor_pixel = per_sensor_pixel * (cells / alpha)
+    per_bin = image_views * cells
+    if scene.is_rectified:
+        per_bin = torch.eye(2, **FLOAT64_ON_CPU)[None, None, None] * cells
+    zero = torch.zeros(1, **FLOAT64_ON_CPU)
+    enlarged = max(1.0, 1 / least_bin_scale(scene, alpha))
+    bin_optics = Optics(zero + enlarged, zero, zero, zero, zero)
+    pixel_optics = gaussian_optics(scene, optics)
+    bin_views = []
+    for axis in (0, 1):
+        box, variance = Footprint.of(per_bin[..., axis, :], bin_optics)
+        added = blur_variance(per_sensor_pixel[..., axis, :], pixel_optics)
+        widest = Footprint(box.max(), variance.max() + added.max())
+        bin_views.append(AxisView(widest, torch.ones((), **FLOAT64_ON_CPU), 1))
+    return bin_views

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -13,6 +12,7 @@ from torch import Tensor
 from moireaug.exposure.extreme_scales import largest_panel_steps, least_side, panel_scale_ratio
 from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, inside
 from moireaug.panel.fourier import coefficient, own_orders
+from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
@@ -24,7 +24,7 @@ def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return the harmonics whose contrast at the sensor can exceed the tolerance, strongest first;
     see `_harmonics`."""
     if bounds(scene.sensor.pitch)[1]:  # however large the picture is shown
-        scene = replace(scene, panel=replace(scene.panel, width=0.0, scale=1.0))
+        scene = with_values(scene, {"panel.width": 0.0, "panel.scale": 1.0})
     return _harmonics(scene)
 
 

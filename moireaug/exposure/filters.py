@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from moireaug.geometry.sensor import CFA, cell
+from moireaug.geometry.lattice import CFA, cell
 from moireaug.numeric import mix_colours
 from moireaug.shot import ShotRecord
 

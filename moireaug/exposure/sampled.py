@@ -13,7 +13,7 @@ from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import optics_of
 from moireaug.geometry import grids
-from moireaug.geometry.sensor import CFA, cell
+from moireaug.geometry.lattice import CFA, cell
 from moireaug.panel.fourier import emitting_share
 from moireaug.panel.mask import cell_of, emits
 from moireaug.scene.layout import as_layout
@@ -67,6 +67,7 @@ class Point(Sampled):
 
     name = "point"
     reason = "the panel read at each sensor pixel's centre"
+    has_aperture = False
 
     def offsets(self, shot: ShotRecord) -> Tensor:
         return shot.panel_scale.new_zeros(len(shot), 2, 1)

@@ -9,12 +9,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.exposure import footprints
-from moireaug.exposure.footprints import Footprint
+from moireaug.exposure.footprint import Footprint, around, normalised, tap_weights
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.geometry import grids
+from moireaug.geometry.grids import Lens
 from moireaug.panel.fourier import emitting_share
+from moireaug.scene.layout import as_layout
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
 
@@ -45,19 +47,49 @@ def look_at_panel(
     rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot: ShotRecord
 ) -> Sight:
     """Return where the sensor pixels at photo coordinates rows x cols look on the panel."""
-    alpha = shot.panel_scale[:, None, None, None]
     points = grids.grid(rows, cols)
-    position = grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha
-    step = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, shot.distortion)
+    position = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
+    step = panel_steps(points.to(accuracy), inverse, shot.distortion, shot)
+    return Sight(position * shot.panel_scale[:, None, None, None], step)
+
+
+def panel_steps(points: Tensor, inverse: Tensor, lens: Lens | None, shot: ShotRecord) -> Tensor:
+    """Return the change in panel pixels per sensor pixel along u and v at photo points (B or 1, h,
+    w, 2): (B, h, w, 2, 2), of their dtype. Other arguments as of `grids.jacobian`."""
+    step = grids.jacobian(points, inverse.to(points.dtype), shot.size, lens)
     scale = step.new_tensor([pixels.scale for pixels in shot.sampled_pixels()[::-1]])
-    return Sight(position, step * alpha[..., None].to(accuracy) / scale)
+    return step * shot.panel_scale[:, None, None, None, None].to(points.dtype) / scale
 
 
-def footprint_of(
+class AxisView(NamedTuple):
+    """The view of one kind of subpixel along one axis of the panel.
+
+    Args:
+        footprint: footprint of the view, in cells.
+        width: width of the subpixel, in cells.
+        period: period of the cells, in panel pixels.
+    """
+
+    footprint: Footprint
+    width: Tensor
+    period: int
+
+
+def axis_views(scene: SceneRecord, step: Tensor, optics: Optics) -> list[AxisView]:
+    """Return the views of each kind of subpixel that a full reading sums, lit all over, along x
+    and along y; arguments as of `axis_view`."""
+    kinds: tuple[Subpixel, ...] = (WHOLE_PIXEL,)
+    if scene.sensor.exposure != "mean":
+        kinds = as_layout(scene.panel.layout).all()
+    lit = torch.ones_like(optics.fill)
+    return [axis_view(kind, axis, step, (lit, lit), optics) for kind in kinds for axis in (0, 1)]
+
+
+def axis_view(
     subpixel: Subpixel, axis: int, step: Tensor, lit: tuple[Tensor, Tensor], optics: Optics
-) -> tuple[Footprint, Tensor]:
-    """Return what sensor pixels see along x (axis 0) or y (axis 1), (B, h, w) each, and the width
-    of a subpixel there, (B, 1, 1); in cells. The slant of a subpixel adds variance to the view.
+) -> AxisView:
+    """Return the view of a subpixel along x (axis 0) or y (axis 1), its footprint (B, h, w) each
+    and its width (B, 1, 1). The slant of a subpixel adds variance to the view.
 
     Args:
         step: (B, h, w, 2, 2), change in panel pixels per sensor pixel; see `Sight`.
@@ -69,21 +101,18 @@ def footprint_of(
     down = (subpixel.down[axis] * lit_y).abs() / period
     width, slant = torch.maximum(across, down), torch.minimum(across, down).square() / 12
     width, slant = (t.to(step.dtype)[:, None, None] for t in (width, slant))
-    footprint = footprints.footprint(step[..., axis, :] / period, optics)
-    return Footprint(footprint.box, footprint.variance + slant), width
+    footprint = Footprint.of(step[..., axis, :] / period, optics)
+    return AxisView(Footprint(footprint.box, footprint.variance + slant), width, period)
 
 
-def footprints_of(
-    kinds: Iterable[Subpixel], step: Tensor, lit: tuple[Tensor, Tensor], optics: Optics
-) -> list[tuple[Footprint, Tensor, int]]:
-    """Return `(footprint, width, period)` of each kind of subpixel along x and along y: as
-    `footprint_of`, and the cell's period in panel pixels."""
-    footprints = []
-    for subpixel in kinds:
-        for axis, period in enumerate(subpixel.period):
-            footprint, width = footprint_of(subpixel, axis, step, lit, optics)
-            footprints.append((footprint, width, period))
-    return footprints
+def lost_variance(views: Iterable[AxisView], alpha: Tensor | float, taps: int) -> Tensor:
+    """Return the most variance that views lose when narrowed to `taps` cells, in squared image
+    pixels, of a panel with `alpha` pixels per image pixel."""
+    lost = []
+    for view in views:
+        _, variance = view.footprint.fitted(view.width, taps)
+        lost.append(variance * (view.period / alpha) ** 2)
+    return torch.stack(lost).amax(0)
 
 
 def along_axis(
@@ -93,9 +122,10 @@ def along_axis(
     across, down = emitting_share(shot.panel)
     if subpixel is WHOLE_PIXEL:
         across, down = torch.ones_like(across), torch.ones_like(down)
-    footprint, width = footprint_of(subpixel, axis, sight.step, (across, down), optics_of(shot))
-    place = Place(axis, subpixel.centre[axis], subpixel.period[axis], subpixel.pixel[axis])
-    return shares_along(place, sight.position[..., axis], footprint, width, shot, screen)
+    view = axis_view(subpixel, axis, sight.step, (across, down), optics_of(shot))
+    place = Place(axis, subpixel.centre[axis], view.period, subpixel.pixel[axis])
+    at = sight.position[..., axis]
+    return shares_along(place, at, view.footprint, view.width, shot, screen)
 
 
 class Place(NamedTuple):
@@ -112,20 +142,20 @@ def shares_along(
     place: Place, at: Tensor, footprint: Footprint, width: Tensor, shot: ShotRecord, screen: Screen
 ) -> AlongAxis:
     """Return one kind of subpixel along an axis, for sensor pixels at positions `at` (B, h, w) in
-    panel pixels; `footprint` and `width` as from `footprint_of`."""
+    panel pixels; `footprint` and `width` as of an `AxisView`."""
     taps, dtype, period = screen.taps, screen.light.dtype, place.period
     cells = (at - place.centre) / period
     nearest = cells.detach().round()
-    narrowed, lost = footprints.fitted(footprint, width, taps)
-    shares = footprints.tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)
-    share = footprints.normalised(shares.to(dtype))
+    narrowed, lost = footprint.fitted(width, taps)
+    shares = tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)
+    share = normalised(shares.to(dtype))
     lit = None
     if not shot.scene.develop.registered:
         ends = screen.alpha * shot.size[1 - place.axis]
         pixel = nearest * period + place.pixel
         whole = _share_on_picture(at, footprint, ends, period)
         # a narrowed view sees as much of the picture as the whole view does
-        tap = pixel + period * footprints.around(taps, pixel)
+        tap = pixel + period * around(taps, pixel)
         alone = ((tap >= 0) & (tap < ends)).double()
         lit = torch.where(lost > 0, whole, alone).to(dtype)
     return AlongAxis(cells, nearest, narrowed, width, share, lit)
@@ -135,7 +165,7 @@ def _share_on_picture(at: Tensor, footprint: Footprint, ends: Tensor, period: in
     """Return the share of the views at positions `at` that falls on the picture, which reaches from
     0 to `ends`, (B, h, w) float64; positions in panel pixels."""
     precise = Footprint(*(t.double() for t in footprint))
-    (share,) = footprints.tap_weights((at - ends / 2) / period, precise, ends / period, 1)
+    (share,) = tap_weights((at - ends / 2) / period, precise, ends / period, 1)
     return share.clamp(min=0)
 
 
@@ -144,7 +174,7 @@ def covered(along: AlongAxis) -> Tensor:
     past the taps."""
     every = 4 * len(along.share) + 1
     from_nearest = (along.cells - along.nearest).to(along.width.dtype)
-    share = footprints.tap_weights(from_nearest, along.footprint, along.width, every)
+    share = tap_weights(from_nearest, along.footprint, along.width, every)
     return share.sum(0).to(along.share.dtype)
 
 

@@ -3,41 +3,38 @@ share that their subpixels fill. Spectral, box and mean differ only in the secon
 
 from __future__ import annotations
 
-import functools
 import math
 from abc import abstractmethod
 
 import torch
 from torch import Tensor
-from torch.utils.checkpoint import checkpoint
 
-from moireaug.exposure.base import ExposureMethod
+from moireaug.exposure.closed_form import ClosedForm, in_bands
 from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.exposure.sight import (
     WHOLE_PIXEL,
     AlongAxis,
+    AxisView,
     Sight,
     along_axis,
+    axis_views,
     covered,
     look_at_panel,
     panel_pixels,
+    panel_steps,
 )
-from moireaug.geometry.sensor import CFA, Site, cell
-from moireaug.numeric import is_transformed
+from moireaug.geometry import grids
+from moireaug.geometry.lattice import CFA, Site, cell
 from moireaug.panel.fourier import coefficient, emitting_share, mean_light, own_orders
 from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
 
-# numbers of the largest tensor, which bands of rows bound
-MAX_TENSOR_NUMBERS = {"cpu": 2**19, "cuda": 2**27}
-MAX_BANDS = 64  # each allocates a gradient of the whole panel
 
-
-class SmoothExposure(ExposureMethod):
-    """An exposure in closed form, differentiable in the image and in every field of the shot.
+class FullReading(ClosedForm):
+    """A value for each sensor pixel, in closed form.
 
     Args:
         taps: see `ExposureMethod`.
@@ -45,39 +42,27 @@ class SmoothExposure(ExposureMethod):
             needs.
     """
 
-    differentiable_in_shot = True
-
     def __init__(self, taps: int, *, fine: bool = True) -> None:
-        self.taps, self.fine = taps, fine
+        super().__init__(taps)
+        self.fine = fine
 
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         cfa, screen = colours_seen(shot), Screen(light, shot, self.taps)
-        accuracy = torch.float64 if self.fine else light.dtype
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse = torch.linalg.inv(shot.matrix())
-        read_site = self.read_site
-        if shot.requires_grad and torch.is_grad_enabled() and not is_transformed():
-            # a pose's gradient would keep some kilobytes per reading: recompute them instead
-            read_site = functools.partial(
-                checkpoint, self.read_site, use_reentrant=False, preserve_rng_state=False
-            )
         planes = []
         for site in CFA[cfa]:
             down, across = rows[site.row :: cell(cfa)], cols[site.column :: cell(cfa)]
-            readings = []
-            for band in down.chunk(self.bands(light, len(down) * len(across))):
-                readings.append(read_site(site, screen, inverse, band, across, accuracy, shot))
-            planes.append(torch.cat(readings, 2))
+            planes.append(self._read_site(site, down, across, inverse, screen, shot))
         return through_filters(torch.cat(planes, 1), shot)
 
-    def read_site(
+    def _read_site(
         self,
         site: Site,
-        screen: Screen,
-        inverse: Tensor,
         rows: Tensor,
         cols: Tensor,
-        accuracy: torch.dtype,
+        inverse: Tensor,
+        screen: Screen,
         shot: ShotRecord,
     ) -> Tensor:
         """Return the colours that one site of the filter cell sees at photo coordinates
@@ -85,36 +70,29 @@ class SmoothExposure(ExposureMethod):
 
         `inverse` is the homography (B, 3, 3) from ideal photo to image coordinates.
         """
-        sight = look_at_panel(rows, cols, inverse, accuracy, shot)
-        colours = [self.read(screen, channel, sight, shot) for channel in site.channels]
-        return torch.stack(colours, 1)
+        accuracy = torch.float64 if self.fine else screen.light.dtype
+
+        def read(band: Tensor) -> Tensor:
+            sight = look_at_panel(band, cols, inverse, accuracy, shot)
+            colours = [self.read(screen, channel, sight, shot) for channel in site.channels]
+            return torch.stack(colours, 1)
+
+        row_numbers = len(cols) * max(self.taps**2, len(self.harmonics))
+        return in_bands(read, rows, row_numbers, screen.light, shot)
 
     @abstractmethod
     def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
         """Return what sensor pixels read of one channel: (B, h, w)."""
 
-    def bands(self, light: Tensor, readings: int) -> int:
-        """Return the number of bands of rows into which a site's readings of each image are cut, to
-        bound memory."""
-        return bands_of(light, readings, max(self.taps**2, len(self.harmonics)))
+    def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:
+        matrix = shot.matrix()
+        ideal = grids.image_to_photo(points.flatten(1, 2), matrix, shot.size, None)
+        # a lens hardly changes how much a view spreads
+        step = panel_steps(ideal.reshape(points.shape), torch.linalg.inv(matrix), None, shot)
+        return axis_views(shot.scene, step, optics_of(shot)), shot.panel_scale[:, None, None]
 
 
-def bands_of(light: Tensor, readings: int, numbers: int) -> int:
-    """Return the number of bands of rows into which the readings of images are cut, to bound
-    memory.
-
-    Args:
-        light: (B, 3, H, W) panel light of the images.
-        readings: readings of each image.
-        numbers: numbers of the largest tensor that belong to one reading.
-    """
-    if torch.compiler.is_compiling():
-        return 1
-    most = MAX_TENSOR_NUMBERS.get(light.device.type, MAX_TENSOR_NUMBERS["cuda"])
-    return min(MAX_BANDS, 1 + len(light) * readings * numbers // most)
-
-
-class BySubpixel(SmoothExposure):
+class BySubpixel(FullReading):
     """An exposure that sums over a channel's subpixels: the panel pixels around, times the share of
     the view that the subpixels fill."""
 
@@ -144,6 +122,7 @@ class Spectral(BySubpixel):
 
     name = "spectral"
     reason = "harmonics by their modulation transfer"
+    sums_harmonics = True
 
     def __init__(self, taps: int, harmonics: tuple[tuple[int, int], ...], *, fine: bool) -> None:
         super().__init__(taps, fine=fine)
@@ -187,7 +166,7 @@ class Box(BySubpixel):
         return covered(x) * covered(y)
 
 
-class Mean(SmoothExposure):
+class Mean(FullReading):
     """The panel's mean light alone, so no moiré: the control of every experiment."""
 
     name = "mean"

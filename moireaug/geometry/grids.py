@@ -120,10 +120,6 @@ def _centre(like: Tensor, size: tuple[int, int]) -> Tensor:
     return like.new_tensor([size[1] / 2, size[0] / 2])
 
 
-def _from_centre(like: Tensor, size: tuple[int, int]) -> Tensor:
-    return like.new_tensor([[1, 0, size[1] / 2], [0, 1, size[0] / 2], [0, 0, 1]])
-
-
 def _through_lens(p: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
     """Photo points, measured from the centre, to ideal ones."""
     if lens is None:
@@ -144,7 +140,9 @@ def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> tuple[Tensor
 def _entries(inverse: Tensor, size: tuple[int, int]) -> list[list[Tensor]]:
     """Return the entries, (B, 1, 1) each, of the homography (B, 3, 3) from ideal points, measured
     from the centre."""
-    m = (inverse @ _from_centre(inverse, size))[:, None, None]
+    h, w = size
+    from_centre = inverse.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
+    m = (inverse @ from_centre)[:, None, None]
     return [[m[..., i, j] for j in range(3)] for i in range(3)]
 
 

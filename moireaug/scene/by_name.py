@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
-from typing import Any
+from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 from moireaug.scene.fields import one_of
 from moireaug.scene.parts import PARTS
+
+R = TypeVar("R", bound=Any)
 
 
 def values_of(record: Any) -> dict[str, Any]:
@@ -52,6 +54,15 @@ def by_part(numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
         part, field = name.split(".")
         parts[part][field] = value
     return parts
+
+
+def with_values(record: R, values: Mapping[str, Any]) -> R:
+    """Return a scene or a shot with other values of some fields, by names such as "view.yaw"."""
+    parts = {}
+    for name, changed in by_part(values).items():
+        if changed:
+            parts[name] = replace(getattr(record, name), **changed)
+    return replace(record, **parts)
 
 
 def part_from_dict(name: str, values: dict[str, Any]) -> Any:

@@ -113,6 +113,16 @@ def bounds(value: Range) -> tuple[float, float]:
     return value if isinstance(value, tuple) else (value, value)
 
 
+def deviation(value: Range, identity: float) -> float:
+    """Return how far a range extends from an effect's identity."""
+    return max(abs(v - identity) for v in bounds(value))
+
+
+def varies(value: Range, identity: float = 0.0) -> bool:
+    """Whether a range leaves an effect's identity at all."""
+    return deviation(value, identity) > 0
+
+
 def check_stated_once(name: str, value: Range, least: float, other: str, given: Range) -> None:
     """Check a field of which 0 means that another, 1 by default, is read instead.
 

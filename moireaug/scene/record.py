@@ -6,7 +6,8 @@ import json
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
-from moireaug.scene.fields import bounds, check_number
+from moireaug.scene.fields import bounds, check_number, varies
+from moireaug.scene.layout import as_layout
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
 LEAST_PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata["low"]
@@ -62,8 +63,42 @@ class SceneRecord:
 
     @property
     def cells(self) -> str:
-        """The key of `geometry.sensor.CFA` that says how the reading's planes lie."""
+        """The key of `geometry.lattice.CFA` that says how the reading's planes lie."""
         return "binned" if self.is_binned and self.sensor.cfa == "rggb" else self.sensor.cfa
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether panel pixels always emit all colours over their whole area."""
+        panel = self.panel
+        is_dark = any(varies(share, 1.0) for share in (panel.lit, panel.lit_x, panel.lit_y))
+        return as_layout(panel.layout).is_solid and not is_dark
+
+    @property
+    def is_posed(self) -> bool:
+        """Whether the screen is ever anything but frontal and edge to edge."""
+        view = self.view
+        turned = varies(view.yaw) or varies(view.pitch) or varies(view.roll)
+        moved = varies(view.shift_x) or varies(view.shift_y) or varies(view.zoom, 1.0)
+        return turned or moved or view.pose == "released"
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the lens ever distorts."""
+        return varies(self.lens.k1) or varies(self.lens.k2)
+
+    @property
+    def moves(self) -> bool:
+        """Whether points move from image to photo: a photo in the camera's frame, with a pose or
+        lens distortion."""
+        return not self.develop.registered and (self.is_posed or self.is_bent)
+
+    @property
+    def is_shown_whole(self) -> bool:
+        """Whether the photo always shows all of the image: one that fits, is not enlarged and not
+        moved."""
+        view = self.view
+        shifted = varies(view.shift_x) or varies(view.shift_y)
+        return view.fit and bounds(view.zoom)[1] <= 1 and not shifted
 
     def octave(self, size: tuple[int, int]) -> int:
         """Return the exponent of the greatest power of 2 not above a picture's longer side, by
@@ -101,16 +136,11 @@ class SceneRecord:
                 f"Panel.width must be at least {least:g} panel pixels for pictures of {size[0]} x "
                 f"{size[1]}; got {self.panel.width!r}. Raise it, or make the pictures smaller."
             )
-        panel = replace(self.panel, width=0.0, scale=scales)
+        changed = {name: getattr(self, name) for name in (*PARTS, "tolerance")}
+        changed["panel"] = replace(self.panel, width=0.0, scale=scales)
         reading = "binned" if self.is_binned else "full"
-        return SceneRecord(
-            panel=panel,
-            view=self.view,
-            lens=self.lens,
-            sensor=replace(self.sensor, reading=reading),
-            develop=self.develop,
-            tolerance=self.tolerance,
-        )
+        changed["sensor"] = replace(self.sensor, reading=reading)
+        return SceneRecord(**changed)
 
     def _check_reading(self) -> None:
         """Refuse a full reading of scenes that have no one number of sensor pixels, and what a

@@ -6,14 +6,7 @@ import re
 from dataclasses import dataclass
 from numbers import Integral
 
-from moireaug.scene.fields import (
-    Part,
-    Range,
-    check_number,
-    check_stated_once,
-    one_of,
-    ranged,
-)
+from moireaug.scene.fields import Part, Range, check_number, check_stated_once, one_of, ranged
 
 EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "supersample:8")
 CFAS = ("rggb", "none")
@@ -33,7 +26,7 @@ class Sensor(Part):
             of each colour's sensor pixels in it, interpolated bilinearly: the same photo, at a
             price that does not depend on the number of sensor pixels; see
             `moireaug.exposure.alias_transfer`. "auto" is binned where `Panel.width` or `pitch` is
-            given.
+            given. Of more than 1024 harmonics the weakest are left out, as the plan then says.
         cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
         crosstalk: share of its light that a colour filter receives from its neighbours in the
             spectrum: red and blue from green, green from both. The colour matrix undoes it for

@@ -126,9 +126,8 @@ def _by_features(picture: Grey, photo: Grey) -> tuple[Matrix | None, int]:
         small, matrix = _shrink(grey, FEATURE_SIDE)
         blurred = cv2.GaussianBlur(small, (0, 0), FEATURE_SIGMA)
         key, description = sift.detectAndCompute(blurred, None)
-        points.append(
-            np.array([k.pt for k in key], np.float32) + 0.5
-        )  # OpenCV's centres are whole numbers
+        # OpenCV's centres are whole numbers
+        points.append(np.array([k.pt for k in key], np.float32) + 0.5)
         descriptions.append(description)
         to_small.append(matrix)
     if any(description is None or len(description) < MIN_MATCHES for description in descriptions):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 
+from moireaug.scene.by_name import with_values
 from moireaug.scenes import Scene, Shot
 from moireaug.shot_checks import check_is_shot
 
@@ -30,9 +31,8 @@ def without_moire(shot: Shot, *, noise: bool = True) -> Shot:
 @functools.lru_cache(maxsize=64)  # a new scene would be planned again for every shot
 def _without_subpixels(scene: Scene, noise: bool) -> Scene:
     """Return the scene with the exposure that sees a panel's mean light."""
-    sensor = dataclasses.replace(scene.sensor, exposure="mean")
+    scene = with_values(scene, {"sensor.exposure": "mean"})
     if noise:
-        return dataclasses.replace(scene, sensor=sensor)
-    sensor = dataclasses.replace(sensor, read_noise=0.0, shot_noise=0.0)
-    develop = dataclasses.replace(scene.develop, jpeg=0.0)
-    return dataclasses.replace(scene, sensor=sensor, develop=develop)
+        return scene
+    quiet = dict.fromkeys(("sensor.read_noise", "sensor.shot_noise", "develop.jpeg"), 0.0)
+    return with_values(scene, quiet)

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from moireaug.capture import photo_of
 from moireaug.image_checks import channels_last_hint, check_images
 from moireaug.mixed_shot import MixedShot
-from moireaug.mixtures import Mixture
+from moireaug.mixtures import Mixture, as_scenes, scenes_of
 from moireaug.networks import in_evaluation_mode
 from moireaug.numeric import as_float
 from moireaug.scene.presets import MIXTURES, preset_name
@@ -44,10 +44,13 @@ def check_adversary(model: object, eps: object) -> None:
         raise ValueError(f"eps must be one number here; got {eps!r}.")
 
 
-def is_in_camera_frame(scene: Scene | Mixture) -> bool:
-    """Return whether a scene, or any of a mixture, leaves its photos in the camera's frame, where
-    masks, boxes and key points must move with the picture; see `Shot.moves`."""
-    return scene.sample(0, (1, 1)).moves
+def planned_scenes(scene: Scene | str | dict | list | tuple) -> Scene | Mixture:
+    """Return `as_scenes(scene)`, planned: a scene that cannot be photographed is refused when a
+    transform is made."""
+    scenes = as_scenes(scene)
+    for one in scenes_of(scenes):
+        one.plan()
+    return scenes
 
 
 def at_size(shot: AnyShot, size: tuple[int, int]) -> AnyShot:

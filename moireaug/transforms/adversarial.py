@@ -27,7 +27,6 @@ from moireaug.transforms._convert import (
     check_adversary,
     check_probability,
     describe,
-    is_in_camera_frame,
     model_of_photos,
     with_rows,
 )
@@ -125,7 +124,7 @@ class AdversarialMoire(v2.Transform):
     def _image_index(self, leaves: list[Any], labels: Any) -> int:
         """Return the index of the leaf that is the batch of images."""
         has_annotations = any(isinstance(leaf, ANNOTATION_TYPES) for leaf in leaves)
-        if has_annotations and is_in_camera_frame(as_scenes(self.attack.scene)):
+        if has_annotations and as_scenes(self.attack.scene).moves:
             raise ValueError(
                 "masks, boxes and key points would not move with the images, because this scene's "
                 "photo stays in the camera's frame (Develop(registered=False)). Set "

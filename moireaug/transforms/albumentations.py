@@ -19,7 +19,7 @@ from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.result import noise_tensor
-from moireaug.mixtures import as_scenes, sample_one, scenes_of
+from moireaug.mixtures import sample_one, scenes_of
 from moireaug.networks import device_of
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._arrays import (
@@ -42,8 +42,8 @@ from moireaug.transforms._convert import (
     check_adversary,
     check_probability,
     describe,
-    is_in_camera_frame,
     model_of_photos,
+    planned_scenes,
     shot_of_frames,
 )
 from moireaug.transforms._workers import seed_worker as seed_worker
@@ -96,8 +96,8 @@ class RandomMoire(SampledTransform):
         self, scene: Scene | str | dict | list | tuple = "screen_photo", p: float = 0.5
     ) -> None:
         super().__init__(p=check_probability(p))
-        self.scene = as_scenes(scene)
-        self._moves = is_in_camera_frame(self.scene)
+        self.scene = planned_scenes(scene)
+        self._moves = self.scene.moves
         # to know its own scenes by their plain numbers: building one again takes longer than a draw
         self._known = [(one, one.to_dict()) for one in scenes_of(self.scene)]
 
@@ -188,18 +188,10 @@ class AdversarialMoire(RandomMoire):
             `from_dict(..., nonserializable={name: transform})` looks up, because a model cannot be
             written.
 
-    Targets:
-        image, mask, bboxes, keypoints, volume, mask3d
-
-    Image types:
-        uint8, float32
-
-    Number of channels:
-        1, 3
-
-    As in RandomMoire; each image, and each slice of a volume, gets its own noise. Pictures in
-    additional targets are refused: pass several as `images`. The noise is one of the parameters, as
-    nested lists, so that `ReplayCompose.replay` needs no model, but images of the same size.
+    Targets and images as in RandomMoire; each image, and each slice of a volume, gets its own
+    noise. Pictures in additional targets are refused: pass several as `images`. The noise is one of
+    the parameters, as nested lists, so that `ReplayCompose.replay` needs no model, but images of
+    the same size.
 
     Raises:
         ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a model that cannot be

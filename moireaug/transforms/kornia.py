@@ -3,22 +3,22 @@ device."""
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import Any
 
 import torch
 from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
 from moireaug.mixed_shot import MixedShot
-from moireaug.mixtures import Mixture, as_scenes, scenes_of
-from moireaug.scene.by_name import parts_with, values_of
-from moireaug.scenes import Scene, Shot
+from moireaug.mixtures import Mixture, scenes_of
+from moireaug.scene.by_name import values_of
+from moireaug.scenes import Scene, Shot, shot_of
 from moireaug.transforms._convert import (
     check_format,
     check_probability,
     describe,
-    is_in_camera_frame,
     photograph,
+    planned_scenes,
     with_rows,
 )
 
@@ -72,9 +72,9 @@ class RandomMoire(IntensityAugmentationBase2D):
         super().__init__(p=check_probability(p), same_on_batch=same_on_batch, keepdim=keepdim)
         if not isinstance(images_only, bool):
             raise TypeError(f"images_only must be True or False; got {images_only!r}.")
-        self.scene = as_scenes(scene)
+        self.scene = planned_scenes(scene)
         self.images_only = images_only
-        if is_in_camera_frame(self.scene) and not images_only:
+        if self.scene.moves and not images_only:
             raise ValueError(
                 "kornia would leave masks, boxes and key points where they were, because this "
                 "scene's photo stays in the camera's frame (Develop(registered=False)) and no "
@@ -143,17 +143,13 @@ class RandomMoire(IntensityAugmentationBase2D):
         return self._unmoved(input, "key points")
 
     def _unmoved(self, input: Any, annotations: str) -> Any:
-        if is_in_camera_frame(self.scene):
-            _refuse(annotations)
+        if self.scene.moves:
+            raise ValueError(
+                f"images_only=True takes no {annotations}: this scene's photo stays in the "
+                "camera's frame (Develop(registered=False)), and they would not move with it. Set "
+                "registered=True, or use moireaug.transforms.RandomMoire, which moves them."
+            )
         return input
-
-
-def _refuse(annotations: str) -> NoReturn:
-    raise ValueError(
-        f"images_only=True takes no {annotations}: this scene's photo stays in the camera's frame "
-        "(Develop(registered=False)), and they would not move with it. Set registered=True, or use "
-        "moireaug.transforms.RandomMoire, which moves them."
-    )
 
 
 def to_params(shot: Shot | MixedShot) -> dict[str, Tensor]:
@@ -185,7 +181,7 @@ def from_params(
     if isinstance(scene, Mixture):
         empty = scene.empty_shots(size)
         return MixedShot(empty=empty, which=params["scene"], size=size, drawn=drawn, seed=seed)
-    return Shot(scene=scene, size=size, seed=seed, **parts_with(scene, drawn))
+    return shot_of(scene, size, drawn, seed)
 
 
 def _key(name: str) -> str:

@@ -16,17 +16,15 @@ from torchvision.transforms.v2 import functional as F
 from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
 
 from moireaug.mixed_shot import MixedShot
-from moireaug.mixtures import as_scenes
 from moireaug.numeric import as_dtype
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._convert import (
-    at_size,
     check_format,
     check_probability,
     describe,
-    is_in_camera_frame,
     move_boxes,
     photograph,
+    planned_scenes,
     shot_of_frames,
     with_rows,
 )
@@ -80,9 +78,9 @@ class RandomMoire(v2.Transform):
         self, scene: Scene | str | dict | list | tuple = "screen_photo", p: float = 0.5
     ) -> None:
         super().__init__()
-        self.scene = as_scenes(scene)
+        self.scene = planned_scenes(scene)
         self.p = check_probability(p)
-        annotations = ANNOTATION_TYPES if is_in_camera_frame(self.scene) else ()
+        annotations = ANNOTATION_TYPES if self.scene.moves else ()
         self._transformed_types = IMAGE_TYPES + annotations
 
     def check_inputs(self, flat_inputs: list[Any]) -> None:
@@ -102,18 +100,19 @@ class RandomMoire(v2.Transform):
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
         n = next((_count(x) for x in flat_inputs if not isinstance(x, ANNOTATION_TYPES)), 1)
         chosen = (torch.rand(n, dtype=torch.float32, device="cpu") < self.p).nonzero().flatten()
-        # the draw does not depend on the size, and each leaf has its own
-        return {"chosen": chosen, "n": n, "shot": self.scene.sample(n, (1, 1))}
+        return {"chosen": chosen, "u": self.scene.random_numbers(n)}
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
-        chosen, shot = params["chosen"], params["shot"]
+        chosen, u = params["chosen"], params["u"]
         if not len(chosen):
             return inpt
-        if len(chosen) == params["n"]:
+        height, width = F.get_size(inpt)
+        shot = self.scene.shot_of(u[chosen], (height, width))
+        if len(chosen) == len(u):
             return apply_shot(inpt, shot)
         rows = chosen.to(inpt.device)
         plain = inpt.as_subclass(Tensor)
-        photos = apply_shot(wrap(plain[rows], inpt), shot[chosen])
+        photos = apply_shot(wrap(plain[rows], inpt), shot)
         return wrap(with_rows(plain, rows, photos.as_subclass(Tensor)), inpt)
 
     def extra_repr(self) -> str:
@@ -124,21 +123,20 @@ def apply_shot(inpt: Any, shot: Shot | MixedShot) -> Any:
     """Return one leaf of a sample, an image or its masks, boxes or key points, as in the shot's
     photo.
 
-    Arguments and errors as in `RandomMoire`; `shot` holds one draw per image, of any size, and one
+    Arguments and errors as in `RandomMoire`; `shot` holds one draw per image, of its size, and one
     per video.
     """
     if isinstance(inpt, PIL.Image.Image):
         return _apply_to_pil(inpt, shot)
     plain = inpt.as_subclass(Tensor)
     if isinstance(inpt, BoundingBoxes):
-        return wrap(_apply_to_boxes(plain, inpt, at_size(shot, inpt.canvas_size)), inpt)
+        return wrap(_apply_to_boxes(plain, inpt, shot), inpt)
     if isinstance(inpt, KeyPoints):
-        points = plain.double().reshape(len(shot), -1, 2)
-        moved = at_size(shot, inpt.canvas_size).to_photo(points).reshape(plain.shape)
-        return wrap(as_dtype(moved, plain.dtype), inpt)
+        moved = shot.to_photo(plain.double().reshape(len(shot), -1, 2))
+        return wrap(as_dtype(moved, plain.dtype).reshape(plain.shape), inpt)
     if isinstance(inpt, Mask):
         flat = plain.reshape(len(shot), -1, *plain.shape[-2:])
-        return wrap(at_size(shot, plain.shape[-2:]).to_photo_mask(flat).reshape(plain.shape), inpt)
+        return wrap(shot.to_photo_mask(flat).reshape(plain.shape), inpt)
     if isinstance(inpt, Video):
         shot = shot_of_frames(shot, [plain.shape[-4]] * len(shot))
     batch = plain.reshape(math.prod(plain.shape[:-3]), *plain.shape[-3:])
@@ -150,7 +148,7 @@ def _apply_to_pil(image: PIL.Image.Image, shot: Shot | MixedShot) -> PIL.Image.I
         planes = F.pil_to_tensor(image)[None]
     colours = 3 if image.mode.startswith("RGB") else 1
     photo = photograph(planes[:, :colours], shot)
-    alpha = at_size(shot, planes.shape[-2:]).to_photo_mask(planes[:, colours:])
+    alpha = shot.to_photo_mask(planes[:, colours:])
     return F.to_pil_image(torch.cat([photo, alpha], 1)[0], mode=image.mode)
 
 

@@ -12,19 +12,15 @@ import torch.nn.functional as F
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
 from moireaug.effects.demosaic import DEMOSAICS, demosaic_bilinear, demosaic_malvar
 from moireaug.geometry import grids
-from moireaug.geometry.sensor import pack, unpack
+from moireaug.geometry.lattice import pack, unpack
 from moireaug.scene.parts import POSES
 from tests.closed_forms.common import CLOSE, COLOUR, EVEN, read, sinc
 
 # -- geometry
 
+SHIFT = (-0.1, 0.1)
 PLACES = View(
-    yaw=(-30, 30),
-    pitch=(-20, 20),
-    roll=(-45, 45),
-    zoom=(0.7, 1.2),
-    shift_x=(-0.1, 0.1),
-    shift_y=(-0.1, 0.1),
+    yaw=(-30, 30), pitch=(-20, 20), roll=(-45, 45), zoom=(0.7, 1.2), shift_x=SHIFT, shift_y=SHIFT
 )
 BENDS = ((0.0, 0.0), (0.2, 0.0), (-0.15, 0.0), (0.05, 0.1), (0.3, -0.15), (-0.2, 0.05))
 
@@ -39,10 +35,9 @@ def check_round_trip(dtype):
         for k1, k2 in BENDS:
             scene = Scene(view=dataclasses.replace(PLACES, pose=pose), lens=Lens(k1=k1, k2=k2))
             shot = scene.sample(n, size, torch.Generator().manual_seed(1))
-            seen = grids.photo_to_image(
-                points, torch.linalg.inv(shot.matrix()), size, shot.distortion
-            ).flatten(1, 2)
-            back = grids.image_to_photo(seen, shot.matrix(), size, shot.distortion)
+            matrix, lens = shot.matrix(), shot.distortion
+            seen = grids.photo_to_image(points, torch.linalg.inv(matrix), size, lens).flatten(1, 2)
+            back = grids.image_to_photo(seen, matrix, size, lens)
             assert (back - corners).norm(dim=-1).max() < 1e-9
             assert (seen - corners).norm(dim=-1).max() > 1
 
@@ -62,12 +57,8 @@ def check_bands(dtype):
     )
     for pwm, shutter, duty in cases:
         sensor = Sensor(scale=2.0, shutter=shutter, readout=readout)
-        raw = read(
-            Scene(panel=Panel(layout="even", pwm=pwm, duty=duty), sensor=sensor),
-            (n, 1),
-            dtype,
-            level=0.2,
-        )
+        scene = Scene(panel=Panel(layout="even", pwm=pwm, duty=duty), sensor=sensor)
+        raw = read(scene, (n, 1), dtype, level=0.2)
         spectrum, bands = torch.fft.fft(raw[..., 0]) / n, round(pwm * readout)
         depth = 2 * sinc(duty) * abs(sinc(pwm * shutter))
         mean, first = spectrum[:, 0].real, spectrum[:, bands]
@@ -105,9 +96,8 @@ def to_light(codes):
 
 
 def to_codes(light):
-    return np.where(
-        light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
-    )
+    curve = 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
+    return np.where(light <= 0.0031308, light * 12.92, curve)
 
 
 def photo_of(mosaic, dtype, size, **parts):
@@ -135,18 +125,18 @@ def check_demosaic_of_a_constant(dtype):
             assert (photo_of(flat, dtype, SIZE, **parts) - 0.6).abs().max() < CLOSE[dtype]
 
 
+def ramp(size, scale=1):
+    v, u = ((torch.arange(n, dtype=torch.float64) + 0.5) / scale for n in size)
+    return 0.1 + 0.05 * v[:, None] + 0.03 * u
+
+
 def check_demosaic_of_a_ramp(dtype):
     """Away from the border by as much as the filters reach."""
     for demosaic in DEMOSAICS:
         for scale in (1, 2, 3, 4):
-            v, u = (
-                (torch.arange(n, dtype=torch.float64) + 0.5) / scale for n in sensor_of(SIZE, scale)
-            )
             parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
-            photo = photo_of(0.1 + 0.05 * v[:, None] + 0.03 * u, dtype, SIZE, **parts)
-            v, u = (torch.arange(n, dtype=torch.float64) + 0.5 for n in SIZE)
-            ramp = 0.1 + 0.05 * v[:, None] + 0.03 * u
-            assert (photo - ramp)[:, 2:-2, 2:-2].abs().max() < CLOSE[dtype]
+            photo = photo_of(ramp(sensor_of(SIZE, scale), scale), dtype, SIZE, **parts)
+            assert (photo - ramp(SIZE))[:, 2:-2, 2:-2].abs().max() < CLOSE[dtype]
 
 
 def check_mosaic_to_photo(dtype):
@@ -154,10 +144,8 @@ def check_mosaic_to_photo(dtype):
     mean of each window."""
     plain = {"bilinear": demosaic_bilinear, "malvar": demosaic_malvar}
     for demosaic, scale in ((d, s) for d in plain for s in (1, 2, 3, 4)):
-        h, w = sensor_of(SIZE, scale)
-        mosaic = torch.rand(
-            h, w, dtype=torch.float64, generator=torch.Generator().manual_seed(scale)
-        )
+        generator = torch.Generator().manual_seed(scale)
+        mosaic = torch.rand(sensor_of(SIZE, scale), dtype=torch.float64, generator=generator)
         parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
         photo = photo_of(mosaic, dtype, SIZE, **parts)
         wide = unpack(F.pad(pack(mosaic[None]), (2, 2, 2, 2), mode="replicate"))
@@ -180,9 +168,8 @@ def check_resize_of_codes(dtype):
     codes = to_codes(light.numpy())
     for resize, weights in WEIGHTS.items():
         how = Develop(linear_light=True, resize=resize)
-        shot = Scene(panel=EVEN, sensor=Sensor(scale=2.0, cfa="none"), develop=how).sample(
-            1, (1, 2)
-        )
+        scene = Scene(panel=EVEN, sensor=Sensor(scale=2.0, cfa="none"), develop=how)
+        shot = scene.sample(1, (1, 2))
         photo = develop(light.to(dtype).expand(1, 3, 2, 4), shot)[0, :, 0].double().numpy()
         expected = [codes.mean(0) @ weights, codes.mean(0)[::-1] @ weights]
         assert np.abs(photo - expected).max() < max(1e-5, CLOSE[dtype])
@@ -206,10 +193,8 @@ def check_bits(dtype):
     """As many levels as there are, evenly from 0 to 1, and a gradient that passes straight
     through."""
     for bits in (1, 3, 8):
-        scene, image = (
-            Scene(panel=EVEN, sensor=Sensor(cfa="none", bits=bits)),
-            shade(dtype).clone().requires_grad_(),
-        )
+        scene = Scene(panel=EVEN, sensor=Sensor(cfa="none", bits=bits))
+        image = shade(dtype).clone().requires_grad_()
         photo = capture(image, scene.sample(1, (1, 101)))
         levels = photo.detach() * (2**bits - 1)
         assert (levels - levels.round()).abs().max() < 300 * CLOSE[dtype]
@@ -223,10 +208,8 @@ def check_balance(dtype):
     """White balance multiplies light, and brighten adds to codes."""
     gains = np.array([1.3, 1.0, 0.6])[None, :, None, None]
     for linear in (True, False):
-        how, codes = (
-            Develop(red=1.3, blue=0.6, brighten=0.05, linear_light=linear),
-            shade(torch.float64).numpy(),
-        )
+        how = Develop(red=1.3, blue=0.6, brighten=0.05, linear_light=linear)
+        codes = shade(torch.float64).numpy()
         expected = to_codes(to_light(codes) * gains) if linear else codes * gains
         shot = Scene(panel=EVEN, sensor=COLOUR, develop=how).sample(1, (1, 101))
         photo = capture(shade(dtype), shot).double().numpy()

@@ -12,7 +12,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.geometry import grids
-from moireaug.geometry.sensor import CFA
+from moireaug.geometry.lattice import CFA
 from moireaug.scene.layout import LAYOUTS, as_layout
 from tests.closed_forms.common import CELL, CLOSE, EVEN, read, sinc
 
@@ -49,39 +49,29 @@ def check_alias(dtype):
     for layout, (w, h, harmonics) in red.items():
         for turn, c, s in turns:
             panel = Panel(layout=layout, lit=side**2, scale=95 / n * turn.zoom)
-            spectrum = red_spectrum(
-                Scene(panel=panel, view=turn, lens=lens, sensor=sensor, tolerance=1e-5), n, dtype
-            )
+            scene = Scene(panel=panel, view=turn, lens=lens, sensor=sensor, tolerance=1e-5)
+            spectrum = red_spectrum(scene, n, dtype)
             for k, l in harmonics:
                 # cycles over n red pixels: whole
                 across, down = 95 * (c * k + s * l), 95 * (c * l - s * k)
                 fu, fv = across / (2 * n), down / (2 * n)  # cycles per sensor pixel
                 a = w * h * side**2 * sinc(k * w * side) * sinc(l * h * side)
-                mtf = (
-                    sinc(fill * fu)
-                    * sinc(fill * fv)
-                    * math.exp(-2 * (math.pi * blur) ** 2 * (fu * fu + fv * fv))
-                )
-                mtf *= math.cos(math.pi * olpf * fu) * math.cos(math.pi * olpf * fv)
+                mtf = math.exp(-2 * (math.pi * blur) ** 2 * (fu * fu + fv * fv))
+                for f in (fu, fv):
+                    mtf *= sinc(fill * f) * math.cos(math.pi * olpf * f)
                 assert abs(a * mtf) > 50 * close
-                assert (
-                    abs(spectrum[round(down) % n, round(across) % n].abs() - abs(a * mtf)) < close
-                )
+                seen = spectrum[round(down) % n, round(across) % n].abs()
+                assert abs(seen - abs(a * mtf)) < close
 
 
 def check_whole_pitches(dtype):
     """An aperture as wide as a whole number of pitches sees no contrast."""
+    fills = (2.5, 0.8, True), (4.5, 8 / 9, True), (2.5, 0.7, False), (4.5, 1.0, False)
     for exposure in ("spectral", "box"):
-        for alpha, fill, whole in (
-            (2.5, 0.8, True),
-            (4.5, 8 / 9, True),
-            (2.5, 0.7, False),
-            (4.5, 1.0, False),
-        ):
+        for alpha, fill, whole in fills:
             sensor = Sensor(scale=2.0, fill=fill, exposure=exposure)
-            contrast = read(
-                Scene(panel=Panel(scale=alpha), sensor=sensor, tolerance=1e-7), (2, 63), dtype
-            )[0].std()
+            scene = Scene(panel=Panel(scale=alpha), sensor=sensor, tolerance=1e-7)
+            contrast = read(scene, (2, 63), dtype)[0].std()
             assert contrast < CLOSE[dtype] if whole else contrast > 1e-3
 
 
@@ -103,16 +93,12 @@ def check_mean_light(dtype):
     methods = {"mean": 1e-5, "spectral": 1e-5, "box": 1e-5, "supersample:4": 0.02}
     for layout in (*LAYOUTS, CELL):
         cell = as_layout(layout)
-        area = [
-            sum(s.area / math.prod(s.period) for s in cell.of(site.channels[0])) for site in SITES
-        ]
+        area = [sum(s.density for s in cell.of(site.channels[0])) for site in SITES]
         followed = methods if layout in (*RASTERED, CELL) else {"mean": 1e-5, "spectral": 1e-5}
         for lit in (1.0, 0.6):
             for method, bound in followed.items():
-                panel, sensor = (
-                    Panel(layout=layout, lit=lit, scale=44 / 31),
-                    Sensor(scale=2.0, exposure=method),
-                )
+                panel = Panel(layout=layout, lit=lit, scale=44 / 31)
+                sensor = Sensor(scale=2.0, exposure=method)
                 mean = read(Scene(panel=panel, sensor=sensor), (31, 31), dtype).mean((1, 2))
                 assert mean.tolist() == pytest.approx([lit * a for a in area], rel=bound)
 
@@ -121,10 +107,8 @@ def overlap(centre, reach, start, width, period):
     """How much of [centre - reach, centre + reach] lies in the copies of [start, start + width],
     one each period."""
     left = start + period * np.arange(-200, 200)
-    low, high = (
-        np.maximum(centre[:, None] - reach, left),
-        np.minimum(centre[:, None] + reach, left + width),
-    )
+    low = np.maximum(centre[:, None] - reach, left)
+    high = np.minimum(centre[:, None] + reach, left + width)
     return np.clip(high - low, 0, None).sum(1)
 
 
@@ -133,10 +117,8 @@ def check_box(dtype):
     size, scale, fill, lit = (8, 12), 3.0, 0.9, 0.7
     for layout in (*RASTERED, CELL):
         for alpha in (0.31, 1.7):
-            panel, sensor = (
-                Panel(layout=layout, lit=lit, scale=alpha),
-                Sensor(scale=scale, fill=fill, exposure="box"),
-            )
+            panel = Panel(layout=layout, lit=lit, scale=alpha)
+            sensor = Sensor(scale=scale, fill=fill, exposure="box")
             raw = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), size, dtype)
             # of sensor pixels, on the panel
             centres = [(np.arange(n * scale) + 0.5) * alpha / scale for n in size]
@@ -158,20 +140,14 @@ def check_point(dtype):
     n, scale, lit = 8, 2.5, 0.6
     for layout in (*RASTERED, CELL):
         for alpha in (1.3, 4.0):
-            panel, sensor = (
-                Panel(layout=layout, lit=lit, scale=alpha),
-                Sensor(scale=scale, exposure="point"),
-            )
-            raw, cell = (
-                read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), (n, n), dtype),
-                as_layout(layout),
-            )
+            panel = Panel(layout=layout, lit=lit, scale=alpha)
+            sensor = Sensor(scale=scale, exposure="point")
+            raw = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), (n, n), dtype)
+            cell = as_layout(layout)
             # of sensor pixels, on the raster
             at = ((np.arange(n * scale) + 0.5) * alpha / scale) * cell.raster - 0.5
-            left, height, width = (
-                np.floor(at).astype(int),
-                *(cell.raster * p for p in cell.period[::-1]),
-            )
+            left = np.floor(at).astype(int)
+            width, height = (cell.raster * period for period in cell.period)
             for plane, (r, c, (channel,)) in zip(raw, SITES, strict=True):
                 raster = np.zeros((height, width))
                 for colour, *sides in cell.subpixels:
@@ -212,14 +188,11 @@ def brute_force(scene, n):
 def check_supersampling(dtype):
     """Spectral is exact in any view; box, for magnified screens, to the Gaussian that stands for
     what is not a box."""
-    for method, scene, bound, gain in (
-        ("spectral", MINIFIED, 0.02, 10),
-        ("box", MAGNIFIED, 0.015, 2),
-    ):
+    cases = ("spectral", MINIFIED, 0.02, 10), ("box", MAGNIFIED, 0.015, 2)
+    for method, scene, bound, gain in cases:
         ours = from_everywhere(scene, method, dtype)
-        coarse, fine = (
-            (ours - brute_force(scene, n)).square().mean().sqrt() / ours.max() for n in (4, 24)
-        )
+        errors = [(ours - brute_force(scene, n)).square().mean().sqrt() for n in (4, 24)]
+        coarse, fine = (error / ours.max() for error in errors)
         assert fine < bound and fine < coarse / gain
 
 
@@ -233,9 +206,8 @@ def check_held_picture(dtype):
     places = (0, 0, 3), (1, 1, 4), (2, 1, 4), (3, 2, 5)
     for exposure in ("spectral", "box", "supersample:3"):
         scene = Scene(sensor=Sensor(scale=6.0, exposure=exposure))
-        pictures = torch.tensor([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=dtype)[
-            :, None, None
-        ].expand(-1, 3, 4, -1)
+        pictures = torch.tensor([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=dtype)
+        pictures = pictures[:, None, None].expand(-1, 3, 4, -1)
         left, right, both = expose(pictures, scene.sample(3, (4, 2)))
         for plane, a, b in places:
             for own, other, here in ((left, right, a), (right, left, b)):

@@ -13,7 +13,7 @@ import torch
 
 pytest.register_assert_rewrite("tests.closed_forms.screen", "tests.closed_forms.camera")
 
-from moireaug.geometry.sensor import pack
+from moireaug.geometry.lattice import pack
 from tests.closed_forms import camera, screen
 
 CHECKS = [
@@ -61,6 +61,18 @@ def optics(name, factor):
     return lambda o: o._replace(**{name: factor * getattr(o, name)})
 
 
+def one_of_each_window(photo, rows, cols, how):
+    return photo[..., :: rows.step, :: cols.step]
+
+
+def without_gradient(raw, bits):
+    return torch.round(raw * (2**bits - 1)) / (2**bits - 1)
+
+
+def wide(footprint):
+    return footprint._replace(box=4 * footprint.box)
+
+
 def times(factor):
     return lambda x: factor * x
 
@@ -83,32 +95,28 @@ def resized_first(effects):
     return (*others[:before], *resize, *others[before:])
 
 
-TRANSFER, FOOTPRINT = (
-    "moireaug.exposure.optics.Optics.transfer",
-    "moireaug.exposure.footprints.footprint",
-)
-SHARES, PREFILTER = "moireaug.exposure.footprints.tap_weights", "moireaug.effects.prefilter.mipmap"
+TRANSFER = "moireaug.exposure.optics.Optics.transfer"
+COEFFICIENT = "moireaug.exposure.smooth.coefficient"
+INVERSE_LENS = "moireaug.geometry.grids.inverse_radial_factor"
+RESIZE, GAIN = "moireaug.effects.resize.resize", "moireaug.effects.sensor.Gain.__call__"
+QUANTISE = "moireaug.effects.sensor.quantise"
+ROTATION = "moireaug.geometry.homography._rotation_columns"
+FOOTPRINT = "moireaug.exposure.footprint.Footprint.of"
+SHARES = "moireaug.exposure.sight.tap_weights"
+PREFILTER = "moireaug.effects.prefilter.blur_by_pyramid"
 DEMOSAICS, FLICKER = "moireaug.effects.demosaic.DEMOSAICS", "moireaug.effects.flicker.flicker"
 FALLOFF, NOISE = "moireaug.effects.vignetting.falloff", "moireaug.effects.sensor.add_noise"
 BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_alias, TRANSFER, argument("self", optics("blur", 0))),
     (screen.check_alias, TRANSFER, argument("self", optics("olpf", 0.99))),
     (screen.check_alias, TRANSFER, argument("self", optics("fill", 0.999))),
-    (screen.check_alias, "moireaug.exposure.smooth.coefficient", argument("width", torch.square)),
-    (
-        screen.check_alias,
-        "moireaug.geometry.homography._rotation_columns",
-        argument("roll", torch.neg),
-    ),
+    (screen.check_alias, COEFFICIENT, argument("width", torch.square)),
+    (screen.check_alias, ROTATION, argument("roll", torch.neg)),
     (screen.check_whole_pitches, TRANSFER, argument("self", optics("fill", 0.99))),
     (screen.check_whole_pitches, FOOTPRINT, argument("optics", optics("fill", 0.99))),
     (screen.check_low_pass_filter, TRANSFER, argument("self", optics("olpf", 0.9))),
     (screen.check_mean_light, "moireaug.exposure.smooth.mean_light", argument("width", torch.sqrt)),
-    (
-        screen.check_mean_light,
-        "moireaug.exposure.smooth.coefficient",
-        argument("width", torch.sqrt),
-    ),
+    (screen.check_mean_light, COEFFICIENT, argument("width", torch.sqrt)),
     (screen.check_mean_light, SHARES, argument("width", times(0.999))),
     (screen.check_mean_light, "moireaug.exposure.sampled.emits", argument("width", torch.square)),
     (screen.check_box, FOOTPRINT, argument("optics", optics("fill", 0.999))),
@@ -116,19 +124,11 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_point, "moireaug.exposure.sampled._raster", argument("at", times(1.01))),
     (screen.check_supersampling, TRANSFER, argument("self", optics("blur", 0.5))),
     (screen.check_supersampling, FOOTPRINT, argument("optics", optics("fill", 0.8))),
-    (
-        screen.check_held_picture,
-        SHARES,
-        argument("footprint", lambda seen: seen._replace(box=4 * seen.box)),
-    ),
+    (screen.check_held_picture, SHARES, argument("footprint", wide)),
     (screen.check_checkerboard_from_afar, PREFILTER, instead(lambda image, *_: image)),
     (screen.check_checkerboard_from_afar, PREFILTER, argument("variance", times(0.01))),
     (camera.check_round_trip, "moireaug.geometry.distortion.NEWTON_STEPS", instead(1)),
-    (
-        camera.check_round_trip,
-        "moireaug.geometry.grids.inverse_radial_factor",
-        argument("k2", times(1.01)),
-    ),
+    (camera.check_round_trip, INVERSE_LENS, argument("k2", times(1.01))),
     (camera.check_bands, FLICKER, argument("readout", times(2))),
     (camera.check_bands, FLICKER, argument("shutter", times(1.01))),
     (camera.check_bands, FLICKER, argument("duty", times(0.99))),
@@ -138,29 +138,13 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (camera.check_demosaic_of_a_constant, DEMOSAICS, every(result(times(0.999)))),
     (camera.check_demosaic_of_a_ramp, DEMOSAICS, every(instead(nearest))),
     (camera.check_mosaic_to_photo, DEMOSAICS, every(instead(nearest))),
-    (
-        camera.check_mosaic_to_photo,
-        "moireaug.effects.resize.resize",
-        instead(lambda photo, rows, cols, how: photo[..., :: rows.step, :: cols.step]),
-    ),
+    (camera.check_mosaic_to_photo, RESIZE, instead(one_of_each_window)),
     (camera.check_resize_of_codes, "moireaug.pipeline.DEVELOP", resized_first),
-    (
-        camera.check_resize_of_codes,
-        "moireaug.effects.resize.resize",
-        argument("how", lambda how: "area"),
-    ),
+    (camera.check_resize_of_codes, RESIZE, argument("how", lambda how: "area")),
     (camera.check_gain, "moireaug.effects.sensor.clip", instead(lambda raw: raw)),
-    (
-        camera.check_gain,
-        "moireaug.effects.sensor.Gain.__call__",
-        instead(lambda self, raw, shot: raw),
-    ),
-    (camera.check_bits, "moireaug.effects.sensor.quantise", argument("bits", lambda n: n + 1)),
-    (
-        camera.check_bits,
-        "moireaug.effects.sensor.quantise",
-        instead(lambda raw, bits: torch.round(raw * (2**bits - 1)) / (2**bits - 1)),
-    ),
+    (camera.check_gain, GAIN, instead(lambda self, raw, shot: raw)),
+    (camera.check_bits, QUANTISE, argument("bits", lambda n: n + 1)),
+    (camera.check_bits, QUANTISE, instead(without_gradient)),
     (camera.check_balance, "moireaug.effects.tone.balance", argument("red", times(1.01))),
     (camera.check_balance, "moireaug.effects.srgb.rgb_to_linear_rgb", instead(lambda x: x**2.2)),
     (camera.check_noise_variance, NOISE, argument("raw", times(1.01))),

@@ -7,19 +7,12 @@ import torch
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.effects.display import most_reflected, reflected
+from moireaug.scene.by_name import with_values
 
 EVEN = Panel(layout="even")
 STRIPES = Scene(panel=Panel(scale=1.1), lens=Lens(blur=0.3), sensor=Sensor(scale=2.0))
 UNEVEN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 0.5, 0.5, 0.9, 1.0)))
 CFAS = ["rggb", "none"]
-
-
-def with_panel(scene, **fields):
-    return dataclasses.replace(scene, panel=dataclasses.replace(scene.panel, **fields))
-
-
-def with_sensor(scene, **fields):
-    return dataclasses.replace(scene, sensor=dataclasses.replace(scene.sensor, **fields))
 
 
 def read(scene, level=0.5, size=(24, 32)):
@@ -31,7 +24,7 @@ def read(scene, level=0.5, size=(24, 32)):
 @pytest.mark.parametrize("linear_light", [False, True])
 def test_black_emits_and_white_stays_what_it_is(linear_light):
     scene = Scene(panel=EVEN, develop=Develop(linear_light=linear_light))
-    lit = with_panel(scene, black=0.1)
+    lit = with_values(scene, {"panel.black": 0.1})
     assert torch.allclose(read(lit, 0.0), torch.full((), 0.1).double(), atol=1e-9)
     assert torch.allclose(read(lit, 1.0), read(scene, 1.0), atol=1e-9)
     # between them it is a line in light, whatever the codes are
@@ -41,7 +34,7 @@ def test_black_emits_and_white_stays_what_it_is(linear_light):
 
 def test_black_light_has_the_panels_subpixels():
     """Unlike glare: a black screen that leaks shows a white one's moiré, as far as it leaks."""
-    leaking = read(with_panel(STRIPES, black=0.2), 0.0)
+    leaking = read(with_values(STRIPES, {"panel.black": 0.2}), 0.0)
     assert torch.allclose(leaking, 0.2 * read(STRIPES, 1.0), atol=1e-9)
     assert leaking.std((1, 2)).min() > 0.005
 
@@ -50,10 +43,10 @@ def test_black_light_has_the_panels_subpixels():
 @pytest.mark.parametrize("level", [0.0, 0.5])
 def test_glare_adds_the_same_to_every_pixel(cfa, level):
     """That share of what the plane reads of a white screen on average, and no moiré."""
-    scene = with_sensor(STRIPES, cfa=cfa)
-    added = read(with_panel(scene, glare=0.3), level) - read(scene, level)
+    scene = with_values(STRIPES, {"sensor.cfa": cfa})
+    added = read(with_values(scene, {"panel.glare": 0.3}), level) - read(scene, level)
     assert torch.allclose(added, torch.full((), 0.3 / 3).double(), atol=1e-12)
-    mean = with_sensor(scene, exposure="mean")
+    mean = with_values(scene, {"sensor.exposure": "mean"})
     assert read(mean, 1.0).mean().item() == pytest.approx(1 / 3)
     assert read(scene, 1.0).std((1, 2)).min() > 0.03  # negative control: the screen has moiré
 
@@ -63,7 +56,7 @@ def test_glare_is_a_share_of_each_planes_white(cfa):
     """With a black matrix, colours of several sizes, and filters that overlap."""
     panel = Panel(layout=UNEVEN, lit=0.6, lit_x=0.9)
     scene = Scene(panel=panel, sensor=Sensor(cfa=cfa, crosstalk=0.2, exposure="mean"))
-    black, white = read(with_panel(scene, glare=0.25), 0.0), read(scene, 1.0)
+    black, white = read(with_values(scene, {"panel.glare": 0.25}), 0.0), read(scene, 1.0)
     assert torch.allclose(black, 0.25 * white, atol=1e-9)
     assert white.mean((1, 2)).std() > 0.01
 
@@ -101,10 +94,9 @@ def test_no_glare_is_brighter_than_the_plan_expects():
 
 
 def test_glare_comes_before_vignetting_gain_and_a_full_well():
-    base = with_panel(Scene(panel=EVEN), glare=0.5)
-    dimmed = dataclasses.replace(base, lens=Lens(vignetting=0.5))
-    dimmed = with_sensor(dimmed, gain=0.5)
-    without = read(with_panel(dimmed, glare=0.0), 1.0)
+    base = with_values(Scene(panel=EVEN), {"panel.glare": 0.5})
+    dimmed = with_values(base, {"lens.vignetting": 0.5, "sensor.gain": 0.5})
+    without = read(with_values(dimmed, {"panel.glare": 0.0}), 1.0)
     assert torch.allclose(read(dimmed, 1.0), 1.5 * without, atol=1e-9)
     assert (read(base, 0.9) == 1).all()  # 0.9 + 0.5
 

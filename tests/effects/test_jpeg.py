@@ -91,10 +91,8 @@ def test_less_quality_is_more_error():
 
 
 def test_the_gradient_is_kornias_with_a_share_straight_through(monkeypatch):
-    photo, quality = (
-        scenes(3, dtype=torch.float64)[..., :37, :21].requires_grad_(),
-        torch.tensor([10.0, 60.0, 95.0]),
-    )
+    photo = scenes(3, dtype=torch.float64)[..., :37, :21].requires_grad_()
+    quality = torch.tensor([10.0, 60.0, 95.0])
     weight = torch.randn(photo.shape, dtype=torch.float64)
     (want,) = torch.autograd.grad((jpeg_codec_differentiable(photo, quality) * weight).sum(), photo)
     out = jpeg(photo, quality.requires_grad_())

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moireaug import Lens, Panel, Scene, Sensor, View
-from moireaug.effects.prefilter import blur_by_neighbours, halved, levels, mipmap, variance_at
+from moireaug.effects.prefilter import blur_by_neighbours, blur_by_pyramid, halved, levels_of
 from moireaug.geometry import grids
 
 
@@ -27,7 +27,7 @@ def variance_of(blur):
 @pytest.mark.parametrize("variance", [0.0, 0.3, 1.0, 5.0, 10.0])
 def test_a_prefilter_blurs_by_its_variance(variance):
     wanted = torch.full((16, 1, 1, 1), variance, dtype=torch.float64)
-    assert variance_of(lambda image: mipmap(image, wanted, 4)) == pytest.approx(
+    assert variance_of(lambda image: blur_by_pyramid(image, wanted, 4)) == pytest.approx(
         [variance] * 2, abs=1e-9
     )
 
@@ -36,10 +36,10 @@ def test_a_prefilter_blurs_each_place_by_its_own_variance():
     image = torch.rand(1, 3, 24, 32, dtype=torch.float64)
     variance = torch.zeros(1, 1, 24, 32, dtype=torch.float64)
     variance[..., 16:] = 4.0
-    half = mipmap(image, variance, 3)
+    half = blur_by_pyramid(image, variance, 3)
     assert torch.equal(half[..., :16], image[..., :16])
     assert torch.equal(
-        half[..., 16:], mipmap(image, torch.full((1, 1, 1, 1), 4.0).double(), 3)[..., 16:]
+        half[..., 16:], blur_by_pyramid(image, torch.full((1, 1, 1, 1), 4.0).double(), 3)[..., 16:]
     )
 
 
@@ -53,10 +53,8 @@ def test_a_spread_blurs_by_its_variance(v):
 
 @pytest.mark.parametrize("v", [0.2, 0.4, 0.5])
 def test_a_spread_inverts_no_pattern(v):
-    point, wanted = (
-        torch.zeros(1, 3, 16, 16, dtype=torch.float64),
-        torch.full((1,), v, dtype=torch.float64),
-    )
+    point = torch.zeros(1, 3, 16, 16, dtype=torch.float64)
+    wanted = torch.full((1,), v, dtype=torch.float64)
     point[..., 8, 8] = 1
     transfer = torch.fft.fft2(torch.roll(blur_by_neighbours(point, wanted), (-8, -8), (2, 3)))
     assert transfer.imag.abs().max() < 1e-12
@@ -66,11 +64,12 @@ def test_a_spread_inverts_no_pattern(v):
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (2, 3)])
 def test_what_blurs_keeps_a_flat_picture_of_any_size(size):
-    flat, v = (
-        torch.full((1, 3, *size), 0.7, dtype=torch.float64),
-        torch.full((1,), 0.4, dtype=torch.float64),
-    )
-    for blurred in (blur_by_neighbours(flat, v), mipmap(flat, 9 * v[:, None, None, None], 4)):
+    flat = torch.full((1, 3, *size), 0.7, dtype=torch.float64)
+    v = torch.full((1,), 0.4, dtype=torch.float64)
+    for blurred in (
+        blur_by_neighbours(flat, v),
+        blur_by_pyramid(flat, 9 * v[:, None, None, None], 4),
+    ):
         assert torch.allclose(blurred, flat, atol=1e-12)
 
 
@@ -88,7 +87,13 @@ def test_windows_of_an_odd_picture_are_all_as_large():
     ("variance", "halvings"), [(0.6, 1), (1.0, 1), (1.1, 2), (4.0, 2), (16.0, 3), (1e12, 10)]
 )
 def test_a_pyramid_is_as_high_as_its_variance(variance, halvings):
-    assert levels(variance) == halvings
+    assert levels_of(variance) == halvings
+
+
+def lost_variance(scene, size):
+    """Return the blur that each pixel of a picture needs, in squared image pixels."""
+    places = grids.pixel_centres(size, torch.device("cpu"))
+    return scene.plan().method.lost_variance(places, scene.sample(1, size))
 
 
 def test_what_taps_do_not_hold_is_blurred_first():
@@ -98,22 +103,18 @@ def test_what_taps_do_not_hold_is_blurred_first():
         panel=Panel(layout="even"), view=View(zoom=0.1, fit=False), lens=Lens(blur=0.1),
         sensor=Sensor(cfa="none", exposure="spectral"),
     )  # fmt: skip
-    shot = scene.sample(1, (9, 9))
-    lost = variance_at(grids.pixel_centres((9, 9), torch.device("cpu")), shot)
+    lost = lost_variance(scene, (9, 9))
     whole = 100 * (1 / 12 + 0.1**2)
     assert scene.plan().method.taps == 7
     assert ((lost > 0.3 * whole) & (lost < whole)).all()
     near = dataclasses.replace(scene, view=View())
     assert "prefilter" not in near.plan()
-    assert (
-        variance_at(grids.pixel_centres((9, 9), torch.device("cpu")), near.sample(1, (9, 9))) == 0
-    ).all()
+    assert (lost_variance(near, (9, 9)) == 0).all()
 
 
 @pytest.mark.parametrize("layout", ["rgb_stripe", "chevron", "pentile_diamond"])
 def test_the_plan_names_the_blur_that_a_shot_gets(layout):
     """From the front, every place and every subpixel, slanted ones included, needs the same."""
     scene = Scene(panel=Panel(layout=layout), view=View(zoom=0.1, fit=False), lens=Lens(blur=0.1))
-    points = grids.pixel_centres((8, 8), torch.device("cpu"))
-    variance = variance_at(points, scene.sample(1, (8, 8)))
-    assert variance.flatten().tolist() == pytest.approx([scene.plan().prefilter] * 64)
+    variance = lost_variance(scene, (8, 8))
+    assert variance.flatten().tolist() == pytest.approx([scene.plan().prefilter_variance] * 64)

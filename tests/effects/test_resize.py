@@ -6,7 +6,7 @@ import torch
 
 from moireaug import Develop, Panel, Scene, Sensor, develop, pipeline
 from moireaug.effects.resize import area_means, area_weights, resize, window_centres
-from moireaug.geometry.sensor import sampled_pixels
+from moireaug.geometry.lattice import sampled_pixels
 
 
 def resized(photo, size, scale, how):

@@ -106,7 +106,7 @@ def test_bytes_are_read_as_they_are(name):
 
 def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():
     shot = SCENES["black level, prefilter that varies"].sample(2, (20, 24))
-    assert shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE
+    assert shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
     codes = torch.randint(0, 256, (2, 3, 20, 24), dtype=torch.uint8)
     assert torch.equal(reading_of(codes, shot), reading_of(codes.float() / 255, shot))
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from moireaug.engine.cpu import tap_weights
-from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
+from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
 
 RADIUS, TAPS = 2, 8
 PHASES = np.array([48, 512])

@@ -1,7 +1,6 @@
 """Binned readings: the photo of a full reading, and beats of the period, strength and colour that
 follow from the pitch."""
 
-import dataclasses
 import math
 
 import pytest
@@ -10,7 +9,7 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
 from moireaug.effects import sensor
 from moireaug.engine import switch
-from moireaug.scene.by_name import parts_with
+from moireaug.scene.by_name import with_values
 from moireaug.synthesis import without_moire
 from tests.engine.readings import assert_equal, readings
 
@@ -41,24 +40,20 @@ def rms(difference):
     return float(difference.square().mean().sqrt())
 
 
+FOUR = {"panel": Panel(scale=2.1), "sensor": {"scale": 4.0}}
 CASES = {
     "two": {"panel": Panel(scale=1.05), "sensor": {"scale": 2.0}},
     "three": {"panel": Panel(scale=1.4), "sensor": {"scale": 3.0}},
     "two and a half": {"panel": Panel(scale=1.2), "sensor": {"scale": 2.5}},
     "six": {"panel": Panel(scale=2.9), "sensor": {"scale": 6.0}},
     "nine, matrix": {"panel": Panel(scale=4.2, lit_y=0.6), "sensor": {"scale": 9.0}},
-    "frontal": {"panel": Panel(scale=2.1), "sensor": {"scale": 4.0}, "view": View()},
+    "frontal": FOUR | {"view": View()},
     "crosstalk": {"panel": Panel(scale=1.9), "sensor": {"scale": 4.0, "crosstalk": 0.2}},
     "PenTile": {"panel": Panel(scale=2.1, layout="pentile_diamond"), "sensor": {"scale": 4.0}},
     "chevron": {"panel": Panel(scale=1.9, layout="chevron"), "sensor": {"scale": 4.0}},
     "no colour filters": {"panel": Panel(scale=3.1), "sensor": {"scale": 3.0, "cfa": "none"}},
     "coarse panel": {"panel": Panel(scale=0.45), "sensor": {"scale": 1.0}},
-    "registered": {
-        "panel": Panel(scale=2.1),
-        "sensor": {"scale": 4.0},
-        "view": View(),
-        "develop": Develop(),
-    },
+    "registered": FOUR | {"view": View(), "develop": Develop()},
     "vignetting, flicker": {
         "panel": Panel(scale=2.1, pwm=240.0, glare=0.02, glare_x=0.4),
         "lens": Lens(blur=0.4, vignetting=0.4),
@@ -97,18 +92,11 @@ def test_bins_in_the_images_frame_are_a_large_photo_registered_and_shrunk(case):
     shown = picture(*size).double()
     large = torch.nn.functional.interpolate(shown, scale_factor=k, mode="nearest")
     common = {"view": case["view"], "lens": case.get("lens", SOFT), "develop": Develop()}
-    full = Scene(
-        panel=Panel(scale=0.5, **panel),
-        sensor=Sensor(scale=1.0, reading="full", **sensor),
-        **common,
-    )
-    binned = Scene(
-        panel=Panel(scale=0.5 * k, **panel),
-        sensor=Sensor(scale=float(k), reading="binned", **sensor),
-        **common,
-    )
     both = []
-    for scene, image in ((full, large), (binned, shown)):
+    for reading, scale, image in (("full", 1, large), ("binned", k, shown)):
+        parts = {"panel": Panel(scale=0.5 * scale, **panel)}
+        parts["sensor"] = Sensor(scale=float(scale), reading=reading, **sensor)
+        scene = Scene(**parts, **common)
         shot = scene.sample(1, tuple(image.shape[-2:]), torch.Generator().manual_seed(0))
         twin = pipeline.expose(image, without_moire(shot))
         both.append([pipeline.develop(raw, shot) for raw in (pipeline.expose(image, shot), twin)])
@@ -134,9 +122,8 @@ def test_a_saturated_binned_photo_is_nearly_the_full_one(monkeypatch):
 @pytest.mark.parametrize("gain", [3.0, 30.0, 1000.0])
 def test_a_saturated_sparse_panel_is_neither_black_nor_too_bright(gain):
     """Light of two levels is the extreme: no light of a pattern, clipped, is darker."""
-    scene = Scene(
-        panel=Panel(layout="led", width=64.0, lit=0.4), sensor=Sensor(pitch=8.0, gain=gain)
-    )
+    panel = Panel(layout="led", width=64.0, lit=0.4)
+    scene = Scene(panel=panel, sensor=Sensor(pitch=8.0, gain=gain))
     shot = scene.sample(1, (32, 32))
     reading = expose(torch.ones(1, 3, 32, 32), shot)
     with switch.reference():
@@ -184,9 +171,8 @@ def test_beats_have_the_period_strength_and_colour_of_their_pitch(pitch):
     u = (torch.arange(w, dtype=torch.float64) + 0.5) * s
     window = torch.hann_window(w, periodic=False, dtype=torch.float64)
     beat = torch.exp(-2j * math.pi * g * u) * window
-    red, green, blue = (
-        2 * (beat * (raw[i] - raw[i].mean())).sum() / window.sum() for i in (0, 1, 3)
-    )
+    swing = raw - raw.mean(1, keepdim=True)
+    red, green, blue = (2 * (beat * swing[i]).sum() / window.sum() for i in (0, 1, 3))
 
     def sinc(x):
         return math.sin(math.pi * x) / (math.pi * x)
@@ -231,10 +217,7 @@ def test_the_engine_reads_bins_as_the_reference_does(case, sensor):
 
 def test_noise_is_that_of_the_pixels_that_a_bin_averages():
     scene = Scene(panel=Panel(layout="even"), sensor=Sensor(scale=8.0, read_noise=0.1, gain=0.5))
-    binned = Scene(
-        panel=scene.panel,
-        sensor=Sensor(scale=8.0, read_noise=0.1, gain=0.5, reading="binned"),
-    )
+    binned = with_values(scene, {"sensor.reading": "binned"})
     grey = torch.full((4, 3, 64, 64), 0.9)
     raw = expose(grey, binned.sample(4, (64, 64)))
     assert raw.std(dim=(2, 3)).mean() == pytest.approx(0.1 / 4, rel=0.02)  # 16 pixels of a colour
@@ -253,13 +236,10 @@ def test_a_binned_photo_is_differentiable_in_image_and_shot():
     shot = scene.sample(1, (4, 5), torch.Generator().manual_seed(1))
     shown = torch.rand(1, 3, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     moved = ("panel.width", "sensor.pitch", "view.yaw", "view.roll", "lens.blur", "panel.lit")
-    numbers = shot.numbers()
 
     def read(shown, *values):
-        drawn = parts_with(shot, numbers | dict(zip(moved, values, strict=True)))
-        return pipeline.expose(shown, dataclasses.replace(shot, **drawn))
+        return pipeline.expose(shown, with_values(shot, dict(zip(moved, values, strict=True))))
 
-    values = [numbers[name].clone().requires_grad_() for name in moved]
-    assert torch.autograd.gradcheck(
-        read, (shown.requires_grad_(), *values), atol=1e-4, fast_mode=True
-    )
+    given = [shot.numbers()[name].clone().requires_grad_() for name in moved]
+    given.insert(0, shown.requires_grad_())
+    assert torch.autograd.gradcheck(read, given, atol=1e-4, fast_mode=True)

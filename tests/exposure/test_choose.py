@@ -7,6 +7,9 @@ import torch
 
 from benchmarks import problems
 from moireaug import Lens, Panel, Scene, Sensor, View, expose
+from moireaug.exposure.choose import MAX_HARMONICS
+from moireaug.exposure.extreme_harmonics import harmonics_in_bins
+from moireaug.scene.by_name import with_values
 
 TAPS = [  # scene, panel pixels along an axis that a sensor pixel sees
     (Scene(panel=Panel(scale=0.1, layout="led")), 1),
@@ -37,11 +40,8 @@ def error(problem, fewer, more):
     shot = problem.scene.sample(1, (side, side), torch.Generator().manual_seed(0))
     ours, distances = expose(image, shot), []
     for n in (fewer, more):
-        sensor = dataclasses.replace(problem.scene.sensor, exposure=f"supersample:{n}")
-        brute = expose(
-            image,
-            dataclasses.replace(shot, scene=dataclasses.replace(problem.scene, sensor=sensor)),
-        )
+        scene = with_values(problem.scene, {"sensor.exposure": f"supersample:{n}"})
+        brute = expose(image, dataclasses.replace(shot, scene=scene))
         distances.append((ours - brute) / brute.square().mean().sqrt())
     return 100 * float((distances[0] * distances[1]).mean().clamp(min=0).sqrt())
 
@@ -57,10 +57,18 @@ def test_auto_is_within_a_per_cent_of_brute_force(given):
 
 def test_another_exposure_is_not():
     given = problems.problem(**problems.SET[6])
-    mean = dataclasses.replace(
-        given.scene, sensor=dataclasses.replace(given.scene.sensor, exposure="mean")
-    )
+    mean = with_values(given.scene, {"sensor.exposure": "mean"})
     assert error(dataclasses.replace(given, scene=mean), 13, 21) > 5
+
+
+def test_a_plan_says_which_harmonics_are_too_many():
+    scene = Scene(panel=Panel(lit=0.5, width=20.0), sensor=Sensor(pitch=60.0, gain=10.0))
+    possible, summed = harmonics_in_bins(scene.at()), scene.plan().harmonics
+    assert summed == tuple(pair for pair, _ in possible[:MAX_HARMONICS])
+    left_out, strength = len(possible) - len(summed), possible[len(summed)][1]
+    reason = f"; {left_out} weaker ones, up to {strength:.2g}, are too many to sum"
+    assert left_out > 0 and reason in str(scene.plan())
+    assert "weaker" not in str(Scene(panel=Panel(width=20.0), sensor=Sensor(pitch=20.0)).plan())
 
 
 @pytest.mark.parametrize("layout", ["chevron", "pentile_diamond"])
@@ -69,11 +77,9 @@ def test_slanted_subpixels_are_never_taken_for_boxes(layout):
     assert scene.plan().exposure == "spectral"
     readings = []
     for exposure in ("auto", "supersample:8"):
-        sensor = dataclasses.replace(scene.sensor, exposure=exposure)
-        shot = dataclasses.replace(scene, sensor=sensor).sample(1, (24, 24))
+        shot = with_values(scene, {"sensor.exposure": exposure}).sample(1, (24, 24))
         readings.append(expose(torch.ones(1, 3, 24, 24), shot))
     apart = (readings[0] - readings[1]).square().mean().sqrt()
     assert apart < 0.15 * readings[1].mean()  # a box is off by 0.78 and 1.4
     with pytest.raises(ValueError, match="'box' takes subpixels for rectangles"):
-        boxed = dataclasses.replace(scene.sensor, exposure="box")
-        dataclasses.replace(scene, sensor=boxed).plan()
+        with_values(scene, {"sensor.exposure": "box"}).plan()

@@ -1,7 +1,6 @@
 """The picture as a panel shows it, in the reference and in the engine, against a matrix of
 weights."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -13,6 +12,7 @@ from moireaug.engine.cpu import expose_kernels, panel
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.exposure.screen import on_panel
+from moireaug.scene.by_name import with_values
 from tests.engine.readings import assert_equal, readings
 
 ALPHAS = (0.01, 0.3, 0.73, 1.0, 1.7, 3.0)
@@ -138,7 +138,7 @@ def test_what_a_panel_shows_has_its_slope(alpha):
     shot = Scene(panel=Panel(width=7 * alpha)).sample(2, (6, 7))
 
     def show(picture, width):
-        drawn = dataclasses.replace(shot, panel=dataclasses.replace(shot.panel, width=width))
+        drawn = with_values(shot, {"panel.width": width})
         return on_panel(DisplayedPicture(picture, drawn), panel_size(alpha, (6, 7)), MARGIN)
 
     assert torch.autograd.gradcheck(show, (picture, width), fast_mode=True)

@@ -7,6 +7,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
 from moireaug.exposure.filters import crosstalk_matrix
+from moireaug.scene.by_name import with_values
 
 SHARES = torch.tensor([0.0, 0.1, 0.3], dtype=torch.float64)
 FULL = Sensor(cfa="none", scale=2.0, crosstalk=0.25)
@@ -23,7 +24,7 @@ def test_each_filter_shares_its_light_with_its_neighbours_in_the_spectrum():
 
 
 def without(scene):
-    return dataclasses.replace(scene, sensor=dataclasses.replace(scene.sensor, crosstalk=0.0))
+    return with_values(scene, {"sensor.crosstalk": 0.0})
 
 
 @pytest.mark.parametrize("exposure", ["spectral", "box", "mean", "point", "supersample:2"])
@@ -42,7 +43,7 @@ def test_a_bayer_site_reads_one_filter_of_three(exposure, images):
     """The lattice of the full sensor's planes, as far as it reaches the same pixels."""
     sensor = Sensor(cfa="none", scale=2.0, crosstalk=0.25, exposure=exposure)
     full = Scene(panel=Panel(scale=1.2), view=View(roll=5.0), sensor=sensor)
-    bayer = dataclasses.replace(full, sensor=dataclasses.replace(sensor, cfa="rggb"))
+    bayer = with_values(full, {"sensor.cfa": "rggb"})
     planes, packed = (
         expose(images.double(), scene.sample(4, (24, 32), torch.Generator().manual_seed(0)))
         for scene in (full, bayer)
@@ -55,15 +56,14 @@ def test_a_bayer_site_reads_one_filter_of_three(exposure, images):
 @pytest.mark.parametrize("linear_light", [False, True])
 def test_a_camera_of_three_filters_a_pixel_undoes_its_crosstalk(linear_light, images):
     """The matrix is the exact inverse where every colour is read at the same place."""
-    scene = Scene(panel=Panel(scale=0.9), view=View(yaw=10.0), lens=Lens(blur=0.3), sensor=FULL)
-    scene = dataclasses.replace(scene, develop=Develop(linear_light=linear_light))
+    parts = {"lens": Lens(blur=0.3), "develop": Develop(linear_light=linear_light)}
+    scene = Scene(panel=Panel(scale=0.9), view=View(yaw=10.0), sensor=FULL, **parts)
     shot, picture = scene.sample(4, (24, 32)), images.double()
     photo = capture(picture, shot)
-    assert torch.allclose(
-        photo, capture(picture, dataclasses.replace(shot, scene=without(scene))), atol=1e-11
-    )
+    alone = capture(picture, dataclasses.replace(shot, scene=without(scene)))
+    assert torch.allclose(photo, alone, atol=1e-11)
     # negative control: with a Bayer mosaic each colour aliases by itself
-    bayer = dataclasses.replace(scene, sensor=dataclasses.replace(FULL, cfa="rggb"))
+    bayer = with_values(scene, {"sensor.cfa": "rggb"})
     shot = bayer.sample(4, (24, 32))
     mixed, alone = (
         capture(picture, dataclasses.replace(shot, scene=s)) for s in (bayer, without(bayer))

@@ -16,6 +16,7 @@ OWN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1
 RED_ONLY = Layout(((0, 0.0, 0.0, 0.5, 1.0),))
 SLANTED = Layout(((0, 0.5, 0.5, 0.4, 0.2, -0.1, 0.6), (1, 0.9, 0.1, 0.3, 0.0, 0.2, 0.5)))
 ALL = {**LAYOUTS, "own": OWN}
+INTO_THE_NEXT_CELL = ((2, 0.1, 0.5, 0.4, 0, 0.2, 0.4), (2, 0.8, 0.5, 0.4, 0, 0, 0.4))
 
 BAD = [
     (lambda: Layout(()), "at least one"),
@@ -37,10 +38,7 @@ BAD = [
     (lambda: Layout(((0, 0.5, 0.5, 0.1, 0.6, 0, 0.6),)), "1.2 panel pixels high in a cell of 1 x"),
     (lambda: Layout(((0, 0.5, math.nan, 0.4, 0, 0, 0.4),)), "centre in its cell and be no larger"),
     (lambda: Layout(((0, 0.5, 0.5, 0.4, 0, math.nan, 0.4),)), "centre in its cell and be no"),
-    (
-        lambda: Layout(((2, 0.1, 0.5, 0.4, 0, 0.2, 0.4), (2, 0.8, 0.5, 0.4, 0, 0, 0.4))),
-        "must not overlap",
-    ),  # of next cell
+    (lambda: Layout(INTO_THE_NEXT_CELL), "must not overlap"),
     (lambda: Panel(layout="pentil"), "Did you mean 'pentile'?"),
     (lambda: Panel(layout=3), "must be one of 'rgb_stripe'"),
     (lambda: Layout(5), "Layout.subpixels must be a tuple; got 5"),
@@ -70,12 +68,8 @@ def test_subpixels_know_their_place():
     assert red == Subpixel(0, (0.25, 0.5), (0.5, 0.0), (0.0, 1.0), (2, 1))
     assert green == Subpixel(1, (0.75, 0.2), (0.5, 0.0), (0.0, 0.4), (2, 1))
     assert blue.corners() == [(1.25, 0.5), (1.75, 0.5), (1.75, 1.0), (1.25, 1.0)]
-    assert (blue.area, blue.centre, blue.pixel, blue.is_rectangle) == (
-        0.25,
-        (1.5, 0.75),
-        (1.5, 0.5),
-        True,
-    )
+    assert blue.is_rectangle and blue.area == 0.25
+    assert blue.centre == (1.5, 0.75) and blue.pixel == (1.5, 0.5)
     assert [s.pixel for s in LAYOUTS["pentile"].all()] == [(0.5, 0.5), (0.5, 0.5), (1.5, 0.5)]
     assert RED_ONLY.of(1) == ()
 
@@ -125,36 +119,24 @@ def test_parallelograms_know_their_place():
 
 def test_diamonds_touch_and_do_not_overlap():
     """As in a PenTile of diamonds: the bounding boxes overlap, the subpixels do not."""
-    diamonds = tuple(
-        (1, x, y, 0.5, 0.5, -0.5, 0.5) for x, y in ((0.5, 0.5), (1.0, 1.0), (1.5, 0.5), (0.0, 1.0))
-    )
-    assert len(Layout(diamonds[:2], (2, 2)).subpixels) == 2
+    places = (0.5, 0.5), (1.0, 1.0)
+    diamonds = tuple((1, x, y, 0.5, 0.5, -0.5, 0.5) for x, y in places)
+    assert len(Layout(diamonds, (2, 2)).subpixels) == 2
     with pytest.raises(ValueError, match="must not overlap"):
         Layout((diamonds[0], (1, 0.9, 0.9, 0.5, 0.5, -0.5, 0.5)), (2, 2))
 
 
-RASTERS = {
-    "rgb_stripe": 3,
-    "bgr_stripe": 3,
-    "rgb_column": 3,
-    "pentile": 3,
-    "led": 12,
-    "wrgb": 4,
-    "even": 1,
-    "own": 20,
-}
+RASTERS = dict.fromkeys(("rgb_stripe", "bgr_stripe", "rgb_column", "pentile"), 3)
+RASTERS |= {"led": 12, "wrgb": 4, "even": 1, "own": 20}
 
 
 @pytest.mark.parametrize("name", RASTERS)
 def test_a_raster_is_as_coarse_as_fits_the_rectangles(name):
     assert ALL[name].raster == RASTERS[name]
     edges = [v for s in ALL[name].subpixels for v in s[1:]]
-    fits = [
-        n
-        for n in range(1, RASTERS[name] + 1)
-        if max(abs(v * n - round(v * n)) for v in edges) < 1e-6
-    ]
-    assert fits == [RASTERS[name]]
+    for n in range(1, RASTERS[name] + 1):
+        fits = max(abs(v * n - round(v * n)) for v in edges) < 1e-6
+        assert fits == (n == RASTERS[name])
     assert Layout(((0, 0.0137, 0.2, 0.777, 0.9001),)).raster == 24
 
 

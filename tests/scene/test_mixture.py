@@ -10,6 +10,7 @@ import torch
 
 from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
 from moireaug.mixtures import Mixture, as_scenes, each, sample_one, scenes_of
+from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scenes import as_scene
@@ -261,9 +262,7 @@ def test_torch_compile_is_told_what_it_cannot_follow():
 
 def test_points_and_masks_move_where_their_own_scene_moves():
     still = Scene(view=View(roll=30.0))
-    moving = dataclasses.replace(
-        still, develop=dataclasses.replace(still.develop, registered=False)
-    )
+    moving = with_values(still, {"develop.registered": False})
     shot = as_scenes([still, moving]).sample(12, SIZE, seeded())
     points = torch.rand(12, 5, 2, generator=seeded()) * 10
     masks = (torch.rand(12, 2, *SIZE, generator=seeded()) > 0.5).to(torch.uint8)

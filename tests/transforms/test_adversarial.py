@@ -38,23 +38,22 @@ def test_a_tv_image_stays_one(dtype, p, model):
     shown, labels = drawn(attack(model, p=p), images, LABELS)
     assert type(shown) is tv_tensors.Image and shown.dtype == dtype and labels is LABELS
     plain, _ = drawn(attack(model, p=p), images.as_subclass(torch.Tensor), LABELS)
-    assert (
-        type(plain) is torch.Tensor and torch.equal(plain, shown) and not torch.equal(shown, images)
-    )
+    assert type(plain) is torch.Tensor and torch.equal(plain, shown)
+    assert not torch.equal(shown, images)
 
 
-@pytest.mark.parametrize(
-    "labels",
-    [
-        LABELS.float(),
-        LABELS.to(torch.uint8),
-        nn.functional.one_hot(LABELS, 4),
-        nn.functional.one_hot(LABELS, 4).double(),
-        nn.functional.one_hot(LABELS, 4).bool(),
-        0.6 * nn.functional.one_hot(LABELS, 4) + 0.4 * nn.functional.one_hot(LABELS.flip(0), 4),
-    ],
-    ids=["float", "uint8", "one-hot", "one-hot float", "one-hot bool", "mixed"],
-)
+ONE_HOT = nn.functional.one_hot(LABELS, 4)
+KINDS = {
+    "float": LABELS.float(),
+    "uint8": LABELS.to(torch.uint8),
+    "one-hot": ONE_HOT,
+    "one-hot float": ONE_HOT.double(),
+    "one-hot bool": ONE_HOT.bool(),
+    "mixed": 0.6 * ONE_HOT + 0.4 * ONE_HOT.flip(0),
+}
+
+
+@pytest.mark.parametrize("labels", KINDS.values(), ids=KINDS)
 def test_labels_of_any_kind_name_the_heaviest_class(labels, model):
     shown, same = drawn(attack(model), IMAGES, labels)
     assert same is labels
@@ -76,10 +75,8 @@ def test_dict_samples(first, key, model):
     if first == "label":
         sample = {key: LABELS, "image": IMAGES, "other": other, "name": ["a", "b"]}
     out = drawn(attack(model), sample)
-    assert list(out) == list(sample)
-    assert out[key] is LABELS
-    assert out["other"] is other
-    assert out["name"] == ["a", "b"]
+    assert list(out) == list(sample) and out["name"] == ["a", "b"]
+    assert out[key] is LABELS and out["other"] is other
     assert torch.equal(out["image"], drawn(attack(model), IMAGES, LABELS)[0])
 
 
@@ -121,11 +118,8 @@ def test_photos_have_no_gradient_in_the_images(model):
 
 
 def test_masks_beside_a_scene_in_the_cameras_frame_are_refused(model):
-    sample = {
-        "image": tv_tensors.Image(IMAGES),
-        "label": LABELS,
-        "mask": tv_tensors.Mask(torch.ones(4, 9, 12)),
-    }
+    mask = tv_tensors.Mask(torch.ones(4, 9, 12))
+    sample = {"image": tv_tensors.Image(IMAGES), "label": LABELS, "mask": mask}
     assert attack(model)(sample)["mask"] is sample["mask"]
     with pytest.raises(ValueError, match="would not move with the images"):
         AdversarialMoire(model, "paper", steps=1)(sample)
@@ -145,9 +139,8 @@ def test_images_and_weights_may_differ_in_precision(images, weights, model):
 @pytest.mark.parametrize("channels", [1, 3])
 def test_grey_images_reach_a_grey_model_as_luma(channels):
     torch.manual_seed(0)
-    net = nn.Sequential(
-        nn.Conv2d(channels, 4, 3), nn.BatchNorm2d(4), nn.Flatten(), nn.LazyLinear(4)
-    )
+    features = nn.Sequential(nn.Conv2d(channels, 4, 3), nn.BatchNorm2d(4))
+    net = nn.Sequential(features, nn.Flatten(), nn.LazyLinear(4))
     net(torch.rand(2, channels, 9, 12))
     before = {name: value.clone() for name, value in net.state_dict().items()}
     grey = torch.rand(4, 1, 9, 12)

@@ -17,14 +17,8 @@ from moireaug.transforms import albumentations as moire
 @pytest.fixture
 def model():
     torch.manual_seed(0)
-    return nn.Sequential(
-        nn.Conv2d(3, 4, 3),
-        nn.BatchNorm2d(4),
-        nn.ReLU(),
-        nn.AdaptiveAvgPool2d(2),
-        nn.Flatten(),
-        nn.Linear(16, 3),
-    )
+    features = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4), nn.ReLU())
+    return nn.Sequential(features, nn.AdaptiveAvgPool2d(2), nn.Flatten(), nn.Linear(16, 3))
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
@@ -41,9 +35,8 @@ def test_it_raises_the_loss(dtype, shape, model, registered):
     plain = moire.apply_shot(image, Shot.from_dict(params["shot"]))
 
     def loss(shown):
-        x = torch.from_numpy(np.ascontiguousarray(shown)).float() / (
-            255 if dtype == np.uint8 else 1
-        )
+        white = 255 if dtype == np.uint8 else 1
+        x = torch.from_numpy(np.ascontiguousarray(shown)).float() / white
         x = x.reshape(1, *shape[:2], -1).permute(0, 3, 1, 2).expand(-1, 3, -1, -1)
         with torch.no_grad():
             return nn.functional.cross_entropy(model.eval()(x), torch.tensor([1])).item()
@@ -62,15 +55,15 @@ def test_mode_is_kept_and_draws_follow_the_seed(model, registered):
     assert model.training
 
 
-def test_a_call_without_the_label_is_told_so(model, registered):
+def test_a_call_without_a_label_of_the_model_is_refused(model, registered):
+    steps = A.Compose([moire.AdversarialMoire(model, registered, p=1)])
+    image = np.zeros((8, 8, 3), np.uint8)
     with pytest.raises(ValueError, match="call the Compose with label=<int>"):
-        A.Compose([moire.AdversarialMoire(model, registered, p=1)])(
-            image=np.zeros((8, 8, 3), np.uint8)
-        )
+        steps(image=image)
     with pytest.raises(ValueError, match=r"\[0, 2\], the model's classes"):
-        A.Compose([moire.AdversarialMoire(model, registered, p=1)])(
-            image=np.zeros((8, 8, 3), np.uint8), label=7
-        )
+        steps(image=image, label=7)
+    with pytest.raises(TypeError, match=r"label must be .* an integer; got 'cat'"):
+        steps(image=image, label="cat")
 
 
 def frames(n=3, shape=(12, 14, 3)):
@@ -78,23 +71,20 @@ def frames(n=3, shape=(12, 14, 3)):
 
 
 def test_strict_and_with_images_alone(model, registered):
-    steps = A.Compose(
-        [moire.AdversarialMoire(model, registered, steps=2, p=1)], strict=True, seed=0
-    )
-    images = frames()
-    out = steps(images=images, label=1)["images"]
-    assert out.shape == images.shape and not np.array_equal(out, images)
-    out = A.Compose([moire.RandomMoire(registered, p=1)], strict=True, seed=0)(images=images)[
-        "images"
-    ]
-    assert out.shape == images.shape and not np.array_equal(out, images)
+    images, adversarial = frames(), moire.AdversarialMoire(model, registered, steps=2, p=1)
+    for transform, labels in (
+        (adversarial, {"label": 1}),
+        (moire.RandomMoire(registered, p=1), {}),
+    ):
+        steps = A.Compose([transform], strict=True, seed=0)
+        out = steps(images=images, **labels)["images"]
+        assert out.shape == images.shape and not np.array_equal(out, images)
 
 
 def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered):
     images = frames(4)
-    steps = A.ReplayCompose(
-        [moire.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)], is_check_shapes=False
-    )
+    adversarial = moire.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)
+    steps = A.ReplayCompose([adversarial], is_check_shapes=False)
     given = {
         "image": images[0],
         "images": images[1:3],
@@ -117,9 +107,8 @@ def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered
 
 def test_a_replay_needs_no_model(model, registered):
     image = frames(1)[0]
-    out = A.ReplayCompose([moire.AdversarialMoire(model, registered, steps=2, p=1)])(
-        image=image, label=1
-    )
+    steps = A.ReplayCompose([moire.AdversarialMoire(model, registered, steps=2, p=1)])
+    out = steps(image=image, label=1)
     again = A.ReplayCompose.replay(json.loads(json.dumps(out["replay"])), image=image)
     assert np.array_equal(again["image"], out["image"])
     with pytest.raises(ValueError, match=r"recorded at, \(12, 14\); got \(24, 28\)"):
@@ -137,22 +126,19 @@ def test_it_is_written_as_lambda_is(model, registered):
         A.from_dict(written)
 
 
-def test_what_is_no_model_or_no_label_is_refused(model, registered):
+def test_no_model_and_several_bounds_are_refused(model, registered):
     with pytest.raises(TypeError, match="model must be a module or a function of images; got str"):
         moire.AdversarialMoire("resnet18", registered)
     with pytest.raises(ValueError, match="eps must be one number"):
         moire.AdversarialMoire(model, registered, eps=[0.1, 0.2])
-    with pytest.raises(TypeError, match=r"label must be .* an integer; got 'cat'"):
-        A.Compose([moire.AdversarialMoire(model, registered, p=1)])(image=frames(1)[0], label="cat")
 
 
 @pytest.mark.parametrize("kind", ["image", "images", "volume"])
 def test_a_picture_in_an_additional_target_is_refused(kind, model, registered):
     """It would get the noise of another one."""
     image = np.random.default_rng(0).random((12, 14, 3)).astype(np.float32)
-    steps = A.Compose(
-        [moire.AdversarialMoire(model, registered, steps=1, p=1)], additional_targets={"more": kind}
-    )
+    adversarial = moire.AdversarialMoire(model, registered, steps=1, p=1)
+    steps = A.Compose([adversarial], additional_targets={"more": kind})
     more = image if kind == "image" else np.stack([image, image])
     with pytest.raises(ValueError, match="'more' is an additional target of kind"):
         steps(image=image, more=more, label=1)

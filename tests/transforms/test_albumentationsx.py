@@ -70,7 +70,7 @@ class SamplingTransform(DualTransform):
 
 
 @pytest.fixture(params=["2.4.0 to 2.4.2", "2.4.3 to 2.5.1"])
-def other_door(request, monkeypatch):
+def other_module(request, monkeypatch):
     """The module of the transforms, imported beside such a base class."""
     if request.param != "2.4.0 to 2.4.2":
         monkeypatch.setattr(SamplingTransform, "is_wrapped", True)
@@ -92,8 +92,8 @@ def shot_of(transform):
     return Shot.from_dict(values["shot"])
 
 
-def test_a_shot_is_sampled_and_applied(other_door, camera):
-    transform = other_door.RandomMoire(camera, p=1)
+def test_a_shot_is_sampled_and_applied(other_module, camera):
+    transform = other_module.RandomMoire(camera, p=1)
     mask = np.ones((9, 12), np.uint8)
     out = transform(image=IMAGE, mask=mask, keypoints=np.array([[3.0, 4.0]]), label=1)
     shot = shot_of(transform)
@@ -102,16 +102,16 @@ def test_a_shot_is_sampled_and_applied(other_door, camera):
     assert np.array_equal(out["keypoints"], moire.move_keypoints(np.array([[3.0, 4.0]]), shot))
 
 
-def test_an_attack_is_sampled_and_applied(other_door, registered):
+def test_an_attack_is_sampled_and_applied(other_module, registered):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
-    transform = other_door.AdversarialMoire(model, registered, steps=1, p=1)
+    transform = other_module.AdversarialMoire(model, registered, steps=1, p=1)
     out = transform(image=IMAGE, volume=np.stack([IMAGE, IMAGE]), label=1)
     assert np.any(out["image"] != moire.apply_shot(IMAGE, shot_of(transform)))
     assert np.any(out["volume"][0] != out["image"]), "the volume has the noise of the image"
 
 
-def test_a_replay_at_another_size_moves_boxes_by_that_size(other_door, camera):
-    transform = other_door.RandomMoire(camera, p=1)
+def test_a_replay_at_another_size_moves_boxes_by_that_size(other_module, camera):
+    transform = other_module.RandomMoire(camera, p=1)
     transform(image=IMAGE)
     large, box = np.repeat(IMAGE, 2, 0), np.array([[0.25, 0.25, 0.5, 0.75]])
     out = transform.apply_with_params(transform.record, image=large, bboxes=box)

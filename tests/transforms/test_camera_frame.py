@@ -114,10 +114,8 @@ def test_points_and_masks_of_other_shapes_are_refused(registered):
 
 def test_batch_masks_and_points_follow_their_own_image(camera):
     torch.manual_seed(0)
-    images, masks = (
-        tv_tensors.Image(torch.rand(6, 3, 12, 12)),
-        tv_tensors.Mask(torch.ones(6, 12, 12)),
-    )
+    images = tv_tensors.Image(torch.rand(6, 3, 12, 12))
+    masks = tv_tensors.Mask(torch.ones(6, 12, 12))
     points = tv_tensors.KeyPoints(torch.full((6, 1, 2), 3.0), canvas_size=(12, 12))
     new, mask, point = RandomMoire(camera, p=0.5)(images, masks, points)
     kept = [torch.equal(a, b) for a, b in zip(new, images, strict=True)]

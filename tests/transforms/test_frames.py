@@ -11,6 +11,7 @@ from torchvision import tv_tensors
 
 from moireaug import Shot
 from moireaug.attacks import MoireAttack
+from moireaug.scene.by_name import with_values
 from moireaug.transforms import albumentations as moire
 from moireaug.transforms import torchvision
 
@@ -55,9 +56,7 @@ def test_a_video_s_frames_are_those_of_images(registered, repeated):
 
 
 def test_without_sensor_noise_the_pictures_of_a_target_are_alike(registered, repeated):
-    quiet = dataclasses.replace(
-        registered, sensor=dataclasses.replace(registered.sensor, read_noise=0.0)
-    )
+    quiet = with_values(registered, {"sensor.read_noise": 0.0})
     photos = A.Compose([moire.RandomMoire(quiet, p=1)])(images=repeated)["images"]
     assert np.array_equal(photos, np.repeat(photos[:1], 4, 0)) and np.any(photos != repeated)
 

@@ -3,10 +3,9 @@
 import subprocess
 import sys
 
-import numpy as np
-import PIL.Image
 import pytest
 import torch
+from torchvision.transforms.v2 import functional as F
 
 from moireaug import Shot, capture
 from moireaug.transforms import albumentations, kornia, torchvision
@@ -22,45 +21,62 @@ def through_kornia(image, shot):
 def through_pil(image, shot):
     if image.dtype != torch.uint8:
         pytest.skip("PIL images are uint8")
-    grey = len(image) == 1
-    array = np.asarray(
-        torchvision.apply_shot(PIL.Image.fromarray(image.permute(1, 2, 0).numpy().squeeze()), shot)
-    )
-    return torch.tensor(array[None] if grey else array.transpose(2, 0, 1))
+    picture = F.to_pil_image(image)
+    return F.pil_to_tensor(torchvision.apply_shot(picture, shot))
 
 
-TRANSFORMS = {
+def through_albumentations(image, shot):
+    array = albumentations.apply_shot(image.permute(1, 2, 0).numpy(), shot)
+    return torch.from_numpy(array).permute(2, 0, 1)
+
+
+WAYS = {
     "torchvision": torchvision.apply_shot,
     "PIL": through_pil,
     "kornia": through_kornia,
-    "albumentations": lambda image, shot: torch.from_numpy(
-        albumentations.apply_shot(image.permute(1, 2, 0).numpy(), shot)
-    ).permute(2, 0, 1),
+    "albumentations": through_albumentations,
 }
 
 
 @pytest.mark.parametrize("dtype", [torch.uint8, torch.float32], ids=str)
 @pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("name", TRANSFORMS)
-def test_the_doors_give_the_same_photo(name, channels, dtype, registered):
+@pytest.mark.parametrize("name", WAYS)
+def test_all_libraries_give_the_same_photo(name, channels, dtype, registered):
     image = torch.rand(channels, 10, 14, generator=torch.Generator().manual_seed(0))
     image = (image * 255).round().to(dtype) if dtype == torch.uint8 else image
     shot = registered.sample(1, (10, 14), torch.Generator().manual_seed(1))
-    photo = TRANSFORMS[name](image, Shot.from_dict(shot.to_dict()))
+    photo = WAYS[name](image, Shot.from_dict(shot.to_dict()))
     assert torch.equal(photo, torchvision.apply_shot(image, shot))
     if channels == 3:
         shown = image.float() / 255 if dtype == torch.uint8 else image
         expected = capture(shown[None], shot)[0]
-        assert torch.equal(
-            photo, (expected * 255).round().to(dtype) if dtype == torch.uint8 else expected
-        )
+        expected = (expected * 255).round().to(dtype) if dtype == torch.uint8 else expected
+        assert torch.equal(photo, expected)
 
 
-@pytest.mark.parametrize("name", TRANSFORMS)
-def test_every_door_refuses_a_shot_of_other_images(name, registered):
+@pytest.mark.parametrize("name", WAYS)
+def test_every_library_refuses_a_shot_of_other_images(name, registered):
     image = torch.zeros(3, 10, 14, dtype=torch.uint8 if name == "PIL" else torch.float32)
     with pytest.raises(ValueError, match=r"(of|for) 3 images"):
-        TRANSFORMS[name](image, registered.sample(3, (10, 14)))
+        WAYS[name](image, registered.sample(3, (10, 14)))
+
+
+NORMALISED = torch.rand(1, 3, 9, 12) * 2 - 1
+REFUSED = {"3 channels": torch.rand(1, 4, 9, 12), "Undo the normalisation": NORMALISED}
+
+
+@pytest.mark.parametrize("library", [torchvision, kornia, albumentations], ids=str)
+def test_every_library_refuses_the_same_pictures(library, registered):
+    for p in (-0.1, 1.5, "often", None, True, float("nan")):
+        with pytest.raises(ValueError, match=r"p must be a probability in \[0, 1\]; got"):
+            library.RandomMoire(registered, p=p)
+    transform = library.RandomMoire(registered, p=1)
+    for sentence, images in REFUSED.items():
+        with pytest.raises(ValueError, match=sentence):
+            if library is albumentations:
+                transform(image=images[0].permute(1, 2, 0).numpy())
+            else:
+                transform(images)
 
 
 @pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
@@ -95,7 +111,7 @@ IMPORTS = {
 
 
 @pytest.mark.parametrize("name", IMPORTS)
-def test_a_transform_imports_no_other_library(name):
+def test_a_library_imports_no_other(name):
     lines = ["import sys"]
     for statement, absent in IMPORTS[name]:
         lines += [
@@ -106,7 +122,7 @@ def test_a_transform_imports_no_other_library(name):
     assert done.returncode == 0 and done.stderr.strip() == "", done.stderr
 
 
-def test_an_unknown_name_lists_the_doors():
+def test_an_unknown_name_lists_the_transforms():
     import moireaug
 
     with pytest.raises(AttributeError, match="it has AdversarialMoire, RandomMoire, "):

@@ -200,10 +200,10 @@ def test_adversarial_moire_of_albumentations_attacks_in_the_scene_it_drew():
     moire = albumentations.AdversarialMoire(Slopes(), LISTED, p=1, **settings)
     chain = A.ReplayCompose([moire])
     chain.set_random_seed(1)
-    expected = [
-        MoireAttack(Slopes(), scene=scene, **settings)(batch, torch.tensor([1])).images
-        for scene in LISTED
-    ]
+    expected = []
+    for scene in LISTED:
+        attack = MoireAttack(Slopes(), scene=scene, **settings)
+        expected.append(attack(batch, torch.tensor([1])).images)
     found = set()
     for _ in range(6):
         attacked = chain(image=image, label=1)

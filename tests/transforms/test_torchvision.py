@@ -1,6 +1,5 @@
 """The torchvision transform: what is kept, what moves, and what is drawn."""
 
-import dataclasses
 import itertools
 
 import numpy as np
@@ -13,6 +12,7 @@ from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 
 from moireaug import Panel, Scene, Sensor, capture
+from moireaug.scene.by_name import with_values
 from moireaug.transforms import RandomMoire
 from moireaug.transforms.torchvision import apply_shot
 from tests.transforms.common import sample_of_leaves, values
@@ -24,25 +24,13 @@ CONTAINERS = {
     "Video": tv_tensors.Video,
 }
 SHAPES = ((3, 9, 12), (1, 9, 12), (2, 3, 9, 12), (2, 1, 9, 12))
+VIDEO_SHAPES = ((4, 3, 9, 12), (1, 1, 9, 12), (2, 2, 3, 9, 12))
+LEAVES = [*itertools.product(("tensor", "Image"), SHAPES), *(("Video", s) for s in VIDEO_SHAPES)]
+FRAMES = [*(("registered", d) for d in DTYPES), ("camera", torch.uint8), ("camera", torch.float32)]
 
 
-@pytest.mark.parametrize(
-    ("frame", "dtype"),
-    [
-        *itertools.product(["registered"], DTYPES),
-        ("camera", torch.uint8),
-        ("camera", torch.float32),
-    ],
-    ids=str,
-)
-@pytest.mark.parametrize(
-    ("container", "shape"),
-    [
-        *itertools.product(("tensor", "Image"), SHAPES),
-        *(("Video", s) for s in ((4, 3, 9, 12), (1, 1, 9, 12), (2, 2, 3, 9, 12))),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("frame", "dtype"), FRAMES, ids=str)
+@pytest.mark.parametrize(("container", "shape"), LEAVES, ids=str)
 def test_type_shape_dtype_and_range_are_kept(container, shape, dtype, frame, request):
     image = CONTAINERS[container](values(shape, dtype))
     before = image.clone()
@@ -57,12 +45,8 @@ def test_type_shape_dtype_and_range_are_kept(container, shape, dtype, frame, req
 
 @pytest.mark.parametrize("mode", ["RGB", "L", "RGBA", "LA"])
 def test_pil_modes_are_kept(mode, registered):
-    image = (
-        PIL.Image.fromarray(values((9, 12, 4), torch.uint8).numpy(), "RGBA")
-        if mode == "RGBA"
-        else None
-    )
-    image = image or PIL.Image.fromarray(values((9, 12, 3), torch.uint8).numpy()).convert(mode)
+    channels = 4 if mode == "RGBA" else 3
+    image = PIL.Image.fromarray(values((9, 12, channels), torch.uint8).numpy()).convert(mode)
     out = RandomMoire(registered, p=1)(image)
     assert out.mode == mode and out.size == image.size
     assert np.any(np.asarray(out) != np.asarray(image))
@@ -88,10 +72,8 @@ def test_registered_photos_leave_all_else_alone(as_image, registered):
 
 
 def test_what_is_not_chosen_comes_back_as_it_came(registered, camera):
-    for scene, image in itertools.product(
-        (registered, camera),
-        (values((3, 9, 12), torch.uint8), values((2, 3, 9, 12), torch.float32)),
-    ):
+    images = values((3, 9, 12), torch.uint8), values((2, 3, 9, 12), torch.float32)
+    for scene, image in itertools.product((registered, camera), images):
         sample = sample_of_leaves(tv_tensors.Image(image))
         if image.ndim == 4 and scene is camera:
             sample = {k: sample[k] for k in ("image", "label", "name")}
@@ -110,9 +92,7 @@ def test_every_image_of_a_batch_has_its_own_draw(registered):
 
 
 def test_a_video_is_one_scene(registered):
-    quiet = dataclasses.replace(
-        registered, sensor=dataclasses.replace(registered.sensor, read_noise=0.0)
-    )
+    quiet = with_values(registered, {"sensor.read_noise": 0.0})
     frames = values((1, 3, 9, 12), torch.float32).expand(3, -1, -1, -1)
     still = RandomMoire(quiet, p=1)(tv_tensors.Video(frames))
     assert torch.equal(still[0], still[1]) and torch.equal(still[0], still[2])
@@ -124,11 +104,8 @@ def test_a_video_is_one_scene(registered):
 
 def test_images_of_one_sample_share_the_draw(registered):
     image = values((3, 9, 12), torch.float32)
-    a, b, c = RandomMoire(registered, p=1)(
-        tv_tensors.Image(image),
-        tv_tensors.Image(image),
-        tv_tensors.Image(values((3, 7, 20), torch.float32)),
-    )
+    images = map(tv_tensors.Image, (image, image, values((3, 7, 20), torch.float32)))
+    a, b, c = RandomMoire(registered, p=1)(*images)
     assert torch.equal(a, b) and c.shape == (3, 7, 20)
 
 

@@ -9,6 +9,7 @@ from torchvision import tv_tensors
 from moireaug.transforms import RandomMoire
 
 IMAGE = torch.rand(3, 9, 12)
+PAIR = tv_tensors.Image(torch.rand(2, 3, 9, 12))
 ROTATED = tv_tensors.BoundingBoxes(torch.rand(1, 5), format="CXCYWHR", canvas_size=(9, 12))
 BOXES = tv_tensors.BoundingBoxes(torch.rand(2, 4), format="XYXY", canvas_size=(9, 12))
 
@@ -16,42 +17,22 @@ BOXES = tv_tensors.BoundingBoxes(torch.rand(2, 4), format="XYXY", canvas_size=(9
 @pytest.mark.parametrize(
     ("sample", "error", "sentence"),
     [
-        (torch.rand(4, 9, 12), ValueError, "3 channels"),
-        (
-            torch.rand(9, 12),
-            ValueError,
-            r"\(C, H, W\).*got \(9, 12\)\. Give a grey image its channel",
-        ),
+        (torch.rand(9, 12), ValueError, r"\(C, H, W\).*got \(9, 12\)\. Give a grey image its"),
         (torch.rand(3, 0, 8), ValueError, r"H, W >= 1; got \(1, 3, 0, 8\)"),
         (torch.rand(2, 2, 3, 9, 12), ValueError, "tv_tensors.Video"),
-        (IMAGE * 2, ValueError, "Undo the normalisation"),
         (IMAGE * torch.nan, ValueError, "finite"),
         ((IMAGE * 9).to(torch.int32), TypeError, "uint8 or floating point"),
         (PIL.Image.new("P", (12, 9)), ValueError, r"mode RGB, L, RGBA, LA; got P.*v2\.RGB"),
         (PIL.Image.new("CMYK", (12, 9)), ValueError, "got CMYK"),
-        (
-            (tv_tensors.Image(IMAGE), tv_tensors.Image(torch.rand(2, 3, 9, 12))),
-            ValueError,
-            "batch size; got 1 and 2",
-        ),
+        ((tv_tensors.Image(IMAGE), PAIR), ValueError, "batch size; got 1 and 2"),
         ((tv_tensors.Image(IMAGE), ROTATED), ValueError, "rotated boxes"),
-        ((tv_tensors.Image(torch.rand(2, 3, 9, 12)), BOXES), ValueError, "which of 2 images"),
-        (
-            (tv_tensors.Image(torch.rand(2, 3, 9, 12)), tv_tensors.Mask(torch.ones(9, 12))),
-            ValueError,
-            "which of 2",
-        ),
+        ((PAIR, BOXES), ValueError, "which of 2 images"),
+        ((PAIR, tv_tensors.Mask(torch.ones(9, 12))), ValueError, "which of 2"),
     ],
 )
 def test_errors_are_sentences(sample, error, sentence, camera):
     with pytest.raises(error, match=sentence):
         RandomMoire(camera, p=1)(sample)
-
-
-@pytest.mark.parametrize("p", [-0.1, 1.5, "often", None, True, float("nan")])
-def test_p_must_be_a_probability(p):
-    with pytest.raises(ValueError, match=r"p must be a probability in \[0, 1\]; got"):
-        RandomMoire(p=p)
 
 
 @pytest.mark.parametrize("p", [0.0, 1.0])
@@ -64,7 +45,7 @@ def test_p_must_be_a_probability(p):
         {"image": np.zeros((2, 9, 12, 3), np.uint8), "label": 1},
     ],
 )
-def test_numpy_images_are_sent_to_their_door(sample, p, registered):
+def test_numpy_images_are_sent_to_albumentations(sample, p, registered):
     with pytest.raises(TypeError, match=r"moireaug\.transforms\.albumentations\.RandomMoire"):
         RandomMoire(registered, p=p)(sample)
 

@@ -158,6 +158,6 @@ def time_effects(image: Tensor, scene: Scene, seed: int) -> list[tuple[str, floa
     for effect in effects:
         if isinstance(effect, WithinExposure):
             times.append((effect.name, None))
-        elif effect.in_plan:
+        elif effect.is_listed:
             times.append((effect.name, 1e3 * statistics.median(seconds[effect.name])))
     return times

@@ -25,7 +25,7 @@ CONSTANT_SOURCES = (
     "effects/sensor.py",
     "engine/lower/budget.py",
     "engine/lower/exposure_records.py",
-    "exposure/footprints.py",
+    "exposure/footprint.py",
     "exposure/displayed.py",
     "geometry/distortion.py",
     "geometry/grids.py",

@@ -12,7 +12,7 @@ from moireaug.engine.cpu.compiling import fill, inner, loop, part
 from moireaug.engine.cpu.records import Nodes
 from moireaug.engine.cpu.view import jacobian
 from moireaug.engine.lower.budget import MAX_NODES, PASSED_CYCLES_PER_BLUR
-from moireaug.exposure.footprints import MIN_BLUR_VARIANCE
+from moireaug.exposure.footprint import MIN_BLUR_VARIANCE
 
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
 BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken

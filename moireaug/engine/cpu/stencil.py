@@ -11,7 +11,7 @@ from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import BinStencil
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.weights import SubpixelSize, fill_blurs, light_from
-from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
+from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
 
 ZERO = np.float32(0)
 FUSED_TAPS = 3  # along each axis, of which no sum is kept in memory

@@ -13,7 +13,7 @@ from moireaug.engine.cpu.harmonics import lagrange
 from moireaug.engine.cpu.normal import integrals
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.lower.budget import TAIL_END_SIGMAS
-from moireaug.exposure.footprints import NEAREST_GUARD_SHARE
+from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
 
 
 class Scratch(NamedTuple):

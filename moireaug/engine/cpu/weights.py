@@ -17,7 +17,7 @@ from moireaug.engine.cpu.tap_weights import Scratch, cubic_margin, fill_node, we
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import jacobian
 from moireaug.engine.lower.budget import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
-from moireaug.exposure.footprints import MIN_BLUR_VARIANCE, TAIL_SIGMAS
+from moireaug.exposure.footprint import MIN_BLUR_VARIANCE, TAIL_SIGMAS
 
 PHASE_MULTIPLE = 16  # of which the number of phases is a multiple
 
@@ -84,7 +84,7 @@ def _fill_axis(out, steps, camera, lens, subpixel, axis, radius):
 @inner
 def fill_blur(out, u, v, camera, lens, subpixel, radius):
     """Fill out (axis, 2) with the blur at a photo point: the box and the standard deviation along
-    both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `exposure.footprints.fitted`
+    both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `Footprint.fitted`
     does. Return whether any was narrowed.
 
     camera, lens: see `exposure_records.Exposure`. subpixel: a SubpixelSize.

@@ -1,5 +1,5 @@
 """The shares of a sensor pixel's view that fall on the panel's cells around it, along one axis, as
-in `moireaug.exposure.footprints`; float32.
+in `moireaug.exposure.footprint`; float32.
 
 A view is a box convolved with a Gaussian. What of it lies beyond a point is the mean, over the box,
 of the normal distribution function: a ramp, and a tail around each end of the box. So computed, a
@@ -18,12 +18,12 @@ from numpy.polynomial import Polynomial
 
 from moireaug.engine.gpu.transfer import FILL, blur_variance
 from moireaug.engine.gpu.view import load32
-from moireaug.exposure import footprints
+from moireaug.exposure import footprint as reference
 
-MIN_BLUR_VARIANCE = tl.constexpr(footprints.MIN_BLUR_VARIANCE)
-TAIL_SIGMAS = tl.constexpr(footprints.TAIL_SIGMAS)
-NEAREST_GUARD_SHARE = tl.constexpr(footprints.NEAREST_GUARD_SHARE)
-MIN_EXPONENT = tl.constexpr(footprints.MIN_EXPONENT)
+MIN_BLUR_VARIANCE = tl.constexpr(reference.MIN_BLUR_VARIANCE)
+TAIL_SIGMAS = tl.constexpr(reference.TAIL_SIGMAS)
+NEAREST_GUARD_SHARE = tl.constexpr(reference.NEAREST_GUARD_SHARE)
+MIN_EXPONENT = tl.constexpr(reference.MIN_EXPONENT)
 FAR_SIGMAS = tl.constexpr(8.0)  # beyond which no light is
 
 
@@ -66,7 +66,7 @@ def footprint(by_u, by_v, period, slant_variance, camera):
 
 @triton.jit
 def narrowing(view, width, TAPS: tl.constexpr):
-    """Return the factor that narrows a view to TAPS cells, as `footprints.fitted` does."""
+    """Return the factor that narrows a view to TAPS cells, as `Footprint.fitted` does."""
     room = tl.maximum(0.5 * TAPS - 0.5 * width, MIN_BLUR_VARIANCE)
     return tl.minimum(room / (0.5 * view.box + TAIL_SIGMAS * view.sigma), 1.0)
 

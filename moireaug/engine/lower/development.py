@@ -25,7 +25,7 @@ from moireaug.engine.lower.numbers import (
     numbers_of,
 )
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
-from moireaug.geometry.sensor import SampledPixels
+from moireaug.geometry.lattice import SampledPixels
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_by
 

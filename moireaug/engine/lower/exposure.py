@@ -18,7 +18,7 @@ from moireaug.engine.lower.exposure_records import Beats, Exposure, Sites
 from moireaug.engine.lower.full import full_view, point_of
 from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, homography_of, numbers_of
 from moireaug.exposure.filters import filters_of
-from moireaug.geometry.sensor import CFA
+from moireaug.geometry.lattice import CFA
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord, sampled_by
 

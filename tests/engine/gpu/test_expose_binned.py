@@ -77,7 +77,9 @@ def shot_and_picture(scene, n=1):
 def both_readings(shot, picture):
     """The kernels' readings of bins that the photo shows, and the reference's."""
     expected, varies = pipeline.expose(picture.double(), shot), False
-    if shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE:  # over the picture: the reference does it
+    if (
+        shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
+    ):  # over the picture: the reference does it
         picture, varies = pipeline.apply(("prefilter",), picture, shot), True
     got = expose_binned.expose(picture, *lower_exposure(shot, decoded=varies))
     on_photo = pixels_on_photo(shot)[1][:, None] if shot.scene.is_rectified else 1.0

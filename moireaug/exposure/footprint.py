@@ -25,37 +25,54 @@ MIN_BLUR_VARIANCE = 1e-12  # squared cells: a Gaussian of 0 has no density
 
 
 class Footprint(NamedTuple):
-    """What a sensor pixel sees along one axis of the panel: a box convolved with a Gaussian.
-    Width in cells, variance in squared cells."""
+    """The view of a sensor pixel along one axis of the panel: a box convolved with a Gaussian.
+
+    Args:
+        box: width of the box, in cells.
+        variance: variance of the Gaussian, in squared cells.
+    """
 
     box: Tensor
     variance: Tensor
+
+    @staticmethod
+    def of(step: Tensor, optics: Optics) -> Footprint:
+        """Return the footprint along one axis.
+
+        The box is the longer side of the aperture's shadow; the shorter one, lens, motion and
+        low-pass filter are in the Gaussian.
+
+        Args:
+            step: (B, ..., 2), cells of the panel along this axis by sensor pixels along u and v.
+            optics: (B,) fields.
+        """
+        fill = _over(optics.fill, step)
+        u, v = step.abs().unbind(-1)
+        long, short = torch.maximum(u, v), torch.minimum(u, v)
+        variance = short.square() * (fill.square() / 12) + blur_variance(step, optics)
+        return Footprint(long * fill, variance + MIN_BLUR_VARIANCE)
 
     def reach(self) -> Tensor:
         """Return how far to each side it sees, in cells."""
         return self.box / 2 + TAIL_SIGMAS * self.variance.sqrt()
 
+    def fitted(self, width: float | Tensor, taps: int) -> tuple[Footprint, Tensor]:
+        """Return it narrowed to the reach of `taps` panel pixels, and the variance that it lost,
+        in squared cells, by which the prefilter blurs the picture; (B, ...) each.
 
-def footprint(step: Tensor, optics: Optics) -> Footprint:
-    """Return the footprint along one axis.
-
-    The box is the longer side of the aperture's shadow; the shorter one, lens, motion and low-pass
-    filter are in the Gaussian.
-
-    Args:
-        step: (B, ..., 2), cells of the panel along this axis by sensor pixels along u and v.
-        optics: (B,) fields.
-    """
-    fill = _over(optics.fill, step)
-    u, v = step.abs().unbind(-1)
-    long, short = torch.maximum(u, v), torch.minimum(u, v)
-    variance = short.square() * (fill.square() / 12) + blur_variance(step, optics)
-    return Footprint(long * fill, variance + MIN_BLUR_VARIANCE)
+        Args:
+            width: of the subpixel along this axis in cells, broadcastable to (B, ...).
+        """
+        room = taps / 2 - width / 2
+        shrink = (room / self.reach()).clamp(max=1)
+        variance = (self.variance * shrink.square()).clamp(min=MIN_NARROWED_VARIANCE)
+        lost = (self.box.square() / 12 + self.variance) * (1 - shrink.square())
+        return Footprint(self.box * shrink, variance), lost
 
 
 def blur_variance(step: Tensor, optics: Optics) -> Tensor:
     """Return the variance along one axis that lens, motion and low-pass filter add, in squared
-    cells; arguments as in `footprint`."""
+    cells; arguments as in `Footprint.of`."""
     drawn = (optics.blur, optics.olpf, optics.motion_x, optics.motion_y)
     blur, olpf, motion_x, motion_y = (_over(t, step) for t in drawn)
     moved = step[..., 0] * motion_x + step[..., 1] * motion_y
@@ -66,24 +83,6 @@ def blur_variance(step: Tensor, optics: Optics) -> Tensor:
 def _over(drawn: Tensor, step: Tensor) -> Tensor:
     """Return a drawn number (B,) that broadcasts over steps (B, ..., 2)."""
     return drawn.reshape(-1, *[1] * (step.ndim - 2)).to(step.dtype)
-
-
-def fitted(footprint: Footprint, width: float | Tensor, taps: int) -> tuple[Footprint, Tensor]:
-    """Return the footprint narrowed to what `taps` panel pixels hold, and the variance that it
-    lost, in squared cells; (B, ...) each.
-
-    The prefilter blurs the picture by as much.
-
-    Args:
-        footprint: the whole one along one axis, (B, ...) each.
-        width: of the subpixel along this axis in cells, broadcastable to (B, ...).
-    """
-    room = taps / 2 - width / 2
-    shrink = (room / footprint.reach()).clamp(max=1)
-    variance = (footprint.variance * shrink.square()).clamp(min=MIN_NARROWED_VARIANCE)
-    narrowed = Footprint(footprint.box * shrink, variance)
-    lost = (footprint.box.square() / 12 + footprint.variance) * (1 - shrink.square())
-    return narrowed, lost
 
 
 def tap_weights(offset: Tensor, footprint: Footprint, width: Tensor, taps: int) -> Tensor:

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from moireaug.geometry.sensor import pack, sampled_pixels, unpack
+from moireaug.geometry.lattice import pack, sampled_pixels, unpack
 
 
 def test_planes_are_red_green_green_blue():
@@ -14,20 +14,12 @@ def test_planes_are_red_green_green_blue():
     assert torch.equal(pack(unpack(raw)), raw)
 
 
+FIVES = [2, 3, 4, 5, 6, 11, 12, 13, 14, 15]
 SAMPLED = [  # size, scale, resize, reach, sensor pixels read, per photo pixel, ahead, kept
     (3, 1.0, "area", 1, [0, 1, 2, 3], 1, 0, [0, 1, 2]),
     (2, 3.0, "area", 1, [0, 1, 2, 3, 4, 5], 3, 0, [0, 1, 2, 3, 4, 5]),
     (2, 9.0, "point", 1, [2, 3, 4, 5, 12, 13, 14, 15], 3, 1, [3, 4, 5, 12, 13, 14]),
-    (
-        2,
-        9.0,
-        "point",
-        2,
-        [2, 3, 4, 5, 6, 11, 12, 13, 14, 15],
-        5,
-        0,
-        [2, 3, 4, 5, 6, 11, 12, 13, 14, 15],
-    ),
+    (2, 9.0, "point", 2, FIVES, 5, 0, FIVES),
     (2, 8.0, "point", 1, [2, 3, 4, 5, 10, 11, 12, 13], 4, 0, [2, 3, 4, 5, 10, 11, 12, 13]),
     (2, 8.0, "point", 0, [3, 4, 11, 12], 2, 0, [3, 4, 11, 12]),
     (2, 9.0, "point", 0, [4, 13], 1, 0, [4, 13]),

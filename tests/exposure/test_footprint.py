@@ -6,8 +6,8 @@ import math
 import pytest
 import torch
 
-from moireaug.exposure import footprints
-from moireaug.exposure.footprints import Footprint
+from moireaug.exposure import footprint
+from moireaug.exposure.footprint import Footprint
 from moireaug.exposure.optics import Optics
 
 CASES = [  # box, standard deviation, width of the subpixel; all in cells
@@ -28,12 +28,12 @@ def fields(box, sigma, width):
 
 def shares(*given):
     """The shares of all taps, along a last axis."""
-    return footprints.tap_weights(*given).movedim(0, -1)
+    return footprint.tap_weights(*given).movedim(0, -1)
 
 
 def normalised(share):
     """The same for shares along a last axis."""
-    return footprints.normalised(share.movedim(-1, 0)).movedim(0, -1)
+    return footprint.normalised(share.movedim(-1, 0)).movedim(0, -1)
 
 
 @pytest.mark.parametrize(("box", "sigma", "width"), CASES)
@@ -45,9 +45,8 @@ def test_shares_of_all_subpixels_are_the_masks_mean(box, sigma, width):
     whole = share.sum(-1)
     assert whole.mean().item() == pytest.approx(width, rel=0.2)
     narrow = torch.full_like(OFFSETS, 1.0)  # a mask without gaps is seen whole from everywhere
-    assert torch.allclose(
-        shares(OFFSETS, seen, narrow, 21).sum(-1), torch.ones(()).double(), atol=1e-9
-    )
+    whole = shares(OFFSETS, seen, narrow, 21).sum(-1)
+    assert torch.allclose(whole, torch.ones(()).double(), atol=1e-9)
 
 
 @pytest.mark.parametrize(("box", "sigma", "width"), CASES)
@@ -60,29 +59,27 @@ def test_shares_are_the_integral_of_box_gaussian_and_subpixel(box, sigma, width)
     for i, offset in enumerate(OFFSETS.flatten().tolist()):
         for j, k in enumerate(range(-2, 3)):
             at = offset - k + u
-            inside = torch.special.ndtr((at + width / 2) / sigma) - torch.special.ndtr(
-                (at - width / 2) / sigma
-            )
-            assert found[0, 0, i, j].item() == pytest.approx(inside.mean().item(), abs=5e-5)
+            past, before = (torch.special.ndtr((at + w / 2) / sigma) for w in (width, -width))
+            inside = (past - before).mean().item()
+            assert found[0, 0, i, j].item() == pytest.approx(inside, abs=5e-5)
 
 
 def test_a_wrong_width_is_noticed():
     seen, wide = fields(0.7, 0.25, 1 / 3)
-    assert (
-        shares(OFFSETS, seen, wide, 5) - shares(OFFSETS, seen, 1.01 * wide, 5)
-    ).abs().max() > 1e-3
+    change = shares(OFFSETS, seen, wide, 5) - shares(OFFSETS, seen, 1.01 * wide, 5)
+    assert change.abs().max() > 1e-3
 
 
 def test_gradients_of_every_argument():
     offset = torch.tensor([[[-0.4, 0.0, 0.13, 0.5]]], dtype=torch.float64, requires_grad=True)
     box, variance, width = (torch.full_like(offset, v).requires_grad_() for v in (0.8, 0.04, 0.3))
-    assert torch.autograd.gradcheck(
-        lambda o, b, v, w: shares(o, Footprint(b, v), w, 3), (offset, box, variance, width)
-    )
-    assert torch.autograd.gradcheck(
-        lambda o, b, v, w: normalised(shares(o, Footprint(b, v), w, 3)),
-        (offset, box, variance, width),
-    )
+
+    def three(offset, box, variance, width):
+        return shares(offset, Footprint(box, variance), width, 3)
+
+    given = (offset, box, variance, width)
+    assert torch.autograd.gradcheck(three, given)
+    assert torch.autograd.gradcheck(lambda *values: normalised(three(*values)), given)
 
 
 def test_normalised_shares_sum_to_one_where_nothing_is_seen_too():
@@ -107,7 +104,7 @@ def optics(fill, blur, olpf, motion_x=0.0, motion_y=0.0):
 
 
 def test_a_footprint_has_the_variance_of_what_blurs():
-    seen = footprints.footprint(STEPS, optics(0.9, 0.3, 0.5))
+    seen = Footprint.of(STEPS, optics(0.9, 0.3, 0.5))
     # of a box, a Gaussian, and two points
     wanted = STEPS.square().sum(-1) * (0.9**2 / 12 + 0.3**2 + 0.5**2 / 4)
     assert torch.allclose(seen.box.square() / 12 + seen.variance, wanted, atol=1e-11)
@@ -117,7 +114,7 @@ def test_a_footprint_has_the_variance_of_what_blurs():
 @pytest.mark.parametrize("motion", [(0.8, 0.0), (0.0, 0.8), (0.5, -0.7)])
 def test_motion_widens_a_footprint_by_how_far_it_goes_along_the_axis(motion):
     still, moved = optics(0.9, 0.3, 0.5), optics(0.9, 0.3, 0.5, *motion)
-    seen, sharp = footprints.footprint(STEPS, moved), footprints.footprint(STEPS, still)
+    seen, sharp = Footprint.of(STEPS, moved), Footprint.of(STEPS, still)
     along = STEPS @ torch.tensor(motion, dtype=torch.float64)
     assert torch.equal(seen.box, sharp.box)
     assert torch.allclose(seen.variance - sharp.variance, along.square(), atol=1e-12)
@@ -129,7 +126,7 @@ def test_what_is_fitted_reaches_no_further_and_loses_no_variance(taps):
     width = torch.full((1, 3), 0.4, dtype=torch.float64)
     box = torch.tensor([[0.1, 2.0, 30.0]], dtype=torch.float64)
     seen = Footprint(box, torch.tensor([[1e-4, 0.3, 9.0]], dtype=torch.float64))
-    kept, lost = footprints.fitted(seen, width, taps)
+    kept, lost = seen.fitted(width, taps)
     assert (kept.reach() + width / 2 <= taps / 2 + 1e-12).all()
     assert torch.allclose(
         kept.box.square() / 12 + kept.variance + lost, seen.box.square() / 12 + seen.variance
