@@ -126,5 +126,8 @@ class Defended(nn.Module):
         images."""
         if self.draws == 1 or not self.defence.randomised:
             return self.model(self.defence(images))
-        logs = [self.model(self.defence(images)).log_softmax(1) for _ in range(self.draws)]
-        return torch.stack(logs).logsumexp(0) - math.log(self.draws)
+        log_probabilities = []
+        for _ in range(self.draws):
+            logits = self.model(self.defence(images.clone()))  # a defence may work in place
+            log_probabilities.append(logits.log_softmax(1))
+        return torch.stack(log_probabilities).logsumexp(0) - math.log(self.draws)

@@ -100,11 +100,13 @@ class Condition(ABC):
         return {}
 
     def settings(self) -> dict[str, Any]:
-        """Return all settings of this condition but its scene, as plain values."""
+        """Return all settings of this condition but its scene, as plain values; of a judge, its
+        identity."""
         settings: dict[str, Any] = {"kind": self.kind}
         for field in dataclasses.fields(self):
             if field.name != "scene":
-                settings[field.name] = getattr(self, field.name)
+                value = getattr(self, field.name)
+                settings[field.name] = getattr(value, "identity", value)
         return settings
 
     def at(self, place: str, scene: Scene | Mixture) -> Condition:

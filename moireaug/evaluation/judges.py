@@ -9,15 +9,20 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import evaluating
-from moireaug.defenses import Compose, restore_mean
+from moireaug.defenses import Defended, restore_mean
 from moireaug.evaluation.conditions import Defence, EvalBatch, Model
 from moireaug.evaluation.identity import identity
-from moireaug.networks import in_evaluation_mode
+
+DEFENCE_DRAWS = 20  # of a randomised defence, as many as AutoAttack's version "rand" averages over
 
 
 @dataclass(frozen=True)
 class Judge:
     """The attacked model, the same behind a defence, or another model.
+
+    Behind a randomised defence, the answer is that of the probabilities' mean over `draws` draws,
+    which is also what attacks through it ascend. By a single draw each, an image would count as
+    fooled in a worst case wherever one of its conditions met an unlucky draw.
 
     Args:
         name: name of the judge within an evaluation.
@@ -41,23 +46,35 @@ class Judge:
             return self
         return Judge(f"{self.name}, undefended", model=self.model)
 
+    @property
+    def draws(self) -> int:
+        """Number of draws of the defence that an answer averages over."""
+        return DEFENCE_DRAWS if getattr(self.defence, "randomised", False) else 1
+
+    def defended(self, model: Model) -> Model:
+        """Return a model behind the judge's defence."""
+        if self.defence is None:
+            return model
+        return Defended(model, self.defence, draws=self.draws)
+
     def logits(self, batch: EvalBatch, images: Tensor) -> Tensor:
         """Return the logits (B, K) of shown images; every model's state is restored."""
         if self.restores_mean:
             images = restore_mean(images, batch.images)
-        model = batch.model if self.model is None else self.model
-        defence = Compose(() if self.defence is None else (self.defence,))
-        with in_evaluation_mode(defence), evaluating(model, images), torch.no_grad():
-            # either may work in place
-            return model(defence(images.clone()).clone())
+        model = self.defended(batch.model if self.model is None else self.model)
+        with evaluating(model, images), torch.no_grad():
+            return model(images.clone())  # it may work in place
 
     @cached_property
     def identity(self) -> str:
-        """The judge's identity in records: its name, and those of its defence and model."""
+        """The judge's identity in records: its name, those of its defence and model, and the number
+        of draws."""
         parts = [self.name]
         for name, part in (("defence", self.defence), ("model", self.model)):
             if part is not None:
                 parts.append(f"{name} {identity(part)}")
+        if self.draws > 1:
+            parts.append(f"draws {self.draws}")
         return "#".join(parts)
 
 

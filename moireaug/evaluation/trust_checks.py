@@ -16,14 +16,10 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
+from moireaug.evaluation.autoattack import QUERIES_PER_STEP
 from moireaug.evaluation.conditions import codes
 from moireaug.evaluation.tables import SuiteConfig, eps_row
-from moireaug.evaluation.trust import (
-    LONGER_FACTOR,
-    MODEL_COLUMN,
-    QUERIES_PER_STEP,
-    growing_eps,
-)
+from moireaug.evaluation.trust import LONGER_FACTOR, MODEL_COLUMN, growing_eps
 
 RATE_ERROR = 0.02  # two points, or one image where that is more
 ROUNDING_ERROR = 1e-9
@@ -116,6 +112,13 @@ def decline(inputs: CheckInputs) -> float:
     return max((before - after for before, after in pairwise(rates)), default=0.0)
 
 
+def unbeaten(inputs: CheckInputs) -> float:
+    """Return by how much the success of one step exceeds that of many; minus infinity where many
+    fool all images."""
+    many = inputs.success["attack"]
+    return -math.inf if many == 1.0 else inputs.success["one_step"] - many
+
+
 def transfer_error(inputs: CheckInputs) -> float:
     """Return by how much the attack's gain over random noise on another model lies outside of [0,
     its gain on the attacked one]: another model may be weaker, so gains are compared."""
@@ -169,6 +172,7 @@ CHECKS = (
         "many steps beat one",
         "one {one_step}, {steps} {attack}",
         fails=excess("one_step", over="attack"),
+        warns=Limit(unbeaten, -ROUNDING_ERROR),  # a tie, too
     ),
     Check(
         "gradients are not hidden",

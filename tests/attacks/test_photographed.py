@@ -282,7 +282,7 @@ def test_photos_are_of_the_images_dtype(learnt, dtype):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"model": 3}, "model must be callable"),
+        ({"model": 3}, "Photographed's model must be a function"),
         ({"noise_at": "photo"}, "noise_at must be one of 'raw', 'image'"),
         ({"images": torch.rand(2, 3, 16, 16)}, "drawn for 16 images"),
         ({"images": torch.rand(N, 3, 16, 16) * 255}, r"lie in \[0, 1\]"),

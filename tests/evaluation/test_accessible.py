@@ -175,7 +175,7 @@ def suite_page(folder, metrics, pictures):
     tables, lines = [], []
     rows, columns = ["eps_4", "eps_8"], ["moire", "random", "ma"]
     for name in ("success", "standard"):
-        facts = {"queries": 1000}
+        facts = {"queries": 1000, "steps": 20}
         tables.append(SimpleNamespace(name=name, rows=rows, columns=columns, facts=facts, empty={}))
         for row in rows:
             for column in columns:

@@ -92,10 +92,9 @@ def test_a_suite_attacks_at_the_bounds_asked_for(suite, own):
 
 @pytest.mark.parametrize("suite", ["jpeg", "adaptive", "mean_normalised"])
 def test_a_defence_stands_beside_the_papers(known, loader, suite):
-    frame = evaluate(
-        known[0], loader, suite=suite, steps=1, defences={"mine": torch.relu}, progress=False
-    )
-    assert frame["row"].nunique() >= 3
+    settings = {"suite": suite, "steps": 1, "n": 2, "progress": False}
+    frame = evaluate(known[0], loader, defences={"mine": torch.relu}, **settings)
+    assert ("mine" in set(frame["row"])) == (suite == "adaptive")  # the others lay out their own
 
 
 class Tinted(torch.nn.Module):

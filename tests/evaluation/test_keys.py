@@ -16,8 +16,9 @@ from torchvision.transforms import v2
 
 from moireaug import Scene
 from moireaug.attacks import Normalized
-from moireaug.defenses import JPEG, Compose, Defended, Quilting
-from moireaug.evaluation.attackers import MoireAttacker
+from moireaug.defenses import JPEG, Compose, Defended, PixelDeflection, Quilting
+from moireaug.evaluation import judges
+from moireaug.evaluation.attackers import MoireAttacker, PoseUnknown
 from moireaug.evaluation.identity import identity, require_identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
@@ -50,6 +51,16 @@ def test_a_key_changes_with_every_setting(known, setting):
     changed = dataclasses.replace(plain, **{setting: CHANGES[setting]})
     assert runner.key(changed, UNDEFENDED, 0) not in runner.records
     assert runner.key(plain, Judge("other"), 0) not in runner.records
+
+
+def test_a_key_changes_with_the_draws_of_an_expectation(monkeypatch):
+    attackers = [PoseUnknown(eps=EPS, steps=2, shots=shots) for shots in (4, 8)]
+    assert attackers[0].settings() != attackers[1].settings()
+    identities = set()
+    for draws in (4, 20):
+        monkeypatch.setattr(judges, "DEFENCE_DRAWS", draws)
+        identities.add(Judge("j", defence=PixelDeflection()).identity)
+    assert len(identities) == 2
 
 
 def test_every_setting_of_an_attacker_is_tried():

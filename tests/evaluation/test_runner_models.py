@@ -1,7 +1,5 @@
 """What the runner does to a model: it is left as it was found, wherever it is."""
 
-from types import SimpleNamespace
-
 import pytest
 import torch
 from torch import nn
@@ -11,7 +9,6 @@ from moireaug.evaluation.conditions import (
     Photo,
 )
 from moireaug.evaluation.corruptions import Corrupted
-from moireaug.evaluation.halving import _generators
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.trust import CleanTwice, PhotoGradient
 from tests.evaluation.haze import CONDITIONS, ran, results, table_of
@@ -55,15 +52,6 @@ def test_the_model_keeps_its_mode(known):
     ran((model, known[1]), indices=(0,))
     assert model.training
     assert all(torch.equal(v, model.state_dict()[k]) for k, v in state.items())
-
-
-def test_an_attempt_on_a_gpu_may_draw_from_its_generator(monkeypatch):
-    own, first, second = (torch.Generator() for _ in range(3))
-    monkeypatch.setattr(torch.cuda, "default_generators", (first, second))
-    for device, extra in (("cpu", []), ("cuda:0", [first]), ("cuda:1", [second])):
-        images = SimpleNamespace(is_cuda=device != "cpu", device=torch.device(device))
-        batch = SimpleNamespace(generator=own, images=images)
-        assert _generators(batch) == [own, torch.default_generator, *extra]
 
 
 def test_a_model_without_a_choice_is_refused(known):

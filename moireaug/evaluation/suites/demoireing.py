@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from moireaug.evaluation.attackers import MoireAttacker
-from moireaug.evaluation.autoattack import Apgd
+from moireaug.evaluation.autoattack import APGDAttacker
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.suites.paper import controls, is_published, paper_attacks
@@ -26,8 +26,8 @@ def demoireing(config: SuiteConfig) -> Table:
     columns["ma_8"] = MoireAttacker(eps=LARGER_EPS, steps=steps, until_fooled=False)
     cells = cross(judges, columns)
     for name, judge in judges.items():
-        knows = None if judge is UNDEFENDED else judge
-        cells.append(Cell(name, "adaptive", (Apgd(eps=eps, steps=steps, knows=knows),), judge))
+        apgd = APGDAttacker(eps=eps, steps=steps, knows=judge)
+        cells.append(Cell(name, "adaptive", (apgd,), judge))
         cells.append(worst_of([cell for cell in cells if cell.row == name], name, eps))
     return Table(
         "demoireing",

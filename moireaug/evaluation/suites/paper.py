@@ -16,7 +16,7 @@ from moireaug.evaluation.conditions import (
     Rotated,
     codes,
 )
-from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.judges import DEFENCE_DRAWS, UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, row_of
 from moireaug.mixtures import each, scenes_of
 from moireaug.scene.fields import bounds
@@ -101,7 +101,8 @@ def defences(config: SuiteConfig) -> Table:
     for name in config.defences:
         if not name.startswith("jpeg_") and name != "gain":
             judges[name] = config.behind(name)
-    return _attacks_table("defences", config, judges, config.without)
+    table = _attacks_table("defences", config, judges, config.without)
+    return dataclasses.replace(table, facts={"draws": DEFENCE_DRAWS})
 
 
 def transfer(config: SuiteConfig) -> Table:
