@@ -23,21 +23,20 @@ def joined(
         noise_at: as of `MoireAttack`.
     """
     # the mixture, not the draw, says whether noise fits into one tensor
-    is_one_tensor = noise_at == "photo" or len(shot.raw_shapes()) == 1
+    noise: Tensor | list[Tensor]
+    if noise_at == "photo" or len(shot.raw_shapes()) == 1:
+        noise = in_order(rows, [noise_tensor(result) for result in results])
+    else:
+        noise = _noise_list(rows, results)
     scene_shots = [(at, result.shot) for at, result in zip(rows, results, strict=True)]
     return Result(
         images=in_order(rows, [result.images for result in results]),
         success=in_order(rows, [result.success for result in results]),
-        noise=_noise_tensor(rows, results) if is_one_tensor else _noise_list(rows, results),
+        noise=noise,
         loss=_mean_loss(results),
         eps=results[0].eps,
         shot=MixedShot.joined(shot.empty, shot.which, scene_shots),
     )
-
-
-def _noise_tensor(rows: Sequence[Tensor], results: Sequence[Result]) -> Tensor:
-    """Return the noise of all images, (B, ...)."""
-    return in_order(rows, [noise_tensor(result) for result in results])
 
 
 def _noise_list(rows: Sequence[Tensor], results: Sequence[Result]) -> list[Tensor]:

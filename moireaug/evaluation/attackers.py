@@ -18,6 +18,8 @@ from moireaug.evaluation.conditions import Condition, EvalBatch, codes
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.visibility import visibility
 
+EVERY_STEP = "in_every_step"  # in the name of an attacker that goes on once an image is fooled
+
 
 @dataclass(frozen=True, kw_only=True)
 class Attacker(Condition):
@@ -195,9 +197,6 @@ class PixelAttacker(Attacker):
         attack = ATTACKS[self.attack](model=batch.model, **settings)
         goals = self.goals(batch)
         return attack(batch.images, *goals, generator=batch.generator).images
-
-
-EVERY_STEP = "in_every_step"  # in the name of an attacker that goes on once an image is fooled
 
 
 def attack_shot(attack: Callable[..., Result], batch: EvalBatch, *goals: Tensor | None) -> Result:

@@ -18,7 +18,6 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.capture import capture, develop, expose
-from moireaug.evaluation.statistics import ratio_of_means
 from moireaug.mixtures import Mixture
 from moireaug.numeric import clip
 from moireaug.scenes import Scene, Shot
@@ -129,8 +128,11 @@ class Dimmed(Condition):
     kind = "dimmed"
 
     def show(self, batch: EvalBatch) -> Tensor:
-        photo = capture(batch.images, batch.shot)
-        return clip(batch.images * ratio_of_means(photo, batch.images))
+        mean = batch.images.mean((1, 2, 3), keepdim=True)
+        photo_mean = capture(batch.images, batch.shot).mean((1, 2, 3), keepdim=True)
+        # a black image stays, and none gets brighter
+        ratio = torch.where(mean > 0, photo_mean / mean.clamp(min=1e-6), 1.0).clamp(max=1.0)
+        return clip(batch.images * ratio)
 
 
 class Rotated(Condition):

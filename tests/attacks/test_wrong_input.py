@@ -76,6 +76,20 @@ BAD = [
     (lambda m, x, y: CW(m, confidence=-1), "confidence must be"),
     (lambda m, x, y: CW(m, confidence="1"), "confidence must be a finite number >= 0"),
     (lambda m, x, y: Patch(m, area="a"), "area must be the disc's share"),
+    (
+        lambda m, x, y: MultiTargeted(m),
+        "runs an attack whose steps have a target, like MoireAttack",
+    ),
+    (lambda m, x, y: MultiTargeted(CW(m)), "runs an attack whose steps have a target"),
+    (
+        lambda m, x, y: MultiTargeted(PGD(m), targets=0),
+        "targets must be an integer >= 1, the classes to go toward; got 0.",
+    ),
+    (lambda m, x, y: MultiTargeted(PGD(m), targets=True), "got True."),
+    (
+        lambda m, x, y: PGD(lambda i: i.mean((1, 2, 3))[:, None])(x, y * 0),
+        "at least two classes; got 1. For a single logit z of a binary classifier, return (0, z).",
+    ),
     (lambda m, x, y: CW(m, steps=1.5), "steps must be an integer >= 0"),
     (lambda m, x, y: CW(m)(x, y, shot=SCENE.sample(6, (16, 16))), "no camera"),
     (lambda m, x, y: CW(m)(x, y + 5), "the model's classes; got"),

@@ -64,3 +64,11 @@ def results(runner):
     for key, record in runner.records._records.items():
         found[key] = {name: value for name, value in record.items() if name != "seconds"}
     return found
+
+
+def cell_of(lines, row, column, table=None):
+    """The line of that row and column in a frame of rates."""
+    is_wanted = (lines["row"] == row) & (lines["column"] == column)
+    if table is not None:
+        is_wanted &= lines["table"] == table
+    return lines[is_wanted].iloc[0]

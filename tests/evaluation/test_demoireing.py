@@ -9,9 +9,10 @@ from torchvision.transforms.functional import gaussian_blur
 from moireaug import Scene
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation import SuiteConfig, evaluate, images_frame, rates, tables_of
-from moireaug.evaluation.frame import cell_of, with_paper
+from moireaug.evaluation.frame import with_paper
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
+from tests.evaluation.haze import cell_of
 
 SCENE = Scene.preset("screen_photo")
 

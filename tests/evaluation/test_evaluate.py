@@ -249,6 +249,11 @@ def test_a_suite_of_several_tables(known, loader):
             r"got a tuple of 3. Wrap it: ..b.0., b.1.. for b in loader",
         ),
         ({"loader": (torch.rand(2, 3, 8, 8), torch.zeros(2).long())}, "a single batch into a list"),
+        ({"loader": [(torch.rand(1, 3, 8, 8), torch.tensor([9]))]}, r"model's classes; got 9"),
+        (
+            {"model": lambda x: {"logits": x.mean((2, 3))}},
+            r"got a dict of 'logits'.*model\(images\)\['logits'\]",
+        ),
         ({"model": torch.nn.Linear}, "model must be a function or a torch module"),
         ({"targets": {"other": 3}}, "other must be a function or a torch module"),
         ({"model": torch.nn.Linear(3, 3).half()}, "has weights of torch.float16 and does not take"),

@@ -80,11 +80,17 @@ def test_what_is_done_is_not_done_again(known):
     assert calls == [8, 8, 8, 8] and results(again) == results(first)
 
 
-def test_success_is_counted_on_what_the_judge_has_right(known):
-    def contrary(x):
-        """Says the opposite of bright images."""
+@pytest.fixture(scope="module")
+def contrary(known):
+    """A model that says the opposite of bright images."""
+
+    def model(x):
         return torch.where((x.mean((1, 2, 3)) > 0.5)[:, None], -1, 1) * known[0](x)
 
+    return model
+
+
+def test_success_is_counted_on_what_the_judge_has_right(known, contrary):
     stranger = Judge("stranger", model=contrary)
     judges = {"model": UNDEFENDED, "stranger": stranger, "haze": HAZE}
     table = Table("mine", tuple(cross(judges, {"moire": Photo()})))
@@ -101,18 +107,14 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
     assert frame.loc["stranger", "counted"].tolist() == right and 0 < sum(right) < 16
 
 
-def test_a_judge_of_another_model_behind_a_defence_counts_on_that_model(known):
-    def contrary(x):
-        """Says the opposite of bright images."""
-        return torch.where((x.mean((1, 2, 3)) > 0.5)[:, None], -1, 1) * known[0](x)
-
-    judge = Judge("both", model=contrary, defence=lambda x: 1 - x)
-    runner = ran(known, table_of(Photo(), judge=judge))
-    frame = images_frame([table_of(Photo(), judge=judge)], runner, (0, 1))
-    bare = ran(known, table_of(Photo(), judge=Judge("bare", model=contrary)))
-    wanted = images_frame([table_of(Photo(), judge=Judge("bare", model=contrary))], bare, (0, 1))
-    assert frame["counted"].equals(wanted["counted"]) and 0 < frame["counted"].sum() < 16
-    assert not frame["predicted"].equals(wanted["predicted"])
+def test_a_judge_of_another_model_behind_a_defence_counts_on_that_model(known, contrary):
+    frames = []
+    for defence in (None, lambda x: 1 - x):
+        table = table_of(Photo(), judge=Judge("both", model=contrary, defence=defence))
+        frames.append(images_frame([table], ran(known, table), (0, 1)))
+    bare, behind = frames
+    assert behind["counted"].equals(bare["counted"]) and 0 < bare["counted"].sum() < 16
+    assert not behind["predicted"].equals(bare["predicted"])
 
 
 def test_a_target_is_another_class(known):

@@ -20,7 +20,7 @@ from moireaug.evaluation import (
 )
 from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
-from moireaug.evaluation.frame import cell_of, read_published, with_paper
+from moireaug.evaluation.frame import read_published, with_paper
 from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.report.page import render
@@ -29,6 +29,7 @@ from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.threat import DISPLAY_CAMERA_PAIRS, threat_scene
 from moireaug.scene.presets import PRESETS
+from tests.evaluation.haze import cell_of
 
 SCENE = Scene.preset("screen_photo")
 WORST_CASE_COLUMNS = ("moire", "ma", "apgd")
@@ -144,16 +145,6 @@ def test_the_full_ladder_adds_rows_to_the_ladder(known):
         assert success["worst_case_16"] >= success[row]
     view = suite_view({"model": "m"}, list(tables.values()), with_paper(lines, []), {})
     assert view["tables"][0]["columns"] == ["fooled"]
-
-
-def test_pixels_and_chance_are_no_part_of_the_worst_case(measured):
-    table = measured[0]["worst_case"]
-    for row in table.rows:
-        worst = {condition.name for condition in table.cell(row, "worst").conditions}
-        assert len(worst) == len(WORST_CASE_COLUMNS)
-        for column in ("clean", "random", "pgd"):
-            (beside,) = table.cell(row, column).conditions
-            assert beside.name not in worst
 
 
 def test_the_controls_are_the_ladders(measured, known):
