@@ -80,6 +80,11 @@ class Attacker(Condition):
         """Return the images without an attack."""
         return capture(batch.images, batch.shot) if self.on_screen else batch.images
 
+    def moire_attack(self, batch: EvalBatch, **settings: Any) -> MoireAttack:
+        """Return a Moiré Attack on the batch's model, in the scene of its shots."""
+        scene = batch.shot.scene
+        return MoireAttack(batch.model, scene=scene, eps=self.eps, steps=self.steps, **settings)
+
     def goals(self, batch: EvalBatch) -> tuple[Tensor, Tensor | None]:
         """Return the labels, and the targets of a targeted attack."""
         return batch.labels, batch.targets if self.targeted else None
@@ -119,11 +124,8 @@ class MoireAttacker(Attacker):
         return words
 
     def perturb(self, batch: EvalBatch) -> Tensor:
-        attack = MoireAttack(
-            model=batch.model,
-            scene=batch.shot.scene,
-            eps=self.eps,
-            steps=self.steps,
+        attack = self.moire_attack(
+            batch,
             rule=self.rule,
             loss=self.loss,
             restarts=self.restarts,
@@ -156,13 +158,7 @@ class PoseUnknown(Attacker):
         return self.shots * self.knows.draws
 
     def perturb(self, batch: EvalBatch) -> Tensor:
-        attack = MoireAttack(
-            model=batch.model,
-            scene=batch.shot.scene,
-            eps=self.eps,
-            steps=self.steps,
-            eot=self.shots,
-        )
+        attack = self.moire_attack(batch, eot=self.shots)
         result = attack(batch.images, *self.goals(batch), generator=batch.generator)
         return capture(batch.images, batch.shot, result.noise)
 

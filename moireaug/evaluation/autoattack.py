@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.attacks import MoireAttack, MultiTargeted, SquareMoire, evaluating
+from moireaug.attacks import MultiTargeted, SquareMoire, evaluating
 from moireaug.evaluation.attackers import Attacker, attack_shot
 from moireaug.evaluation.conditions import EvalBatch
 
@@ -34,17 +34,10 @@ class APGDTAttacker(Attacker):
     def perturb(self, batch: EvalBatch) -> Tensor:
         with evaluating(batch.model, batch.images), torch.no_grad():
             logits = batch.model(batch.images[:1].clone())
-        attack = MoireAttack(
-            model=batch.model,
-            scene=batch.shot.scene,
-            eps=self.eps,
-            steps=self.steps,
-            rule="apgd",
-            loss="dlr" if logits.shape[1] >= 4 else "margin",
-            until_fooled=True,
-        )
-        multitargeted = MultiTargeted(attack, targets=self.classes)
-        return attack_shot(multitargeted, batch, batch.labels).images
+        loss = "dlr" if logits.shape[1] >= 4 else "margin"
+        attack = self.moire_attack(batch, rule="apgd", loss=loss, until_fooled=True)
+        toward_classes = MultiTargeted(attack, targets=self.classes)
+        return attack_shot(toward_classes, batch, batch.labels).images
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,14 +53,7 @@ class APGDAttacker(Attacker):
     classes: int = 9
 
     def perturb(self, batch: EvalBatch) -> Tensor:
-        first = MoireAttack(
-            model=batch.model,
-            scene=batch.shot.scene,
-            eps=self.eps,
-            steps=self.steps,
-            rule="apgd",
-            until_fooled=True,
-        )
+        first = self.moire_attack(batch, rule="apgd", until_fooled=True)
         result = attack_shot(first, batch, batch.labels)
         still_right = (~result.success).nonzero()[:, 0]
         if not len(still_right):

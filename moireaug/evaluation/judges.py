@@ -20,22 +20,21 @@ DEFENCE_DRAWS = 20  # of a randomised defence, as many as AutoAttack's version "
 class Judge:
     """The attacked model, the same behind a defence, or another model.
 
-    Behind a randomised defence, the answer is that of the probabilities' mean over `draws` draws,
-    which is also what attacks through it ascend. By a single draw each, an image would count as
-    fooled in a worst case wherever one of its conditions met an unlucky draw.
-
     Args:
         name: name of the judge within an evaluation.
         defence: defence in front of the model.
         model: another model than the attacked one, for transfer.
         restores_mean: whether the mean of the clean image, which only an experimenter knows, is
             restored first.
+        draws: number of draws of a randomised defence, over which an answer, and an attack that
+            knows of it, take the probabilities' mean; others are drawn once.
     """
 
     name: str
     defence: Defence | None = None
     model: Model | None = None
     restores_mean: bool = False
+    draws: int = 1
 
     @cached_property
     def base(self) -> Judge:
@@ -45,11 +44,6 @@ class Judge:
         if self.defence is None and not self.restores_mean:
             return self
         return Judge(f"{self.name}, undefended", model=self.model)
-
-    @property
-    def draws(self) -> int:
-        """Number of draws of the defence that an answer averages over."""
-        return DEFENCE_DRAWS if getattr(self.defence, "randomised", False) else 1
 
     def defended(self, model: Model) -> Model:
         """Return a model behind the judge's defence."""
@@ -79,3 +73,11 @@ class Judge:
 
 
 UNDEFENDED = Judge("model")
+
+
+def averaged(name: str, defence: Defence) -> Judge:
+    """Return the attacked model behind a defence, by the mean of many draws where it is randomised:
+    of single draws, a worst case over several conditions would pick the unlucky ones."""
+    if not getattr(defence, "randomised", False):
+        return Judge(name, defence)
+    return Judge(f"{name}_{DEFENCE_DRAWS}_draws", defence, draws=DEFENCE_DRAWS)

@@ -17,7 +17,6 @@ from torchvision.transforms import v2
 from moireaug import Scene
 from moireaug.attacks import Normalized
 from moireaug.defenses import JPEG, Compose, Defended, PixelDeflection, Quilting
-from moireaug.evaluation import judges
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknown
 from moireaug.evaluation.identity import identity, require_identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
@@ -53,14 +52,12 @@ def test_a_key_changes_with_every_setting(known, setting):
     assert runner.key(plain, Judge("other"), 0) not in runner.records
 
 
-def test_a_key_changes_with_the_draws_of_an_expectation(monkeypatch):
+def test_a_key_changes_with_the_draws_of_an_expectation():
     attackers = [PoseUnknown(eps=EPS, steps=2, shots=shots) for shots in (4, 8)]
-    assert attackers[0].settings() != attackers[1].settings()
-    identities = set()
-    for draws in (4, 20):
-        monkeypatch.setattr(judges, "DEFENCE_DRAWS", draws)
-        identities.add(Judge("j", defence=PixelDeflection()).identity)
-    assert len(identities) == 2
+    for draws in (1, 20):
+        judge = Judge("j", PixelDeflection(), draws=draws)
+        attackers.append(MoireAttacker(eps=EPS, steps=2, knows=judge))
+    assert len({str(attacker.settings()) for attacker in attackers}) == 4
 
 
 def test_every_setting_of_an_attacker_is_tried():

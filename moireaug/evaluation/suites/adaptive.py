@@ -12,7 +12,7 @@ from moireaug.evaluation.autoattack import (
     SquareAttacker,
 )
 from moireaug.evaluation.conditions import Condition
-from moireaug.evaluation.judges import DEFENCE_DRAWS, UNDEFENDED
+from moireaug.evaluation.judges import DEFENCE_DRAWS, UNDEFENDED, averaged
 from moireaug.evaluation.suites.paper import controls
 from moireaug.evaluation.tables import (
     Cell,
@@ -21,7 +21,7 @@ from moireaug.evaluation.tables import (
     cross,
     eps_row,
     paper_defences,
-    row_of,
+    undefended_row,
     worst_of,
 )
 from moireaug.mixtures import Mixture, scenes_of
@@ -41,7 +41,7 @@ def adaptive(config: SuiteConfig) -> Table:
     added = [name for name in config.defences if name not in paper_defences()]
     judges = {"undefended": UNDEFENDED}
     for name in (*ATTACKED_DEFENCES, *added):
-        judges[name] = config.behind(name)
+        judges[name] = averaged(name, config.defences[name])
     cells: list[Cell] = []
     for row, judge in judges.items():
         columns: dict[str, Condition] = controls(eps) | {
@@ -51,9 +51,9 @@ def adaptive(config: SuiteConfig) -> Table:
         row_cells = cross({row: judge}, columns)
         cells += row_cells
         if judge is UNDEFENDED:
-            cells += row_of(row, camera_attackers)
+            cells += undefended_row(row, camera_attackers)
         cells.append(worst_of(row_cells, row, eps))
-    facts = {"why_not_turned": reason, "draws": DEFENCE_DRAWS}
+    facts = {"why_not_turned": reason, "draws": DEFENCE_DRAWS, "shots": PoseUnknown.shots}
     return Table("adaptive", tuple(cells), facts=facts)
 
 
@@ -70,7 +70,7 @@ def standard(config: SuiteConfig) -> Table:
             "square": SquareAttacker(eps=eps, steps=queries),
         }
         row = eps_row(eps)
-        row_cells = row_of(row, columns | camera_attackers)
+        row_cells = undefended_row(row, columns | camera_attackers)
         cells += [*row_cells, worst_of(row_cells, row, eps)]
     facts = {"why_not_turned": reason, "steps": steps, "queries": queries}
     return Table("standard", tuple(cells), pictures=_first_row_places(cells), facts=facts)
@@ -88,7 +88,7 @@ def worst_case(config: SuiteConfig) -> Table:
             "apgd": APGDAttacker(eps=eps, steps=steps),
         }
         row = eps_row(eps)
-        row_cells = row_of(row, columns)
+        row_cells = undefended_row(row, columns)
         cells += [*row_cells, worst_of(row_cells, row, eps)]
         cells.append(Cell(row, "pgd", (PixelAttacker(attack="pgd", eps=eps, steps=steps),)))
     return Table("worst_case", tuple(cells), pictures=_first_row_places(cells))

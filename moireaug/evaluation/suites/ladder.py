@@ -79,7 +79,8 @@ def full_ladder(config: SuiteConfig) -> Table:
         cells.append(Cell(row, FOOLED_COLUMN, (condition,)))
     cells.append(worst_of(cells, f"worst_case_{size}", eps, FOOLED_COLUMN))
     pictures = _picture_places(eps, FOOLED_COLUMN)
-    return Table("full_ladder", tuple(cells), pictures=pictures)
+    facts = {"shots": PoseUnknown.shots}
+    return Table("full_ladder", tuple(cells), pictures=pictures, facts=facts)
 
 
 def _picture_places(eps: float, column: str) -> tuple[tuple[str, str], ...]:
