@@ -107,6 +107,28 @@ def test_cw_with_more_confidence_goes_farther(learnt):
     ].all()
 
 
+@pytest.mark.parametrize(("scale", "suits_c"), [(0.01, False), (1.0, False), (100.0, True)])
+def test_the_search_for_c_finds_the_distance_to_a_plane(scale, suits_c):
+    """|margin| / |w|, whatever the scale of the logits, which one c alone does not suit."""
+    g = torch.Generator().manual_seed(0)
+    weight = torch.randn(3 * 8 * 8, generator=g, dtype=torch.float64)
+    images = torch.rand(4, 3, 8, 8, generator=g, dtype=torch.float64) * 0.2 + 0.4
+    offset = (images.flatten(1) @ weight).max() + weight.norm() / 2
+
+    def model(x):
+        z = scale * (x.flatten(1) @ weight - offset)
+        return torch.stack([z, -z], 1)
+
+    labels = model(images).argmax(1)
+    distance = (images.flatten(1) @ weight - offset).abs() / weight.norm()
+    ratios = []
+    for searches in (1, 9):
+        result = CW(model, c=1e-3, binary_search_steps=searches, steps=100)(images, labels)
+        ratios.append(result.noise.flatten(1).norm(dim=1) / distance)
+    assert result.success.all() and (ratios[1] >= 1).all() and (ratios[1] < 1.05).all()
+    assert (ratios[0] > 0).all() == suits_c
+
+
 def test_cw_reaches_from_black_and_white_when_it_may_go_far():
     """Black and white lie at infinity in tanh space; they are moved in, and gradients arrive."""
     images = torch.stack([torch.zeros(3, 4, 4), torch.ones(3, 4, 4)])
