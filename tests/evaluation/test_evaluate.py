@@ -12,9 +12,9 @@ from moireaug.attacks import MoireAttack
 from moireaug.evaluation import Cell, SuiteConfig, Table, evaluate, images_frame, rates
 from moireaug.evaluation.conditions import Photo
 from moireaug.evaluation.records import RecordFolder
-from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.statistics import mix_seeds
 from moireaug.scenes import Scene
+from tests.evaluation.haze import ran
 
 SCENE = Scene.preset("screen_photo")
 
@@ -116,9 +116,7 @@ def test_another_defence_of_one_name_is_another(known, tmp_path):
         judge = SuiteConfig(scene=SCENE, defences={"mine": Tinted(channel)}).behind("mine")
         table = Table("mine", (Cell("mine", "moire", (Photo(),), judge),))
         with RecordFolder(tmp_path) as records:
-            runner = Runner(model, batches, SCENE, records)
-            for _ in runner.run(jobs_of([table]), (0, 1)):
-                pass
+            runner = ran(known, table, seed=0, records=records)
             kept = images_frame([table], runner, (0, 1))["predicted"].tolist()
         with torch.no_grad():
             kept_colour = torch.eye(3)[channel][:, None, None]

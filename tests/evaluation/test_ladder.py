@@ -11,14 +11,14 @@ from torch import nn
 from moireaug import Scene, capture
 from moireaug.evaluation import SuiteConfig, images_frame, rates, report
 from moireaug.evaluation.examples import run_examples
-from moireaug.evaluation.records import RecordFolder, Records
-from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.suites.ladder import ladder, main_attack
 from moireaug.evaluation.tables import Table
 from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
 
 from .conftest import classifier
+from .haze import ran
 
 SCENE = Scene.preset("screen_photo")
 
@@ -28,9 +28,7 @@ def climbed(model, batches, eps=(4 / 255, 64 / 255), steps=4, seed=0, only=None,
     table = ladder(SuiteConfig(scene=SCENE, eps=eps, steps=steps))
     if only:
         table = Table("ladder", tuple(cell for cell in table.cells if cell.row in only))
-    runner = Runner(model, batches, SCENE, Records() if records is None else records, seed=seed)
-    for _ in runner.run(jobs_of([table]), range(len(batches))):
-        pass
+    runner = ran((model, batches), table, seed=seed, records=records)
     lines = rates(images_frame([table], runner, range(len(batches))))
     return {line["row"]: line for line in lines.to_dict("records")}, runner
 

@@ -22,14 +22,13 @@ from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
 from moireaug.evaluation.frame import read_published, with_paper
 from moireaug.evaluation.judges import UNDEFENDED
-from moireaug.evaluation.records import Records
 from moireaug.evaluation.report.page import render
 from moireaug.evaluation.report.suite_view import suite_view
-from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.threat import DISPLAY_CAMERA_PAIRS, threat_scene
 from moireaug.scene.presets import PRESETS
-from tests.evaluation.haze import cell_of
+from tests.evaluation.haze import cell_of, ran
 
 SCENE = Scene.preset("screen_photo")
 WORST_CASE_COLUMNS = ("moire", "ma", "apgd")
@@ -39,9 +38,7 @@ CONFIG = SuiteConfig(scene=SCENE, steps=2)
 def run_suite(model, batches, suite, config=CONFIG):
     """(tables by name, images, rates, runner)."""
     tables = tables_of(suite, config)
-    runner = Runner(model, batches, config.scene, Records(), seed=3)
-    for _ in runner.run(jobs_of(tables), range(len(batches))):
-        pass
+    runner = ran((model, batches), tables, scene=config.scene)
     images = images_frame(tables, runner, range(len(batches)))
     return {table.name: table for table in tables}, images, rates(images), runner
 
@@ -191,10 +188,7 @@ def test_photos_of_one_image_are_no_independent_trials(known):
     (table,) = tables_of("threat", CONFIG)
     own = [cell for cell in table.cells if cell.row == "monitor, Sony"]
     table = dataclasses.replace(table, cells=tuple(own))
-    runner = Runner(*known, SCENE, Records(), seed=3)
-    for _ in runner.run(jobs_of([table]), (0, 1)):
-        pass
-    images = images_frame([table], runner, (0, 1))
+    images = images_frame([table], ran(known, table), (0, 1))
     lines = rates(images)
     pooled = cell_of(lines, "monitor, Sony", "all")
     assert pooled["n"] == 128 and pooled["condition"] == "8 pooled"

@@ -6,8 +6,8 @@ from torch import nn
 
 from moireaug import Lens, Panel, Scene, Sensor, View
 from moireaug.evaluation import SuiteConfig, images_frame, rates, trust, trust_checks
-from moireaug.evaluation.records import Records
-from moireaug.evaluation.runner import Runner, jobs_of
+
+from .haze import ran
 
 SCENE = Scene(
     panel=Panel(scale=1.1),
@@ -20,10 +20,7 @@ SCENE = Scene(
 def verdicts(model, batch, eps=24 / 255, steps=10, scene=SCENE, targets=()):
     config = SuiteConfig(scene=scene, eps=(eps,), steps=steps, targets=dict(targets))
     table = trust.trust(config)
-    runner = Runner(model, [batch], scene, Records(), seed=1)
-    for _ in runner.run(jobs_of([table]), (0,)):
-        pass
-    images = images_frame([table], runner, (0,))
+    images = images_frame([table], ran((model, [batch]), table, seed=1, scene=scene), (0,))
     checks = trust_checks.checks(config, images, rates(images))
     assert [c.verdict for c in checks] == sorted(
         (c.verdict for c in checks), key=("fail", "warning", "pass").index
