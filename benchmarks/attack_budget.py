@@ -26,7 +26,7 @@ from torch import nn
 from benchmarks import measure
 from moireaug.evaluation import Cell, Table, images_frame, rates
 from moireaug.evaluation.attackers import Attacker, MoireAttacker, PoseUnknown
-from moireaug.evaluation.autoattack import SquareAttacker, TargetedApgd
+from moireaug.evaluation.autoattack import APGDTAttacker, SquareAttacker
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Batches, Runner, jobs_of
 from moireaug.scenes import Scene
@@ -51,7 +51,7 @@ def attackers(steps: int) -> dict[str, Attacker]:
         "APGD, margin, 2 restarts": MoireAttacker(
             eps=EPS, steps=steps, variant="apgd_margin", rule="apgd", loss="margin", restarts=2
         ),
-        "APGD-T": TargetedApgd(eps=EPS, steps=steps),
+        "APGD-T": APGDTAttacker(eps=EPS, steps=steps),
         "Square": SquareAttacker(eps=EPS, steps=QUERIES * steps),
         "MA, pose unknown": PoseUnknown(eps=EPS, steps=steps),
     }

@@ -66,17 +66,22 @@ def check_count(name: str, value: object, low: int, noun: str = "") -> None:
         raise ValueError(f"{name} must be an integer >= {low}{detail}; got {value!r}.")
 
 
+def check_positive(name: str, value: object, unit: str = "", *, or_zero: bool = False) -> None:
+    """Refuse a value that is not a finite number above 0, or, with `or_zero`, of at least 0:
+    ValueError."""
+    is_allowed = is_finite(value) and (value > 0 or (or_zero and value == 0))  # type: ignore[operator]
+    if not is_allowed:
+        allowed = ">= 0" if or_zero else "above 0"
+        in_units = f", in {unit}" if unit else ""
+        raise ValueError(f"{name} must be a finite number {allowed}{in_units}; got {value!r}.")
+
+
 def check_sizes(step_size: float | None, random_start: float, steps: int) -> None:
     """Refuse a step size or a random start, in units of eps, that is out of range for these steps:
     ValueError."""
-    if step_size is not None and not (is_finite(step_size) and step_size > 0):
-        raise ValueError(
-            f"step_size must be a finite number above 0, in units of eps; got {step_size!r}."
-        )
-    if not (is_finite(random_start) and random_start >= 0):
-        raise ValueError(
-            f"random_start must be a finite radius >= 0, in units of eps; got {random_start!r}."
-        )
+    if step_size is not None:
+        check_positive("step_size", step_size, "units of eps")
+    check_positive("random_start", random_start, "units of eps", or_zero=True)
     if random_start > 1 and steps != 1:
         raise ValueError(
             f"a random_start beyond the ball ({random_start!r} times eps) is for a single step, "

@@ -4,7 +4,6 @@ their own, and their results joined."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -13,40 +12,49 @@ from moireaug.attacks.result import Result, noise_tensor
 from moireaug.mixed_shot import MixedShot, in_order
 
 
-def join(shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Any], noise_at: str) -> Any:
-    """Return the images, or the Results, of the scenes of a shot as those of the whole shot.
+def joined(
+    shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result], noise_at: str
+) -> Result:
+    """Return the Results of the scenes of a shot as that of the whole shot.
 
     Args:
         rows: (b,) indices in the batch of the images in each scene.
-        results: (b, ...) tensor or Result of each scene.
+        results: Result of each scene.
         noise_at: as of `MoireAttack`.
     """
-    if isinstance(results[0], Tensor):
-        return in_order(rows, results)
     # the mixture, not the draw, says whether noise fits into one tensor
     noise: Tensor | list[Tensor]
     if noise_at == "photo" or len(shot.raw_shapes()) == 1:
         noise = in_order(rows, [noise_tensor(result) for result in results])
     else:
-        by_scene = [image_noise for result in results for image_noise in result.noise]
-        noise = [by_scene[place] for place in torch.cat(list(rows)).argsort().tolist()]
-    shots = [result.shot for result in results]
+        noise = _noise_list(rows, results)
+    scene_shots = [(at, result.shot) for at, result in zip(rows, results, strict=True)]
     return Result(
         images=in_order(rows, [result.images for result in results]),
         success=in_order(rows, [result.success for result in results]),
         noise=noise,
-        loss=_mean_curve([result.loss for result in results], [len(r) for r in rows]),
+        loss=_mean_loss(results),
         eps=results[0].eps,
-        shot=MixedShot.joined(shot.empty, shot.which, list(zip(rows, shots, strict=True))),
+        shot=MixedShot.joined(shot.empty, shot.which, scene_shots),
     )
 
 
-def _mean_curve(curves: Sequence[Tensor], counts: Sequence[int]) -> Tensor:
-    """Return the mean loss of each step, weighted by the images of each curve, over the curves that
-    reach that step."""
-    total = torch.zeros(max(map(len, curves)), dtype=torch.float32, device="cpu")
+def _noise_list(rows: Sequence[Tensor], results: Sequence[Result]) -> list[Tensor]:
+    """Return the noise of each image of the batch."""
+    noise_by_row: dict[int, Tensor] = {}
+    for scene_rows, result in zip(rows, results, strict=True):
+        noise_by_row |= dict(zip(scene_rows.tolist(), result.noise, strict=True))
+    return [noise_by_row[row] for row in sorted(noise_by_row)]
+
+
+def _mean_loss(results: Sequence[Result]) -> Tensor:
+    """Return the mean loss of each step, weighted by the images of each result, over the results
+    that reach that step."""
+    n_steps = max(len(result.loss) for result in results)
+    total = torch.zeros(n_steps, dtype=torch.float32, device="cpu")
     weight = torch.zeros_like(total)
-    for curve, count in zip(curves, counts, strict=True):
-        total[: len(curve)] += count * curve
-        weight[: len(curve)] += count
+    for result in results:
+        steps, n_images = len(result.loss), len(result.images)
+        total[:steps] += n_images * result.loss
+        weight[:steps] += n_images
     return total / weight

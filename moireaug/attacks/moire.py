@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -12,11 +12,11 @@ from torch import Tensor
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
 from moireaug.attacks.checks import check_count, check_goals
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.mixed import join
+from moireaug.attacks.mixed import joined
 from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.search import Search
 from moireaug.image_checks import check_images
-from moireaug.mixed_shot import MixedShot
+from moireaug.mixed_shot import MixedShot, in_order
 from moireaug.mixtures import Mixture, as_scenes, scenes_of
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Scene, Shot
@@ -112,13 +112,20 @@ class MoireAttack(Attack):
             return search(reduce, images, labels, targets, shot, generator)
         check_batch(check_images(images).shape, shot)
         labels, targets = check_goals(images, labels, targets)
-        batch_rows, results = [], []
+        batch_rows: list[Tensor] = []
+        parts: list[Any] = []
         for scene_rows, scene_shot in shot.by_scene():
             rows = scene_rows.to(images.device)
-            goals = labels[rows], None if targets is None else targets[rows]
+            scene_targets = None if targets is None else targets[rows]
+            part = search(reduce, images[rows], labels[rows], scene_targets, scene_shot, generator)
             batch_rows.append(rows)
-            results.append(search(reduce, images[rows], *goals, scene_shot, generator))
-        return join(shot, batch_rows, results, self.noise_at)
+            parts.append(part)
+        whole: Any
+        if isinstance(parts[0], Tensor):
+            whole = in_order(batch_rows, parts)
+        else:
+            whole = joined(shot, batch_rows, parts, self.noise_at)
+        return whole
 
     def problem(
         self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from moireaug.attacks.checks import check_model
 from moireaug.capture import capture, develop, expose
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
@@ -61,8 +62,7 @@ class Photographed(nn.Module):
         noise_at: str = "raw",
     ) -> None:
         super().__init__()
-        if not callable(model) or isinstance(model, type):
-            raise TypeError(f"model must be callable on images; got {model!r}.")
+        check_model(model, "Photographed's model")
         self.model, self.shot = model, shot
         self.noise_at = one_of("noise_at", noise_at, CAMERAS)
         self.dtype = images.dtype if isinstance(images, Tensor) else None

@@ -54,11 +54,11 @@ class PixelDeflection(Defence):
 
     def apply(self, images: Tensor) -> Tensor:
         b, _, h, w = images.shape
-        source = torch.from_numpy(self._sources(b, h, w)).to(images.device)
+        source = torch.from_numpy(self.sources(b, h, w)).to(images.device)
         deflected = images.flatten(2).gather(2, source[:, None].expand(-1, 3, -1)).view_as(images)
         return straight_through(deflected, denoise(deflected.detach(), self.sigma))
 
-    def _sources(self, b: int, h: int, w: int) -> np.ndarray:
+    def sources(self, b: int, h: int, w: int) -> np.ndarray:
         """Return the flat index of the pixel that each pixel's colour comes from, (b, h w)."""
         u = torch.rand(4, self.deflections, b, dtype=torch.float64, device="cpu").numpy()
         rows, cols = np.floor(u[0] * h).astype(int), np.floor(u[1] * w).astype(int)

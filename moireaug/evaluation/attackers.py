@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,18 +12,13 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
-from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.result import Result
 from moireaug.capture import capture
-from moireaug.defenses import Defended
-from moireaug.evaluation.conditions import Condition, EvalBatch, Model, codes
-from moireaug.evaluation.judges import Judge
+from moireaug.evaluation.conditions import Condition, EvalBatch, codes
+from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.visibility import visibility
-from moireaug.mixtures import Mixture, scenes_of
-from moireaug.scenes import Scene
 
-EOT_SHOTS = 4  # shots that a noise for an unknown pose is optimised over
-DEFENCE_DRAWS = 4  # draws of a randomised defence that an attack through it averages over
+EVERY_STEP = "in_every_step"  # in the name of an attacker that goes on once an image is fooled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +28,8 @@ class Attacker(Condition):
     Args:
         eps: bound of the noise, in [0, 1] units.
         steps: number of gradient steps, or of queries.
+        knows: judge whose defence is attacked, with the defence's own approximate gradient (BPDA)
+            and by expectation over its draws where it is randomised (EOT).
     """
 
     control: ClassVar[bool] = False
@@ -39,10 +37,22 @@ class Attacker(Condition):
 
     eps: float
     steps: int
+    knows: Judge = UNDEFENDED
+
+    @property
+    def base_name(self) -> str:
+        words = self.name_words()
+        if self.knows.defence is not None:
+            words += ["through", self.knows.name]
+        return "_".join(words)
+
+    def name_words(self) -> list[str]:
+        """Return the words of its name, without the defence."""
+        return [self.kind, codes(self.eps)]
 
     @abstractmethod
     def perturb(self, batch: EvalBatch) -> Tensor:
-        """Return the adversarial images, (B, 3, H, W).
+        """Return the adversarial images, (B, 3, H, W), for the batch's model.
 
         Raises:
             NoAnswerError: the model has no answer to any of the images.
@@ -52,9 +62,10 @@ class Attacker(Condition):
     def n_splits(self) -> int:
         """Number of splits of a batch that are attacked in turn: an expectation over n draws takes
         n times the images, and no step shall hold more than a batch."""
-        return 1
+        return self.knows.draws
 
     def show(self, batch: EvalBatch) -> Tensor:
+        batch = dataclasses.replace(batch, model=self.knows.defended(batch.model))
         size = -(-len(batch.images) // self.n_splits)
         images = []
         for first in range(0, len(batch.images), size):
@@ -68,6 +79,11 @@ class Attacker(Condition):
     def unattacked(self, batch: EvalBatch) -> Tensor:
         """Return the images without an attack."""
         return capture(batch.images, batch.shot) if self.on_screen else batch.images
+
+    def moire_attack(self, batch: EvalBatch, **settings: Any) -> MoireAttack:
+        """Return a Moiré Attack on the batch's model, in the scene of its shots."""
+        scene = batch.shot.scene
+        return MoireAttack(batch.model, scene=scene, eps=self.eps, steps=self.steps, **settings)
 
     def goals(self, batch: EvalBatch) -> tuple[Tensor, Tensor | None]:
         """Return the labels, and the targets of a targeted attack."""
@@ -86,8 +102,6 @@ class MoireAttacker(Attacker):
         rule, loss, restarts, noise_at, optimise: as of `attacks.MoireAttack`.
         until_fooled: the same; False where other judges see the noise, or where it is measured at
             its strongest.
-        knows: judge whose defence is attacked, with the defence's own approximate gradient (BPDA)
-            and by expectation over its draws where it is randomised (EOT).
     """
 
     kind = "ma"
@@ -98,25 +112,20 @@ class MoireAttacker(Attacker):
     noise_at: str = "raw"
     optimise: tuple[str, ...] = ("noise",)
     until_fooled: bool = True
-    knows: Judge | None = None
 
-    @property
-    def base_name(self) -> str:
-        kind = ["targeted"] if self.targeted else []
+    def name_words(self) -> list[str]:
+        words = super().name_words()
+        if self.targeted:
+            words.append("targeted")
         if self.variant:
-            kind.append(self.variant)
-        return _attack_name("ma", self.eps, *kind, until_fooled=self.until_fooled)
-
-    @property
-    def n_splits(self) -> int:
-        return defence_draws(self.knows)
+            words.append(self.variant)
+        if not self.until_fooled:
+            words.append(EVERY_STEP)
+        return words
 
     def perturb(self, batch: EvalBatch) -> Tensor:
-        attack = MoireAttack(
-            model=behind_defence(self.knows, batch.model),
-            scene=batch.shot.scene,
-            eps=self.eps,
-            steps=self.steps,
+        attack = self.moire_attack(
+            batch,
             rule=self.rule,
             loss=self.loss,
             restarts=self.restarts,
@@ -131,32 +140,25 @@ class MoireAttacker(Attacker):
             return {}
         return super().measure(batch, images)
 
-    def settings(self) -> dict[str, Any]:
-        return super().settings() | known_defence(self.knows)
 
-
+@dataclass(frozen=True, kw_only=True)
 class PoseUnknown(Attacker):
     """The Moiré Attack by expectation over other draws of the scene, shown on the shot that is
-    judged."""
+    judged.
+
+    Args:
+        shots: number of draws in each step.
+    """
 
     kind = "blind"
-
-    @property
-    def base_name(self) -> str:
-        return f"blind_{codes(self.eps)}"
+    shots: int = 4
 
     @property
     def n_splits(self) -> int:
-        return EOT_SHOTS
+        return self.shots * self.knows.draws
 
     def perturb(self, batch: EvalBatch) -> Tensor:
-        attack = MoireAttack(
-            model=batch.model,
-            scene=batch.shot.scene,
-            eps=self.eps,
-            steps=self.steps,
-            eot=EOT_SHOTS,
-        )
+        attack = self.moire_attack(batch, eot=self.shots)
         result = attack(batch.images, *self.goals(batch), generator=batch.generator)
         return capture(batch.images, batch.shot, result.noise)
 
@@ -176,11 +178,13 @@ class PixelAttacker(Attacker):
     attack: str
     until_fooled: bool = True
 
-    @property
-    def base_name(self) -> str:
+    def name_words(self) -> list[str]:
         if self.attack == "cw":
-            return self.attack
-        return _attack_name(self.attack, self.eps, until_fooled=self.until_fooled)
+            return [self.attack]
+        words = [self.attack, codes(self.eps)]
+        if not self.until_fooled:
+            words.append(EVERY_STEP)
+        return words
 
     def perturb(self, batch: EvalBatch) -> Tensor:
         settings: dict[str, Any] = {"steps": self.steps}
@@ -194,43 +198,3 @@ class PixelAttacker(Attacker):
 def attack_shot(attack: Callable[..., Result], batch: EvalBatch, *goals: Tensor | None) -> Result:
     """Return the result of an attack on the batch's own shot."""
     return attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
-
-
-def _attack_name(attack: str, eps: float, *variants: str, until_fooled: bool) -> str:
-    words = [attack, codes(eps), *variants]
-    if not until_fooled:
-        words.append("in_every_step")
-    return "_".join(words)
-
-
-def defence_draws(knows: Judge | None) -> int:
-    """Return the number of draws of a defence that an attacker averages over: several where it is
-    randomised."""
-    randomised = knows is not None and getattr(knows.defence, "randomised", False)
-    return DEFENCE_DRAWS if randomised else 1
-
-
-def behind_defence(knows: Judge | None, model: Model) -> Model:
-    """Return the attacked model, behind the defence that the attacker knows of."""
-    if knows is None or knows.defence is None:
-        return model
-    return Defended(model, knows.defence, draws=defence_draws(knows))
-
-
-def known_defence(knows: Judge | None) -> dict[str, str]:
-    """Return the identity of the defence that an attacker knows of, for its settings."""
-    return {} if knows is None else {"knows": knows.identity}
-
-
-def movable_parts(scene: Scene | Mixture) -> tuple[tuple[str, ...], str]:
-    """Return the parts, of view and panel, that an attacker can search in every scene of a mixture,
-    and, where there is none, the reason."""
-    parts, reason = [], ""
-    for part in ("view", "panel"):
-        try:
-            for one in scenes_of(scene):
-                searched_fields(one, (part,))
-            parts.append(part)
-        except ValueError as error:
-            reason = reason or str(error)
-    return tuple(parts), "" if parts else reason

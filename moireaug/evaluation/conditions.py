@@ -18,7 +18,6 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.capture import capture, develop, expose
-from moireaug.evaluation.statistics import ratio_of_means
 from moireaug.mixtures import Mixture
 from moireaug.numeric import clip
 from moireaug.scenes import Scene, Shot
@@ -100,11 +99,13 @@ class Condition(ABC):
         return {}
 
     def settings(self) -> dict[str, Any]:
-        """Return all settings of this condition but its scene, as plain values."""
+        """Return all settings of this condition but its scene, as plain values; of a judge, its
+        identity."""
         settings: dict[str, Any] = {"kind": self.kind}
         for field in dataclasses.fields(self):
             if field.name != "scene":
-                settings[field.name] = getattr(self, field.name)
+                value = getattr(self, field.name)
+                settings[field.name] = getattr(value, "identity", value)
         return settings
 
     def at(self, place: str, scene: Scene | Mixture) -> Condition:
@@ -127,8 +128,11 @@ class Dimmed(Condition):
     kind = "dimmed"
 
     def show(self, batch: EvalBatch) -> Tensor:
-        photo = capture(batch.images, batch.shot)
-        return clip(batch.images * ratio_of_means(photo, batch.images))
+        mean = batch.images.mean((1, 2, 3), keepdim=True)
+        photo_mean = capture(batch.images, batch.shot).mean((1, 2, 3), keepdim=True)
+        # a black image stays, and none gets brighter
+        ratio = torch.where(mean > 0, photo_mean / mean.clamp(min=1e-6), 1.0).clamp(max=1.0)
+        return clip(batch.images * ratio)
 
 
 class Rotated(Condition):

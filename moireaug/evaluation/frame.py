@@ -181,14 +181,3 @@ def read_published() -> pd.DataFrame:
     path = resources.files("moireaug.evaluation").joinpath("published.csv")
     with path.open(encoding="utf-8") as file:
         return pd.read_csv(file)
-
-
-def cell_of(
-    lines: pd.DataFrame, row: str, column: str, table: str | None = None
-) -> pd.Series | None:
-    """Return the line of that row and column, or None."""
-    is_wanted = (lines["row"] == row) & (lines["column"] == column)
-    if table is not None:
-        is_wanted &= lines["table"] == table
-    matches = lines[is_wanted]
-    return None if matches.empty else matches.iloc[0]

@@ -9,10 +9,11 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import evaluating
-from moireaug.defenses import Compose, restore_mean
+from moireaug.defenses import Defended, restore_mean
 from moireaug.evaluation.conditions import Defence, EvalBatch, Model
 from moireaug.evaluation.identity import identity
-from moireaug.networks import in_evaluation_mode
+
+DEFENCE_DRAWS = 20  # of a randomised defence, as many as AutoAttack's version "rand" averages over
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,15 @@ class Judge:
         model: another model than the attacked one, for transfer.
         restores_mean: whether the mean of the clean image, which only an experimenter knows, is
             restored first.
+        draws: number of draws of a randomised defence, over which an answer, and an attack that
+            knows of it, take the probabilities' mean; others are drawn once.
     """
 
     name: str
     defence: Defence | None = None
     model: Model | None = None
     restores_mean: bool = False
+    draws: int = 1
 
     @cached_property
     def base(self) -> Judge:
@@ -41,24 +45,39 @@ class Judge:
             return self
         return Judge(f"{self.name}, undefended", model=self.model)
 
+    def defended(self, model: Model) -> Model:
+        """Return a model behind the judge's defence."""
+        if self.defence is None:
+            return model
+        return Defended(model, self.defence, draws=self.draws)
+
     def logits(self, batch: EvalBatch, images: Tensor) -> Tensor:
         """Return the logits (B, K) of shown images; every model's state is restored."""
         if self.restores_mean:
             images = restore_mean(images, batch.images)
-        model = batch.model if self.model is None else self.model
-        defence = Compose(() if self.defence is None else (self.defence,))
-        with in_evaluation_mode(defence), evaluating(model, images), torch.no_grad():
-            # either may work in place
-            return model(defence(images.clone()).clone())
+        model = self.defended(batch.model if self.model is None else self.model)
+        with evaluating(model, images), torch.no_grad():
+            return model(images.clone())  # it may work in place
 
     @cached_property
     def identity(self) -> str:
-        """The judge's identity in records: its name, and those of its defence and model."""
+        """The judge's identity in records: its name, those of its defence and model, and the number
+        of draws."""
         parts = [self.name]
         for name, part in (("defence", self.defence), ("model", self.model)):
             if part is not None:
                 parts.append(f"{name} {identity(part)}")
+        if self.draws > 1:
+            parts.append(f"draws {self.draws}")
         return "#".join(parts)
 
 
 UNDEFENDED = Judge("model")
+
+
+def averaged(name: str, defence: Defence) -> Judge:
+    """Return the attacked model behind a defence, by the mean of many draws where it is randomised:
+    of single draws, a worst case over several conditions would pick the unlucky ones."""
+    if not getattr(defence, "randomised", False):
+        return Judge(name, defence)
+    return Judge(f"{name}_{DEFENCE_DRAWS}_draws", defence, draws=DEFENCE_DRAWS)

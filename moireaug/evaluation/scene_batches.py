@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
 
 from moireaug.evaluation.conditions import Condition, EvalBatch
-from moireaug.evaluation.halving import measure, show
 from moireaug.evaluation.judges import Judge
+from moireaug.evaluation.memory import within_memory
 from moireaug.mixed_shot import in_order
 
 
@@ -22,7 +23,8 @@ class SceneBatches:
 
     def show(self, condition: Condition) -> Tensor:
         """Return the images of a condition, (B, 3, H, W)."""
-        return in_order(self.rows, [show(condition, batch) for batch in self.batches])
+        images = [within_memory(condition.show, batch) for batch in self.batches]
+        return in_order(self.rows, images)
 
     def logits(self, judge: Judge, images: Tensor) -> Tensor:
         """Return a judge's logits (B, K) for the images of a condition."""
@@ -35,7 +37,8 @@ class SceneBatches:
         """Return the figures that a condition measures on its images, B values each."""
         figures: dict[str, list[float]] = {}
         for rows, batch in zip(self.rows, self.batches, strict=True):
-            for name, values in measure(condition, batch, images[rows]).items():
+            measure = partial(condition.measure, images=images[rows])
+            for name, values in within_memory(measure, batch).items():
                 figures.setdefault(name, []).extend(values)
         order = torch.cat(self.rows).argsort().tolist()
         return {name: [values[place] for place in order] for name, values in figures.items()}

@@ -72,15 +72,6 @@ def paired_gain(ours: Tensor, theirs: Tensor) -> tuple[float, float, float]:
     return (n_won - n_lost) / n, max(-1.0, centre - half), min(1.0, centre + half)
 
 
-def ratio_of_means(photo: Tensor, image: Tensor) -> Tensor:
-    """Return the mean brightness of each photo over its image's, (B, 1, 1, 1), at most 1; 1 for a
-    black image."""
-    mean = image.mean((1, 2, 3), keepdim=True)
-    return torch.where(
-        mean > 0, photo.mean((1, 2, 3), keepdim=True) / mean.clamp(min=1e-6), 1.0
-    ).clamp(max=1.0)
-
-
 def mix_seeds(*parts: int) -> int:
     """Return one seed from several integers, the same on every machine."""
     seed = 0

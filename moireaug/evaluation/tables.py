@@ -157,7 +157,7 @@ def eps_row(eps: float) -> str:
     return f"eps_{codes(eps)}"
 
 
-def row_of(row: str, columns: Mapping[str, Condition]) -> list[Cell]:
+def undefended_row(row: str, columns: Mapping[str, Condition]) -> list[Cell]:
     """Return a row of conditions before the model itself."""
     return cross({row: UNDEFENDED}, columns)
 

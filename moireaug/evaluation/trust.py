@@ -8,13 +8,12 @@ from torch import Tensor
 from moireaug.attacks import LOSSES, evaluating
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.attackers import MoireAttacker
-from moireaug.evaluation.autoattack import SquareAttacker
+from moireaug.evaluation.autoattack import QUERIES_PER_STEP, SquareAttacker
 from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, eps_row
 
 LONGER_FACTOR = 2  # times as many steps
-QUERIES_PER_STEP = 5  # of the gradient-free attack, for each gradient step of the others
 MODEL_COLUMN = "model"  # the column of the attacked model
 
 
@@ -62,7 +61,7 @@ def trust(config: SuiteConfig) -> Table:
     eps, steps = config.middle, config.steps
     longer = f"{LONGER_FACTOR * steps}_steps_and_2_restarts"
     rounded = Judge("rounded", defence=BitDepth(8))
-    adaptive = MoireAttacker(eps=eps, steps=steps, variant="through_rounding", knows=rounded)
+    through = MoireAttacker(eps=eps, steps=steps, knows=rounded)
     cells = [
         Cell("clean", MODEL_COLUMN, (CleanTwice(),)),
         Cell("moire", MODEL_COLUMN, (PhotoGradient(),)),
@@ -74,7 +73,7 @@ def trust(config: SuiteConfig) -> Table:
             (MoireAttacker(eps=eps, steps=LONGER_FACTOR * steps, variant=longer, restarts=2),),
         ),
         Cell("queries", MODEL_COLUMN, (SquareAttacker(eps=eps, steps=QUERIES_PER_STEP * steps),)),
-        Cell("shattered", MODEL_COLUMN, (adaptive,), rounded),
+        Cell("shattered", MODEL_COLUMN, (through,), rounded),
     ]
     for size in growing_eps(config):
         cells.append(Cell(eps_row(size), MODEL_COLUMN, (MoireAttacker(eps=size, steps=steps),)))

@@ -7,40 +7,11 @@ import torch
 from torch import nn
 
 from moireaug import Lens, Scene, Sensor, attacks, capture, expose
-from moireaug.attacks import BIM, CW, MIFGSM, PGD, MoireAttack, Normalized, SquareMoire
+from moireaug.attacks import PGD, MoireAttack, Normalized
 from moireaug.numeric import clip
 from moireaug.transforms import AdversarialMoire
-from tests.attacks.common import EPS, SCENE, predicted
+from tests.attacks.common import EPS, METHODS, SCENE, attack_by, predicted
 
-METHODS = {
-    "ma": lambda m, **k: MoireAttack(model=m, scene=SCENE, **k),
-    "ma margin": lambda m, **k: MoireAttack(model=m, scene=SCENE, loss="margin", **k),
-    "ma restarts": lambda m, **k: MoireAttack(
-        model=m, scene=SCENE, restarts=2, random_start=1.0, **k
-    ),
-    "ma eot": lambda m, **k: MoireAttack(model=m, scene=SCENE, eot=2, **k),
-    "ma paper_code": lambda m, **k: MoireAttack(model=m, scene="paper_code", **k),
-    "ma dlr": lambda m, **k: MoireAttack(model=m, scene=SCENE, loss="dlr", **k),
-    "ma momentum": lambda m, **k: MoireAttack(model=m, scene=SCENE, rule="momentum", **k),
-    "ma apgd": lambda m, **k: MoireAttack(model=m, scene=SCENE, rule="apgd", restarts=2, **k),
-    "ma printed": lambda m, **k: MoireAttack(model=m, scene=SCENE, rule="printed", **k),
-    "ma photo": lambda m, **k: MoireAttack(model=m, scene=SCENE, noise_at="photo", **k),
-    "ma turned": lambda m, **k: MoireAttack(model=m, scene=SCENE, optimise=("noise", "view"), **k),
-    "ma pose": lambda m, **k: MoireAttack(
-        model=m, scene=SCENE, optimise=("view",), rule="apgd", **k
-    ),
-    "ma until fooled": lambda m, **k: MoireAttack(
-        model=m, scene=SCENE, restarts=2, until_fooled=True, **k
-    ),
-    "pgd": lambda m, **k: PGD(model=m, **k),
-    "pgd margin": lambda m, **k: PGD(model=m, loss="margin", **k),
-    "bim": lambda m, **k: BIM(model=m, **k),
-    "mifgsm": lambda m, **k: MIFGSM(model=m, **k),
-    "cw": lambda m, eps, **k: CW(model=m, **k),
-    "square": lambda m, **k: SquareMoire(model=m, scene=SCENE, **k),
-    "square until fooled": lambda m, **k: SquareMoire(model=m, scene=SCENE, until_fooled=True, **k),
-    "square photo": lambda m, **k: SquareMoire(model=m, scene=SCENE, noise_at="photo", **k),
-}
 EXCEEDS = {"ma printed": 2.0, "cw": math.inf}  # by how much the noise may exceed eps in three steps
 
 
@@ -50,13 +21,11 @@ def test_a_result_is_what_it_says(name, targeted, model, batch):
     images, labels = batch
     targets = (labels + 1) % 5 if targeted else None
     kept = images.clone()
-    result = METHODS[name](model, eps=EPS, steps=3)(images, labels, targets)
+    result = attack_by(name, model, 3)(images, labels, targets)
     assert torch.equal(images, kept)
-    assert (
-        result.images.shape == images.shape
-        and result.images.min() >= 0
-        and result.images.max() <= 1
-    )
+    assert result.images.shape == images.shape
+    assert result.images.min() >= 0
+    assert result.images.max() <= 1
     assert result.noise.abs().max() <= EPS * EXCEEDS.get(name, 1.0) * (1 + 1e-5)
     # an attack until every image is fooled takes fewer steps
     assert len(result.loss) == 3 or ("until fooled" in name and result.success.all())
@@ -75,9 +44,7 @@ def test_a_result_is_what_it_says(name, targeted, model, batch):
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("n", [0, 1])
 def test_batches_of_none_and_one(name, n, model):
-    result = METHODS[name](model, eps=EPS, steps=2)(
-        torch.rand(n, 3, 8, 8), torch.zeros(n, dtype=torch.long)
-    )
+    result = attack_by(name, model)(torch.rand(n, 3, 8, 8), torch.zeros(n, dtype=torch.long))
     assert result.images.shape == (n, 3, 8, 8) and len(result.success) == len(result.noise) == n
 
 
@@ -85,25 +52,22 @@ def test_batches_of_none_and_one(name, n, model):
 def test_what_lies_a_little_outside_of_0_and_1_is_clipped_before_the_attack(name, model, batch):
     images, labels = batch
     outside = (images * 1.2 - 0.1).clamp(-0.05, 1.05)
-    attack = METHODS[name](model, eps=EPS, steps=2)
+    attack = attack_by(name, model)
     results = []
     for given in (outside, clip(outside)):
         results.append(attack(given, labels, generator=torch.Generator().manual_seed(0)))
-    assert torch.equal(results[0].images, results[1].images) and torch.equal(
-        results[0].noise, results[1].noise
-    )
+    assert torch.equal(results[0].images, results[1].images)
+    assert torch.equal(results[0].noise, results[1].noise)
 
 
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 def test_saturated_logits_on_flat_images(name, level, model):
     images, labels = torch.full((2, 3, 8, 8), level), torch.tensor([0, 1])
-    result = METHODS[name](lambda x: model(x) * 1e4, eps=EPS, steps=3)(images, labels)
-    assert (
-        result.images.isfinite().all()
-        and result.noise.isfinite().all()
-        and result.loss.isfinite().all()
-    )
+    result = attack_by(name, lambda x: model(x) * 1e4, 3)(images, labels)
+    assert result.images.isfinite().all()
+    assert result.noise.isfinite().all()
+    assert result.loss.isfinite().all()
     assert result.images.min() >= 0 and result.images.max() <= 1
 
 
@@ -145,7 +109,7 @@ def test_the_model_is_left_as_it_was_found(name, after, model, batch):
         [m.training for m in model.modules()],
         [p.requires_grad for p in model.parameters()],
     )
-    attack = METHODS[name](Explodes(model, after), eps=EPS, steps=2)
+    attack = attack_by(name, Explodes(model, after))
     if after == 1:
         with pytest.raises(RuntimeError, match="out of memory"):
             attack(images, labels)
@@ -172,7 +136,7 @@ def test_attacks_work_where_gradients_are_off(context, model, batch):
     with context():
         images, labels = (t.clone() for t in batch)
         for name in METHODS:
-            result = METHODS[name](model, eps=EPS, steps=2)(images, labels)
+            result = attack_by(name, model)(images, labels)
             # two steps do not bring CW to its goal; the photo alone fools this network
             assert result.noise.any() != (name in ("cw", "ma pose", "ma until fooled"))
 

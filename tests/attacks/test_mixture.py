@@ -180,8 +180,3 @@ def test_what_does_not_fit_is_refused(call, said, model, batch):
     with pytest.raises(ValueError) as caught:
         call(model, *batch)
     assert said in str(caught.value)
-
-
-def test_what_is_attacked_by_default_is_what_every_other_door_shows(model):
-    preset = Scene.preset("screen_photo")
-    assert MoireAttack(model).scene == SquareMoire(model).scene == preset

@@ -1,33 +1,23 @@
 """Attacks of other libraries through the camera: every row meets its own shot, whatever an attack
 does to the batch."""
 
-import warnings
-
 import pytest
 import torch
 from torch import nn
 
-from moireaug import Scene, Sensor, attacks, capture, develop, expose
+from moireaug import Scene, Sensor, capture, develop, expose
 from moireaug.attacks import MoireAttack, Photographed
 from moireaug.attacks.photographed import CAMERAS
-from tests.attacks.common import EPS, SCENE, predicted
+from tests.attacks.common import EPS, SCENE, predicted, quietly, striped
 
 N = 16
-
-
-def quietly(name):
-    """A library of attacks, or a skipped test; its imports warn of other libraries' future."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return pytest.importorskip(name)
 
 
 @pytest.fixture(scope="module")
 def learnt(trained):
     """A model that is right about these photos, their images, labels and shot."""
     g = torch.Generator().manual_seed(0)
-    images, labels = torch.rand(N, 3, 16, 16, generator=g), torch.arange(N) % 5
-    images[torch.arange(N), 0, :, labels * 3] *= 0.3  # the class is where a column is dark
+    images, labels = striped(N, g)
     shot = SCENE.sample(N, (16, 16), g)
     model = trained(capture(images, shot), labels)
     assert torch.equal(predicted(model, capture(images, shot)), labels)
@@ -282,7 +272,7 @@ def test_photos_are_of_the_images_dtype(learnt, dtype):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"model": 3}, "model must be callable"),
+        ({"model": 3}, "Photographed's model must be a function"),
         ({"noise_at": "photo"}, "noise_at must be one of 'raw', 'image'"),
         ({"images": torch.rand(2, 3, 16, 16)}, "drawn for 16 images"),
         ({"images": torch.rand(N, 3, 16, 16) * 255}, r"lie in \[0, 1\]"),
@@ -292,7 +282,3 @@ def test_arguments_that_do_not_go_together(learnt, change, message):
     model, images, _, shot = learnt
     with pytest.raises((TypeError, ValueError), match=message):
         Photographed(**{"model": model, "images": images, "shot": shot, **change})
-
-
-def test_it_is_public():
-    assert attacks.Photographed is Photographed and "Photographed" in attacks.__all__

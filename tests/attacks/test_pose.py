@@ -51,12 +51,10 @@ def test_a_found_pose_is_what_it_says(name, targeted, model, batch):
     drawn, found = fields_of(shot), fields_of(result.shot)
     for (part, k), value in found.items():
         low, high = bounds(getattr(getattr(scene, part), k))
-        assert (
-            value.shape == (6,)
-            and not value.requires_grad
-            and (value >= low).all()
-            and (value <= high).all()
-        )
+        assert value.shape == (6,)
+        assert not value.requires_grad
+        assert (value >= low).all()
+        assert (value <= high).all()
         if part not in attack.optimise or low == high:
             assert torch.equal(value, drawn[part, k]), (part, k)
     assert any(not torch.equal(value, drawn[key]) for key, value in found.items())
@@ -102,10 +100,8 @@ def test_brightness_goes_to_its_end():
     for rule in ("sign", "momentum", "apgd"):
         attack = MoireAttack(model, scene=scene, steps=8, optimise=("sensor", "develop"), rule=rule)
         result = attack(torch.full((3, 3, 8, 8), 0.4), torch.zeros(3, dtype=torch.long))
-        assert (
-            result.shot.sensor.gain.tolist() == [2.0] * 3
-            and result.shot.develop.brighten.tolist() == [0.1] * 3
-        )
+        assert result.shot.sensor.gain.tolist() == [2.0] * 3
+        assert result.shot.develop.brighten.tolist() == [0.1] * 3
 
 
 def test_what_no_effect_reads_stays(model, batch):

@@ -3,24 +3,14 @@
 import pytest
 import torch
 
-from moireaug.attacks import PGD, MoireAttack, Patch
-from tests.attacks.common import SCENE
-
-ATTACKS = {
-    "pixels": lambda model: PGD(model),
-    "patch": lambda model: Patch(model, area=0.2),
-    "raw": lambda model: MoireAttack(model, scene=SCENE),
-    "photo": lambda model: MoireAttack(model, scene=SCENE, noise_at="photo"),
-    "pose": lambda model: MoireAttack(model, scene=SCENE, optimise=("noise", "view")),
-    "expectation": lambda model: MoireAttack(model, scene=SCENE, eot=2),
-}
+from tests.attacks.common import attack_by
 
 
-@pytest.mark.parametrize("name", ATTACKS)
+@pytest.mark.parametrize("name", ["pgd", "patch", "ma", "ma photo", "ma turned", "ma eot"])
 def test_a_subset_renders_its_own_rows(name, model, batch):
     images, _ = batch
     rows = torch.tensor([4, 1])
-    problem = ATTACKS[name](model).problem(images, None, torch.Generator().manual_seed(0))
+    problem = attack_by(name, model).problem(images, None, torch.Generator().manual_seed(0))
     point = problem.start(0.1, torch.Generator().manual_seed(1), random_pose=True)
     subset = problem.subset(rows)
     own_point = {name: x[rows] for name, x in point.items()}

@@ -2,7 +2,6 @@
 chance."""
 
 import copy
-import warnings
 
 import pytest
 import torch
@@ -11,16 +10,10 @@ from torch import nn
 from moireaug import Lens, Panel, Scene, Sensor, attacks, capture
 from moireaug.attacks import BIM, CW, MIFGSM, PGD, MoireAttack, SquareMoire
 from moireaug.attacks.square import window_side
+from tests.attacks.common import quietly
 
 SCENE = Scene(panel=Panel(scale=1.1), lens=Lens(blur=0.25), sensor=Sensor(scale=2.0, gain=2.0))
 EPS = 8 / 255
-
-
-@pytest.fixture
-def theirs():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # warnings of its imports
-        return pytest.importorskip("torchattacks")
 
 
 @pytest.fixture(scope="module")
@@ -43,14 +36,16 @@ class Shift(nn.Module):
 
 @pytest.mark.parametrize("name", ["BIM", "MIFGSM", "PGD"])
 @pytest.mark.parametrize("targeted", [False, True])
-def test_the_same_images_as_torchattacks(name, targeted, theirs, learnt):
+def test_the_same_images_as_torchattacks(name, targeted, learnt):
     model, images, labels = learnt
     goal = (labels + 1) % 5 if targeted else labels
 
     @torch.enable_grad()
     def of(steps):
         start = {"random_start": False} if name == "PGD" else {}
-        attack = getattr(theirs, name)(model, eps=EPS, alpha=EPS / 4, steps=steps, **start)
+        attack = getattr(quietly("torchattacks"), name)(
+            model, eps=EPS, alpha=EPS / 4, steps=steps, **start
+        )
         if targeted:
             attack.set_mode_targeted_by_label(quiet=True)
         return attack(images, goal)
@@ -75,12 +70,12 @@ def test_the_same_images_as_torchattacks(name, targeted, theirs, learnt):
 
 @pytest.mark.parametrize("targeted", [False, True])
 @pytest.mark.parametrize(("c", "lr"), [(0.1, 0.01), (0.1, 0.003), (0.2, 0.003), (1.0, 0.01)])
-def test_cw_agrees_with_torchattacks(targeted, c, lr, theirs, learnt):
+def test_cw_agrees_with_torchattacks(targeted, c, lr, learnt):
     model, images, labels = learnt
     # in float64: Adam divides by the size of a gradient, and would make steps of what rounding
     # leaves of a zero
     model, images = copy.deepcopy(model).double(), images.double()
-    other = theirs.CW(model, c=c, kappa=0, steps=50, lr=lr)
+    other = quietly("torchattacks").CW(model, c=c, kappa=0, steps=50, lr=lr)
     targets = (labels + 1) % 5 if targeted else None
     if targeted:
         other.set_mode_targeted_by_label(quiet=True)
@@ -97,10 +92,8 @@ def test_cw_agrees_with_torchattacks(targeted, c, lr, theirs, learnt):
         # all but the last row and column, which the model does not read: there rounding does lead
         # astray
         assert ours.images.sub(expected)[..., :-1, :-1].abs().max() < 1e-5
-    assert (
-        torch.equal(ours.images[~ours.success], images[~ours.success])
-        and ours.eps == ours.noise.abs().max()
-    )
+    assert torch.equal(ours.images[~ours.success], images[~ours.success])
+    assert ours.eps == ours.noise.abs().max()
 
 
 def test_cw_with_more_confidence_goes_farther(learnt):
@@ -112,6 +105,28 @@ def test_cw_with_more_confidence_goes_farther(learnt):
     assert (results[1].noise.flatten(1).norm(dim=1) > results[0].noise.flatten(1).norm(dim=1))[
         both
     ].all()
+
+
+@pytest.mark.parametrize(("scale", "suits_c"), [(0.01, False), (1.0, False), (100.0, True)])
+def test_the_search_for_c_finds_the_distance_to_a_plane(scale, suits_c):
+    """|margin| / |w|, whatever the scale of the logits, which one c alone does not suit."""
+    g = torch.Generator().manual_seed(0)
+    weight = torch.randn(3 * 8 * 8, generator=g, dtype=torch.float64)
+    images = torch.rand(4, 3, 8, 8, generator=g, dtype=torch.float64) * 0.2 + 0.4
+    offset = (images.flatten(1) @ weight).max() + weight.norm() / 2
+
+    def model(x):
+        z = scale * (x.flatten(1) @ weight - offset)
+        return torch.stack([z, -z], 1)
+
+    labels = model(images).argmax(1)
+    distance = (images.flatten(1) @ weight - offset).abs() / weight.norm()
+    ratios = []
+    for searches in (1, 9):
+        result = CW(model, c=1e-3, binary_search_steps=searches, steps=100)(images, labels)
+        ratios.append(result.noise.flatten(1).norm(dim=1) / distance)
+    assert result.success.all() and (ratios[1] >= 1).all() and (ratios[1] < 1.05).all()
+    assert (ratios[0] > 0).all() == suits_c
 
 
 def test_cw_reaches_from_black_and_white_when_it_may_go_far():

@@ -4,10 +4,9 @@ import math
 
 import pytest
 import torch
-from torch import nn
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, attacks, capture, develop, expose
-from moireaug.attacks import LOSSES, PGD, MoireAttack
+from moireaug import Develop, Lens, Panel, Scene, Sensor, capture, develop, expose
+from moireaug.attacks import LOSSES, MoireAttack
 from moireaug.attacks.rules import RULES, Ball, checkpoints
 
 SCENE = Scene(
@@ -138,11 +137,6 @@ def test_a_loss_that_is_no_number_is_never_the_best():
     assert rule.best_loss.item() == 1.0 and x.isfinite().all()
 
 
-def test_the_first_apgd_step_crosses_the_ball():
-    path = ascend("apgd", lambda x: x.sum(1), 4, -torch.ones(2, 3))
-    assert path[1].eq(1).all()
-
-
 def test_apgd_closes_in_where_signs_go_to_and_fro():
     """On a bowl whose floor lies inside the ball, fixed steps stay a step away; halved ones come
     nearer."""
@@ -162,56 +156,6 @@ def test_apgd_closes_in_where_signs_go_to_and_fro():
     assert best["apgd"].mean() > best["sign"].mean() / 4
 
 
-class Curved(nn.Module):
-    """Two classes by the distance to a point that lies inside every image's ball."""
-
-    def __init__(self, point, mixed):
-        super().__init__()
-        self.point, self.mixed = point, mixed
-
-    def forward(self, x):
-        far = ((x - self.point).flatten(1) @ self.mixed).square().sum(1)
-        return torch.stack([far, 1e-3 - far], 1)
-
-
-def test_apgd_is_at_least_as_strong_as_sign():
-    g = torch.Generator().manual_seed(2)
-    images = torch.rand(4, 3, 4, 4, generator=g) * 0.2 + 0.4
-    point = images + (torch.rand(images.shape, generator=g) - 0.5) * EPS
-    model = Curved(point, torch.eye(48) + torch.randn(48, 48, generator=g) * 0.05)
-    labels, reached = torch.zeros(4, dtype=torch.long), {}
-    for rule in ("sign", "apgd"):
-        result = PGD(model, eps=EPS, steps=30, rule=rule, random_start=0.0)(images, labels)
-        reached[rule] = attacks.margin(model(result.images), labels)
-    assert (reached["apgd"] >= reached["sign"]).all()
-
-
-def test_printed_adds_the_whole_delta_at_every_step():
-    """On a linear model every gradient has the same sign: delta grows by eps / K, the total to (K +
-    1) / 2 eps."""
-    g = torch.Generator().manual_seed(1)
-    weight = torch.randn(2, 192, generator=g)
-
-    def model(x):
-        return x.flatten(1) @ weight.to(x).T
-
-    images, labels = torch.rand(3, 3, 8, 8, generator=g) * 0.2 + 0.4, torch.tensor([0, 1, 0])
-    shot = SCENE.sample(3, (8, 8))
-    for steps in (1, 4, 9):
-        printed, sign = (
-            MoireAttack(model, scene=SCENE, eps=EPS, steps=steps, step_size=1 / steps, rule=rule)(
-                images, labels, shot=shot
-            )
-            for rule in ("printed", "sign")
-        )
-        effective = sign.noise != 0
-        assert torch.allclose(
-            printed.noise[effective], sign.noise[effective] * (steps + 1) / 2, atol=1e-6
-        )
-        assert torch.allclose(sign.noise[effective].abs(), torch.tensor(EPS))
-        assert torch.allclose(capture(images, shot, printed.noise), printed.images, atol=1e-6)
-
-
 def test_printed_is_algorithm_1_step_by_step(model, batch):
     """Beside a plain transcription, on a model with curvature and readings that reach both
     bounds."""
@@ -227,7 +171,7 @@ def test_printed_is_algorithm_1_step_by_step(model, batch):
         x = (x.detach() + delta).clamp(0, 1)
     assert torch.allclose(attack.last(images, labels, shot=shot), develop(x, shot), atol=1e-4)
     result = attack(images, labels, shot=shot)
-    assert eps < result.noise.abs().max() <= 3 * eps * (1 + 1e-6)
+    assert eps < result.noise.abs().max() <= (steps + 1) / 2 * eps * (1 + 1e-6)
     reading = expose(images, shot) + result.noise
     assert reading.min() > -1e-6 and reading.max() < 1 + 1e-6
     assert torch.allclose(capture(images, shot, result.noise), result.images, atol=1e-6)

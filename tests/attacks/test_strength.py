@@ -7,7 +7,7 @@ from torch import nn
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks, capture
 from moireaug.attacks import ATTACKS, RULES, MoireAttack
-from tests.attacks.common import EPS, SCENE, predicted
+from tests.attacks.common import EPS, SCENE, predicted, striped
 
 
 class Linear(nn.Module):
@@ -118,9 +118,7 @@ def test_every_attack_breaks_what_is_broken(name, broken, targeted):
 
 def test_the_attack_beats_random_noise(trained):
     g = torch.Generator().manual_seed(0)
-    images = torch.rand(64, 3, 16, 16, generator=g)
-    labels = torch.arange(64) % 5
-    images[torch.arange(64), 0, :, labels * 3] *= 0.3  # the class is where a column is dark
+    images, labels = striped(64, g)
     shot = SCENE.sample(len(images), (16, 16))
     model = trained(capture(images, shot), labels)
     signs = torch.randint(0, 2, shot.raw_shape(), generator=g) * 2.0 - 1

@@ -9,7 +9,7 @@ from torch import nn
 
 from moireaug import capture
 from moireaug.attacks import PGD, MoireAttack, MultiTargeted, Patch, SquareMoire
-from tests.attacks.common import SCENE, predicted
+from tests.attacks.common import SCENE, predicted, striped
 
 EPS = 6 / 255  # fools some early, whatever the last digits of the training are
 STEPS = 10
@@ -33,8 +33,7 @@ def problem(trained):
     """A model, images of which noise fools some, and their shot; in float64, where no gradient's
     sign hangs on the size of the batch."""
     g = torch.Generator().manual_seed(0)
-    images, labels = torch.rand(32, 3, 16, 16, generator=g), torch.arange(32) % 5
-    images[torch.arange(32), 0, :, labels * 3] *= 0.3  # the class is where a column is dark
+    images, labels = striped(32, g)
     shot = SCENE.sample(len(images), (16, 16), g)
     model = copy.deepcopy(trained(capture(images, shot), labels)).double()
     return model, images.double(), labels, shot

@@ -46,7 +46,7 @@ def test_no_deflections_leave_only_the_denoising(photos):
 def test_colours_come_from_the_window_and_the_image(h, w):
     defence = PixelDeflection(deflections=1, window=4)
     offsets = []
-    for source in defence._sources(400, h, w):
+    for source in defence.sources(400, h, w):
         at = np.flatnonzero(source != np.arange(h * w))
         assert len(at) <= 1  # a pixel can draw itself
         for to in at:
@@ -57,15 +57,14 @@ def test_colours_come_from_the_window_and_the_image(h, w):
 
 
 def test_places_and_offsets_are_uniform():
-    source = PixelDeflection(deflections=1, window=1)._sources(9000, 3, 3)
+    source = PixelDeflection(deflections=1, window=1).sources(9000, 3, 3)
     image, at = np.nonzero(source != np.arange(9))
     # the middle draws itself once in nine times, an edge once in six, a corner once in four
     wanted = 1000 * np.array([3 / 4, 5 / 6, 3 / 4, 5 / 6, 8 / 9, 5 / 6, 3 / 4, 5 / 6, 3 / 4])
     assert np.abs(np.bincount(at, minlength=9) - wanted).max() < 5 * np.sqrt(1000)
     middle = np.bincount(source[image[at == 4], 4], minlength=9)
-    assert middle[4] == 0 and np.abs(np.delete(middle, 4) - middle.sum() / 8).max() < 5 * np.sqrt(
-        middle.sum() / 8
-    )
+    assert middle[4] == 0
+    assert np.abs(np.delete(middle, 4) - middle.sum() / 8).max() < 5 * np.sqrt(middle.sum() / 8)
 
 
 def test_deflections_follow_each_other(monkeypatch):
@@ -74,16 +73,16 @@ def test_deflections_follow_each_other(monkeypatch):
         [[[0.0], [0.0]], [[0.4], [0.7]], [[0.0], [0.0]], [[0.0], [0.0]]], dtype=torch.float64
     )
     monkeypatch.setattr(torch, "rand", lambda *a, **k: u)
-    assert PixelDeflection(2, window=1)._sources(1, 1, 3).tolist() == [[0, 0, 0]]
+    assert PixelDeflection(2, window=1).sources(1, 1, 3).tolist() == [[0, 0, 0]]
 
 
 def test_the_count_and_the_channels(photos):
     images = photos(b=1, h=64, w=64)
-    source = PixelDeflection(200)._sources(1, 64, 64)[0]
+    source = PixelDeflection(200).sources(1, 64, 64)[0]
     assert 180 < (source != np.arange(64 * 64)).sum() <= 200
     rows = torch.from_numpy(source)
     torch.manual_seed(0)
-    rows = torch.from_numpy(PixelDeflection(200)._sources(1, 64, 64)[0])
+    rows = torch.from_numpy(PixelDeflection(200).sources(1, 64, 64)[0])
     torch.manual_seed(0)
     moved = images.flatten(2)[..., rows].view_as(images)  # all channels by the same map
     assert torch.equal(PixelDeflection(200)(images), denoise(moved, 0.04))
@@ -96,7 +95,7 @@ def test_the_gradient_goes_where_the_colour_came_from(photos):
     (gradient,) = torch.autograd.grad((PixelDeflection(30)(images) * weight).sum(), images)
     torch.manual_seed(4)
     wanted = torch.zeros(2, 3, 120)
-    for i, source in enumerate(PixelDeflection(30)._sources(2, 12, 10)):
+    for i, source in enumerate(PixelDeflection(30).sources(2, 12, 10)):
         wanted[i].index_add_(1, torch.from_numpy(source), weight[i].flatten(1))
     assert torch.allclose(gradient.flatten(2), wanted, atol=1e-6)
     assert not torch.allclose(gradient, weight)

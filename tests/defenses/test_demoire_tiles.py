@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from moireaug.defenses import demoire
-from moireaug.defenses.demoire.tiles import TILE_OVERLAP, TILE_SIDE, _spans, tiled
+from moireaug.defenses.demoire.tiles import TILE_OVERLAP, TILE_SIDE, spans, tiled
 
 
 def near_sighted(radius):
@@ -52,7 +52,7 @@ def test_no_tile_is_too_long_or_a_sliver():
 def test_every_tile_lies_on_its_networks_grid(name):
     multiple = demoire.NETWORKS[name].multiple
     for length in range(TILE_SIDE + 1, 3 * TILE_SIDE, 5):
-        assert not any(start % multiple for start, _ in _spans(length, TILE_SIDE, TILE_OVERLAP)), (
+        assert not any(start % multiple for start, _ in spans(length, TILE_SIDE, TILE_OVERLAP)), (
             length
         )
 

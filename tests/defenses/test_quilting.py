@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, TensorDataset
 
-from moireaug.defenses import Quilting, bank
+from moireaug.defenses import Quilting
 from moireaug.defenses.bank import draw_bank
 from moireaug.defenses.quilting import cut, stitch
 
@@ -132,9 +132,8 @@ def test_every_place_is_as_likely():
             corners = draw_bank(batches, 5, patch=5, seed=seed, progress=False)[:, 0, 0, 0]
             counts[(corners * 200).round().long()] += 1
     counts = counts[counts > 0]
-    assert (
-        len(counts) == 4 * 2 * 3 and (counts - 4000 / 24).abs().max() < 5 * (2 * 4000 / 24) ** 0.5
-    )
+    assert len(counts) == 4 * 2 * 3
+    assert (counts - 4000 / 24).abs().max() < 5 * (2 * 4000 / 24) ** 0.5
 
 
 def test_the_bank_depends_neither_on_batches_nor_on_global_randomness(photos):
@@ -154,17 +153,14 @@ def test_the_bank_depends_neither_on_batches_nor_on_global_randomness(photos):
     assert torch.equal(torch.get_rng_state(), state)
 
 
-def test_the_file_is_used_only_where_it_matches(photos, tmp_path, monkeypatch):
+def test_the_file_is_used_only_where_it_matches(photos, tmp_path):
+    """Else the bank is drawn anew, and the file replaced."""
     images, file = photos(b=3, h=12, w=14), tmp_path / "deep" / "bank.npz"
     first = draw_bank(images, 50, cache=file, progress=False)
     assert [f.name for f in file.parent.iterdir()] == ["bank.npz"]
-    drawn = []
-    kept = bank._draw
-    monkeypatch.setattr(bank, "_draw", lambda *a: drawn.append(1) or kept(*a))
-    assert torch.equal(
-        Quilting.from_images(images, 50, cache=str(file), progress=False).bank, first
-    )
-    assert not drawn
+    written = written_at(file)
+    again = Quilting.from_images(images, 50, cache=str(file), progress=False)
+    assert torch.equal(again.bank, first) and written_at(file) == written
     other = images.clone()
     other[0, 0, 0, 0] = 1 - other[0, 0, 0, 0]
     changes = [
@@ -175,24 +171,32 @@ def test_the_file_is_used_only_where_it_matches(photos, tmp_path, monkeypatch):
         ({}, images[:2]),
         ({}, images.double()),
     ]
-    for count, (settings, given) in enumerate(changes, start=1):
-        wanted = draw_bank(given, **{"patches": 50, **settings}, progress=False)
-        drawn.clear()
-        got = draw_bank(given, **{"patches": 50, **settings}, cache=file, progress=False)
-        assert torch.equal(got, wanted) and len(drawn) == 1, count
-        assert torch.equal(draw_bank(given, **{"patches": 50, **settings}, cache=file), got)
-        assert len(drawn) == 1
+    for changed, given in changes:
+        settings = {"patches": 50, "progress": False} | changed
+        wanted = draw_bank(given, **settings)
+        assert torch.equal(draw_bank(given, **settings, cache=file), wanted)
+        assert written_at(file) != written
+        written = written_at(file)
+        assert torch.equal(draw_bank(given, **settings, cache=file), wanted)
+        assert written_at(file) == written
 
 
-def test_loaders_are_told_apart_by_length(photos, tmp_path, monkeypatch):
+def written_at(file):
+    return file.stat().st_ino, file.stat().st_mtime_ns
+
+
+def test_loaders_are_told_apart_by_length(photos, tmp_path):
     def loader(n):
         return DataLoader(TensorDataset(photos(b=n, h=12, w=14), torch.zeros(n)), batch_size=2)
 
-    first = draw_bank(loader(3), 20, cache=tmp_path / "bank", progress=False)
-    assert torch.equal(first, draw_bank(photos(b=3, h=12, w=14), 20, progress=False))
-    assert not torch.equal(draw_bank(loader(4), 20, cache=tmp_path / "bank", progress=False), first)
-    monkeypatch.setattr(bank, "_draw", None)
-    assert len(draw_bank(loader(4), 20, cache=tmp_path / "bank", progress=False)) == 20
+    settings = {"patches": 20, "progress": False}
+    cache = tmp_path / "bank"
+    first = draw_bank(loader(3), **settings, cache=cache)
+    assert torch.equal(first, draw_bank(photos(b=3, h=12, w=14), **settings))
+    assert not torch.equal(draw_bank(loader(4), **settings, cache=cache), first)
+    written = written_at(cache)
+    assert len(draw_bank(loader(4), **settings, cache=cache)) == 20
+    assert written_at(cache) == written
 
 
 def empty_array(file):

@@ -50,10 +50,12 @@ def table_of(*conditions, judge=UNDEFENDED):
     return Table("mine", tuple(Cell(c.name, "shown", (c,), judge) for c in conditions))
 
 
-def ran(known, table=TABLE, indices=(0, 1), seed=3, records=None, scene=SCENE):
+def ran(known, tables=TABLE, indices=None, seed=3, records=None, scene=SCENE):
+    """The runner that has run one or more tables on a model and its batches, by default on all."""
     model, batches = known
+    tables = [tables] if isinstance(tables, Table) else tables
     runner = Runner(model, batches, scene, Kept() if records is None else records, seed=seed)
-    for _ in runner.run(jobs_of([table]), indices):
+    for _ in runner.run(jobs_of(tables), range(len(batches)) if indices is None else indices):
         pass
     return runner
 
@@ -64,3 +66,11 @@ def results(runner):
     for key, record in runner.records._records.items():
         found[key] = {name: value for name, value in record.items() if name != "seconds"}
     return found
+
+
+def cell_of(lines, row, column, table=None):
+    """The line of that row and column in a frame of rates."""
+    is_wanted = (lines["row"] == row) & (lines["column"] == column)
+    if table is not None:
+        is_wanted &= lines["table"] == table
+    return lines[is_wanted].iloc[0]

@@ -1,7 +1,6 @@
 """Every page can be read without a mouse, without colours, and by a screen reader."""
 
 import re
-from html.parser import HTMLParser
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -20,44 +19,9 @@ from training.calibration.fit import FittedScene
 from training.demoireing import report as demoireing
 from training.demoireing.testing import GroupedPair
 
-VOID = ("meta", "img", "br")
+from .elements import Elements
+
 OUTSIDE = ("script", "link", "iframe", "object", "embed", "video", "audio")
-
-
-class Element:
-    def __init__(self, tag, attributes):
-        self.tag, self.text, self.attributes = tag, "", attributes
-
-    def __getitem__(self, name):
-        return self.attributes.get(name)
-
-
-class Elements(HTMLParser):
-    """Every element of a page, in order, with the text inside it."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.found, self.open = [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        element = Element(tag, dict(attrs))
-        self.found.append(element)
-        if tag not in VOID:
-            self.open.append(element)
-
-    def handle_endtag(self, tag):
-        self.open.pop()
-
-    def handle_data(self, data):
-        for element in self.open:
-            element.text += data
-
-    def of(self, *tags):
-        return [element for element in self.found if element.tag in tags]
-
-    def named(self, name):
-        return [element for element in self.found if element["id"] == name]
 
 
 def the_language_is_said(elements):
@@ -175,7 +139,7 @@ def suite_page(folder, metrics, pictures):
     tables, lines = [], []
     rows, columns = ["eps_4", "eps_8"], ["moire", "random", "ma"]
     for name in ("success", "standard"):
-        facts = {"queries": 1000}
+        facts = {"queries": 1000, "steps": 20}
         tables.append(SimpleNamespace(name=name, rows=rows, columns=columns, facts=facts, empty={}))
         for row in rows:
             for column in columns:
@@ -222,7 +186,6 @@ PAGES = (run_page, least_page, suite_page, demoireing_page, calibration_page)
 @pytest.mark.parametrize("make", PAGES)
 def test_every_page_keeps_every_rule(make, tmp_path, metrics, pictures):
     elements = Elements(make(tmp_path, metrics, pictures))
-    assert not elements.open
     broken = [rule.__name__ for rule in RULES if not rule(elements)]
     assert not broken
 

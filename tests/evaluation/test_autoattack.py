@@ -9,12 +9,13 @@ import torch
 from moireaug import Scene
 from moireaug.attacks import MoireAttack, MultiTargeted
 from moireaug.defenses import BitDepth
-from moireaug.evaluation.autoattack import Apgd, TargetedApgd
+from moireaug.evaluation.autoattack import APGDAttacker, APGDTAttacker
 from moireaug.evaluation.conditions import EvalBatch
 from moireaug.evaluation.judges import Judge
 
 SCENE = Scene.preset("screen_photo")
 EPS = 2 / 255
+SETTINGS = {"eps": EPS, "steps": 3}
 
 
 @pytest.fixture(scope="module")
@@ -25,41 +26,17 @@ def batch(known):
     return EvalBatch(model, images, labels, (labels + 1) % 4, shot, generator)
 
 
-@pytest.fixture(scope="module")
-def first(batch):
-    attack = MoireAttack(batch.model, scene=SCENE, eps=EPS, steps=3, rule="apgd", until_fooled=True)
-    return attack(batch.images, batch.labels, shot=batch.shot)
-
-
-def test_what_the_cross_entropy_fools_stays_and_the_rest_is_attacked_by_apgd_t(batch, first):
-    """Some of both, or the test says nothing."""
+def test_apgd_keeps_what_the_cross_entropy_fools_and_attacks_the_rest_by_apgd_t(batch):
+    settings = SETTINGS | {"scene": SCENE, "rule": "apgd", "until_fooled": True}
+    first = MoireAttack(batch.model, **settings)(batch.images, batch.labels, shot=batch.shot)
     right = (~first.success).nonzero()[:, 0]
-    assert 0 < len(right) < 8
-    shown = Apgd(eps=EPS, steps=3).perturb(batch)
-    assert torch.equal(shown[first.success], first.images[first.success])
-    toward = MultiTargeted(
-        MoireAttack(
-            batch.model,
-            scene=SCENE,
-            eps=EPS,
-            steps=3,
-            rule="apgd",
-            loss="dlr",
-            until_fooled=True,
-        )
-    )
+    assert 0 < len(right) < 8, "or the test says nothing"
+    images = APGDAttacker(**SETTINGS).show(batch)
+    assert torch.equal(images[first.success], first.images[first.success])
+    toward = MultiTargeted(MoireAttack(batch.model, loss="dlr", **settings))
     rest = toward(batch.images[right], batch.labels[right], shot=batch.shot[right])
-    assert torch.equal(shown[right], rest.images)
-    assert torch.equal(shown[right], TargetedApgd(eps=EPS, steps=3).perturb(batch[right]))
-
-
-def test_the_worst_is_no_better_than_either(batch, first):
-    fooled = first.success
-    with torch.no_grad():
-        found = batch.model(Apgd(eps=EPS, steps=3, classes=1).perturb(batch)).argmax(1)
-        every = batch.model(Apgd(eps=EPS, steps=3).perturb(batch)).argmax(1)
-    one, three = found != batch.labels, every != batch.labels
-    assert one[fooled].all() and three[one].all()
+    assert torch.equal(images[right], rest.images)
+    assert torch.equal(images[right], APGDTAttacker(**SETTINGS).show(batch[right]))
 
 
 def test_images_that_are_all_fooled_are_not_attacked_again(batch):
@@ -72,14 +49,13 @@ def test_images_that_are_all_fooled_are_not_attacked_again(batch):
         return batch.model(images)
 
     wrong = dataclasses.replace(batch, model=model, labels=batch.targets)
-    shown = Apgd(eps=EPS, steps=3).perturb(wrong)
-    assert shown.shape == batch.images.shape and asked == [8] * 3
+    images = APGDAttacker(**SETTINGS).show(wrong)
+    assert images.shape == batch.images.shape and asked == [8] * 3
 
 
 def test_an_attack_through_a_defence_is_another_one(batch):
     coarse = Judge("coarse", defence=BitDepth(1))
-    through, plain = (Apgd(eps=EPS, steps=2, knows=knows) for knows in (coarse, None))
+    through, plain = APGDAttacker(**SETTINGS, knows=coarse), APGDAttacker(**SETTINGS)
     assert through.name == "apgd_2_through_coarse" and plain.name == "apgd_2"
-    assert through.settings()["knows"] == coarse.identity
-    assert plain.settings()["knows"] is None
-    assert not torch.equal(through.perturb(batch), plain.perturb(batch))
+    assert through.settings()["knows"] == coarse.identity != plain.settings()["knows"]
+    assert not torch.equal(through.show(batch), plain.show(batch))

@@ -9,9 +9,8 @@ from torchvision.transforms.functional import gaussian_blur
 from moireaug import Scene
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation import SuiteConfig, evaluate, images_frame, rates, tables_of
-from moireaug.evaluation.frame import cell_of, with_paper
-from moireaug.evaluation.records import Records
-from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.frame import with_paper
+from tests.evaluation.haze import cell_of, ran
 
 SCENE = Scene.preset("screen_photo")
 
@@ -36,14 +35,10 @@ NETWORKS = {"mddm": nn.Identity(), "smooth": Smooth(), "grey": Grey()}
 @pytest.fixture(scope="module")
 def measured(known):
     """(table, rates) of three networks before the small model, 8 images."""
-    model, batches = known[0], known[1][:1]
     networks = {name: Demoire(network) for name, network in NETWORKS.items()}
     config = SuiteConfig(scene=SCENE, steps=4, networks=networks)
     (table,) = tables_of("demoireing", config)
-    runner = Runner(model, batches, SCENE, Records(), seed=3)
-    for _ in runner.run(jobs_of([table]), range(len(batches))):
-        pass
-    return table, rates(images_frame([table], runner, range(len(batches))))
+    return table, rates(images_frame([table], ran(known, table, (0,)), (0,)))
 
 
 def test_networks_are_rows_and_what_is_missing_says_why(measured):

@@ -16,8 +16,8 @@ from torchvision.transforms import v2
 
 from moireaug import Scene
 from moireaug.attacks import Normalized
-from moireaug.defenses import JPEG, Compose, Defended, Quilting
-from moireaug.evaluation.attackers import MoireAttacker
+from moireaug.defenses import JPEG, Compose, Defended, PixelDeflection, Quilting
+from moireaug.evaluation.attackers import MoireAttacker, PoseUnknown
 from moireaug.evaluation.identity import identity, require_identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
@@ -52,43 +52,26 @@ def test_a_key_changes_with_every_setting(known, setting):
     assert runner.key(plain, Judge("other"), 0) not in runner.records
 
 
+def test_a_key_changes_with_the_draws_of_an_expectation():
+    attackers = [PoseUnknown(eps=EPS, steps=2, shots=shots) for shots in (4, 8)]
+    for draws in (1, 20):
+        judge = Judge("j", PixelDeflection(), draws=draws)
+        attackers.append(MoireAttacker(eps=EPS, steps=2, knows=judge))
+    assert len({str(attacker.settings()) for attacker in attackers}) == 4
+
+
 def test_every_setting_of_an_attacker_is_tried():
     named = {field.name for field in dataclasses.fields(MoireAttacker)}
     assert named - {"place"} == set(CHANGES)
 
 
-def test_a_defence_is_known_by_its_settings_and_weights():
+def test_a_judge_is_known_by_what_it_holds_and_where():
     """Not by its name alone."""
-    parts = [
-        JPEG(60),
-        JPEG(10),
-        Compose((JPEG(60),)),
-        Compose((classifier(0),)),
-        Compose((classifier(1),)),
-        classifier(0),
-        torch.nn.functional.relu,
-        torch.nn.functional.gelu,
-        lambda x: x,
-        lambda x: x + 1,
-    ]
-    identities = [identity(part) for part in parts]
-    assert len(set(identities)) == len(parts)
-    assert identities == [identity(part) for part in parts]
+    parts = [JPEG(60), JPEG(10), Compose((JPEG(60),)), classifier(0), lambda x: x, lambda x: x + 1]
+    assert len({identity(part) for part in parts}) == len(parts)
     keys = {Judge("one", defence=part).identity for part in parts}
     keys |= {Judge("one", model=part).identity for part in parts}
     assert len(keys) == 2 * len(parts)
-    knowing = [
-        MoireAttacker(eps=EPS, steps=2, knows=Judge("j", defence=part)) for part in parts[:2]
-    ]
-    assert knowing[0].settings() != knowing[1].settings()
-
-
-def test_buffers_that_are_not_saved_and_layers_without_weights_count():
-    net = classifier()
-    grey, plain = Normalized(net, (0.5,) * 3, (0.5,) * 3), Normalized(net, (0.0,) * 3, (1.0,) * 3)
-    assert identity(grey) != identity(plain)
-    assert identity(nn.Sequential(net, nn.ReLU())) != identity(nn.Sequential(net, nn.GELU()))
-    assert identity(classifier(0)) == identity(classifier(0)) != identity(classifier(1))
 
 
 class Holds(nn.Module):
@@ -133,6 +116,9 @@ def frozen(seed):
 # what two models may differ in that is no weight, buffer or layer
 DIFFERENCES = {
     "a defence": (Defended(nn.Identity(), JPEG(20)), Defended(nn.Identity(), JPEG(80))),
+    "a layer without weights": (nn.Sequential(nn.ReLU()), nn.Sequential(nn.GELU())),
+    "a buffer that no file holds": (Normalized(classifier()), Normalized(classifier(), (0.0,) * 3)),
+    "weights": (classifier(0), classifier(1)),
     "a dict": ({"mean": 0.5}, {"mean": 0.4}),
     "an array": (np.zeros(2), np.ones(2)),
     "an array's shape": (np.zeros(2), np.zeros((2, 1))),

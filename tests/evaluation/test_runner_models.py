@@ -1,7 +1,5 @@
 """What the runner does to a model: it is left as it was found, wherever it is."""
 
-from types import SimpleNamespace
-
 import pytest
 import torch
 from torch import nn
@@ -11,7 +9,6 @@ from moireaug.evaluation.conditions import (
     Photo,
 )
 from moireaug.evaluation.corruptions import Corrupted
-from moireaug.evaluation.halving import _generators
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.trust import CleanTwice, PhotoGradient
 from tests.evaluation.haze import CONDITIONS, ran, results, table_of
@@ -24,9 +21,10 @@ from .conftest import classifier
     [
         ("model", nn.Sequential(classifier(), nn.BatchNorm1d(4))),
         ("defence", nn.BatchNorm2d(3)),
+        ("attacked", nn.Sequential(classifier(), nn.BatchNorm1d(4))),
     ],
 )
-def test_another_model_or_defence_is_left_as_it_was_found(part, body, known):
+def test_a_model_or_defence_is_left_as_it_was_found(part, body, known):
     """It judges in evaluation mode, without gradients, and keeps its statistics."""
     seen = []
 
@@ -37,7 +35,10 @@ def test_another_model_or_defence_is_left_as_it_was_found(part, body, known):
 
     stranger = nn.Sequential(body, Spy()).train()
     state = {k: v.clone() for k, v in stranger.state_dict().items()}
-    ran(known, table_of(Photo(), judge=Judge("stranger", **{part: stranger})))
+    if part == "attacked":
+        ran((stranger, known[1]), table_of(Photo()))
+    else:
+        ran(known, table_of(Photo(), judge=Judge("stranger", **{part: stranger})))
     assert seen and not any(training or grad for training, grad in seen)
     assert stranger.training
     assert all(torch.equal(v, stranger.state_dict()[k]) for k, v in state.items())
@@ -47,23 +48,6 @@ def test_a_model_that_returns_no_logits_gets_a_sentence(known):
     bad = Judge("bad", model=lambda shown: shown)
     with pytest.raises(ValueError, match=r"must return logits \(B, K\)"):
         ran(known, table_of(Clean(), judge=bad), (0,))
-
-
-def test_the_model_keeps_its_mode(known):
-    model = nn.Sequential(classifier(), nn.BatchNorm1d(4)).train()
-    state = {k: v.clone() for k, v in model.state_dict().items()}
-    ran((model, known[1]), indices=(0,))
-    assert model.training
-    assert all(torch.equal(v, model.state_dict()[k]) for k, v in state.items())
-
-
-def test_an_attempt_on_a_gpu_may_draw_from_its_generator(monkeypatch):
-    own, first, second = (torch.Generator() for _ in range(3))
-    monkeypatch.setattr(torch.cuda, "default_generators", (first, second))
-    for device, extra in (("cpu", []), ("cuda:0", [first]), ("cuda:1", [second])):
-        images = SimpleNamespace(is_cuda=device != "cpu", device=torch.device(device))
-        batch = SimpleNamespace(generator=own, images=images)
-        assert _generators(batch) == [own, torch.default_generator, *extra]
 
 
 def test_a_model_without_a_choice_is_refused(known):

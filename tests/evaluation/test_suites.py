@@ -20,15 +20,15 @@ from moireaug.evaluation import (
 )
 from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
-from moireaug.evaluation.frame import cell_of, read_published, with_paper
+from moireaug.evaluation.frame import read_published, with_paper
 from moireaug.evaluation.judges import UNDEFENDED
-from moireaug.evaluation.records import Records
 from moireaug.evaluation.report.page import render
 from moireaug.evaluation.report.suite_view import suite_view
-from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.threat import DISPLAY_CAMERA_PAIRS, threat_scene
 from moireaug.scene.presets import PRESETS
+from tests.evaluation.haze import cell_of, ran
 
 SCENE = Scene.preset("screen_photo")
 WORST_CASE_COLUMNS = ("moire", "ma", "apgd")
@@ -38,9 +38,7 @@ CONFIG = SuiteConfig(scene=SCENE, steps=2)
 def run_suite(model, batches, suite, config=CONFIG):
     """(tables by name, images, rates, runner)."""
     tables = tables_of(suite, config)
-    runner = Runner(model, batches, config.scene, Records(), seed=3)
-    for _ in runner.run(jobs_of(tables), range(len(batches))):
-        pass
+    runner = ran((model, batches), tables, scene=config.scene)
     images = images_frame(tables, runner, range(len(batches)))
     return {table.name: table for table in tables}, images, rates(images), runner
 
@@ -146,16 +144,6 @@ def test_the_full_ladder_adds_rows_to_the_ladder(known):
     assert view["tables"][0]["columns"] == ["fooled"]
 
 
-def test_pixels_and_chance_are_no_part_of_the_worst_case(measured):
-    table = measured[0]["worst_case"]
-    for row in table.rows:
-        worst = {condition.name for condition in table.cell(row, "worst").conditions}
-        assert len(worst) == len(WORST_CASE_COLUMNS)
-        for column in ("clean", "random", "pgd"):
-            (beside,) = table.cell(row, column).conditions
-            assert beside.name not in worst
-
-
 def test_the_controls_are_the_ladders(measured, known):
     _, _, ladder, _ = run_suite(*known, "ladder")
     accuracy = ladder.set_index("row")["accuracy"]
@@ -200,10 +188,7 @@ def test_photos_of_one_image_are_no_independent_trials(known):
     (table,) = tables_of("threat", CONFIG)
     own = [cell for cell in table.cells if cell.row == "monitor, Sony"]
     table = dataclasses.replace(table, cells=tuple(own))
-    runner = Runner(*known, SCENE, Records(), seed=3)
-    for _ in runner.run(jobs_of([table]), (0, 1)):
-        pass
-    images = images_frame([table], runner, (0, 1))
+    images = images_frame([table], ran(known, table), (0, 1))
     lines = rates(images)
     pooled = cell_of(lines, "monitor, Sony", "all")
     assert pooled["n"] == 128 and pooled["condition"] == "8 pooled"
@@ -241,9 +226,7 @@ def test_the_tables_say_what_they_show(measured):
     worst, unseen = view["tables"]
     assert worst["natural"] is None and unseen["verdict"] is None
     assert worst["verdict"]["attack"] == cell_of(lines, "eps_4", "worst")["success"]
-    lead = view["paragraphs"]
-    assert lead[0].startswith("The worst of the attackers. ε = 4: the photo alone fools ")
-    assert lead[1].startswith("Without any attacker the moiré adds most for ")
+    assert len(view["paragraphs"]) == 2  # one of each table
     told = render(
         "suite.md.j2",
         suite=view,
@@ -278,12 +261,12 @@ class Deaf(nn.Module):
 @pytest.mark.parametrize("suite", ["recipes", "adaptive", "jpeg", "demoireing"])
 def test_nothing_fools_a_model_that_does_not_look(known, suite):
     """Negative control: a table that finds success here counts wrongly."""
-    batches = [(known[1][0][0], torch.tensor([1, 1, 1, 1, 1, 1, 0, 2]))]
+    batches = [(known[1][0][0][:4], torch.tensor([1, 1, 1, 2]))]
     config = dataclasses.replace(CONFIG, steps=1)
     lines = run_suite(Deaf().eval(), batches, suite, config)[2]
     for line in lines.to_dict("records"):
         found = (line["success"], line["accuracy"], line["counted"])
-        assert found == (0.0, 0.75, 6), (line["row"], line["column"])
+        assert found == (0.0, 0.75, 3), (line["row"], line["column"])
 
 
 def test_lpips_is_a_column_where_it_was_measured(measured, tmp_path):

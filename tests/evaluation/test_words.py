@@ -1,5 +1,7 @@
 """What a report says in words: its headline, the table for the terminal, durations."""
 
+import re
+
 import pytest
 
 from moireaug.evaluation import report
@@ -18,17 +20,10 @@ def headline(metrics):
 def test_headline_says_what_was_gained_and_paid(metrics):
     title, lead, shares = headline(metrics)
     assert title == "moire_at raises accuracy under the Moiré Attack from 8 % to 76 %"
-    assert lead == (
-        "Compared with plain training, accuracy under the Moiré Attack rose from "
-        "8 % to 76 % "
-        "(+68 points, 95 % interval +62 to +74, n = 200); clean accuracy went from 95.0 % to "
-        "90.0 %. "
-        "Training took 4 min 30 s with its start, 2.1 times the 2 min 10 s of the baseline."
-    )
-    assert shares == (
-        "What fools each model: for baseline, the camera without moiré 20 % of the images, the "
-        "moiré +26 points, the attacker’s noise +46 points; for moire_at, 2 %, +1 and +15 points."
-    )
+    assert "rose from 8 % to 76 % (+68 points, 95 % interval +62 to +74, n = 200)" in lead
+    assert "clean accuracy went from 95.0 % to 90.0 %." in lead
+    assert "4 min 30 s with its start, 2.1 times the 2 min 10 s of the baseline." in lead
+    assert re.findall(r"[+]?\d+", shares) == ["20", "+26", "+46", "2", "+1", "+15"]
 
 
 def test_headline_of_a_loss(metrics):
@@ -79,9 +74,9 @@ def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, baseline):
     lines = report.run_summary(metrics).splitlines()
     assert max(map(len, lines)) <= 100
     assert len({len(line) for line in lines[1 : 2 + len(metrics["reattack"])]}) == 1
-    assert (
-        "n = 200" in lines[0] and lines[-1].startswith("training: ") and "4 min 30 s" in lines[-1]
-    )
+    assert "n = 200" in lines[0]
+    assert lines[-1].startswith("training: ")
+    assert "4 min 30 s" in lines[-1]
     printed = "\n".join(lines)
     assert ("+68.0 [+62.0, +74.0]" in printed) == baseline
     assert ("  baseline  " in lines[1]) == baseline
@@ -91,27 +86,13 @@ def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, baseline):
 @pytest.mark.parametrize(
     ("name", "section", "title"),
     [
-        ("ma_4", "ladder", "Moiré Attack 4/255"),
-        ("ma_4_targeted", "ladder", "targeted Moiré Attack 4/255"),
-        ("random_8", "ladder", "moiré, random noise 8/255"),
-        ("ma_4", "columns", "MA ε = 4"),
-        ("moire", "columns", "moiré, δ = 0"),
-        ("eps_4", "rows", "ε = 4"),
-        ("median_3", "rows", "median 3 × 3"),
-        ("roll_15", "rows", "roll 15°"),
-        ("phone_at_laptop", "rows", "phone_at_laptop"),
+        ("moire", "columns", "moiré, δ = 0"),  # by its name
+        ("roll_15", "rows", "roll 15°"),  # by a pattern
+        ("phone_at_laptop", "rows", "phone_at_laptop"),  # by none
     ],
 )
 def test_titles(name, section, title):
     assert title_of(name, section) == title
-
-
-@pytest.mark.parametrize(
-    ("value", "said"),
-    [(0.123, "+12.3"), (-0.004, "−0.4"), (0.0001, "0.0"), (None, "–"), (float("nan"), "–")],
-)
-def test_points(value, said):
-    assert points(value) == said
 
 
 def test_numbers_are_tied_to_their_units():
@@ -122,15 +103,20 @@ def test_numbers_are_tied_to_their_units():
 
 
 @pytest.mark.parametrize(
-    ("seconds", "said"),
+    ("printed", "value", "said"),
     [
-        (None, "–"),
-        (0.04, "0.0 s"),
-        (59.94, "59.9 s"),
-        (59.97, "1 min 0 s"),
-        (210.3, "3 min 30 s"),
-        (3900, "1 h 5 min"),
+        (points, 0.123, "+12.3"),
+        (points, -0.004, "−0.4"),
+        (points, 0.0001, "0.0"),
+        (points, None, "–"),
+        (points, float("nan"), "–"),
+        (duration, None, "–"),
+        (duration, 0.04, "0.0 s"),
+        (duration, 59.94, "59.9 s"),
+        (duration, 59.97, "1 min 0 s"),
+        (duration, 210.3, "3 min 30 s"),
+        (duration, 3900, "1 h 5 min"),
     ],
 )
-def test_duration(seconds, said):
-    assert duration(seconds) == said
+def test_numbers_are_printed_as_people_say_them(printed, value, said):
+    assert printed(value) == said

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, straight_through
+from moireaug.defenses.base import Defence, check_callable, straight_through, title_of
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,11 @@ class Demoire(Defence):
     network: Callable[[Tensor], Tensor]
 
     def __post_init__(self) -> None:
-        if not callable(self.network) or isinstance(self.network, type):
-            raise TypeError(
-                f"network must be callable on images; got {self.network!r}. Is it "
-                "demoire.load(FILE)?"
-            )
+        check_callable("network", self.network, " Is it demoire.load(FILE)?")
 
     @property
     def title(self) -> str:
-        name = getattr(self.network, "title", "") or getattr(self.network, "__name__", "")
-        return str(name or type(self.network).__name__)
+        return title_of(self.network)
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:

@@ -46,9 +46,9 @@ def tiled(
         return network(images)
     total = torch.zeros_like(images)
     weight = images.new_zeros(height, width)
-    for top, bottom in _spans(height, side, overlap):
+    for top, bottom in spans(height, side, overlap):
         rows = _fade(top, bottom, height, overlap).to(images)
-        for left, right in _spans(width, side, overlap):
+        for left, right in spans(width, side, overlap):
             columns = _fade(left, right, width, overlap).to(images)
             share = rows[:, None] * columns
             output = network(images[..., top:bottom, left:right])
@@ -57,18 +57,18 @@ def tiled(
     return total / weight
 
 
-def _spans(length: int, side: int, overlap: int) -> list[tuple[int, int]]:
+def spans(length: int, side: int, overlap: int) -> list[tuple[int, int]]:
     """Return where tiles begin and end along an axis. The last one begins earlier, so that it is
     about as long as the others."""
-    spans = []
+    ends = []
     start = 0
     while start + side < length:
-        spans.append((start, start + side))
+        ends.append((start, start + side))
         start += side - overlap
     grid = overlap // 2
     last = max(0, -(-(length - side) // grid) * grid)
-    spans.append((min(start, last), length))
-    return spans
+    ends.append((min(start, last), length))
+    return ends
 
 
 def _fade(first: int, last: int, length: int, overlap: int) -> Tensor:

@@ -3,10 +3,16 @@ worst of them."""
 
 from __future__ import annotations
 
-from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown, movable_parts
-from moireaug.evaluation.autoattack import Apgd, SquareAttacker, TargetedApgd
+from moireaug.attacks.pose import searched_fields
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown
+from moireaug.evaluation.autoattack import (
+    QUERIES_PER_STEP,
+    APGDAttacker,
+    APGDTAttacker,
+    SquareAttacker,
+)
 from moireaug.evaluation.conditions import Condition
-from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.judges import DEFENCE_DRAWS, UNDEFENDED, averaged
 from moireaug.evaluation.suites.paper import controls
 from moireaug.evaluation.tables import (
     Cell,
@@ -15,90 +21,107 @@ from moireaug.evaluation.tables import (
     cross,
     eps_row,
     paper_defences,
-    row_of,
+    undefended_row,
     worst_of,
 )
+from moireaug.mixtures import Mixture, scenes_of
+from moireaug.scenes import Scene
 
 # of the paper's defences: a codec, a filter, a randomised one
 ATTACKED_DEFENCES = ("jpeg_60", "median_3", "pixel_deflection")
 WORST_EPS = (4 / 255, 8 / 255)
-SQUARE_QUERIES_PER_STEP = 20  # for each gradient step of the others
 
 
 def adaptive(config: SuiteConfig) -> Table:
-    """Lay out attackers who know the defence, search harder, or do not know the pose: of three of
-    the paper's defences, and of all that the user has added."""
+    """Lay out attackers who know the defence: of three of the paper's defences, and of all that the
+    user has added. Only the undefended row has attackers of the camera, and so they are in no
+    worst case, or rows could not be compared."""
     eps, steps = config.middle, config.steps
+    camera_attackers, reason = attackers_of_the_camera(config, eps)
     added = [name for name in config.defences if name not in paper_defences()]
-    defences = (*ATTACKED_DEFENCES, *added)
-    plain = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
-    columns: dict[str, Condition] = controls(eps) | {
-        "ma": plain,
-        "adaptive": Apgd(eps=eps, steps=steps),
-        "pose_unknown": PoseUnknown(eps=eps, steps=steps),
-    }
-    parts, reason = movable_parts(config.scene)
-    if parts:
-        columns["turning"] = _turning(eps, steps, parts)
-    cells = cross({"undefended": UNDEFENDED}, columns)
-    for name in defences:
-        judge = config.behind(name)
-        cells += cross({name: judge}, controls(eps) | {"ma": plain})
-        cells.append(Cell(name, "adaptive", (Apgd(eps=eps, steps=steps, knows=judge),), judge))
-    # of the attackers that every row has, or rows could not be compared
-    shared = [cell for cell in cells if cell.column not in ("pose_unknown", "turning")]
-    for row in ("undefended", *defences):
-        cells.append(worst_of([cell for cell in shared if cell.row == row], row, eps))
-    return Table("adaptive", tuple(cells), facts={"why_not_turned": reason})
+    judges = {"undefended": UNDEFENDED}
+    for name in (*ATTACKED_DEFENCES, *added):
+        judges[name] = averaged(name, config.defences[name])
+    cells: list[Cell] = []
+    for row, judge in judges.items():
+        columns: dict[str, Condition] = controls(eps) | {
+            "ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False),
+            "adaptive": APGDAttacker(eps=eps, steps=steps, knows=judge),
+        }
+        row_cells = cross({row: judge}, columns)
+        cells += row_cells
+        if judge is UNDEFENDED:
+            cells += undefended_row(row, camera_attackers)
+        cells.append(worst_of(row_cells, row, eps))
+    facts = {"why_not_turned": reason, "draws": DEFENCE_DRAWS, "shots": PoseUnknown.shots}
+    return Table("adaptive", tuple(cells), facts=facts)
 
 
 def standard(config: SuiteConfig) -> Table:
-    """Lay out the standard ensemble (AutoAttack; Croce & Hein, 2020), on the raw reading, with
-    attackers of the camera's own, and the worst case."""
-    all_eps, steps = config.bounds(WORST_EPS), config.steps
-    parts, reason = movable_parts(config.scene)
+    """Lay out an ensemble after AutoAttack (Croce & Hein, 2020), on the raw reading: APGD-CE,
+    APGD-T and Square, without FAB-T; with attackers of the camera, and the worst case."""
+    steps, queries = config.steps, QUERIES_PER_STEP * config.steps
     cells: list[Cell] = []
-    for eps in all_eps:
-        row = eps_row(eps)
+    for eps in config.bounds(WORST_EPS):
+        camera_attackers, reason = attackers_of_the_camera(config, eps)
         columns: dict[str, Condition] = controls(eps) | {
             "apgd_ce": MoireAttacker(eps=eps, steps=steps, variant="apgd_ce", rule="apgd"),
-            "apgd_t": TargetedApgd(eps=eps, steps=steps),
-            "square": SquareAttacker(eps=eps, steps=SQUARE_QUERIES_PER_STEP * steps),
-            "pose_unknown": PoseUnknown(eps=eps, steps=steps),
+            "apgd_t": APGDTAttacker(eps=eps, steps=steps),
+            "square": SquareAttacker(eps=eps, steps=queries),
         }
-        if parts:
-            columns["turning"] = _turning(eps, steps, parts)
-        row_cells = row_of(row, columns)
+        row = eps_row(eps)
+        row_cells = undefended_row(row, columns | camera_attackers)
         cells += [*row_cells, worst_of(row_cells, row, eps)]
-    facts = {"why_not_turned": reason, "queries": SQUARE_QUERIES_PER_STEP * steps}
-    pictures = _picture_places(cells, eps_row(all_eps[0]))
-    return Table("standard", tuple(cells), pictures=pictures, facts=facts)
+    facts = {"why_not_turned": reason, "steps": steps, "queries": queries}
+    return Table("standard", tuple(cells), pictures=_first_row_places(cells), facts=facts)
 
 
 def worst_case(config: SuiteConfig) -> Table:
     """Lay out the attackers who know the shot, their worst case, and PGD on pixels for comparison,
-    always at 4 and 8/255, so that models can be compared. The one who does not know
-    the shot is in `standard`: on a robust network it took two thirds of the time, and fooled no
-    further image."""
-    cells: list[Cell] = []
+    always at 4 and 8/255, so that models can be compared. The one who does not know the shot is in
+    `standard`: on a robust network it took two thirds of the time, and fooled no further image."""
     steps = config.steps
+    cells: list[Cell] = []
     for eps in WORST_EPS:
-        row = eps_row(eps)
         columns: dict[str, Condition] = controls(eps) | {
             "ma": MoireAttacker(eps=eps, steps=steps),
-            "apgd": Apgd(eps=eps, steps=steps),
+            "apgd": APGDAttacker(eps=eps, steps=steps),
         }
-        row_cells = row_of(row, columns)
+        row = eps_row(eps)
+        row_cells = undefended_row(row, columns)
         cells += [*row_cells, worst_of(row_cells, row, eps)]
         cells.append(Cell(row, "pgd", (PixelAttacker(attack="pgd", eps=eps, steps=steps),)))
-    return Table("worst_case", tuple(cells), pictures=_picture_places(cells, eps_row(WORST_EPS[0])))
+    return Table("worst_case", tuple(cells), pictures=_first_row_places(cells))
 
 
-def _turning(eps: float, steps: int, parts: tuple[str, ...]) -> MoireAttacker:
-    optimise = ("noise", *parts)
-    return MoireAttacker(eps=eps, steps=steps, variant="turns_the_camera", optimise=optimise)
+def attackers_of_the_camera(config: SuiteConfig, eps: float) -> tuple[dict[str, Condition], str]:
+    """Return the attackers by column who do not know the pose, and who turn the camera; and, where
+    no scene lets it be turned, the reason."""
+    steps = config.steps
+    attackers: dict[str, Condition] = {"pose_unknown": PoseUnknown(eps=eps, steps=steps)}
+    parts, reason = movable_parts(config.scene)
+    if parts:
+        attackers["turning"] = MoireAttacker(
+            eps=eps, steps=steps, variant="turns_the_camera", optimise=("noise", *parts)
+        )
+    return attackers, reason
 
 
-def _picture_places(cells: list[Cell], row: str) -> tuple[tuple[str, str], ...]:
-    """Return the places of a row's cells but the worst case, which has no picture of its own."""
-    return tuple((cell.row, cell.column) for cell in cells if cell.row == row and not cell.worst)
+def movable_parts(scene: Scene | Mixture) -> tuple[tuple[str, ...], str]:
+    """Return the parts, of view and panel, that an attacker can search in every scene of a mixture,
+    and, where there is none, the reason."""
+    parts, reason = [], ""
+    for part in ("view", "panel"):
+        try:
+            for one in scenes_of(scene):
+                searched_fields(one, (part,))
+            parts.append(part)
+        except ValueError as error:
+            reason = reason or str(error)
+    return tuple(parts), "" if parts else reason
+
+
+def _first_row_places(cells: list[Cell]) -> tuple[tuple[str, str], ...]:
+    """Return the places of the first row's cells but the worst case, which has no picture."""
+    places = [(cell.row, cell.column) for cell in cells if not cell.worst]
+    return tuple(place for place in places if place[0] == cells[0].row)

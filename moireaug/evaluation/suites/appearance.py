@@ -6,7 +6,7 @@ from moireaug.attacks.patch import Patch
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.suites.paper import controls
-from moireaug.evaluation.tables import SuiteConfig, Table, eps_row, row_of
+from moireaug.evaluation.tables import SuiteConfig, Table, eps_row, undefended_row
 
 
 def appearance(config: SuiteConfig) -> Table:
@@ -17,7 +17,7 @@ def appearance(config: SuiteConfig) -> Table:
         "bim": PixelAttacker(attack="bim", eps=eps, steps=steps, until_fooled=False),
         "patch": PixelAttacker(attack="patch", eps=Patch.eps, steps=steps, until_fooled=False),
     }
-    cells = row_of(eps_row(eps), columns)
+    cells = undefended_row(eps_row(eps), columns)
     pictures = [(cell.row, cell.column) for cell in cells]
     facts = {"area": Patch.area}
     return Table("appearance", tuple(cells), pictures=tuple(pictures), facts=facts)

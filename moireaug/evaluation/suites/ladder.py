@@ -8,7 +8,7 @@ often fools as many images as the attack.
 from __future__ import annotations
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown
-from moireaug.evaluation.autoattack import Apgd
+from moireaug.evaluation.autoattack import APGDAttacker
 from moireaug.evaluation.conditions import (
     Clean,
     Condition,
@@ -57,8 +57,8 @@ def ladder(config: SuiteConfig) -> Table:
     for condition in ladder_conditions(config):
         cells.append(Cell(condition.name, ANSWER_COLUMN, (condition,)))
     eps = config.middle
-    adaptive = Cell("adaptive", ANSWER_COLUMN, (Apgd(eps=eps, steps=config.steps),))
-    cells.append(worst_of([*cells, adaptive], f"worst_{codes(eps)}", eps, ANSWER_COLUMN))
+    apgd = Cell("apgd", ANSWER_COLUMN, (APGDAttacker(eps=eps, steps=config.steps),))
+    cells.append(worst_of([*cells, apgd], f"worst_{codes(eps)}", eps, ANSWER_COLUMN))
     return Table("ladder", tuple(cells), pictures=_picture_places(eps, ANSWER_COLUMN))
 
 
@@ -71,7 +71,7 @@ def full_ladder(config: SuiteConfig) -> Table:
     conditions = {condition.name: condition for condition in ladder_conditions(config)}
     size = codes(eps)
     conditions[f"pose_unknown_{size}"] = PoseUnknown(eps=eps, steps=steps)
-    conditions[f"adaptive_{size}"] = Apgd(eps=eps, steps=steps)
+    conditions[f"adaptive_{size}"] = APGDAttacker(eps=eps, steps=steps)
     cells = []
     for row, condition in conditions.items():
         if row == "no_moire":
@@ -79,7 +79,8 @@ def full_ladder(config: SuiteConfig) -> Table:
         cells.append(Cell(row, FOOLED_COLUMN, (condition,)))
     cells.append(worst_of(cells, f"worst_case_{size}", eps, FOOLED_COLUMN))
     pictures = _picture_places(eps, FOOLED_COLUMN)
-    return Table("full_ladder", tuple(cells), pictures=pictures)
+    facts = {"shots": PoseUnknown.shots}
+    return Table("full_ladder", tuple(cells), pictures=pictures, facts=facts)
 
 
 def _picture_places(eps: float, column: str) -> tuple[tuple[str, str], ...]:

@@ -17,7 +17,7 @@ from moireaug.evaluation.conditions import (
     codes,
 )
 from moireaug.evaluation.judges import UNDEFENDED, Judge
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, row_of
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, undefended_row
 from moireaug.mixtures import each, scenes_of
 from moireaug.scene.fields import bounds
 from moireaug.scenes import Scene
@@ -65,7 +65,7 @@ def success(config: SuiteConfig) -> Table:
                 eps=eps, steps=config.steps, targeted=True, until_fooled=False
             ),
         }
-        cells += row_of(eps_row(eps), columns)
+        cells += undefended_row(eps_row(eps), columns)
     pictures = [(cell.row, cell.column) for cell in cells if cell.row == eps_row(config.middle)]
     return Table("success", tuple(cells), pictures=tuple(pictures))
 
@@ -134,7 +134,7 @@ def budget(config: SuiteConfig) -> Table:
             "ma": MoireAttacker(eps=eps, steps=config.steps, until_fooled=False),
             "bim": PixelAttacker(attack="bim", eps=eps, steps=config.steps, until_fooled=False),
         }
-        cells += row_of(eps_row(eps), columns)
+        cells += undefended_row(eps_row(eps), columns)
     pictures = [(cell.row, cell.column) for cell in cells if cell.column in ("ma", "bim")]
     return Table("budget", tuple(cells), pictures=tuple(pictures))
 
@@ -158,7 +158,7 @@ def factors(config: SuiteConfig) -> Table:
     }
     cells: list[Cell] = []
     for name, scene in scenes.items():
-        cells += row_of(name, {key: c.at(name, scene) for key, c in columns.items()})
+        cells += undefended_row(name, {key: c.at(name, scene) for key, c in columns.items()})
     return Table("factors", tuple(cells), pictures=tuple((name, "moire") for name in scenes))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, row_of
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, undefended_row
 from moireaug.evaluation.threat import ANGLES, DISPLAY_CAMERA_PAIRS, DISPLAYS, threat_scene
 from moireaug.mixtures import Mixture, scenes_of
 from moireaug.scene.presets import PRESETS, preset_name
@@ -49,9 +49,9 @@ def unseen(config: SuiteConfig) -> Table:
     """Lay out natural moiré in the own scene and in every other, next to the same photos without
     moiré."""
     columns: dict[str, Condition] = {"no_moire": PhotoWithoutMoire(), "moire": Photo()}
-    cells = row_of(OWN_SCENE_ROW, columns)
+    cells = undefended_row(OWN_SCENE_ROW, columns)
     for name, scene in other_scenes(config.scene).items():
-        cells += row_of(name, {key: c.at(name, scene) for key, c in columns.items()})
+        cells += undefended_row(name, {key: c.at(name, scene) for key, c in columns.items()})
     pictures = [(cell.row, cell.column) for cell in cells if cell.column == "moire"]
     names = [preset_name(one) for one in scenes_of(config.scene)]
     own_names = " or ".join(names) if all(names) else ""
