@@ -11,8 +11,10 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
 import triton
 import triton.language as tl
+from numpy.polynomial import Polynomial
 
 from moireaug.engine.gpu.transfer import FILL, blur_variance
 from moireaug.engine.gpu.view import load32
@@ -23,8 +25,21 @@ TAIL_SIGMAS = tl.constexpr(footprints.TAIL_SIGMAS)
 NEAREST_GUARD_SHARE = tl.constexpr(footprints.NEAREST_GUARD_SHARE)
 MIN_EXPONENT = tl.constexpr(footprints.MIN_EXPONENT)
 FAR_SIGMAS = tl.constexpr(8.0)  # beyond which no light is
-ROOT_HALF = tl.constexpr(0.5**0.5)
-PEAK = tl.constexpr((2 * math.pi) ** -0.5)  # of the standard normal density
+
+
+def _tail_share(z: float) -> float:
+    """Return `_tail` as a share of the bell exp(-z^2 / 2)."""
+    bell, beyond = math.exp(-z * z / 2), 0.5 * math.erfc(z * 0.5**0.5)
+    return (2 * math.pi) ** -0.5 - z * beyond / bell
+
+
+# as a polynomial in 1 / (1 + TAIL_SCALE z): times the bell, right to 6e-8
+_scale = 0.4
+_t = 1 - (1 - 1 / (1 + _scale * 8)) * (1 + np.cos(np.pi * (np.arange(64) + 0.5) / 64)) / 2
+_z = (1 / _t - 1) / _scale
+_fitted = Polynomial.fit(_t, [_tail_share(z) for z in _z], 6, w=np.exp(-(_z**2) / 2) + 1e-3)
+TAIL_SCALE = tl.constexpr(_scale)
+T0, T1, T2, T3, T4, T5, T6 = (tl.constexpr(float(c)) for c in _fitted.convert().coef)
 
 
 class View(NamedTuple):
@@ -59,8 +74,10 @@ def narrowing(view, width, TAPS: tl.constexpr):
 @triton.jit
 def _tail(z):
     """Return the integral of the standard normal distribution function up to -z, z >= 0."""
-    density = PEAK * tl.exp(tl.maximum(-0.5 * z * z, MIN_EXPONENT))
-    return tl.maximum(density - z * (0.5 - 0.5 * tl.erf(z * ROOT_HALF)), 0.0)
+    root = tl.rsqrt(z * TAIL_SCALE + 1.0)
+    t = root * root
+    bell = tl.exp(tl.maximum(-0.5 * z * z, MIN_EXPONENT))
+    return bell * (t * (T1 + t * (T2 + t * (T3 + t * (T4 + t * (T5 + t * T6))))) + T0)
 
 
 @triton.jit
