@@ -1,7 +1,8 @@
-"""The numbers of a record on the device of the pictures.
+"""Records on the device of the pictures.
 
-Kernels take what travels together as a NamedTuple: Triton 3.8 passes it as an argument, or, of
-constants alone, as one that they are compiled with (its `aggregate`s it passes neither way).
+Kernels take records as they are: Triton 3.8 passes a NamedTuple as an argument, or one of constants
+as what a kernel is compiled with (its own `aggregate` it passes neither way). They compute in
+float32; places and phases need more digits.
 """
 
 from __future__ import annotations
@@ -14,9 +15,14 @@ import torch
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.exposure_records import Camera
+from moireaug.engine.exposure_records import Camera, Exposure
 
 ALIGNMENT = 16  # bytes, which a load of four floats needs
+NARROW = {np.dtype(np.float64): np.float32, np.dtype(np.int64): np.int32}
+WIDE_FIELDS = {  # which keep 64 bits
+    *("cameras", "lenses", "views", "inverses", "forward", "seeds"),
+    *("rows", "cols", "centre", "centres", "period", "cells", "shown_scale"),
+}
 Record = TypeVar("Record", bound=tuple)
 
 # what a kernel adds to its pointer to an image's Camera, float64
@@ -28,18 +34,33 @@ def camera_field(name: str) -> Any:
     return tl.constexpr(Camera._fields.index(name))
 
 
+def kernel_fields(exposure: Exposure) -> Exposure:
+    """Return an Exposure without the fields that no kernel reads."""
+    nothing: Any = None
+    return exposure._replace(coefficients=nothing, budget=nothing, point=nothing)
+
+
 def upload(record: Record, device: torch.device) -> Record:
-    """Return a NamedTuple, which may hold others, with tensors of the same dtypes on a device in
-    the place of its arrays; by one transfer."""
+    """Return a NamedTuple, which may hold others, with tensors on a device in the place of its
+    arrays, by one transfer: of 32 bits, but for WIDE_FIELDS."""
+    record = _narrowed(record)
     arrays = list(_arrays_in(record))
     lengths = [-(-array.nbytes // ALIGNMENT) * ALIGNMENT for array in arrays]
     pinned = device.type != "cpu"
     packed = torch.empty(sum(lengths), dtype=torch.uint8, device="cpu", pin_memory=pinned)
     for array, part in zip(arrays, packed.split(lengths), strict=True):
-        flat = np.ascontiguousarray(array).reshape(-1)
-        part.numpy()[: array.nbytes] = flat.view(np.uint8)
+        part.numpy()[: array.nbytes] = array.reshape(-1).view(np.uint8)
     parts = iter(packed.to(device, non_blocking=True).split(lengths))
     return _with_tensors(record, parts)
+
+
+def _narrowed(value: Any, name: str = "") -> Any:
+    if isinstance(value, np.ndarray):
+        dtype = value.dtype if name in WIDE_FIELDS else NARROW.get(value.dtype, value.dtype)
+        return np.ascontiguousarray(value, dtype)
+    if hasattr(value, "_fields"):
+        return value._make(map(_narrowed, value, value._fields))
+    return value
 
 
 def _arrays_in(value: Any) -> Iterator[np.ndarray]:

@@ -83,9 +83,12 @@ def plane_waves(j, f, phases, bins, batch, variant: tl.constexpr):
             alias 1 along each axis.
     """
     (carrier, at_u, at_v), none, even = phases, 0.0 * f[0], even_transfer(f[0], f[1])
-    waves, triangle = (none, none, none, none, none, none), tl.load(batch.triangle + bins.image)
-    for t in range(tl.load(batch.alias_start + j), tl.load(batch.alias_start + j + 1)):
-        m_u, m_v = tl.load(batch.alias + 2 * t), tl.load(batch.alias + 2 * t + 1)
+    waves, triangle = (
+        (none, none, none, none, none, none),
+        tl.load(batch.beats.triangle + bins.image),
+    )
+    for t in range(tl.load(batch.terms.alias_start + j), tl.load(batch.terms.alias_start + j + 1)):
+        m_u, m_v = tl.load(batch.terms.alias + 2 * t), tl.load(batch.terms.alias + 2 * t + 1)
         planes, added = alias_planes(f, (m_u, m_v), even, bins, triangle, variant.bayer), ()
         cos, sin = wave_at(carrier - m_u.to(tl.uint32) * at_u - m_v.to(tl.uint32) * at_v)
         for plane in tl.static_range(3):
@@ -101,27 +104,30 @@ def plane_waves(j, f, phases, bins, batch, variant: tl.constexpr):
 def responses(bins, batch, variant: tl.constexpr):
     """Return what bins read of a picture of full light in one channel, through a filter that passes
     all of it, by channel and filter: a tuple of nine."""
-    image, sensor = bins.image, batch.sensors + bins.image * CAMERA_FIELDS
+    image, sensor = bins.image, batch.beats.cameras + bins.image * CAMERA_FIELDS
     at_x, at_y = fraction(bins.x / variant.period_x), fraction(bins.y / variant.period_y)
     # an alias turns by half a cycle from one sensor pixel to the next; the first is in phase
-    from_u = (bins.u + 0.5 * batch.width) * tl.load(sensor + SCALE_U) - 0.5
-    from_v = (bins.v + 0.5 * batch.height) * tl.load(sensor + SCALE_V) - 0.5
+    from_u = (bins.u + 0.5 * batch.exposure.size[1]) * tl.load(sensor + SCALE_U) - 0.5
+    from_v = (bins.v + 0.5 * batch.exposure.size[0]) * tl.load(sensor + SCALE_V) - 0.5
     at_u, at_v = fraction(0.5 * from_u), fraction(0.5 * from_v)
     light, (xu, xv), (yu, yv) = (), bins.step_x, bins.step_y
     for channel in tl.static_range(3):
-        mean = tl.load(batch.mean + image * 3 + channel) + 0.0 * xu
+        mean = tl.load(batch.beats.mean + image * 3 + channel) + 0.0 * xu
         light = light + (mean, mean, mean)
-    first, last = tl.load(batch.harmonic_start + image), tl.load(batch.harmonic_start + image + 1)
+    first, last = (
+        tl.load(batch.terms.harmonic_start + image),
+        tl.load(batch.terms.harmonic_start + image + 1),
+    )
     for j in range(first, last):
-        h = tl.load(batch.harmonic + j)
-        k, l = tl.load(batch.orders + 2 * h), tl.load(batch.orders + 2 * h + 1)
+        h = tl.load(batch.terms.harmonic + j)
+        k, l = tl.load(batch.beats.orders + 2 * h), tl.load(batch.beats.orders + 2 * h + 1)
         per_x, per_y = k.to(tl.float32) / variant.period_x, l.to(tl.float32) / variant.period_y
         fu, fv = per_x * xu + per_y * yu, per_x * xv + per_y * yv
         phases = k.to(tl.uint32) * at_x + l.to(tl.uint32) * at_y, at_u, at_v
         waves = plane_waves(j, (fu, fv), phases, bins, batch, variant)
         passed, total = transfer(fu, fv, sensor), ()
         for channel in tl.static_range(3):
-            wave_of = batch.coefficients + ((image * 3 + channel) * batch.harmonics + h) * 2
+            wave_of = batch.beats.coefficients + ((image * 3 + channel) * batch.harmonics + h) * 2
             real, imaginary = passed * tl.load(wave_of), passed * tl.load(wave_of + 1)
             for plane in tl.static_range(3):
                 seen = real * waves[2 * plane] - imaginary * waves[2 * plane + 1]
@@ -146,12 +152,15 @@ def pattern_variance(out, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     valid, none = h < batch.harmonics, 0.0 * h
     middle = none.to(tl.float64)
     bins = bins_at(middle, middle, image, batch, variant)
-    k = tl.load(batch.orders + 2 * h, mask=valid, other=0).to(tl.float32) / variant.period_x
-    l = tl.load(batch.orders + 2 * h + 1, mask=valid, other=0).to(tl.float32) / variant.period_y
+    k = tl.load(batch.beats.orders + 2 * h, mask=valid, other=0).to(tl.float32) / variant.period_x
+    l = (
+        tl.load(batch.beats.orders + 2 * h + 1, mask=valid, other=0).to(tl.float32)
+        / variant.period_y
+    )
     (xu, xv), (yu, yv) = bins.step_x, bins.step_y
     fu, fv = k * xu + l * yu, k * xv + l * yv
     first_u, first_v = tl.floor(2.0 * fu).to(tl.int32) - 1, tl.floor(2.0 * fv).to(tl.int32) - 1
-    triangle, left = tl.load(batch.triangle + image), (none, none, none)
+    triangle, left = tl.load(batch.beats.triangle + image), (none, none, none)
     even = even_transfer(fu, fv)
     for i in range(16):
         m = first_u + i // 4, first_v + i % 4
@@ -159,15 +168,15 @@ def pattern_variance(out, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
         for plane in tl.static_range(3):
             added = added + (left[plane] + shares[plane] * shares[plane],)
         left = added
-    passed = transfer(fu, fv, batch.sensors + image * CAMERA_FIELDS)
+    passed = transfer(fu, fv, batch.beats.cameras + image * CAMERA_FIELDS)
     for plane in tl.static_range(3):
         real, imaginary, mean = none, none, 0.0
         for channel in tl.static_range(3):
-            share = tl.load(batch.filters + (image * 3 + plane) * 3 + channel)
-            wave_of = batch.coefficients + ((image * 3 + channel) * batch.harmonics + h) * 2
+            share = tl.load(batch.exposure.filters + (image * 3 + plane) * 3 + channel)
+            wave_of = batch.beats.coefficients + ((image * 3 + channel) * batch.harmonics + h) * 2
             real += share * tl.load(wave_of, mask=valid, other=0.0)
             imaginary += share * tl.load(wave_of + 1, mask=valid, other=0.0)
-            mean += share * tl.load(batch.mean + image * 3 + channel)
+            mean += share * tl.load(batch.beats.mean + image * 3 + channel)
         lost = 0.5 * passed * passed * tl.maximum(1.0 - left[plane], 0.0)
         power = tl.reduce(lost * (real * real + imaginary * imaginary), 0, _add)
         tl.store(out + image * 3 + plane, power / tl.maximum(mean * mean, 1e-12))

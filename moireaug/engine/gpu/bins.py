@@ -1,5 +1,4 @@
-"""The bins of a binned reading: where each lies, and where it looks; and the `Batch` of numbers
-that their kernels read."""
+"""The bins of a binned reading: where each lies and looks, and what it sees of the picture."""
 
 from __future__ import annotations
 
@@ -8,8 +7,13 @@ from typing import Any, NamedTuple
 import triton
 import triton.language as tl
 
+from moireaug.engine.beat_terms import BeatTerms
+from moireaug.engine.exposure_records import Beats, Exposure
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.display import DisplayNumbers
+from moireaug.engine.gpu.footprint import MIN_BLUR_VARIANCE, View, lit_shares
+from moireaug.engine.gpu.panel import Patch
+from moireaug.engine.gpu.transfer import blur_variance
 from moireaug.engine.gpu.view import (
     ALPHA,
     SCALE_U,
@@ -23,51 +27,22 @@ from moireaug.engine.gpu.view import (
 
 
 class Batch(NamedTuple):
-    """A batch's Exposure and Beats; see there.
+    """What the kernels read.
 
     Args:
-        pixels, lenses, sensors: cameras (B, fields) float64, of photo pixels, of what blurs them
-            and of sensor pixels. forward: (B, 9) float64, the inverse of the sensors' homographies.
-        enlargement, triangle, ratio: (B,) float32. centres: (B, 3, 2) float64. widths: (B, 3, 2)
-            float32. hold: (B,) float32, variance that interpolating the picture adds.
-        filters: (B, 3, 3), mean: (B, 3), white: (B, planes) float32.
-        coefficients: (B, 3, K, 2) float32. orders: (K, 2) int32.
-        harmonic, harmonic_start, alias, alias_start: int32, see `beat_terms.BeatTerms`.
-        lost_noise_variance: (B, 2) float32. lost_pattern_variance: (B, 3) float32, see
-            `beats.pattern_variance`. flicker: (B, bands) float32. seeds: (B,) int64.
-        height, width: of the photo. harmonics, bands: how many orders, and bands of flicker, there
-            are.
-        display: see there. screen: what is shown. quantiles: see `noise.quantiles`.
+        forward: (B, 9) float64, the inverse of the sensor's homographies. lost_pattern_variance:
+            (B, 3) float32, see `beats.pattern_variance`. quantiles: see `noise.quantiles`.
+        harmonics, bands: how many orders, and bands of flicker, there are.
     """
 
-    pixels: Any
-    lenses: Any
-    sensors: Any
+    exposure: Exposure
+    beats: Beats
+    terms: BeatTerms
+    display: DisplayNumbers
     forward: Any
-    enlargement: Any
-    triangle: Any
-    ratio: Any
-    centres: Any
-    widths: Any
-    hold: Any
-    filters: Any
-    mean: Any
-    white: Any
-    coefficients: Any
-    orders: Any
-    harmonic: Any
-    harmonic_start: Any
-    alias: Any
-    alias_start: Any
-    lost_noise_variance: Any
     lost_pattern_variance: Any
-    flicker: Any
-    seeds: Any
-    height: int
-    width: int
     harmonics: int
     bands: int
-    display: DisplayNumbers
     screen: Any = None
     quantiles: Any = None
 
@@ -126,8 +101,8 @@ def along(step, vector):
 def bins_at(u, v, image, batch, variant: tl.constexpr):
     """Return the Bin at photo points about the photo's centre; in the image's frame, at image
     points about the image's centre."""
-    sensor = batch.sensors + image * CAMERA_FIELDS
-    half_w, half_h = 0.5 * batch.width, 0.5 * batch.height
+    sensor = batch.beats.cameras + image * CAMERA_FIELDS
+    half_h, half_w = 0.5 * batch.exposure.size[0], 0.5 * batch.exposure.size[1]
     if variant.rectified:
         x, y = u + half_w, v + half_h
         u, v = to_photo(u, v, batch.forward + image * 9, lens_of(sensor), variant.bent)
@@ -136,7 +111,7 @@ def bins_at(u, v, image, batch, variant: tl.constexpr):
     else:
         x, y = to_image(u, v, sensor)
     xu, xv, yu, yv = jacobian(u, v, sensor)
-    scale, enlargement = tl.load(sensor + ALPHA), tl.load(batch.enlargement + image)
+    scale, enlargement = tl.load(sensor + ALPHA), tl.load(batch.beats.enlargement + image)
     if variant.rectified:
         by = scale.to(tl.float32) * enlargement / (xu * yv - xv * yu)
         first, second = (by * yv, -by * yu), (-by * xv, by * xu)
@@ -145,3 +120,37 @@ def bins_at(u, v, image, batch, variant: tl.constexpr):
         first = none + load32(sensor, SCALE_U) * enlargement, none
         second = none, none + load32(sensor, SCALE_V) * enlargement
     return Bin(image, x * scale, y * scale, u, v, (xu, xv), (yu, yv), first, second)
+
+
+@triton.jit
+def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, variant: tl.constexpr):
+    """Return the first pixel shown that bins see along one axis, in one channel, and the weights of
+    `variant.taps`.
+
+    Args:
+        position: panel coordinates, float64. step: their change per sensor pixel along u and v.
+    """
+    exposure, index = batch.exposure, (bins.image * 3 + channel) * 2 + AXIS
+    ratio = tl.load(batch.beats.ratio + bins.image)
+    by_u, by_v = step[0] * (1.0 / ratio), step[1] * (1.0 / ratio)
+    lens = exposure.lenses + bins.image * CAMERA_FIELDS
+    one = tl.abs(along((by_u, by_v), bins.first))
+    other = tl.abs(along((by_u, by_v), bins.second))
+    short, hold = tl.minimum(one, other), tl.load(exposure.added_variance + index)
+    variance = short * short / 12.0 + blur_variance(by_u, by_v, lens) + hold + MIN_BLUR_VARIANCE
+    view = View(tl.maximum(one, other), tl.sqrt(variance))
+    place = position * (1.0 / ratio.to(tl.float64)) - tl.load(batch.beats.centres + index)
+    end = batch.screen.size[AXIS] * tl.load(batch.display.pixel_scale + bins.image)
+    nearest, _, shares = lit_shares(
+        place, view, tl.load(exposure.widths + index), (place + 0.5, 0.5, end), variant.taps,
+        variant.dark,
+    )  # fmt: skip
+    return nearest.to(tl.int32) + (batch.screen.lead - variant.taps // 2), shares
+
+
+@triton.jit
+def patch_of(channel, bins, batch, variant: tl.constexpr):
+    """Return the Patch that bins see in one channel."""
+    left, across = _along_axis(channel, bins.x, bins.step_x, bins, batch, 0, variant)
+    top, down = _along_axis(channel, bins.y, bins.step_y, bins, batch, 1, variant)
+    return Patch(left, top, across, down)

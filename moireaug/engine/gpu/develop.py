@@ -19,8 +19,7 @@ from moireaug.engine.development_records import Development
 from moireaug.engine.gpu.demosaic import demosaic_back_kernel, sensor_colours, store_reading_grad
 from moireaug.engine.gpu.detail import filter_detail, filter_detail_back
 from moireaug.engine.gpu.develop_arrays import CodesArrays, Coding, develop_arrays
-from moireaug.engine.gpu.registration import register
-from moireaug.engine.gpu.registration_back import register_back
+from moireaug.engine.gpu.registration import register, register_back
 from moireaug.engine.gpu.resize import resize_back, resized
 from moireaug.engine.gpu.tile import launch, store, tile
 from moireaug.engine.gpu.tone import codes, codes_back, look_of

@@ -116,18 +116,14 @@ def _coding(c: Codes) -> Coding:
 
 def _looks(c: Codes) -> np.ndarray:
     tone = np.stack([c.shoulder, c.contrast, c.brighten], 1)
-    return np.concatenate([c.matrix.reshape(-1, 9), tone], 1, dtype=np.float32)
+    return np.concatenate([c.matrix.reshape(-1, 9), tone], 1)
 
 
 def _resize_arrays(resize: Resize) -> ResizeArrays:
-    start, first, last = (
-        array.astype(np.int32) for array in (resize.start, resize.first, resize.last)
-    )
+    start, taps, first, last = resize[:4]
     target_count = max(int((last - first).max()) + 1, 0)
-    photo_size, tap_count = resize.taps.shape
-    return ResizeArrays(
-        start, resize.taps, first, last, len(first), photo_size, tap_count, target_count
-    )
+    photo_size, tap_count = taps.shape
+    return ResizeArrays(start, taps, first, last, len(first), photo_size, tap_count, target_count)
 
 
 def _detail_arrays(detail: Detail) -> DetailArrays:
@@ -138,9 +134,8 @@ def _detail_arrays(detail: Detail) -> DetailArrays:
         sigma = np.maximum(sigma, LEAST_SIGMA)[:, None]
         weight = np.where(abs(at) <= size // 2, np.exp(-(at**2) / (2 * sigma**2)), 0.0)
         gaussians.append(weight / weight.sum(1, keepdims=True))
-    both = np.stack(gaussians, 1).astype(np.float32)
     rows, cols = _resize_arrays(detail.rows), _resize_arrays(detail.cols)
-    return DetailArrays(both, len(at), detail.amount, rows, cols)
+    return DetailArrays(np.stack(gaussians, 1), len(at), detail.amount, rows, cols)
 
 
 def _registration_arrays(registration: Registration) -> RegistrationArrays:

@@ -64,8 +64,7 @@ class Shrinking(NamedTuple):
 
 def display_numbers(exposure: Exposure) -> DisplayNumbers:
     """Return the DisplayNumbers of an exposure, to be uploaded."""
-    scale = _pixel_scale(exposure).astype(np.float32)
-    return DisplayNumbers(exposure.black, exposure.neighbour_share, scale)
+    return DisplayNumbers(exposure.black, exposure.neighbour_share, _pixel_scale(exposure))
 
 
 def show(picture: Tensor, exposure: Exposure, numbers: DisplayNumbers) -> Screen:

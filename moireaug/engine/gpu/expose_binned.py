@@ -11,10 +11,9 @@ from torch import Tensor
 
 from moireaug.engine.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.exposure_records import Beats, Exposure
-from moireaug.engine.gpu.arrays import CAMERA_FIELDS, upload
+from moireaug.engine.gpu.arrays import CAMERA_FIELDS, kernel_fields, upload
 from moireaug.engine.gpu.beats import pattern_variance, responses
-from moireaug.engine.gpu.bin_content import patch_of
-from moireaug.engine.gpu.bins import Batch, Variant, bins_at
+from moireaug.engine.gpu.bins import Batch, Variant, bins_at, patch_of
 from moireaug.engine.gpu.display import display_numbers, show, show_back
 from moireaug.engine.gpu.noise import quantiles
 from moireaug.engine.gpu.panel import add_content_back, channel_of, content
@@ -63,7 +62,18 @@ def fits(exposure: Exposure, beats: Beats) -> np.ndarray:
 
 def prepare(picture: Tensor, exposure: Exposure, beats: Beats) -> tuple[Batch, Variant]:
     """Return what the kernels read of a batch, and what they are compiled for."""
-    batch, cameras = upload(_arrays_of(exposure, beats), picture.device), cameras_of(beats.cameras)
+    cameras, harmonics = cameras_of(beats.cameras), len(beats.orders)
+    batch = Batch(
+        kernel_fields(exposure),
+        beats,
+        terms_of(exposure, beats),
+        display_numbers(exposure),
+        forward(cameras),
+        np.zeros((len(beats.cameras), 3)),
+        harmonics,
+        exposure.flicker.shape[1],
+    )
+    batch = upload(batch, picture.device)
     screen = show(picture, exposure, batch.display)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     variant = Variant(
@@ -78,45 +88,10 @@ def prepare(picture: Tensor, exposure: Exposure, beats: Beats) -> tuple[Batch, V
         noisy=exposure.noisy,
         clips=exposure.clips,
     )
-    if exposure.clips and beats.saturates and batch.harmonics:
-        block, lost = triton.next_power_of_2(batch.harmonics), batch.lost_pattern_variance
+    if exposure.clips and beats.saturates and harmonics:
+        block, lost = triton.next_power_of_2(harmonics), batch.lost_pattern_variance
         pattern_variance[(len(lost),)](lost, batch, variant, BLOCK=block)
     return batch, variant
-
-
-def _arrays_of(e: Exposure, b: Beats) -> Batch:
-    """Return a Batch of arrays."""
-    terms, (height, width) = terms_of(e, b), e.size
-    return Batch(
-        pixels=e.cameras,
-        lenses=e.lenses,
-        sensors=b.cameras,
-        forward=forward(cameras_of(b.cameras)),
-        enlargement=b.enlargement.astype(np.float32),
-        triangle=b.triangle.astype(np.float32),
-        ratio=b.ratio.astype(np.float32),
-        centres=b.centres,
-        widths=e.widths.astype(np.float32),
-        hold=e.added_variance[:, 0, 0].astype(np.float32),
-        filters=e.filters.astype(np.float32),
-        mean=b.mean.astype(np.float32),
-        white=e.white.astype(np.float32),
-        coefficients=b.coefficients,
-        orders=b.orders.astype(np.int32),
-        harmonic=terms.harmonic.astype(np.int32),
-        harmonic_start=terms.harmonic_start.astype(np.int32),
-        alias=terms.alias.astype(np.int32),
-        alias_start=terms.alias_start.astype(np.int32),
-        lost_noise_variance=b.lost_noise_variance,
-        lost_pattern_variance=np.zeros((len(b.mean), 3), np.float32),
-        flicker=e.flicker.astype(np.float32),
-        seeds=e.seeds,
-        height=height,
-        width=width,
-        harmonics=len(b.orders),
-        bands=e.flicker.shape[1],
-        display=display_numbers(e),
-    )
 
 
 def _grid(raw: Tensor) -> tuple[int]:
@@ -128,11 +103,11 @@ def _grid(raw: Tensor) -> tuple[int]:
 def bins_of(batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Return the Bin of a program, the bins' indices, row by row, and which of them an image
     has."""
-    count = batch.height * batch.width
-    image, pixel = block(count, BLOCK)
-    inside, pixel = pixel < count, tl.minimum(pixel, count - 1)
-    u = (pixel % batch.width).to(tl.float64) + 0.5 - 0.5 * batch.width
-    v = (pixel // batch.width).to(tl.float64) + 0.5 - 0.5 * batch.height
+    height, width = batch.exposure.size
+    image, pixel = block(height * width, BLOCK)
+    inside, pixel = pixel < height * width, tl.minimum(pixel, height * width - 1)
+    u = (pixel % width).to(tl.float64) + 0.5 - 0.5 * width
+    v = (pixel // width).to(tl.float64) + 0.5 - 0.5 * height
     return bins_at(u, v, image, batch, variant), pixel, inside
 
 
@@ -153,8 +128,8 @@ def pulse_at(bins, batch, variant: tl.constexpr):
     """Return the light of the panel's pulses at bins relative to its mean."""
     pulse = 1.0
     if variant.flickers:
-        bands, last = batch.flicker + bins.image * batch.bands, batch.bands - 2
-        share = bins.v.to(tl.float32) / batch.height + 0.5
+        bands, last = batch.exposure.flicker + bins.image * batch.bands, batch.bands - 2
+        share = bins.v.to(tl.float32) / batch.exposure.size[0] + 0.5
         pulse = flicker(bands, share * last, last)
     return pulse
 
@@ -167,22 +142,25 @@ def plane_reading(seen, bins, index, batch, PLANE: tl.constexpr, variant: tl.con
     Args:
         seen: from `contents`, `beats.responses` and `pulse_at`. index: among the image's readings.
     """
-    (content, response, pulse), image = seen, bins.image
+    (content, response, pulse), image, exposure = seen, bins.image, batch.exposure
     planes: tl.constexpr = 4 if variant.bayer else 3
     colour: tl.constexpr = (PLANE + 1) // 2 if variant.bayer else PLANE
     light, shares = 0.0 * content[0], ()
     for channel in tl.static_range(3):
-        share = tl.load(batch.filters + (image * 3 + colour) * 3 + channel)
+        share = tl.load(exposure.filters + (image * 3 + colour) * 3 + channel)
         share *= response[3 * channel + colour]
         light += share * content[channel]
         shares = shares + (share,)
-    camera, white = batch.pixels + image * CAMERA_FIELDS, batch.white + image * planes + PLANE
-    noise = index, tl.load(batch.seeds + image), batch.quantiles
+    camera, white = (
+        exposure.cameras + image * CAMERA_FIELDS,
+        exposure.white + image * planes + PLANE,
+    )
+    noise = index, tl.load(exposure.seeds + image), batch.quantiles
     value, slope = reading(
         light, pulse, bins.u, bins.v, tl.load(white), camera, noise, variant.noisy
     )
     if variant.clips:
-        lost = batch.lost_noise_variance + image * 2
+        lost = batch.beats.lost_noise_variance + image * 2
         pattern = tl.load(batch.lost_pattern_variance + image * 3 + colour)
         value, by_light = clipped_mean(value, tl.load(lost), tl.load(lost + 1), pattern)
         slope *= by_light
@@ -193,7 +171,8 @@ def plane_reading(seen, bins, index, batch, PLANE: tl.constexpr, variant: tl.con
 def _expose(raw, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Fill raw (B, planes, h, w) with readings."""
     planes: tl.constexpr = 4 if variant.bayer else 3
-    count, (bins, pixel, inside) = batch.height * batch.width, bins_of(batch, variant, BLOCK)
+    bins, pixel, inside = bins_of(batch, variant, BLOCK)
+    count = batch.exposure.size[0] * batch.exposure.size[1]
     pulse = pulse_at(bins, batch, variant)
     seen = contents(bins, batch, variant), responses(bins, batch, variant), pulse
     raw += bins.image * planes * count
@@ -207,7 +186,8 @@ def _expose(raw, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
 def _expose_back(light_grad, grad, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Add to light_grad, the gradient in `screen.light`, what comes from that in raw."""
     planes: tl.constexpr = 4 if variant.bayer else 3
-    count, (bins, pixel, inside) = batch.height * batch.width, bins_of(batch, variant, BLOCK)
+    bins, pixel, inside = bins_of(batch, variant, BLOCK)
+    count = batch.exposure.size[0] * batch.exposure.size[1]
     pulse = pulse_at(bins, batch, variant)
     seen = contents(bins, batch, variant), responses(bins, batch, variant), pulse
     grad += bins.image * planes * count

@@ -9,25 +9,19 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.exposure_records import Exposure
+from moireaug.engine.exposure_records import Camera, Exposure
 from moireaug.engine.gpu import point_method, spectral_method
-from moireaug.engine.gpu.arrays import upload
-from moireaug.engine.gpu.display import Screen, display_numbers, show, show_back
+from moireaug.engine.gpu.arrays import kernel_fields, upload
+from moireaug.engine.gpu.display import DisplayNumbers, display_numbers, show, show_back
 from moireaug.engine.gpu.noise import quantiles
 from moireaug.engine.gpu.panel import add_content_back, channel_of, content
-from moireaug.engine.gpu.sensor_sites import (
-    SensorNumbers,
-    light_passed,
-    look_at_panel,
-    read,
-    sensor_numbers,
-    site_of,
-)
+from moireaug.engine.gpu.sensor_sites import light_passed, look_at_panel, read, site_of
 
 BLOCK = 128  # pixels of a plane, that one program computes
 
@@ -36,13 +30,19 @@ class Batch(NamedTuple):
     """What the kernels read.
 
     Args:
-        subpixels: those of the exposure's method. quantiles: see `noise.quantiles`.
+        subpixels: what the exposure's method reads of them, and subpixel_count.
+        shown_scale: (B,) float64, pixels shown per panel pixel. raw_shape: planes, height and width
+            of a reading. quantiles: see `noise.quantiles`.
     """
 
-    screen: Screen
-    sensor: SensorNumbers
+    exposure: Exposure
     subpixels: Any
-    quantiles: Tensor
+    subpixel_count: int
+    display: DisplayNumbers
+    shown_scale: Any
+    raw_shape: tuple[int, int, int]
+    screen: Any = None
+    quantiles: Any = None
 
 
 class Variant(NamedTuple):
@@ -64,11 +64,8 @@ class Variant(NamedTuple):
 
 def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
-    batch, _, constants = _prepare(picture, exposure)
-    sensor = batch.sensor
-    raw = picture.new_empty(
-        len(picture), sensor.planes, sensor.height, sensor.width, dtype=torch.float32
-    )
+    batch, constants = _prepare(picture, exposure)
+    raw = picture.new_empty(len(picture), *batch.raw_shape, dtype=torch.float32)
     if raw.numel():
         _expose[_grid(raw)](raw, batch, **constants)
     return raw
@@ -78,30 +75,33 @@ def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure) -> Tensor:
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings."""
     if not grad.numel():
         return torch.zeros_like(picture)
-    batch, numbers, constants = _prepare(picture, exposure)
+    batch, constants = _prepare(picture, exposure)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
-    return show_back(light_grad, picture, exposure, numbers)
+    return show_back(light_grad, picture, exposure, batch.display)
 
 
-def _prepare(picture: Tensor, e: Exposure) -> tuple[Batch, Any, dict[str, Any]]:
-    """Return what the kernels read, the numbers that `show` reads, and what kernels are compiled
-    with."""
-    method = point_method if e.point is not None else spectral_method
-    numbers, sensor, subpixels = upload(
-        _Numbers(display_numbers(e), sensor_numbers(e), method.subpixels_of(e)), picture.device
+def _prepare(picture: Tensor, e: Exposure) -> tuple[Batch, dict[str, Any]]:
+    """Return what the kernels read, and what they are compiled with."""
+    method = spectral_method if e.point is None else point_method
+    batch = Batch(
+        kernel_fields(e),
+        method.subpixels_of(e),
+        len(e.cell.channel),
+        display_numbers(e),
+        1 / np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1),
+        (
+            len(e.sites.channel),
+            len(e.sites.rows) // e.sites.step,
+            len(e.sites.cols) // e.sites.step,
+        ),
     )
-    screen = show(picture, e, numbers)
-    batch = Batch(screen, sensor, subpixels, quantiles(picture.device))
+    batch = upload(batch, picture.device)
+    screen = show(picture, e, batch.display)
+    batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     flickers, taps = e.flicker.shape[1] > 0, 2 * e.cell.radius + 1
     variant = Variant(method.span_of(e), taps, e.dark, flickers, e.noisy, e.clips)
-    return batch, numbers, {"SEE": method.see, "variant": variant, "BLOCK": BLOCK}
-
-
-class _Numbers(NamedTuple):
-    display: Any
-    sensor: Any
-    subpixels: Any
+    return batch, {"SEE": method.see, "variant": variant, "BLOCK": BLOCK}
 
 
 def _grid(raw: Tensor) -> tuple[int]:
@@ -112,15 +112,15 @@ def _grid(raw: Tensor) -> tuple[int]:
 @triton.jit
 def _expose(raw, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Fill raw (B, planes, h, w), a program for BLOCK pixels of a plane."""
-    site, at = site_of(batch.sensor, BLOCK)
+    site, at = site_of(batch, BLOCK)
     sight, light = look_at_panel(site), 0.0 * site.u.to(tl.float32)
-    for i in range(batch.subpixels.length):
-        colour, passed = light_passed(i, site, batch.sensor, batch.subpixels)
+    for i in range(batch.subpixel_count):
+        colour, passed = light_passed(i, site, batch.exposure)
         if passed != 0.0:
             white, patch = SEE(i, sight, site, batch, variant)
             channel = channel_of(batch.screen.light, site.image, colour, batch.screen)
             light += passed * white * content(channel, patch, batch.screen)
-    value, _ = read(light, site, batch.sensor, batch.quantiles, variant)
+    value, _ = read(light, site, batch, variant)
     tl.store(raw + at, value, mask=site.inside)
 
 
@@ -129,15 +129,15 @@ def _expose_back(
     light_grad, grad, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.constexpr
 ):
     """Add to light_grad, the gradient in `screen.light`, what comes from that in raw."""
-    site, at = site_of(batch.sensor, BLOCK)
+    site, at = site_of(batch, BLOCK)
     sight, back = look_at_panel(site), tl.load(grad + at)
     light, slope = 0.0 * back, 0.0 * back
     # twice over the subpixels: for their light, on which the slope may depend, and for the gradient
     for turn in range(0 if variant.noisy or variant.clips else 1, 2):
         if turn == 1:
-            _, slope = read(light, site, batch.sensor, batch.quantiles, variant)
-        for i in range(batch.subpixels.length):
-            colour, passed = light_passed(i, site, batch.sensor, batch.subpixels)
+            _, slope = read(light, site, batch, variant)
+        for i in range(batch.subpixel_count):
+            colour, passed = light_passed(i, site, batch.exposure)
             if passed != 0.0:
                 white, patch = SEE(i, sight, site, batch, variant)
                 white *= passed

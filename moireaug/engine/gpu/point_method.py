@@ -17,39 +17,28 @@ MIN_LIGHT = tl.constexpr(1e-12)  # that a weighted mean is divided by
 
 
 class Subpixels(NamedTuple):
-    """The subpixels of a panel's cell.
+    """What the method reads of the subpixels of a panel's cell.
 
     Args:
-        colour: (n,) int32. rectangle: (n, 4) float32, x0, y0, x1 and y1 in raster subpixels from
-            the cell's corner. period: (n, 2) float64, of their cells, raster subpixels. cells: its
-            inverse.
+        rectangle: (n, 4) float32, x0, y0, x1 and y1 in raster subpixels from the cell's corner.
+        period: (n, 2) float64, of their cells, raster subpixels. cells: its inverse.
         lit: (B,) float32, share of each that emits.
-        raster: (2,) float64, raster subpixels along each side of a panel pixel, and its inverse.
-        length: n.
+        raster: raster subpixels along each side of a panel pixel.
     """
 
-    colour: Any
     rectangle: Any
     period: Any
     cells: Any
     lit: Any
-    raster: Any
-    length: int
+    raster: int
 
 
 def subpixels_of(e: Exposure) -> Subpixels:
     """Return an exposure's Subpixels, of arrays."""
     assert e.point is not None
     period = (e.cell.period[e.cell.kind] * e.point.raster).astype(np.float64)
-    return Subpixels(
-        colour=e.cell.channel.astype(np.int32),
-        rectangle=(e.point.rectangles * e.point.raster).astype(np.float32),
-        period=period,
-        cells=1 / period,
-        lit=e.point.lit.astype(np.float32),
-        raster=np.array([e.point.raster, 1 / e.point.raster]),
-        length=len(e.cell.channel),
-    )
+    rectangle = e.point.rectangles * e.point.raster
+    return Subpixels(rectangle, period, 1 / period, e.point.lit, e.point.raster)
 
 
 def span_of(_: Exposure) -> tuple[int, int]:
@@ -78,8 +67,8 @@ def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr
     subpixels, screen = batch.subpixels, batch.screen
     edges = subpixels.rectangle + 4 * i + AXIS
     low, high, period = tl.load(edges), tl.load(edges + 2), tl.load(subpixels.period + 2 * i + AXIS)
-    per_panel_pixel, panel_pixels = tl.load(subpixels.raster), tl.load(subpixels.raster + 1)
-    place = position * per_panel_pixel - 0.5
+    # half a raster subpixel off whole panel pixels: float32 has digits enough
+    panel_pixels, place = 1.0 / subpixels.raster, position * subpixels.raster - 0.5
     before = tl.floor(place)
     to_second = (place - before).to(tl.float32)
     cell = tl.floor((before + 0.5) * tl.load(subpixels.cells + 2 * i + AXIS))
@@ -96,7 +85,7 @@ def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr
         second = tl.where((there >= 0.0) & (there < end), second, 0.0)
     light = first + second
     panel_pixel = here + (there - here) * (second / tl.maximum(light, MIN_LIGHT))
-    scale = tl.load(batch.sensor.shown_scale + site.image)
+    scale = tl.load(batch.shown_scale + site.image)
     pixel, to_next = split(place_on_shown(panel_pixel, scale, screen), screen.pixels[AXIS])
     return light, pixel, (1.0 - to_next, to_next)
 

@@ -5,42 +5,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
 import triton
 import triton.language as tl
 
-from moireaug.engine.exposure_records import Camera, Exposure
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.sensor import reading
 from moireaug.engine.gpu.tile import block
 from moireaug.engine.gpu.view import ALPHA, jacobian, to_image
-
-
-class SensorNumbers(NamedTuple):
-    """The numbers of a full reading; see `exposure_records.Exposure`.
-
-    Args:
-        rows, cols, step: see `exposure_records.Sites`. site_row, site_col, channel: (planes,)
-            int32, likewise.
-        filters, white, flicker: float32. shown_scale: (B,) float64, pixels shown per panel pixel.
-        planes, height, width: of a raw reading.
-    """
-
-    cameras: Any
-    rows: Any
-    cols: Any
-    site_row: Any
-    site_col: Any
-    channel: Any
-    filters: Any
-    white: Any
-    flicker: Any
-    seeds: Any
-    shown_scale: Any
-    step: int
-    planes: int
-    height: int
-    width: int
 
 
 class Site(NamedTuple):
@@ -62,40 +33,19 @@ class Site(NamedTuple):
     row: Any
 
 
-def sensor_numbers(e: Exposure) -> SensorNumbers:
-    """Return the SensorNumbers of an exposure, of arrays."""
-    sites = e.sites
-    return SensorNumbers(
-        cameras=e.cameras,
-        rows=sites.rows,
-        cols=sites.cols,
-        site_row=sites.row.astype(np.int32),
-        site_col=sites.col.astype(np.int32),
-        channel=sites.channel.astype(np.int32),
-        filters=e.filters.astype(np.float32),
-        white=e.white.astype(np.float32),
-        flicker=e.flicker.astype(np.float32),
-        seeds=e.seeds,
-        shown_scale=1 / np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1),
-        step=sites.step,
-        planes=len(sites.channel),
-        height=len(sites.rows) // sites.step,
-        width=len(sites.cols) // sites.step,
-    )
-
-
 @triton.jit
-def site_of(sensor, BLOCK: tl.constexpr):
+def site_of(batch, BLOCK: tl.constexpr):
     """Return the Site of a program, and where its pixels are in raw (B, planes, h, w)."""
-    count = sensor.height * sensor.width
-    group, pixel = block(count, BLOCK)
-    image, plane = group // sensor.planes, group % sensor.planes
-    inside, pixel = pixel < count, tl.minimum(pixel, count - 1)
-    row = pixel // sensor.width * sensor.step + tl.load(sensor.site_row + plane)
-    col = pixel % sensor.width * sensor.step + tl.load(sensor.site_col + plane)
-    u, v = tl.load(sensor.cols + col), tl.load(sensor.rows + row)
-    camera = sensor.cameras + image * CAMERA_FIELDS
-    return Site(image, plane, camera, pixel, inside, u, v, row), group * count + pixel
+    sites, (planes, height, width) = batch.exposure.sites, batch.raw_shape
+    group, pixel = block(height * width, BLOCK)
+    image, plane = group // planes, group % planes
+    inside, pixel = pixel < height * width, tl.minimum(pixel, height * width - 1)
+    row = pixel // width * sites.step + tl.load(sites.row + plane)
+    col = pixel % width * sites.step + tl.load(sites.col + plane)
+    u, v = tl.load(sites.cols + col), tl.load(sites.rows + row)
+    camera = batch.exposure.cameras + image * CAMERA_FIELDS
+    site = Site(image, plane, camera, pixel, inside, u, v, row)
+    return site, group * height * width + pixel
 
 
 @triton.jit
@@ -109,15 +59,15 @@ def look_at_panel(site):
 
 
 @triton.jit
-def read(light, site, sensor, quantiles, variant: tl.constexpr):
+def read(light, site, batch, variant: tl.constexpr):
     """Return the readings of pixels that see this light of the panel, and their slopes in it."""
-    pulse = 1.0
+    exposure, (planes, height, width), pulse = batch.exposure, batch.raw_shape, 1.0
     if variant.flickers:
-        rows = sensor.height * sensor.step
-        pulse = tl.load(sensor.flicker + site.image * rows + site.row)
-    white = tl.load(sensor.white + site.image * sensor.planes + site.plane)
-    index = (site.plane * sensor.height * sensor.width).to(tl.int32) + site.pixel
-    noise = index, tl.load(sensor.seeds + site.image), quantiles
+        rows = height * exposure.sites.step
+        pulse = tl.load(exposure.flicker + site.image * rows + site.row)
+    white = tl.load(exposure.white + site.image * planes + site.plane)
+    index = (site.plane * height * width).to(tl.int32) + site.pixel
+    noise = index, tl.load(exposure.seeds + site.image), batch.quantiles
     value, slope = reading(light, pulse, site.u, site.v, white, site.camera, noise, variant.noisy)
     if variant.clips:
         slope = tl.where((value < 0.0) | (value > 1.0), 0.0, slope)
@@ -126,7 +76,8 @@ def read(light, site, sensor, quantiles, variant: tl.constexpr):
 
 
 @triton.jit
-def light_passed(i, site, sensor, subpixels):
+def light_passed(i, site, exposure):
     """Return the colour of subpixel i, and the share of its light that a plane's filter passes."""
-    colour, channel = tl.load(subpixels.colour + i), tl.load(sensor.channel + site.plane)
-    return colour, tl.load(sensor.filters + (site.image * 3 + channel) * 3 + colour)
+    colour = tl.load(exposure.cell.channel + i)
+    channel = tl.load(exposure.sites.channel + site.plane)
+    return colour, tl.load(exposure.filters + (site.image * 3 + channel) * 3 + colour)

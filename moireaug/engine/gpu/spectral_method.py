@@ -21,60 +21,40 @@ from moireaug.engine.gpu.view import ALPHA
 
 
 class Subpixels(NamedTuple):
-    """The subpixels of a panel's cell, of some kinds; see `exposure_records.Cell`.
+    """What the method reads of a panel's subpixels, of some kinds; see `exposure_records.Cell`.
 
     Args:
-        colour, kind: (n,) int32. centre, pixel: (n, 2) float64, panel pixels, of the pixel its
-            middle.
-        period: (kinds, 2) float64, panel pixels. cells: its inverse.
-        width, slant_variance: (B, kinds, 2) float32, see `footprint`.
+        cells: (kinds, 2) float64, per panel pixel.
         k, l: (terms,) float32, of harmonics, those of each kind together. first_term: (kinds + 1,)
             int32. amplitude: (B, terms) float32. mean: (B, kinds) float32.
-        length, kinds, terms: how many there are.
+        kinds, terms: how many there are.
     """
 
-    colour: Any
-    kind: Any
-    centre: Any
-    pixel: Any
-    period: Any
     cells: Any
-    width: Any
-    slant_variance: Any
     k: Any
     l: Any
     first_term: Any
     amplitude: Any
     mean: Any
-    length: int
     kinds: int
     terms: int
 
 
 def subpixels_of(e: Exposure) -> Subpixels:
     """Return an exposure's Subpixels, of arrays."""
-    cell, middle = e.cell, e.coefficients.shape[3] // 2
+    middle, kinds = e.coefficients.shape[3] // 2, len(e.cell.period)
     amplitude = e.coefficients.copy()
     amplitude[:, :, 0, middle] = 0
     gain = e.cameras[:, Camera._fields.index("gain")].max(initial=1)
     strongest = np.abs(amplitude).max(0, initial=0)
     kind, k, l = np.nonzero(strongest > e.budget.harmonic_amplitude / gain)
-    kinds = len(cell.period)
     return Subpixels(
-        colour=cell.channel.astype(np.int32),
-        kind=cell.kind.astype(np.int32),
-        centre=cell.centre,
-        pixel=cell.pixel + 0.5,
-        period=cell.period.astype(np.float64),
-        cells=1 / cell.period,
-        width=e.widths.astype(np.float32),
-        slant_variance=e.added_variance.astype(np.float32),
+        cells=1 / e.cell.period,
         k=k.astype(np.float32),
         l=(l - middle).astype(np.float32),
-        first_term=np.searchsorted(kind, np.arange(kinds + 1)).astype(np.int32),
-        amplitude=amplitude[:, kind, k, l].astype(np.float32),
-        mean=e.coefficients[:, :, 0, middle].astype(np.float32),
-        length=len(cell.channel),
+        first_term=np.searchsorted(kind, np.arange(kinds + 1)),
+        amplitude=amplitude[:, kind, k, l],
+        mean=e.coefficients[:, :, 0, middle],
         kinds=kinds,
         terms=len(k),
     )
@@ -97,20 +77,21 @@ def _along_axis(i, sight, site, batch, AXIS: tl.constexpr, variant: tl.constexpr
 
     sight: panel coordinates, float64, and their change per sensor pixel along u and v.
     """
-    subpixels, screen, (position, (by_u, by_v)) = batch.subpixels, batch.screen, sight
-    kind = tl.load(subpixels.kind + i)
-    period = tl.load(subpixels.period + 2 * kind + AXIS)
-    cells = tl.load(subpixels.cells + 2 * kind + AXIS)
-    shape = (site.image * subpixels.kinds + kind) * 2 + AXIS
-    width, slant_variance = subpixels.width + shape, subpixels.slant_variance + shape
-    view = footprint(by_u, by_v, period.to(tl.float32), tl.load(slant_variance), site.camera)
-    place = (position - tl.load(subpixels.centre + 2 * i + AXIS)) * cells
-    pixel, end = tl.load(subpixels.pixel + 2 * i + AXIS), tl.load(site.camera + ALPHA)
-    picture = position * cells, pixel * cells, end * screen.size[AXIS] * cells
+    exposure, screen, (position, (by_u, by_v)) = batch.exposure, batch.screen, sight
+    kind, index = tl.load(exposure.cell.kind + i), 2 * i + AXIS
+    period = tl.load(exposure.cell.period + 2 * kind + AXIS)
+    cells = tl.load(batch.subpixels.cells + 2 * kind + AXIS)
+    shape = (site.image * batch.subpixels.kinds + kind) * 2 + AXIS
+    width, slant_variance = exposure.widths + shape, tl.load(exposure.added_variance + shape)
+    view = footprint(by_u, by_v, period.to(tl.float32), slant_variance, site.camera)
+    place = (position - tl.load(exposure.cell.centre + index)) * cells
+    pixel = tl.load(exposure.cell.pixel + index) + 0.5
+    end = tl.load(site.camera + ALPHA) * screen.size[AXIS]
+    picture = position * cells, pixel * cells, end * cells
     nearest, offset, shares = lit_shares(
         place, view, tl.load(width), picture, variant.taps, variant.dark
     )
-    scale = tl.load(batch.sensor.shown_scale + site.image)
+    scale = tl.load(batch.shown_scale + site.image)
     first = place_on_shown((nearest - variant.taps // 2) * period + pixel, scale, screen)
     step = (period * scale).to(tl.float32)
     start, weights = weights_on_shown(first, step, shares, screen.pixels[AXIS], variant.span[AXIS])
@@ -118,12 +99,13 @@ def _along_axis(i, sight, site, batch, AXIS: tl.constexpr, variant: tl.constexpr
 
 
 @triton.jit
-def _modulation(i, x, y, steps, site, subpixels):
+def _modulation(i, x, y, steps, site, batch):
     """Return the light of subpixels i on a white picture, at offsets in cells from the nearest.
 
     steps: change of panel x and of panel y per sensor pixel along u and v.
     """
-    kind, ((xu, xv), (yu, yv)) = tl.load(subpixels.kind + i), steps
+    kind, ((xu, xv), (yu, yv)) = tl.load(batch.exposure.cell.kind + i), steps
+    subpixels = batch.subpixels
     cells_x = tl.load(subpixels.cells + 2 * kind).to(tl.float32)
     cells_y = tl.load(subpixels.cells + 2 * kind + 1).to(tl.float32)
     light = 0.0 * x + tl.load(subpixels.mean + site.image * subpixels.kinds + kind)
@@ -143,5 +125,5 @@ def see(i, sight, site, batch, variant: tl.constexpr):
     pixels shown that it comes from; sight: from `sensor_sites.look_at_panel`."""
     x, left, across = _along_axis(i, sight[0], site, batch, 0, variant)
     y, top, down = _along_axis(i, sight[1], site, batch, 1, variant)
-    white = _modulation(i, x, y, (sight[0][1], sight[1][1]), site, batch.subpixels)
+    white = _modulation(i, x, y, (sight[0][1], sight[1][1]), site, batch)
     return white, Patch(left, top, across, down)

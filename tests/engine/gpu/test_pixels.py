@@ -102,7 +102,7 @@ BENT = Scene(
 
 
 class Numbers(NamedTuple):
-    camera: Any
+    cameras: Any
     forward: Any
 
 
@@ -122,7 +122,7 @@ def test_where_pixels_look():
     points = points * torch.tensor([40.0, 30.0], dtype=torch.float64)
     u, v = points[0, 0, :, 0] - 20, points[0, 0, :, 1] - 15
     out = torch.empty(8, N, dtype=torch.float64)
-    _view[(1,)](out, u, v, numbers.camera, numbers.forward, N=N)
+    _view[(1,)](out, u, v, numbers.cameras, numbers.forward, N=N)
     inverse = torch.linalg.inv(shot.matrix())
     images = grids.photo_to_image(points, inverse, size, shot.distortion)[0, 0]
     assert (out[:2].T - images).abs().max() < 1e-9
@@ -136,7 +136,7 @@ def test_the_transfer_of_the_optics():
     shot, numbers = camera_of(BENT, (8, 8))
     f = torch.randn(2, N, generator=torch.Generator().manual_seed(2))
     out = torch.empty(N)
-    _transfer[(1,)](out, *f, numbers.camera, N=N)
+    _transfer[(1,)](out, *f, numbers.cameras, N=N)
     assert (out - optics_of(shot).transfer(*f.double())).abs().max() < 1e-6
 
 
