@@ -41,18 +41,9 @@ def assert_equal(scene, size, n=1):
     assert (grad - slope).norm() <= 1e-4 * slope.norm()
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "eight, point, malvar",
-        "two and a half, antialias",
-        "bits",
-        "everything",
-        "everything, no colour filters",
-    ],
-)
+@pytest.mark.parametrize("name", ["no colour filters, antialias", "malvar", "bits", "everything"])
 def test_equals_the_reference_and_its_gradient(name):
-    assert_equal(SCENES[name], (9, 14))
+    assert_equal(SCENES[name], (7, 10))
 
 
 def test_several_images_and_tiles(monkeypatch):
@@ -61,13 +52,13 @@ def test_several_images_and_tiles(monkeypatch):
 
 
 def test_one_pixel():
-    assert_equal(SCENES["everything"], (1, 1))
+    assert_equal(SCENES["everything, two and a half, point"], (1, 1))
 
 
 def test_another_development_is_not_equal():
     scene = SCENES["everything"]
     develop = dataclasses.replace(scene.develop, chroma_blur=3.0)
-    shot, raw = shot_and_reading(scene, (9, 14))
-    other, _ = shot_and_reading(dataclasses.replace(scene, develop=develop), (9, 14))
+    shot, raw = shot_and_reading(scene, (7, 10))
+    other, _ = shot_and_reading(dataclasses.replace(scene, develop=develop), (7, 10))
     photo = gpu.develop(raw, lower_development(other))
     assert (photo - pipeline.develop(raw.double(), shot)).abs().max() > 0.01

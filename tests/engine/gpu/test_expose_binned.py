@@ -13,7 +13,6 @@ from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine.gpu import expose_binned
 from moireaug.engine.shot_exposure import lower_exposure
 from moireaug.exposure.bin_geometry import pixels_on_photo
-from moireaug.scene.presets import PRESETS
 from tests.engine.readings import assert_equal
 
 SIZE = (10, 13)
@@ -21,6 +20,13 @@ TURNED = View(yaw=24.0, pitch=-12.0, roll=8.0, fov=40.0)
 LENS = Lens(k1=0.04, k2=-0.02, blur=0.5, olpf=0.5, motion_x=0.3, motion_y=-0.2, vignetting=0.3)
 PANEL = Panel(width=30.0, lit=0.6, black=0.05, glare=0.1, glare_x=0.3, glare_y=-0.2, pwm=200.0)
 SENSOR = Sensor(pitch=2.2, gain=1.2, crosstalk=0.2, read_noise=0.02, shot_noise=0.03)
+LAYOUT_PRESETS = (
+    "screen_photo",
+    "phone_at_laptop",
+    "phone_at_phone",
+    "phone_at_television",
+    "phone_at_led_wall",
+)
 SCENES = {
     "everything": Scene(
         panel=PANEL,
@@ -59,12 +65,13 @@ SCENES = {
         panel=Panel(width=(5.0, 9.0)), view=TURNED, lens=LENS, sensor=Sensor(pitch=1.3)
     ),
     "no harmonic": Scene(panel=PANEL, sensor=dataclasses.replace(SENSOR, exposure="mean")),
+    **{name: Scene.preset(name) for name in LAYOUT_PRESETS},
 }
 
 
-def shot_and_picture(scene, size=SIZE, n=1):
+def shot_and_picture(scene, n=1):
     g = torch.Generator().manual_seed(3)
-    return scene.sample(n, size, g), torch.rand(n, 3, *size, generator=g)
+    return scene.sample(n, SIZE, g), torch.rand(n, 3, *SIZE, generator=g)
 
 
 def both_readings(shot, picture):
@@ -82,22 +89,17 @@ def test_equals_the_reference(name):
     assert_equal(*both_readings(*shot_and_picture(SCENES[name])))
 
 
-@pytest.mark.parametrize("name", [name for name in PRESETS if not name.startswith("paper")])
-def test_equals_the_reference_on_every_preset(name):
-    assert_equal(*both_readings(*shot_and_picture(Scene.preset(name))))
-
-
 @pytest.mark.parametrize("name", ["everything", "camera's frame", "panel coarser than the picture"])
 def test_the_gradient_in_the_picture(name):
-    shot, picture = shot_and_picture(SCENES[name])
+    shot, picture = shot_and_picture(SCENES[name], n=2 if name.startswith("panel") else 1)
     exact = picture.double().requires_grad_()
     expected = pipeline.expose(exact, shot)
     grad = torch.randn(expected.shape, generator=torch.Generator().manual_seed(5))
     if shot.scene.is_rectified:  # what bins beside the photo read is never seen
         grad = grad * pixels_on_photo(shot)[1][:, None]
     (expected,) = torch.autograd.grad(expected, exact, grad.double())
-    got = expose_binned.expose_back(grad, picture, *lower_exposure(shot, decoded=False))
-    assert (got - expected).norm() < 1e-4 * expected.norm()
+    grad = expose_binned.expose_back(grad, picture, *lower_exposure(shot, decoded=False))
+    assert (grad - expected).norm() < 1e-4 * expected.norm()
 
 
 def test_another_pitch_is_not_equal():
