@@ -1,8 +1,7 @@
 """Kernels for a GPU, written in Triton, which compute each pixel by itself.
 
-They take the records of `engine.exposure_records` and `engine.development_records`, as those of the
-CPU do. A record's numbers are uploaded once (`arrays`); functions on one pixel are in files by
-subject (`view`, `transfer`, `noise`, `sensor`). No kernel uses Triton's own library of compiled
-functions, such as `tl.sum`: they run on the CPU, by Triton's interpreter, only if it is chosen
-before Triton is first imported.
+They read the records of `engine.exposure_records` and `engine.development_records`, as those of the
+CPU do, uploaded by `arrays`. Functions on one pixel are in files by subject (`view`, `transfer`,
+`noise`, `sensor`). No kernel uses Triton's own library of compiled functions, such as `tl.sum`:
+they run on the CPU, by Triton's interpreter, only if it is chosen before Triton is first imported.
 """

@@ -174,7 +174,7 @@ def _light(
 ):
     """Fill out (B, 3, H, W) with the light of pictures: a program for BLOCK pixels of a channel."""
     plane, pixel = block(size[0] * size[1], BLOCK)
-    start, image = plane * size[0] * size[1], plane // 3
+    start, image = plane.to(tl.int64) * size[0] * size[1], plane // 3
     black, share = tl.load(numbers.black + image), tl.load(numbers.neighbour_share + image)
     light = blurred(picture + start, pixel, size, black, share, CODED, BLURS)
     tl.store(out + start + pixel, light, mask=pixel < size[0] * size[1])
@@ -186,7 +186,7 @@ def _light_back(
 ):
     """Fill out (B, 3, H, W) with the gradient in pictures, from that in their light."""
     plane, pixel = block(size[0] * size[1], BLOCK)
-    start, valid = plane * size[0] * size[1], pixel < size[0] * size[1]
+    start, valid = plane.to(tl.int64) * size[0] * size[1], pixel < size[0] * size[1]
     share = tl.load(numbers.neighbour_share + plane // 3)
     back = blurred(grad + start, pixel, size, 0.0, share, False, BLURS)
     back *= 1.0 - tl.load(numbers.black + plane // 3)

@@ -108,7 +108,7 @@ def bins_of(batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     inside, pixel = pixel < height * width, tl.minimum(pixel, height * width - 1)
     u = (pixel % width).to(tl.float64) + 0.5 - 0.5 * width
     v = (pixel // width).to(tl.float64) + 0.5 - 0.5 * height
-    return bins_at(u, v, image, batch, variant), pixel, inside
+    return bins_at(u, v, image.to(tl.int64), batch, variant), pixel, inside
 
 
 @triton.jit

@@ -21,7 +21,7 @@ from moireaug.engine.gpu.arrays import kernel_fields, upload
 from moireaug.engine.gpu.display import DisplayNumbers, display_numbers, show, show_back
 from moireaug.engine.gpu.noise import quantiles
 from moireaug.engine.gpu.panel import add_content_back, channel_of, content
-from moireaug.engine.gpu.sensor_sites import light_passed, look_at_panel, read, site_of
+from moireaug.engine.gpu.sensor_sites import address, light_passed, look_at_panel, read, site_of
 
 BLOCK = 128  # pixels of a plane, that one program computes
 
@@ -112,7 +112,7 @@ def _grid(raw: Tensor) -> tuple[int]:
 @triton.jit
 def _expose(raw, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Fill raw (B, planes, h, w), a program for BLOCK pixels of a plane."""
-    site, at = site_of(batch, BLOCK)
+    site = site_of(batch, BLOCK)
     sight, light = look_at_panel(site), 0.0 * site.u.to(tl.float32)
     for i in range(batch.subpixel_count):
         colour, passed = light_passed(i, site, batch.exposure)
@@ -121,7 +121,7 @@ def _expose(raw, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.cons
             channel = channel_of(batch.screen.light, site.image, colour, batch.screen)
             light += passed * white * content(channel, patch, batch.screen)
     value, _ = read(light, site, batch, variant)
-    tl.store(raw + at, value, mask=site.inside)
+    tl.store(address(raw, site, batch), value, mask=site.inside)
 
 
 @triton.jit
@@ -129,13 +129,14 @@ def _expose_back(
     light_grad, grad, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.constexpr
 ):
     """Add to light_grad, the gradient in `screen.light`, what comes from that in raw."""
-    site, at = site_of(batch, BLOCK)
-    sight, back = look_at_panel(site), tl.load(grad + at)
-    light, slope = 0.0 * back, 0.0 * back
+    site = site_of(batch, BLOCK)
+    sight, light = look_at_panel(site), 0.0 * site.u.to(tl.float32)
+    back = light  # the gradient in light, once that is known
     # twice over the subpixels: for their light, on which the slope may depend, and for the gradient
     for turn in range(0 if variant.noisy or variant.clips else 1, 2):
         if turn == 1:
             _, slope = read(light, site, batch, variant)
+            back = slope * tl.load(address(grad, site, batch))
         for i in range(batch.subpixel_count):
             colour, passed = light_passed(i, site, batch.exposure)
             if passed != 0.0:
@@ -146,5 +147,5 @@ def _expose_back(
                     light += white * content(channel, patch, batch.screen)
                 else:
                     channel = channel_of(light_grad, site.image, colour, batch.screen)
-                    seen = back * slope * white
+                    seen = back * white
                     add_content_back(channel, seen, patch, site.inside, batch.screen)

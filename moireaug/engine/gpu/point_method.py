@@ -77,14 +77,15 @@ def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr
     is_whole = high - low >= period
     first = (1.0 - to_second) * tl.where(is_whole, 1.0, _covered(column, low, high, period))
     second = to_second * tl.where(is_whole, 1.0, _covered(next_column, low, high, period))
-    here = tl.floor((before + 0.5) * panel_pixels) + 0.5
-    there = tl.floor((before + 1.5) * panel_pixels) + 0.5
+    here = tl.floor((before + 0.5) * panel_pixels).to(tl.int32)
+    there = tl.floor((before + 1.5) * panel_pixels).to(tl.int32)
     if DARK:
         end = tl.load(site.camera + ALPHA) * screen.size[AXIS]
-        first = tl.where((here >= 0.0) & (here < end), first, 0.0)
-        second = tl.where((there >= 0.0) & (there < end), second, 0.0)
+        first = tl.where((here >= 0) & (here + 0.5 < end), first, 0.0)
+        second = tl.where((there >= 0) & (there + 0.5 < end), second, 0.0)
     light = first + second
-    panel_pixel = here + (there - here) * (second / tl.maximum(light, MIN_LIGHT))
+    share = second / tl.maximum(light, MIN_LIGHT)
+    panel_pixel = here + ((there - here) * share + 0.5).to(tl.float64)
     scale = tl.load(batch.shown_scale + site.image)
     pixel, to_next = split(place_on_shown(panel_pixel, scale, screen), screen.pixels[AXIS])
     return light, pixel, (1.0 - to_next, to_next)

@@ -35,17 +35,23 @@ class Site(NamedTuple):
 
 @triton.jit
 def site_of(batch, BLOCK: tl.constexpr):
-    """Return the Site of a program, and where its pixels are in raw (B, planes, h, w)."""
+    """Return the Site of a program."""
     sites, (planes, height, width) = batch.exposure.sites, batch.raw_shape
     group, pixel = block(height * width, BLOCK)
-    image, plane = group // planes, group % planes
+    image, plane = (group // planes).to(tl.int64), group % planes
     inside, pixel = pixel < height * width, tl.minimum(pixel, height * width - 1)
     row = pixel // width * sites.step + tl.load(sites.row + plane)
     col = pixel % width * sites.step + tl.load(sites.col + plane)
     u, v = tl.load(sites.cols + col), tl.load(sites.rows + row)
     camera = batch.exposure.cameras + image * CAMERA_FIELDS
-    site = Site(image, plane, camera, pixel, inside, u, v, row)
-    return site, group * height * width + pixel
+    return Site(image, plane, camera, pixel, inside, u, v, row)
+
+
+@triton.jit
+def address(raw, site, batch):
+    """Return pointers to the pixels of a Site in raw (B, planes, h, w)."""
+    planes, height, width = batch.raw_shape
+    return raw + (site.image * planes + site.plane) * height * width + site.pixel
 
 
 @triton.jit
@@ -66,7 +72,7 @@ def read(light, site, batch, variant: tl.constexpr):
         rows = height * exposure.sites.step
         pulse = tl.load(exposure.flicker + site.image * rows + site.row)
     white = tl.load(exposure.white + site.image * planes + site.plane)
-    index = (site.plane * height * width).to(tl.int32) + site.pixel
+    index = site.plane * height * width + site.pixel
     noise = index, tl.load(exposure.seeds + site.image), batch.quantiles
     value, slope = reading(light, pulse, site.u, site.v, white, site.camera, noise, variant.noisy)
     if variant.clips:

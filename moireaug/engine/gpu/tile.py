@@ -57,11 +57,11 @@ def tile(images, TILE: tl.constexpr):
 
 @triton.jit
 def block(count, BLOCK: tl.constexpr):
-    """Return the index of a program's group, of those of `count` values each, int64, and the
-    indices of its BLOCK values, int32, of which the last may be beyond `count`."""
+    """Return the index of a program's group, of those of `count` values each, and the indices of
+    its BLOCK values, of which the last may be beyond `count`; int32."""
     blocks = (count + BLOCK - 1) // BLOCK
     first = tl.program_id(0) % blocks * BLOCK
-    return (tl.program_id(0) // blocks).to(tl.int64), first + tl.arange(0, BLOCK)
+    return tl.program_id(0) // blocks, first + tl.arange(0, BLOCK)
 
 
 @triton.jit
