@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug import Lens, Panel, Scene, Sensor, View
+from moireaug.effects.demosaic import merged_greens
 from moireaug.engine.development_records import Development
 from moireaug.engine.exposure_records import Beats, Exposure
 from moireaug.engine.shot_development import lower_development
@@ -22,12 +23,14 @@ class Case(NamedTuple):
     """A batch of a scene: what entry points take. Only the shapes of its tensors matter.
 
     Args:
+        planes: the reading as developing takes it, whose greens are averaged in bins.
         loop_lengths: of a kernel's loops, by its name, in the order in which they begin.
     """
 
     name: str
     images: Tensor
     raw: Tensor
+    planes: Tensor
     photo: Tensor
     exposure: Exposure
     beats: Beats | None
@@ -63,9 +66,9 @@ ENTRIES = {
     "expose, point, backward": Entry(
         "expose_full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "point"
     ),
-    "develop": Entry("develop", lambda m, c: m.develop(c.raw, c.development)),
+    "develop": Entry("develop", lambda m, c: m.develop(c.planes, c.development)),
     "develop, backward": Entry(
-        "develop", lambda m, c: m.develop_back(c.photo, c.raw, c.development)
+        "develop", lambda m, c: m.develop_back(c.photo, c.planes, c.development)
     ),
 }
 
@@ -95,12 +98,13 @@ def cases(batch: int, side: int) -> list[Case]:
 
 def _case(name: str, scene: Scene, batch: int, side: int) -> Case:
     shot = scene.sample(batch, (side, side), torch.Generator().manual_seed(0))
-    images = torch.zeros(batch, 3, side, side)
+    images, raw = torch.zeros(batch, 3, side, side), torch.zeros(shot.raw_shape())
     development = lower_development(shot)
     return Case(
         name,
         images,
-        torch.zeros(shot.raw_shape()),
+        raw,
+        merged_greens(raw) if scene.cells == "binned" else raw,
         torch.zeros_like(images),
         *lower_exposure(shot, decoded=False),
         development,

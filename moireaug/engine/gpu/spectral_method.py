@@ -79,11 +79,11 @@ def _along_axis(i, sight, site, batch, AXIS: tl.constexpr, variant: tl.constexpr
     """
     exposure, screen, (position, (by_u, by_v)) = batch.exposure, batch.screen, sight
     kind, index = tl.load(exposure.cell.kind + i), 2 * i + AXIS
-    period = tl.load(exposure.cell.period + 2 * kind + AXIS)
+    period = tl.load(exposure.cell.period + 2 * kind + AXIS).to(tl.float32)
     cells = tl.load(batch.subpixels.cells + 2 * kind + AXIS)
     shape = (site.image * batch.subpixels.kinds + kind) * 2 + AXIS
     width, slant_variance = exposure.widths + shape, tl.load(exposure.added_variance + shape)
-    view = footprint(by_u, by_v, period.to(tl.float32), slant_variance, site.camera)
+    view = footprint(by_u, by_v, period, slant_variance, site.camera)
     place = (position - tl.load(exposure.cell.centre + index)) * cells
     pixel = tl.load(exposure.cell.pixel + index) + 0.5
     end = tl.load(site.camera + ALPHA) * screen.size[AXIS]

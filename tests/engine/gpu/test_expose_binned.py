@@ -118,3 +118,18 @@ def test_a_view_of_the_horizon_does_not_fit():
     yaw = torch.tensor([5.0, 85.0], dtype=torch.float64)
     shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=yaw))
     assert expose_binned.fits(*lower_exposure(shot, decoded=False)).tolist() == [True, False]
+
+
+def test_terms_are_chosen_once_for_each_batch(monkeypatch):
+    choose, batches = expose_binned.beat_terms, []
+
+    def count(*records):
+        batches.append(records)
+        return choose(*records)
+
+    monkeypatch.setattr(expose_binned, "beat_terms", count)
+    shot, picture = shot_and_picture(SCENES["no harmonic"])
+    for records in [lower_exposure(shot, decoded=False) for _ in range(2)]:
+        expose_binned.fits(*records)
+        expose_binned.expose(picture, *records)
+    assert len(batches) == 2
