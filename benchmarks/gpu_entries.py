@@ -11,6 +11,7 @@ from torch import Tensor
 
 from moireaug import Lens, Panel, Scene, Sensor, View
 from moireaug.effects.demosaic import merged_greens
+from moireaug.engine.lower.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.lower.development import lower_development
 from moireaug.engine.lower.development_records import Development
 from moireaug.engine.lower.exposure import lower_exposure
@@ -101,15 +102,20 @@ def _case(name: str, scene: Scene, batch: int, side: int) -> Case:
     shot = scene.sample(batch, (side, side), torch.Generator().manual_seed(0))
     images, raw = torch.zeros(batch, 3, side, side), torch.zeros(shot.raw_shape())
     development = lower_development(shot)
+    exposure, beats = lower_exposure(shot, decoded=False)
+    lengths = loop_lengths(development)
+    if beats is not None:
+        lengths |= beat_loop_lengths(beat_terms(exposure, beats))
     return Case(
         name,
         images,
         raw,
         merged_greens(raw) if scene.cells == "binned" else raw,
         torch.zeros_like(images),
-        *lower_exposure(shot, decoded=False),
+        exposure,
+        beats,
         development,
-        loop_lengths(development),
+        lengths,
     )
 
 
@@ -132,3 +138,11 @@ def loop_lengths(development: Development) -> dict[str, tuple[int, ...]]:
     }
     long = {name: tuple(n for n in some if n > 1) for name, some in lengths.items()}
     return long | {"demosaic_back_kernel": (4, 1, 1)}  # planes; folds, which few tiles have
+
+
+def beat_loop_lengths(terms: BeatTerms) -> dict[str, tuple[int, ...]]:
+    """Return `Case.loop_lengths` of binned readings: colours, an image's harmonics and a harmonic's
+    aliases, on average, and colours again."""
+    harmonics = round(len(terms.harmonic) / len(terms.fits))
+    lengths = (3, harmonics, round(len(terms.alias) / max(len(terms.harmonic), 1)))
+    return {"_expose": lengths, "_expose_back": (*lengths, 3)}
