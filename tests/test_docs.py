@@ -96,6 +96,12 @@ def test_links_lead_to_files(page):
     assert not absent
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_figures_have_their_files(page):
+    named = re.findall(r"benchmarks/results/[\w.-]+\w", PAGES[page])
+    assert not [name for name in named if not (ROOT / name).is_file()]
+
+
 def test_every_page_is_in_the_navigation():
     listed = set(re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
     assert {f"docs/{name}" for name in listed} == set(PAGES) - {"README.md"}
