@@ -17,15 +17,14 @@ from torch import Tensor
 from torch.profiler import ProfilerActivity, profile
 
 from benchmarks import measure
-from benchmarks.gpu_entries import ENTRIES, Case, cases, reading_of
+from benchmarks.gpu_entries import ENTRIES, Case, cases, prepare_on_host, reading_of
+from benchmarks.sass import instruction_count
 
 ARCHITECTURES = (80, 90)  # an A100 and an H100
 BATCH, SIDE = 64, 224
 # of an H100 SXM; a fused multiply-add counts as two operations
 BYTES_PER_SECOND, FLOPS = 3.35e12, 67e12
 Key = tuple[str, str, str]  # architecture, case, entry
-INSTRUCTION = re.compile(r"/\*([0-9a-f]{4,})\*/\s+(.*?);")
-BRANCH = re.compile(r"\bBRA\b.*?0x([0-9a-f]+)")
 ASSUMPTIONS = """\
 Estimates, not measurements. No GPU was used: registers, spilled bytes, shared memory and
 instructions are of the compiled kernels; the times follow for an H100 SXM whatever the kernels were
@@ -122,55 +121,6 @@ def resources(compiled: Any) -> tuple[int, int, str]:
     return int(registers), int(stack), out
 
 
-def instruction_count(sass: str, lengths: tuple[int, ...]) -> tuple[int, str]:
-    """Return how many instructions a thread executes, and how often its loops run, as text.
-
-    Args:
-        sass: machine code, as cuobjdump prints it. lengths: of the loops in the kernel's source, in
-            the order in which they begin; those left out count once.
-    """
-    code = [(int(at, 16), text) for at, text in INSTRUCTION.findall(sass) if text[:3] != "NOP"]
-    repeats = loop_repeats(code, lengths)
-    count = 0
-    for at, _ in code:
-        times = 1
-        for (begin, end), repeat in repeats.items():
-            if begin <= at <= end:
-                times *= 1 if repeat is None else repeat
-        count += times
-    return count, " ".join("?" if repeat is None else str(repeat) for repeat in repeats.values())
-
-
-def loop_repeats(
-    code: list[tuple[int, str]], lengths: tuple[int, ...]
-) -> dict[tuple[int, int], int | None]:
-    """Return how often each loop of machine code runs, None where its length is unknown; code:
-    addresses and instructions.
-
-    A loop that is followed by one with a whole fraction of its loads is the first unrolled, and the
-    second does the rest.
-    """
-    loops = []
-    for at, text in code:
-        branch = BRANCH.search(text)
-        if branch and int(branch[1], 16) < at:  # a branch to itself pads the end
-            loops.append((int(branch[1], 16), at))
-    loops.sort(key=lambda loop: (loop[0], -loop[1]))
-    loads = [sum(i <= at <= j and "LDG" in text for at, text in code) for i, j in loops]
-    left, repeats = list(lengths), {}
-    for k, loop in enumerate(loops):
-        if loop in repeats:
-            continue
-        length = left.pop(0) if left else None
-        repeats[loop] = length
-        if length is None or k + 1 == len(loops) or loops[k + 1][0] < loop[1]:
-            continue
-        if loads[k + 1] and loads[k] > loads[k + 1] and loads[k] % loads[k + 1] == 0:
-            unrolled = loads[k] // loads[k + 1]
-            repeats[loop], repeats[loops[k + 1]] = divmod(length, unrolled)
-    return repeats
-
-
 def launch_of(compiled: Any, grid: Any, arguments: Any, lengths: tuple[int, ...]) -> dict[str, Any]:
     """Return the fields of a `Launch` that do not name it."""
     registers, spilled, sass = resources(compiled)
@@ -238,12 +188,22 @@ def main(args: Any) -> None:
             of_case, peaks_of_case = launches(architecture, case)
             rows += of_case
             peaks |= peaks_of_case
+    host = measure.timed_together({"host": lambda: prepare_on_host(batch, side)})["host"]
     heading = f"{batch} photos of {side} px\n{measure.told(facts)}\n\n{ASSUMPTIONS}"
-    text = "\n\n".join([heading, measure.table(Launch._fields, rows), totals(rows, peaks)])
+    on_host = "Drawing and lowering the default scene on the host, measured: {:.1f} ms ({})"
+    text = "\n\n".join(
+        [
+            heading,
+            measure.table(Launch._fields, rows),
+            totals(rows, peaks),
+            on_host.format(*measure.in_ms(host._asdict())),
+        ]
+    )
     print(text)
     folder = measure.results(args)
     content = {"metadata": facts, "batch": batch, "side": side, "assumptions": ASSUMPTIONS}
     content["launches"] = [row._asdict() for row in rows]
+    content["host"] = host._asdict()
     content["peaks"] = [[*key, peak] for key, peak in peaks.items()]
     measure.write_json(folder / "gpu-compiled.json", content)
     (folder / "gpu-compiled.txt").write_text(text + "\n")

@@ -98,6 +98,15 @@ def cases(batch: int, side: int) -> list[Case]:
     return [_case(name, scene, batch, side) for name, scene in scenes.items()]
 
 
+def prepare_on_host(batch: int, side: int) -> None:
+    """Draw and lower the default scene, and choose its terms, as for one batch of photos."""
+    shot = Scene.preset(DEFAULT).sample(batch, (side, side))
+    exposure, beats = lower_exposure(shot, decoded=False)
+    assert beats is not None
+    beat_terms(exposure, beats)
+    lower_development(shot)
+
+
 def _case(name: str, scene: Scene, batch: int, side: int) -> Case:
     shot = scene.sample(batch, (side, side), torch.Generator().manual_seed(0))
     images, raw = torch.zeros(batch, 3, side, side), torch.zeros(shot.raw_shape())
