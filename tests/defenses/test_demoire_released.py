@@ -1,6 +1,7 @@
 """The released weights of a demoiréing network: small, found by name, and better than none."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -26,7 +27,7 @@ def test_released_weights_clean_simulated_photos():
 
 
 def test_released_weights_are_small_and_named_in_errors(tmp_path):
-    network = demoire.load("screen")
+    network = demoire.load(Path("screen"))  # as commands pass it
     assert (network.name, network.width, network.training) == ("amnet", 0.25, False)
     assert all(weights.dtype == torch.float32 for weights in network.parameters())
     for name in files.RELEASED_WEIGHTS:

@@ -103,7 +103,7 @@ def save(network: DemoireNet, path: str | Path) -> None:
 
 def _read(path: str | Path) -> dict[str, Any]:
     """Return a file's name, width and state; no code in it is run."""
-    file = Path(__file__).with_name(f"{path}.pt") if path in RELEASED_WEIGHTS else path
+    file = Path(__file__).with_name(f"{path}.pt") if str(path) in RELEASED_WEIGHTS else path
     content = read_weights(file, "demoire", _advice())
     if not isinstance(content, Mapping) or set(content) != set(FILE_KEYS):
         raise ValueError(
