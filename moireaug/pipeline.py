@@ -13,15 +13,15 @@ from moireaug.effects.demosaic import Demosaic
 from moireaug.effects.denoise import Denoise
 from moireaug.effects.detail import ChromaBlur, ClipDetail, Sharpen
 from moireaug.effects.display import BlackLevel, Glare
-from moireaug.effects.exposure import Crosstalk, Distortion, Exposure, Pose, Subpixels
+from moireaug.effects.exposure import Crosstalk, Exposure, LensDistortion, PanelLayout, Pose
 from moireaug.effects.flicker import Flicker
 from moireaug.effects.jpeg import Jpeg
 from moireaug.effects.prefilter import Prefilter, max_lost_variance
-from moireaug.effects.registration import Registration
+from moireaug.effects.registration import Register
 from moireaug.effects.resize import Resize
-from moireaug.effects.sensor import FullWell, Gain, Noise, Quantisation, Saturation
+from moireaug.effects.sensor import Bits, ClipReading, Gain, Noise, Saturate
 from moireaug.effects.srgb import Clip, Decode, Encode
-from moireaug.effects.tone import Brighten, ColourMatrix, ToneCurve, WhiteBalance
+from moireaug.effects.tone import Balance, Brighten, ColourMatrix, ToneCurve
 from moireaug.effects.vignetting import Vignetting
 from moireaug.exposure.choose import method_of
 from moireaug.plan import Plan, Step
@@ -32,9 +32,9 @@ EXPOSE: tuple[Effect, ...] = (
     Decode(),  # codes to light
     BlackLevel(),
     Prefilter(),  # what is too far away
-    Subpixels(),  # the next four are integrated by the exposure
+    PanelLayout(),  # the next four are integrated by the exposure
     Pose(),
-    Distortion(),
+    LensDistortion(),
     Crosstalk(),
     Exposure(),  # panel light to readings
     Flicker(),  # of the panel, not of the room that its glass reflects
@@ -42,13 +42,13 @@ EXPOSE: tuple[Effect, ...] = (
     Vignetting(),
     Gain(),
     Noise(),
-    FullWell(),
+    ClipReading(),
 )
 DEVELOP: tuple[Effect, ...] = (
-    Saturation(),  # of the reading and an attacker's noise
-    Quantisation(),
+    Saturate(),  # of the reading and an attacker's noise
+    Bits(),
     Demosaic(),  # readings to colours
-    WhiteBalance(),
+    Balance(),
     ColourMatrix(),
     Encode(),  # light to codes
     ToneCurve(),
@@ -59,7 +59,7 @@ DEVELOP: tuple[Effect, ...] = (
     Sharpen(),
     ClipDetail(),
     Resize(),  # sensor pixels to photo pixels
-    Registration(),  # back to the image's frame
+    Register(),  # back to the image's frame
     Jpeg(),
 )
 

@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
-from moireaug.effects.sensor import averaged_pixels
+from moireaug.effects.binned_statistics import averaged_pixels
 from moireaug.engine import switch
 from moireaug.exposure import extreme_harmonics
 from moireaug.exposure.bin_geometry import pixels_on_photo

@@ -15,7 +15,7 @@ from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
 
-class Subpixels(WithinExposure):
+class PanelLayout(WithinExposure):
     """The panel's unit cell: its contrast at the sensor is the moiré."""
 
     name = "layout"
@@ -68,7 +68,7 @@ class Pose(WithinExposure):
         return called(reason)
 
 
-class Distortion(WithinExposure):
+class LensDistortion(WithinExposure):
     """The lens bends the photo radially."""
 
     name = "lens"

@@ -81,3 +81,15 @@ def mix(x: Tensor) -> Tensor:
 def _signed(x: int) -> int:
     """Return the int32 with the same bits."""
     return x - 2**32 if x >= 2**31 else x
+
+
+# a custom operator, since torch.compile cannot trace its tables; defined by hand, because
+# `custom_op` imports the compiler on its first call, a second or more in every worker
+LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
+LIBRARY.define("normal(SymInt[] shape, Tensor seeds) -> Tensor")
+LIBRARY.impl("normal", normal, "CompositeExplicitAutograd")
+torch.library.register_fake(
+    "moireaug::normal",
+    lambda shape, seeds: seeds.new_empty((len(seeds), *shape), dtype=torch.float32),
+    lib=LIBRARY,
+)

@@ -12,7 +12,7 @@ from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
 
-class Registration(Effect):
+class Register(Effect):
     """Warps the photo back to the image's frame, so that labels, boxes and masks stay valid. Binned
     readings lie there already; what the photo does not show of the image is blackened."""
 
@@ -36,7 +36,7 @@ class Registration(Effect):
         return register(photo, shot.matrix(), shot.distortion)
 
 
-def register(photo: Tensor, matrix: Tensor, lens: grids.Lens | None) -> Tensor:
+def register(photo: Tensor, matrix: Tensor, lens: grids.RadialCoefficients | None) -> Tensor:
     """Return a photo (B, 3, H, W) in the image's frame, bilinear; black where it does not show the
     image.
 

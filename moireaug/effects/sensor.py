@@ -5,10 +5,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from moireaug.effects import random_numbers  # noqa: F401  # defines torch.ops.moireaug.normal
 from moireaug.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
+from moireaug.effects.binned_statistics import averaged_away, averaged_pixels, expected_clip
 from moireaug.effects.display import most_reflected
 from moireaug.effects.flicker import modulation_depth
-from moireaug.effects.random_numbers import normal
 from moireaug.effects.srgb import in_codes
 from moireaug.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds, deviation
@@ -16,7 +17,6 @@ from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
 DARK_LEVEL = 1e-4  # of full scale, below which photon noise falls no further: dark current
-LEAST_VARIANCE = 1e-10  # of readings that count as different
 NOISE_SIGMAS = 6  # how far noise reaches, in standard deviations
 
 
@@ -55,7 +55,7 @@ class Noise(Effect):
         return add_noise(raw, read, photons, shot.seed)
 
 
-class FullWell(Effect):
+class ClipReading(Effect):
     """Clips the reading to [0, 1] before an attacker's noise, so that small noise has an effect.
 
     Of a binned reading each sensor pixel was clipped: it gets the mean of the clipped pixels, given
@@ -66,7 +66,7 @@ class FullWell(Effect):
     is_listed = False
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        if Saturation().verdict(scene).called or Noise().verdict(scene).called:
+        if Saturate().verdict(scene).called or Noise().verdict(scene).called:
             return called("a reading can leave [0, 1], and ends there")
         return left_out("no reading leaves [0, 1]")
 
@@ -81,7 +81,7 @@ class FullWell(Effect):
         return expected_clip(raw, noise, raw.square() * pattern)
 
 
-class Saturation(Effect):
+class Saturate(Effect):
     """Saturates the reading at a full well, 1, after an attacker's noise."""
 
     name = "saturate"
@@ -96,7 +96,7 @@ class Saturation(Effect):
         return saturate(raw)
 
 
-class Quantisation(Effect):
+class Bits(Effect):
     """Rounds the reading to the converter's levels."""
 
     name = "bits"
@@ -126,71 +126,6 @@ def add_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
     variance = read.square() + shot.square() * raw.clamp(min=DARK_LEVEL)
     some = variance > 0  # the root has no slope at 0
     return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
-
-
-# a custom operator, since torch.compile cannot trace its tables; defined by hand, because
-# `custom_op` imports the compiler on its first call, a second or more in every worker
-LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
-LIBRARY.define("normal(SymInt[] shape, Tensor seeds) -> Tensor")
-LIBRARY.impl("normal", normal, "CompositeExplicitAutograd")
-torch.library.register_fake(
-    "moireaug::normal",
-    lambda shape, seeds: seeds.new_empty((len(seeds), *shape), dtype=torch.float32),
-    lib=LIBRARY,
-)
-
-
-def averaged_pixels(shot: ShotRecord, scale: Tensor) -> Tensor:
-    """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
-    `shot.bin_scale`."""
-    share = 4.0 if shot.scene.cells == "binned" else 1.0
-    if shot.scene.develop.resize == "antialias":
-        share = share * (2 / 3) ** 2  # a triangle's mean has 4 / 9 of a box's variance
-    return (scale.square() / share).clamp(min=1)
-
-
-def averaged_away(shot: ShotRecord) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the variance of sensor pixels that a binned reading has averaged away: of read noise
-    and of photon noise at full scale, (B, 1, 1, 1) each, and of the panel's pattern, as a share of
-    the squared reading, (B, 3)."""
-    away = 1 - 1 / averaged_pixels(shot, shot.bin_scale)
-    read, photons = shot.sensor.read_noise.square(), shot.sensor.shot_noise.square()
-    if "noise" not in shot.plan:
-        read, photons = torch.zeros_like(read), torch.zeros_like(read)
-    read, photons = ((away * t)[:, None, None, None] for t in (read, photons))
-    pattern = torch.zeros_like(away)[:, None].expand(-1, 3)
-    if "saturate" in shot.plan:
-        pattern = shot.plan.method.pattern_variance(shot)
-    return read, photons, pattern
-
-
-def expected_clip(raw: Tensor, noise: Tensor, pattern: Tensor) -> Tensor:
-    """Return the mean of readings clipped to [0, 1], by their mean and the variances of noise and
-    of the panel's pattern, both taken as normally distributed. A pattern is light, and never below
-    0: noise alone is clipped there."""
-    above = _mean_excess(raw - 1, noise + pattern)
-    above = torch.minimum(above, _greatest_excess(raw, noise, pattern))
-    return raw + _mean_excess(-raw, noise) - above
-
-
-def _greatest_excess(raw: Tensor, noise: Tensor, pattern: Tensor) -> Tensor:
-    """Return a bound on the mean of max(x - 1, 0) of light x of mean `raw` and variance `pattern`,
-    which is nowhere below 0, with noise. No light of that mean and variance, however sparse, has a
-    smaller mean when clipped than one of two levels, one of which is 0 (Scarf, 1958)."""
-    light = raw.clamp(min=LEAST_VARIANCE)
-    clipped = torch.minimum(light / 2, light.square() / (light.square() + pattern))
-    some = noise > LEAST_VARIANCE  # the root has no slope at 0
-    sigma = torch.where(some, torch.where(some, noise, 1.0).sqrt(), 0.0)
-    return light - clipped + sigma / (2 * torch.pi) ** 0.5
-
-
-def _mean_excess(mean: Tensor, variance: Tensor) -> Tensor:
-    """Return the mean of max(x, 0) of normally distributed x."""
-    some = variance > LEAST_VARIANCE
-    sigma = torch.where(some, variance, 1.0).sqrt()
-    z = mean / sigma
-    excess = mean * torch.special.ndtr(z) + sigma * torch.exp(-z * z / 2) / (2 * torch.pi) ** 0.5
-    return torch.where(some, excess, torch.where(mean > 0, mean, torch.zeros_like(mean)))
 
 
 def quantise(raw: Tensor, bits: int) -> Tensor:

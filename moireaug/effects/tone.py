@@ -17,7 +17,7 @@ from moireaug.shot import ShotRecord
 CONTRAST_PER_CODE = 6 * 3**0.5  # the reciprocal of the most by which a contrast of 1 moves a code
 
 
-class WhiteBalance(Effect):
+class Balance(Effect):
     """Multiplies red and blue by a gain each."""
 
     name = "balance"

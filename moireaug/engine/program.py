@@ -17,6 +17,15 @@ from moireaug.shot import ShotRecord
 
 ENGINE_EXPOSURES = ("spectral", "mean", "point")
 ENGINE_DTYPES = (torch.float32, torch.uint8)
+# the effects that kernels compute
+ENGINE_EXPOSING = {
+    *("decode", "black_level", "prefilter", "layout", "pose", "lens", "crosstalk", "exposure"),
+    *("flicker", "glare", "vignetting", "gain", "noise", "full_well"),
+}
+ENGINE_DEVELOPING = {
+    *("saturate", "bits", "demosaic", "balance", "colour_matrix", "encode", "tone_curve"),
+    *("brighten", "clip", "chroma_blur", "sharpen", "clip_detail", "resize", "register"),
+}
 
 
 class Program(NamedTuple):
@@ -47,8 +56,8 @@ def program_of(
     why_not: why kernels cannot take a call's tensors, whatever the scene; "" if they can.
     """
     names = plan.developing
-    unknown = ("denoise", "register", "jpeg") if scene.is_rectified else ("denoise", "jpeg")
-    first = min([len(names), *[names.index(name) for name in unknown if name in names]])
+    by_engine = ENGINE_DEVELOPING - {"register"} if scene.is_rectified else ENGINE_DEVELOPING
+    first = next((k for k, name in enumerate(names) if name not in by_engine), len(names))
     off = why_no_kernels(device_type) or why_not
     return Program(
         backend_of(device_type),
@@ -121,6 +130,9 @@ def _is_dual(shot: ShotRecord) -> bool:
 def _why_not_expose(plan: Plan) -> str:
     if "exposure" not in plan:
         return "nothing is exposed"
+    for name in plan.exposing:
+        if name not in ENGINE_EXPOSING:
+            return f"the engine has no kernel for {name!r}"
     if plan.method.name not in ENGINE_EXPOSURES:
         return f"the engine has no exposure {plan.method.name!r}"
     return ""

@@ -8,13 +8,13 @@ import math
 from moireaug.exposure import extreme_footprints, extreme_harmonics
 from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.binned import Binned
+from moireaug.exposure.full import Box, Mean, Spectral
 from moireaug.exposure.sampled import Point, Supersample
-from moireaug.exposure.smooth import Box, Mean, Spectral
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
 # a magnified screen with more harmonics than this is integrated by overlaps instead, or, in bins,
-# loses the weakest, as `effects.exposure.Subpixels` says
+# loses the weakest, as `effects.exposure.PanelLayout` says
 MAX_HARMONICS = 1024
 FINE_APERTURE = 0.25  # cells: shares of a smaller aperture are differences too small for float32
 # panel pixels along an axis that one sensor pixel sees; if it sees more, the picture is blurred

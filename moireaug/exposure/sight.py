@@ -13,7 +13,7 @@ from moireaug.exposure.footprint import Footprint, around, normalised, tap_weigh
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.geometry import grids
-from moireaug.geometry.grids import Lens
+from moireaug.geometry.grids import RadialCoefficients
 from moireaug.panel.fourier import emitting_share
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
@@ -53,7 +53,9 @@ def look_at_panel(
     return Sight(position * shot.panel_scale[:, None, None, None], step)
 
 
-def panel_steps(points: Tensor, inverse: Tensor, lens: Lens | None, shot: ShotRecord) -> Tensor:
+def panel_steps(
+    points: Tensor, inverse: Tensor, lens: RadialCoefficients | None, shot: ShotRecord
+) -> Tensor:
     """Return the change in panel pixels per sensor pixel along u and v at photo points (B or 1, h,
     w, 2): (B, h, w, 2, 2), of their dtype. Other arguments as of `grids.jacobian`."""
     step = grids.jacobian(points, inverse.to(points.dtype), shot.size, lens)

@@ -14,7 +14,7 @@ from moireaug.numeric import may_be_dual
 # least depth: a ray that meets the screen a thousand times as far away as its centre, or farther,
 # counts as past the horizon
 NEAR_HORIZON = 1e-3
-Lens = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
+RadialCoefficients = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
 
 
 def grid(rows: Tensor, cols: Tensor) -> Tensor:
@@ -60,7 +60,7 @@ def _gathered(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
 
 
 def photo_to_image(
-    points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens | None
+    points: Tensor, inverse: Tensor, size: tuple[int, int], lens: RadialCoefficients | None
 ) -> Tensor:
     """Return where photo points (B or 1, h, w, 2) look on the screen, in image coordinates:
     (B, h, w, 2).
@@ -78,7 +78,9 @@ def photo_to_image(
     return _planar(x / depth, y / depth)
 
 
-def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
+def jacobian(
+    points: Tensor, inverse: Tensor, size: tuple[int, int], lens: RadialCoefficients | None
+) -> Tensor:
     """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), the
     last axis over u and v."""
     p = points - _centre(points, size)
@@ -105,7 +107,7 @@ def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens 
 
 
 def image_to_photo(
-    points: Tensor, matrix: Tensor, size: tuple[int, int], lens: Lens | None
+    points: Tensor, matrix: Tensor, size: tuple[int, int], lens: RadialCoefficients | None
 ) -> Tensor:
     """Return where image points (B, N, 2) lie in the photo, through homography (B, 3, 3) and lens.
     Differentiable."""
@@ -120,7 +122,7 @@ def _centre(like: Tensor, size: tuple[int, int]) -> Tensor:
     return like.new_tensor([size[1] / 2, size[0] / 2])
 
 
-def _through_lens(p: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
+def _through_lens(p: Tensor, size: tuple[int, int], lens: RadialCoefficients | None) -> Tensor:
     """Photo points, measured from the centre, to ideal ones."""
     if lens is None:
         return p

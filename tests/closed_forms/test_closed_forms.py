@@ -96,7 +96,7 @@ def resized_first(effects):
 
 
 TRANSFER = "moireaug.exposure.optics.Optics.transfer"
-COEFFICIENT = "moireaug.exposure.smooth.coefficient"
+COEFFICIENT = "moireaug.exposure.full.coefficient"
 INVERSE_LENS = "moireaug.geometry.grids.inverse_radial_factor"
 RESIZE, GAIN = "moireaug.effects.resize.resize", "moireaug.effects.sensor.Gain.__call__"
 QUANTISE = "moireaug.effects.sensor.quantise"
@@ -115,7 +115,7 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_whole_pitches, TRANSFER, argument("self", optics("fill", 0.99))),
     (screen.check_whole_pitches, FOOTPRINT, argument("optics", optics("fill", 0.99))),
     (screen.check_low_pass_filter, TRANSFER, argument("self", optics("olpf", 0.9))),
-    (screen.check_mean_light, "moireaug.exposure.smooth.mean_light", argument("width", torch.sqrt)),
+    (screen.check_mean_light, "moireaug.exposure.full.mean_light", argument("width", torch.sqrt)),
     (screen.check_mean_light, COEFFICIENT, argument("width", torch.sqrt)),
     (screen.check_mean_light, SHARES, argument("width", times(0.999))),
     (screen.check_mean_light, "moireaug.exposure.sampled.emits", argument("width", torch.square)),

@@ -35,7 +35,8 @@ def imported(source):
 def compiled():
     """The files that kernels are compiled from: those that Python calls, those that they import,
     and so on within their folder."""
-    found, ahead = set(), list(KERNELS.glob("*_kernels.py"))
+    records = PACKAGE / "engine" / "lower"
+    found, ahead = set(), [*KERNELS.glob("*_kernels.py"), *records.glob("*_records.py")]
     while ahead:
         source = ahead.pop()
         found.add(source)

@@ -6,7 +6,8 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 
-from moireaug import Develop, Scene, Sensor, View, capture, develop, expose
+from moireaug import Develop, Scene, Sensor, View, capture, develop, expose, pipeline
+from moireaug.effects.base import Effect, called
 from moireaug.engine import explain, program, reference, switch
 from moireaug.engine.backends import BACKENDS
 
@@ -47,6 +48,31 @@ def test_what_the_engine_leaves_to_the_reference_is_said(field, value, said):
     exposes, develops = explain(scene).splitlines()[:2]
     assert exposes.endswith("on cpu    numba kernels, in float32")
     assert develops.endswith(said)
+
+
+class Halved(Effect):
+    """Somebody's own effect, for which there are no kernels."""
+
+    name = "halved"
+
+    def verdict(self, scene):
+        return called("always")
+
+    def __call__(self, values, shot):
+        return values / 2
+
+
+@pytest.mark.parametrize("stage", ["EXPOSE", "DEVELOP"])
+@pytest.mark.parametrize("first", [True, False])
+def test_an_effect_without_a_kernel_is_not_dropped(stage, first, monkeypatch):
+    own, others = (Halved(),), getattr(pipeline, stage)
+    monkeypatch.setattr(pipeline, stage, own + others if first else others + own)
+    scene = Scene(view=View(roll=3.0), sensor=Sensor(scale=2.0))
+    assert "'halved'" in explain(scene)
+    shot = scene.sample(4, (16, 20), torch.Generator().manual_seed(0))
+    photo = capture(IMAGES, shot)
+    with reference():
+        torch.testing.assert_close(photo, capture(IMAGES, shot), atol=1e-4, rtol=0)
 
 
 def test_a_reading_of_nan_has_no_jpeg():

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
-from moireaug.effects import sensor
+from moireaug.effects import binned_statistics
 from moireaug.engine import switch
 from moireaug.scene.by_name import with_values
 from moireaug.synthesis import without_moire
@@ -114,7 +114,9 @@ def test_a_saturated_binned_photo_is_nearly_the_full_one(monkeypatch):
     with switch.reference():
         full, _ = photo("full", **case)
         binned, _ = photo("binned", **case)
-        monkeypatch.setattr(sensor, "expected_clip", lambda raw, noise, pattern: raw.clamp(0, 1))
+        monkeypatch.setattr(
+            "moireaug.effects.sensor.expected_clip", lambda raw, noise, pattern: raw.clamp(0, 1)
+        )
         naive, _ = photo("binned", **case)
     assert rms(binned - full) < 0.013 and rms(binned - full) < 0.6 * rms(naive - full)
 
@@ -135,9 +137,9 @@ def test_clipped_light_of_two_levels_is_exact():
     mean, level = torch.tensor([0.2, 0.9, 2.0]).double(), torch.tensor([3.0, 9.0, 40.0]).double()
     variance = mean * level - mean.square()
     none = torch.zeros_like(mean)
-    bound = mean - sensor._greatest_excess(mean, none, variance)
+    bound = mean - binned_statistics._greatest_excess(mean, none, variance)
     assert torch.allclose(bound, mean / level)
-    assert (sensor.expected_clip(mean, none, variance) >= bound - 1e-12).all()
+    assert (binned_statistics.expected_clip(mean, none, variance) >= bound - 1e-12).all()
 
 
 @pytest.mark.parametrize("reading", ["scale", "pitch"])
@@ -152,8 +154,8 @@ def test_a_pattern_is_never_darker_than_black():
     """Noise is clipped at 0, and lightens the dark; a panel's pattern is light, and does not."""
     raw = torch.tensor([0.0, 0.01, 0.1], dtype=torch.float64)
     none = torch.zeros_like(raw)
-    assert torch.allclose(sensor.expected_clip(raw, none, raw.square()), raw)
-    noisy = sensor.expected_clip(raw, none + 1e-4, none)
+    assert torch.allclose(binned_statistics.expected_clip(raw, none, raw.square()), raw)
+    noisy = binned_statistics.expected_clip(raw, none + 1e-4, none)
     drawn = raw + 0.01 * torch.randn(200_000, 1, dtype=torch.float64)
     assert torch.allclose(noisy, drawn.clamp(0, 1).mean(0), atol=2e-4) and noisy[0] > 0.003
 

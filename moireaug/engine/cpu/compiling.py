@@ -20,10 +20,12 @@ KERNELS = Path(__file__).parent
 PACKAGE = KERNELS.parents[1]
 # files outside this folder whose numbers and records are compiled into kernels
 CONSTANT_SOURCES = (
+    "effects/binned_statistics.py",
     "effects/detail.py",
     "effects/random_numbers.py",
     "effects/sensor.py",
     "engine/lower/budget.py",
+    "engine/lower/development_records.py",
     "engine/lower/exposure_records.py",
     "exposure/footprint.py",
     "exposure/displayed.py",

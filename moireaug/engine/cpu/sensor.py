@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from moireaug.effects.sensor import DARK_LEVEL, LEAST_VARIANCE
+from moireaug.effects.binned_statistics import LEAST_VARIANCE
+from moireaug.effects.sensor import DARK_LEVEL
 from moireaug.engine.cpu.compiling import copy, fill, inner
 from moireaug.engine.cpu.normal import integral, normal
 from moireaug.engine.cpu.random_numbers import normal_row
@@ -111,7 +112,7 @@ def _clip_slope(value, dark, photons, pattern):
 @inner
 def clip_mean(out, light, slope, dark, photons, pattern):
     """Fill a row of binned readings (w,) from its light with the mean of sensor pixels clipped to
-    [0, 1], as `effects.sensor.expected_clip` does.
+    [0, 1], as `effects.binned_statistics.expected_clip` does.
 
     Args:
         slope: as `add_noise` filled it, multiplied by that of the clip.

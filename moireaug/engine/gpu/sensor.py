@@ -10,7 +10,7 @@ import math
 import triton
 import triton.language as tl
 
-from moireaug.effects import sensor
+from moireaug.effects import binned_statistics, sensor
 from moireaug.engine.gpu.arrays import camera_field
 from moireaug.engine.gpu.noise import normal
 from moireaug.engine.gpu.view import BEND, load32
@@ -20,7 +20,7 @@ GLARE, GLARE_U, GLARE_V = camera_field("glare"), camera_field("glare_u"), camera
 DARK_NOISE, PHOTON_NOISE = camera_field("dark_noise"), camera_field("photon_noise")
 
 DARK_LEVEL = tl.constexpr(sensor.DARK_LEVEL)
-LEAST_VARIANCE = tl.constexpr(sensor.LEAST_VARIANCE)
+LEAST_VARIANCE = tl.constexpr(binned_statistics.LEAST_VARIANCE)
 ROOT_HALF = tl.constexpr(0.5**0.5)
 PEAK = tl.constexpr((2 * math.pi) ** -0.5)  # of the standard normal density
 MIN_EXPONENT = tl.constexpr(-80.0)
@@ -99,7 +99,7 @@ def mean_excess(mean, variance):
 
 @triton.jit
 def clipped_mean(light, dark, photons, pattern):
-    """Return the mean of sensor pixels clipped to [0, 1], as `effects.sensor.expected_clip` does,
+    """Return the mean of sensor pixels clipped to [0, 1], as `binned_statistics.expected_clip`,
     from their mean light, and its derivative in that.
 
     Args:

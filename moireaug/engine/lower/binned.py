@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from moireaug.effects.sensor import averaged_pixels
+from moireaug.effects.binned_statistics import averaged_pixels
 from moireaug.engine.lower import pose
 from moireaug.engine.lower.cameras import camera_fields, lower_cameras
 from moireaug.engine.lower.cell import PanelView, Shapes, cell_of_whole_pixels, mean_light_of

@@ -13,7 +13,7 @@ import triton.language as tl
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
 from moireaug.effects import random_numbers
-from moireaug.effects.sensor import expected_clip
+from moireaug.effects.binned_statistics import expected_clip
 from moireaug.engine.gpu import display, noise, sensor, tile, transfer, view
 from moireaug.engine.gpu.arrays import upload
 from moireaug.engine.lower.exposure import lower_exposure
