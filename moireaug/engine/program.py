@@ -17,7 +17,8 @@ from moireaug.shot import ShotRecord
 
 ENGINE_EXPOSURES = ("spectral", "mean", "point")
 ENGINE_DTYPES = (torch.float32, torch.uint8)
-# the effects that kernels compute
+# effects that kernels know: all of exposing is theirs, and of developing what is before the first
+# that is the reference's
 ENGINE_EXPOSING = {
     *("decode", "black_level", "prefilter", "layout", "pose", "lens", "crosstalk", "exposure"),
     *("flicker", "glare", "vignetting", "gain", "noise", "full_well"),
@@ -26,6 +27,7 @@ ENGINE_DEVELOPING = {
     *("saturate", "bits", "demosaic", "balance", "colour_matrix", "encode", "tone_curve"),
     *("brighten", "clip", "chroma_blur", "sharpen", "clip_detail", "resize", "register"),
 }
+REFERENCE_DEVELOPING = {"denoise", "jpeg"}
 
 
 class Program(NamedTuple):
@@ -56,8 +58,8 @@ def program_of(
     why_not: why kernels cannot take a call's tensors, whatever the scene; "" if they can.
     """
     names = plan.developing
-    by_engine = ENGINE_DEVELOPING - {"register"} if scene.is_rectified else ENGINE_DEVELOPING
-    first = next((k for k, name in enumerate(names) if name not in by_engine), len(names))
+    without_kernel = REFERENCE_DEVELOPING | ({"register"} if scene.is_rectified else set())
+    first = next((k for k, name in enumerate(names) if name in without_kernel), len(names))
     off = why_no_kernels(device_type) or why_not
     return Program(
         backend_of(device_type),
@@ -130,9 +132,8 @@ def _is_dual(shot: ShotRecord) -> bool:
 def _why_not_expose(plan: Plan) -> str:
     if "exposure" not in plan:
         return "nothing is exposed"
-    for name in plan.exposing:
-        if name not in ENGINE_EXPOSING:
-            return f"the engine has no kernel for {name!r}"
+    if unknown := [name for name in plan.exposing if name not in ENGINE_EXPOSING]:
+        return f"the engine has no kernel for {unknown[0]!r}"
     if plan.method.name not in ENGINE_EXPOSURES:
         return f"the engine has no exposure {plan.method.name!r}"
     return ""
@@ -141,4 +142,7 @@ def _why_not_expose(plan: Plan) -> str:
 def _why_not_develop(plan: Plan) -> str:
     if not any(step in plan for step in ("demosaic", "resize", "register", "encode")):
         return "the engine would be no faster"
+    known = ENGINE_DEVELOPING | REFERENCE_DEVELOPING
+    if unknown := [name for name in plan.developing if name not in known]:
+        return f"the engine does not know {unknown[0]!r}"
     return ""

@@ -72,7 +72,7 @@ def test_an_effect_without_a_kernel_is_not_dropped(stage, first, monkeypatch):
     shot = scene.sample(4, (16, 20), torch.Generator().manual_seed(0))
     photo = capture(IMAGES, shot)
     with reference():
-        torch.testing.assert_close(photo, capture(IMAGES, shot), atol=1e-4, rtol=0)
+        torch.testing.assert_close(photo, capture(IMAGES, shot), atol=1 / 512, rtol=0)
 
 
 def test_a_reading_of_nan_has_no_jpeg():
