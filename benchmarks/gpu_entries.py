@@ -119,7 +119,7 @@ def _case(name: str, scene: Scene, batch: int, side: int) -> Case:
         name,
         images,
         raw,
-        merged_greens(raw) if scene.cells == "binned" else raw,
+        merged_greens(raw) if scene.is_binned_bayer else raw,
         torch.zeros_like(images),
         exposure,
         beats,

@@ -14,7 +14,13 @@ from torch import Tensor
 
 from moireaug.geometry import grids
 from moireaug.geometry.homography import homography, magnification
-from moireaug.geometry.lattice import CFA, SampledPixels, binned_pixels, cell, sampled_pixels
+from moireaug.geometry.lattice import (
+    CFA,
+    SampledPixels,
+    binned_pixels,
+    pattern_period,
+    sampled_pixels,
+)
 from moireaug.numeric import as_dtype
 from moireaug.plan import Plan
 from moireaug.scene.by_name import by_part, parts_with, values_of
@@ -169,8 +175,8 @@ class ShotRecord(Draws):
         (B, 4, h / 2, w / 2), or three colours (B, 3, h, w); of a binned reading, four planes or
         three colours of the photo's size."""
         rows, cols = self.sampled_pixels()
-        cells = self.scene.cells
-        planes, step = sum(len(site.channels) for site in CFA[cells]), cell(cells)
+        planes = sum(len(site.channels) for site in CFA[self.scene.planes])
+        step = pattern_period(self.scene.planes)
         return len(self), planes, len(rows.index) // step, len(cols.index) // step
 
     @property

@@ -14,7 +14,7 @@ LEAST_VARIANCE = 1e-10  # of readings that count as different
 def averaged_pixels(shot: ShotRecord, scale: Tensor) -> Tensor:
     """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
     `shot.bin_scale`."""
-    share = 4.0 if shot.scene.cells == "binned" else 1.0
+    share = 4.0 if shot.scene.is_binned_bayer else 1.0
     if shot.scene.develop.resize == "antialias":
         share = share * (2 / 3) ** 2  # a triangle's mean has 4 / 9 of a box's variance
     return (scale.square() / share).clamp(min=1)

@@ -26,14 +26,14 @@ class Demosaic(Effect):
     name = "demosaic"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        if scene.cells == "none":
+        if scene.planes == "none":
             return left_out("every pixel reads all colours")
-        if scene.cells == "binned":
+        if scene.is_binned_bayer:
             return called("the two greens of each cell averaged; its pixels were interpolated")
         return called(f"{scene.develop.demosaic}, {scene.sensor.cfa.upper()}")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
-        if shot.scene.cells == "binned":
+        if shot.scene.is_binned_bayer:
             return merged_greens(raw)
         mosaic = unpack(repeat_edges(raw, 1, 1, 1, 1))
         colours = DEMOSAICS[shot.scene.develop.demosaic](mosaic)[..., 2:-2, 2:-2]

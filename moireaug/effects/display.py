@@ -73,6 +73,6 @@ def white_readings(shot: ShotRecord) -> Tensor:
     light = torch.stack([mean_light(layout, channel, *shares) for channel in range(3)], 1)
     light = (filters_of(shot) @ light[..., None])[..., 0]
     channels: list[int] = []
-    for site in CFA[shot.scene.cells]:
+    for site in CFA[shot.scene.planes]:
         channels.extend(site.channels)
     return light[:, channels]

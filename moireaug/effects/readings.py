@@ -24,4 +24,4 @@ def in_planes(values: Tensor, raw: Tensor, shot: ShotRecord) -> Tensor:
     reading: (B, 4 or 1, ...), of its dtype."""
     rows, cols = (len(pixels.index) for pixels in shot.sampled_pixels())
     values = values.to(raw.dtype).expand(-1, rows, cols)
-    return pack(values) if shot.scene.cells == "rggb" else values[:, None]
+    return pack(values) if shot.scene.planes == "rggb" else values[:, None]

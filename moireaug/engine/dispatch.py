@@ -73,7 +73,7 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         photos = engine_photo(raw[rows], shot[rows], program)
         return in_order([rows, others], [photos, pipeline.develop(raw[others], shot[others])])
     names = program.engine_effects
-    if shot.scene.cells == "binned":
+    if shot.scene.is_binned_bayer:
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
         names = tuple(name for name in names if name not in ("saturate", "demosaic"))

@@ -59,7 +59,7 @@ class Binned(ClosedForm):
 
         row_numbers = len(cols) * max(self.taps**2, 16 * len(self.harmonics))
         planes = in_bands(read, rows, row_numbers, light, shot)
-        (site,) = CFA[shot.scene.cells]
+        (site,) = CFA[shot.scene.planes]
         return planes[:, list(site.channels)]
 
     def read(self, screen: Screen, content: Content, bins: Bins, shot: ShotRecord) -> Tensor:
@@ -119,7 +119,7 @@ class Binned(ClosedForm):
         u, v = (k * bins.step[..., 0, axis] + l * bins.step[..., 1, axis] for axis in (0, 1))
         passed = optics.transfer(u, v)
         carrier: Wave = passed * torch.cos(phase), passed * torch.sin(phase)
-        bayer, modulation = shot.scene.cells == "binned", []
+        bayer, modulation = shot.scene.is_binned_bayer, []
         read = plane_waves(u, v, bins.centre, bins.sides, bins.triangle, bayer=bayer)
         parts = amplitudes_of(layout, self.harmonics, shot.panel)
         real, imaginary = (part.to(dtype)[..., None, None] for part in parts)
@@ -152,7 +152,7 @@ class Binned(ClosedForm):
         k, l = k / layout.period[0], l / layout.period[1]
         u, v = (k * step[:, 0, axis] + l * step[:, 1, axis] for axis in (0, 1))
         power = optics_of(shot).transfer(u, v).square() / 2
-        bayer = shot.scene.cells == "binned"
+        bayer = shot.scene.is_binned_bayer
         left = power_left(u, v, sides, triangle, bayer=bayer)
         lost = [power * (1 - left[plane if bayer else 0]).clamp(min=0) for plane in range(3)]
         return torch.stack(lost, -1)

@@ -74,7 +74,7 @@ def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]
     layout, step = as_layout(scene.panel.layout), largest_panel_steps(scene)
     ratio = panel_scale_ratio(scene)
     s = least_side(scene, bounds(scene.panel.scale)[0])
-    apart = 0.5 if scene.cells == "binned" else 1.0
+    apart = 0.5 if scene.is_binned_bayer else 1.0
     strong = []
     for (k, l), strength in harmonics(scene):
         frequency = step[:, 0] * (k / layout.period[0]) + step[:, 1] * (l / layout.period[1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from moireaug.geometry.lattice import CFA, cell
+from moireaug.geometry.lattice import CFA, pattern_period
 from moireaug.numeric import mix_colours
 from moireaug.shot import ShotRecord
 
@@ -33,7 +33,7 @@ def filters_of(shot: ShotRecord) -> Tensor:
 def colours_seen(shot: ShotRecord) -> str:
     """Return the filter cell, a key of `CFA`, of the colours that pixels see: all three if the
     filters' bands overlap, else their own."""
-    return "none" if "crosstalk" in shot.plan else shot.scene.cells
+    return "none" if "crosstalk" in shot.plan else shot.scene.planes
 
 
 def through_filters(light: Tensor, shot: ShotRecord) -> Tensor:
@@ -42,8 +42,8 @@ def through_filters(light: Tensor, shot: ShotRecord) -> Tensor:
     if "crosstalk" not in shot.plan:
         return light
     mixed = mix_colours(filters_of(shot), light)
-    cfa, planes = shot.scene.cells, []
-    for site in CFA[cfa]:
+    period, planes = pattern_period(shot.scene.planes), []
+    for site in CFA[shot.scene.planes]:
         for channel in site.channels:
-            planes.append(mixed[:, channel, site.row :: cell(cfa), site.column :: cell(cfa)])
+            planes.append(mixed[:, channel, site.row :: period, site.column :: period])
     return torch.stack(planes, 1)

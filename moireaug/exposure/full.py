@@ -26,7 +26,7 @@ from moireaug.exposure.sight import (
     panel_steps,
 )
 from moireaug.geometry import grids
-from moireaug.geometry.lattice import CFA, Site, cell
+from moireaug.geometry.lattice import CFA, Site, pattern_period
 from moireaug.panel.fourier import coefficient, emitting_share, mean_light, own_orders
 from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
@@ -50,9 +50,9 @@ class FullReading(ClosedForm):
         cfa, screen = colours_seen(shot), Screen(light, shot, self.taps)
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse = torch.linalg.inv(shot.matrix())
-        planes = []
+        period, planes = pattern_period(cfa), []
         for site in CFA[cfa]:
-            down, across = rows[site.row :: cell(cfa)], cols[site.column :: cell(cfa)]
+            down, across = rows[site.row :: period], cols[site.column :: period]
             planes.append(self._read_site(site, down, across, inverse, screen, shot))
         return through_filters(torch.cat(planes, 1), shot)
 

@@ -13,7 +13,7 @@ from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import optics_of
 from moireaug.geometry import grids
-from moireaug.geometry.lattice import CFA, cell
+from moireaug.geometry.lattice import CFA, pattern_period
 from moireaug.panel.fourier import emitting_share
 from moireaug.panel.mask import cell_of, emits
 from moireaug.scene.layout import as_layout
@@ -30,12 +30,12 @@ class Sampled(ExposureMethod):
         shown, offsets = DisplayedPicture(light, shot), self.offsets(shot)
         down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
         inverse, cfa = torch.linalg.inv(shot.matrix()), colours_seen(shot)
-        planes = []
+        period, planes = pattern_period(cfa), []
         for site in CFA[cfa]:
             total = light.new_zeros(())
             for i in range(offsets.shape[2]):
-                v = rows[site.row :: cell(cfa)] + down[:, i, None]
-                u = cols[site.column :: cell(cfa)] + across[:, i, None]
+                v = rows[site.row :: period] + down[:, i, None]
+                u = cols[site.column :: period] + across[:, i, None]
                 points = grids.grid(v, u)
                 points_on_image = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
                 x, y = (points_on_image * alpha[..., None]).unbind(-1)
@@ -78,7 +78,7 @@ class Point(Sampled):
         layout, alpha = as_layout(shot.scene.panel.layout), shot.panel_scale[:, None, None]
         width, height = emitting_share(shot.panel)
         ends: tuple = (None, None)
-        if not shot.scene.develop.registered:
+        if shot.scene.is_dark_around:
             ends = (alpha * shot.size[1], alpha * shot.size[0])
         plane = torch.zeros_like(x, dtype=shown.light.dtype)
         for s in layout.of(channel):
@@ -155,7 +155,7 @@ class Supersample(Sampled):
         column, row = cell_of(s, x, y)
         px, py = column * s.period[0] + s.pixel[0], row * s.period[1] + s.pixel[1]
         light = shown.look_up(px, py, s.channel)[:, 0]
-        if shot.scene.develop.registered:
+        if not shot.scene.is_dark_around:
             return light
         px, py = px / alpha, py / alpha
         return light * ((px >= 0) & (px < shot.size[1]) & (py >= 0) & (py < shot.size[0]))

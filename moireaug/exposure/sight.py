@@ -152,7 +152,7 @@ def shares_along(
     shares = tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)
     share = normalised(shares.to(dtype))
     lit = None
-    if not shot.scene.develop.registered:
+    if shot.scene.is_dark_around:
         ends = screen.alpha * shot.size[1 - place.axis]
         pixel = nearest * period + place.pixel
         whole = _share_on_picture(at, footprint, ends, period)

@@ -29,7 +29,7 @@ CFA: dict[str, tuple[Site, ...]] = {
 }
 
 
-def cell(cfa: str) -> int:
+def pattern_period(cfa: str) -> int:
     """Return the number of sensor pixels along each side of the filter cell."""
     return 2 if cfa == "rggb" else 1
 

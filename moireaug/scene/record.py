@@ -62,9 +62,19 @@ class SceneRecord:
         return self.is_binned and self.develop.registered
 
     @property
-    def cells(self) -> str:
+    def is_dark_around(self) -> bool:
+        """Whether photos show the dark around the picture: those in the camera's frame."""
+        return not self.develop.registered
+
+    @property
+    def is_binned_bayer(self) -> bool:
+        """Whether each value of the reading averages the sensor pixels of one colour."""
+        return self.is_binned and self.sensor.cfa == "rggb"
+
+    @property
+    def planes(self) -> str:
         """The key of `geometry.lattice.CFA` that says how the reading's planes lie."""
-        return "binned" if self.is_binned and self.sensor.cfa == "rggb" else self.sensor.cfa
+        return "binned" if self.is_binned_bayer else self.sensor.cfa
 
     @property
     def is_solid(self) -> bool:
@@ -90,7 +100,7 @@ class SceneRecord:
     def moves(self) -> bool:
         """Whether points move from image to photo: a photo in the camera's frame, with a pose or
         lens distortion."""
-        return not self.develop.registered and (self.is_posed or self.is_bent)
+        return self.is_dark_around and (self.is_posed or self.is_bent)
 
     @property
     def is_shown_whole(self) -> bool:

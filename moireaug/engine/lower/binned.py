@@ -115,7 +115,7 @@ def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _
         mean=mean_light_of(shot),
         lost_noise_variance=_lost_noise_variance(shot, scales.bin),
         saturates="saturate" in shot.plan,
-        bayer=shot.scene.cells == "binned",
+        bayer=shot.scene.is_binned_bayer,
     )
 
 

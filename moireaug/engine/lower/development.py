@@ -57,7 +57,7 @@ def lower_development(shot: ShotRecord) -> Development:
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
     codes = Codes(
-        mosaic=shot.scene.cells == "rggb",
+        mosaic=shot.scene.planes == "rggb",
         demosaic=demosaic,
         rows=rows,
         cols=cols,
@@ -129,7 +129,7 @@ def _resampling(
 ) -> tuple[np.ndarray, Resize, Resize]:
     """Return the demosaic's weights, and the resize along rows and columns; whether effects that
     need whole sensor pixels come before the resize."""
-    how, mosaic = scene.develop, scene.cells == "rggb"
+    how, mosaic = scene.develop, scene.planes == "rggb"
     rows, cols = sampled_by(scene, size)
     demosaic, reach = np.zeros((4, 3, 4, 3, 3), np.float32), 0
     if mosaic:

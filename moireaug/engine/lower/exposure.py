@@ -59,7 +59,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         noisy="noise" in plan,
         coded="decode" in plan and not decoded,
         neighbour_share=share,
-        dark=not shot.scene.develop.registered,
+        dark=shot.scene.is_dark_around,
         clips="full_well" in plan,
         budget=ErrorBudget.of(shot.scene.tolerance),
         point=point_of(shot) if plan.exposure == "point" else None,
@@ -92,7 +92,7 @@ def _flicker_of(shot: ShotRecord) -> np.ndarray:
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
     rows, cols = (pixels.positions().numpy() for pixels in sampled_by(scene, size))
-    cfa = CFA[scene.cells]  # (row, column, channels) of each site of a cell, in the planes' order
+    cfa = CFA[scene.planes]  # (row, column, channels) of each site of a cell, in the planes' order
     planes = [(r, c, channel) for r, c, channels in cfa for channel in channels]
     row, col, channel = (np.array(values, np.int64) for values in zip(*planes, strict=True))
     step = math.isqrt(len(cfa))
