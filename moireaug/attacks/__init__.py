@@ -1,7 +1,7 @@
 """Attacks: one loop, and the noise, pixels or pose that it moves. Models take images in [0, 1] and
 return logits."""
 
-from moireaug.attacks.answers import UNDECIDED, predicted
+from moireaug.attacks.answers import REJECTED, UNDECIDED, predicted
 from moireaug.attacks.checks import NoAnswerError
 from moireaug.attacks.cw import CW
 from moireaug.attacks.loop import Attack
@@ -33,6 +33,7 @@ __all__ = [
     "LOSSES",
     "MIFGSM",
     "PGD",
+    "REJECTED",
     "RULES",
     "UNDECIDED",
     "Attack",

@@ -1,11 +1,14 @@
-"""The class that logits predict, or none where they are not finite."""
+"""The class that logits predict, or none where they are not finite or the model rejects the
+image."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-UNDECIDED = -1  # takes the place of a class; labels and targets are never below 0
+# in place of a class; labels and targets are never below 0
+UNDECIDED = -1
+REJECTED = -2
 
 
 def has_prediction(logits: Tensor) -> Tensor:
@@ -18,11 +21,27 @@ def has_prediction(logits: Tensor) -> Tensor:
     return logits.amax(1).isfinite()
 
 
-def predicted(logits: Tensor) -> Tensor:
+def predicted(logits: Tensor, *, rejects: bool = False) -> Tensor:
     """Return the predicted class of each row of logits (B, K), (B,) int64, or `UNDECIDED`, which
     equals no label: a model without an answer is wrong, whereas `argmax` would return the index of
-    its first NaN."""
-    return torch.where(has_prediction(logits), logits.argmax(1), UNDECIDED)
+    its first NaN.
+
+    Args:
+        rejects: whether the last logit is that of rejecting the image, which gives `REJECTED`.
+    """
+    classes = logits.argmax(1)
+    if rejects:
+        classes = torch.where(classes == logits.shape[1] - 1, REJECTED, classes)
+    return torch.where(has_prediction(logits), classes, UNDECIDED)
+
+
+def rejection_as_label(logits: Tensor, labels: Tensor) -> Tensor:
+    """Return the logits (B, K) of a model whose last logit (B, K + 1) rejects the image, with the
+    greater of that and the label's in the label's place: to an attack, a rejected image is no
+    better than one that is classified correctly. Differentiable."""
+    classes, rejection = logits[:, :-1], logits[:, -1:]
+    labelled = torch.maximum(classes.gather(1, labels[:, None]), rejection)
+    return classes.scatter(1, labels[:, None], labelled)
 
 
 def reaches(logits: Tensor, labels: Tensor, targets: Tensor | None) -> Tensor:

@@ -90,7 +90,7 @@ class CW:
             pixels, losses = self._nearest(search, problem.base)
             photo = pixels.to(images.dtype)
             with torch.no_grad():
-                logits = self.model(photo.clone())
+                logits = search.ask(photo, labels)
             search.check(logits)  # without steps, nothing was checked yet
         noise = pixels - problem.base
         eps = noise.abs().max().item() if noise.numel() else 0.0
@@ -125,8 +125,7 @@ class CW:
         losses: list[Tensor] = []
         for k in range(self.steps):
             candidate = (torch.tanh(w) + 1) / 2
-            # a model may work in place
-            logits = self.model(candidate.to(search.problem.images.dtype, copy=True))
+            logits = search.ask(candidate.to(search.problem.images.dtype), labels)
             if k == 0:
                 search.check(logits)
                 check_gradient(logits)

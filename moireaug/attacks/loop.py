@@ -22,7 +22,7 @@ from moireaug.attacks.checks import (
     check_sizes,
 )
 from moireaug.attacks.losses import LOSSES, loss_curve
-from moireaug.attacks.model import evaluating, is_repeatable
+from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES, Ball, Rule
@@ -64,6 +64,9 @@ class Attack(ABC):
             time, by noise that goes less far beyond the decision boundary. If the model answers the
             same input differently when asked twice, every step is taken, because being fooled once
             says little.
+
+    A model that rejects images says so by an attribute `rejects = True`, see `defenses.Rejecting`:
+    its last logit is then not that of a class, and a success is an image that is let through.
     """
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
@@ -167,7 +170,7 @@ class Attack(ABC):
                 if images is None or logits is None:
                     logits = search.logits(point)
                 elif self.until_fooled and not search.losses:
-                    search.stops_fooled = is_repeatable(self.model, images, logits)
+                    search.stops_fooled = search.repeats(images, search.goals(None)[0], logits)
                 search.keep(point, logits)
         return search.best
 
@@ -182,11 +185,12 @@ class Attack(ABC):
             for name, x in search.active_point(point).items():
                 variables[name] = x.detach().requires_grad_(True)
             images = search.active.forward_views(variables)
-            logits = self.model(images.clone())  # a model may work in place
+            labels, targets = search.goals(search.loss_targets)
+            logits = search.ask(images, labels)
             if k == 0:
                 search.check(logits)
                 check_gradient(logits)
-            loss = LOSSES[self.loss](as_single(logits), *search.goals(search.loss_targets))
+            loss = LOSSES[self.loss](as_single(logits), labels, targets)
             # a scene may have ranges that no photo of it depends on
             gradients = torch.autograd.grad(loss.sum(), list(variables.values()), allow_unused=True)
             if k == 0:

@@ -107,17 +107,6 @@ def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) 
         raise
 
 
-def is_repeatable(model: Callable[[Tensor], Tensor], images: Tensor, logits: Tensor) -> bool:
-    """Return whether a model, asked again, gives its logits for these images again, but for a
-    thousandth of them."""
-    with torch.no_grad():
-        second_logits = model(images)
-    if not len(logits):
-        return True
-    size = logits.abs().float().nan_to_num(0, 0, 0).median().item()
-    return torch.allclose(logits, second_logits, rtol=1e-3, atol=1e-3 * size, equal_nan=True)
-
-
 def _first_weight(model: object) -> Tensor | None:
     """Return the first weight in floating point of a model's networks; None where it has none."""
     for network in networks_of(model):

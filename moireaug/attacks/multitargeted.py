@@ -11,7 +11,6 @@ from moireaug.attacks.answers import reaches
 from moireaug.attacks.checks import check_answers, check_classes, check_count
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest_wrong_classes, margin
-from moireaug.attacks.model import is_repeatable
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
 from moireaug.mixed_shot import MixedShot
@@ -72,7 +71,7 @@ class MultiTargeted:
         images, logits = search.photo(best)
         check_classes(search.labels, logits, 1)
         check_answers(logits, self.attack.model, search.problem.images)
-        stops = is_repeatable(self.attack.model, images, logits)
+        stops = search.repeats(images, search.labels, logits)
         is_fooled = reaches(logits, search.labels, None) & stops
         margins = margin(logits.float(), search.labels)
         values, classes = likeliest_wrong_classes(logits, search.labels, self.targets)

@@ -64,6 +64,7 @@ class Photographed(nn.Module):
         super().__init__()
         check_model(model, "Photographed's model")
         self.model, self.shot = model, shot
+        self.rejects = getattr(model, "rejects", False)
         self.noise_at = one_of("noise_at", noise_at, CAMERAS)
         self.dtype = images.dtype if isinstance(images, Tensor) else None
         if isinstance(model, nn.Module):

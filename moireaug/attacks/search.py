@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import has_prediction
+from moireaug.attacks.answers import has_prediction, rejection_as_label
 from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.losses import margin, mean_cross_entropy
 from moireaug.attacks.problem import Point, Problem
@@ -106,6 +106,24 @@ class Search:
             return labels, None
         return labels, self.active_rows(targets).repeat(self.active.views)
 
+    def ask(self, images: Tensor, labels: Tensor) -> Tensor:
+        """Return the model's logits (b, K) of images (b, 3, H, W) with labels (b,)."""
+        logits = self.model(images.clone())  # a model may work in place
+        if getattr(self.model, "rejects", False):
+            check_classes(labels, logits, 1)
+            return rejection_as_label(logits, labels)
+        return logits
+
+    def repeats(self, images: Tensor, labels: Tensor, logits: Tensor) -> bool:
+        """Return whether the model, asked again, gives its logits for these images again, but for a
+        thousandth of them."""
+        with torch.no_grad():
+            second_logits = self.ask(images, labels)
+        if not len(logits):
+            return True
+        size = logits.abs().float().nan_to_num(0, 0, 0).median().item()
+        return torch.allclose(logits, second_logits, rtol=1e-3, atol=1e-3 * size, equal_nan=True)
+
     def check(self, logits: Tensor) -> None:
         """Refuse the first logits of the active images where they do not match the classes, or
         where neither they nor those of the clean images are finite."""
@@ -118,7 +136,8 @@ class Search:
     @torch.no_grad()
     def logits(self, point: Point) -> Tensor:
         """Return the logits (views * b, K) of the active images at a point."""
-        logits = self.model(self.active.forward_views(self.active_point(point)))
+        images = self.active.forward_views(self.active_point(point))
+        logits = self.ask(images, self.goals(None)[0])
         if not self.losses:
             self.check(logits)
         return logits
@@ -127,7 +146,7 @@ class Search:
     def photo(self, point: Point) -> tuple[Tensor, Tensor]:
         """Return the n images that are judged at a point, (n, 3, H, W), and their logits (n, K)."""
         images = self.problem.render(point)
-        return images, self.model(images.clone())  # a model may work in place
+        return images, self.ask(images, self.labels)
 
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)

@@ -66,10 +66,11 @@ class SquareMoire(MoireAttack):
             if search.is_over:
                 return
             images = search.active.forward_views(search.active_point(point))
-            logits = self.model(images.clone())  # a model may work in place
+            labels, targets = search.goals(search.loss_targets)
+            logits = search.ask(images, labels)
             if query == 0:
                 search.check(logits)
-            loss = LOSSES[self.loss](as_single(logits), *search.goals(search.loss_targets))
+            loss = LOSSES[self.loss](as_single(logits), labels, targets)
             # no loss, of an image without an answer, is below any other
             loss = search.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
             yield Step(point, images, logits)

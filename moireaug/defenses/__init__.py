@@ -2,7 +2,8 @@
 them.
 
 Each is a frozen dataclass, called on images (B, 3, H, W) in [0, 1], with a `title` for tables and
-`randomised`. Demoiréing networks, and the defence made of one, are in `defenses.demoire`.
+`randomised`. Demoiréing networks, and the defence made of one, are in `defenses.demoire`; a model
+that rejects what a detector flags is `Rejecting`.
 """
 
 # ruff: noqa: E402  # a missing extra is named before it is imported
@@ -20,6 +21,7 @@ from moireaug.defenses.defended import Compose, Defended
 from moireaug.defenses.deflection import PixelDeflection
 from moireaug.defenses.filters import JPEG, BitDepth, Gain, Median, restore_mean
 from moireaug.defenses.quilting import Quilting
+from moireaug.defenses.rejecting import Rejecting
 from moireaug.defenses.variation import TotalVariation
 
 # the paper's, by name; `Quilting` needs a bank of patches first
@@ -48,6 +50,7 @@ __all__ = [
     "Median",
     "PixelDeflection",
     "Quilting",
+    "Rejecting",
     "TotalVariation",
     "demoire",
     "restore_mean",

@@ -110,6 +110,7 @@ class Defended(nn.Module):
         self.defence = defence if isinstance(defence, Defence) else chain
         self.networks = nn.ModuleList(chain.networks)
         self.draws = draws
+        self.rejects = getattr(model, "rejects", False)
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the logits (B, K) of images (B, 3, H, W) float in [0, 1]. Differentiable in

@@ -34,7 +34,8 @@ class APGDTAttacker(Attacker):
     def perturb(self, batch: EvalBatch) -> Tensor:
         with evaluating(batch.model, batch.images), torch.no_grad():
             logits = batch.model(batch.images[:1].clone())
-        loss = "dlr" if logits.shape[1] >= 4 else "margin"
+        classes = logits.shape[1] - getattr(batch.model, "rejects", False)
+        loss = "dlr" if classes >= 4 else "margin"
         attack = self.moire_attack(batch, rule="apgd", loss=loss, until_fooled=True)
         toward_classes = MultiTargeted(attack, targets=self.classes)
         return attack_shot(toward_classes, batch, batch.labels).images

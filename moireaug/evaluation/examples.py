@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from moireaug.attacks import UNDECIDED
+from moireaug.attacks import REJECTED, UNDECIDED
 from moireaug.evaluation.conditions import Condition, Photo
 from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.report.page import title_of
@@ -16,6 +16,7 @@ from moireaug.evaluation.tables import Table
 
 CHANGE_GAIN = 4  # factor by which an attack's change of the photo is enlarged
 PHOTO = Photo()
+NO_CLASS = {UNDECIDED: "no answer", REJECTED: "rejected"}
 Example = dict[str, Any]
 
 
@@ -87,7 +88,7 @@ def _cell(
     for name, runner in runners.items():
         record = runner.record(condition, UNDEFENDED, 0)
         answer = record["predicted"][row]
-        answer_name = "no answer" if answer == UNDECIDED else classes.get(answer, str(answer))
+        answer_name = NO_CLASS.get(answer) or classes.get(answer, str(answer))
         predictions.append((name, answer_name, answer == record["labels"][row]))
     return [{"title": title, "image": pictures[row], "predictions": predictions}]
 

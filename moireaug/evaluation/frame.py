@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 import pandas as pd
 
-from moireaug.attacks import UNDECIDED
+from moireaug.attacks import REJECTED, UNDECIDED
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.runner import CLEAN, Runner
@@ -27,8 +27,9 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
     Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `steps`, `targeted`, `judge`;
     `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, whether the attack's
     goal is reached; `counted`, whether the judge without its defence gets the clean image right;
-    `undecided`, whether the logits were not finite; `seconds`, the image's share; and measures such
-    as `psnr`.
+    `rejected`, whether a model that can do so rejects the image, which is then neither correct nor
+    fooled; `undecided`, whether the logits were not finite; `seconds`, the image's share; and
+    measures such as `psnr`.
     """
     condition_frames: dict[tuple[str, str], pd.DataFrame] = {}
     cell_frames = []
@@ -73,7 +74,9 @@ def _condition_frame(
     frame = pd.concat(batch_frames, ignore_index=True)
     frame["correct"] = frame["predicted"] == frame["label"]
     reaches_target = frame["predicted"] == frame["target"]
-    frame["fooled"] = reaches_target if condition.targeted else ~frame["correct"]
+    frame["rejected"] = frame["predicted"] == REJECTED
+    is_wrong = ~frame["correct"] & ~frame["rejected"]
+    frame["fooled"] = reaches_target if condition.targeted else is_wrong
     frame["undecided"] = frame["predicted"] == UNDECIDED
     constants = {
         "condition": condition.name,
@@ -90,7 +93,10 @@ def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """Return the worst of several conditions for each image."""
     worst = frames[0][["label", "counted", "image"]].copy()
     worst["correct"] = np.all([frame["correct"] for frame in frames], axis=0)
-    worst["fooled"] = ~worst["correct"]  # also by an attacker who aimed at another class
+    # also by an attacker who aimed at another class
+    is_wrong = [~frame["correct"] & ~frame["rejected"] for frame in frames]
+    worst["fooled"] = np.any(is_wrong, axis=0)
+    worst["rejected"] = ~worst["correct"] & ~worst["fooled"]
     worst["undecided"] = np.any([frame["undecided"] for frame in frames], axis=0)
     worst["seconds"] = np.sum([frame["seconds"] for frame in frames], axis=0)
     return worst.assign(
@@ -108,8 +114,8 @@ def rates(frame: pd.DataFrame) -> pd.DataFrame:
 
     Columns: those of `images_frame` up to `judge`; `accuracy`, `accuracy_low`, `accuracy_high` of
     all images; `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are
-    none; `n`, `counted`, `undecided`, `seconds`; the measures, over images that got noise;
-    `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, the paper's figure.
+    none; `n`, `counted`, `rejected`, `undecided`, `seconds`; the measures, over images that got
+    noise; `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, the paper's figure.
     """
     lines = []
     for (table, row, column), cell in frame.groupby(CELL_COLUMNS, sort=False):
@@ -121,8 +127,8 @@ def rates(frame: pd.DataFrame) -> pd.DataFrame:
             line["condition"] = f"{conditions} pooled"
         lines.append(line | _rates(cell))
     columns = [*CELL_COLUMNS, *CONDITION_COLUMNS, "accuracy", "accuracy_low", "accuracy_high"]
-    columns += ["success", "low", "high", "n", "counted", "undecided", "seconds"]
-    columns += [*MEASURES, "outcomes", "paper"]
+    columns += ["success", "low", "high", "n", "counted", "rejected"]
+    columns += ["undecided", "seconds", *MEASURES, "outcomes", "paper"]
     return pd.DataFrame(lines).reindex(columns=columns)
 
 
@@ -144,6 +150,7 @@ def _rates(cell: pd.DataFrame) -> dict[str, object]:
         "high": high,
         "n": n,
         "counted": clean_correct,
+        "rejected": int(cell["rejected"].sum()),
         "undecided": int(cell["undecided"].sum()),
         "seconds": float(cell["seconds"].sum()),
         "outcomes": "".join("1" if right else "0" for right in cell["correct"]),

@@ -8,7 +8,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from moireaug.attacks import evaluating
+from moireaug.attacks import evaluating, predicted
+from moireaug.attacks.checks import check_classes
 from moireaug.defenses import Defended, restore_mean
 from moireaug.evaluation.conditions import Defence, EvalBatch, Model
 from moireaug.evaluation.identity import identity
@@ -51,13 +52,19 @@ class Judge:
             return model
         return Defended(model, self.defence, draws=self.draws)
 
-    def logits(self, batch: EvalBatch, images: Tensor) -> Tensor:
-        """Return the logits (B, K) of shown images; every model's state is restored."""
+    def predictions(self, batch: EvalBatch, images: Tensor) -> Tensor:
+        """Return the predicted classes (B,) of shown images; every model's state is restored.
+
+        Raises:
+            ValueError: logits that cannot be read, or have no class of a label.
+        """
         if self.restores_mean:
             images = restore_mean(images, batch.images)
         model = self.defended(batch.model if self.model is None else self.model)
         with evaluating(model, images), torch.no_grad():
-            return model(images.clone())  # it may work in place
+            logits = model(images.clone())  # it may work in place
+        check_classes(batch.labels, logits, 1)
+        return predicted(logits, rejects=getattr(model, "rejects", False))
 
     @cached_property
     def identity(self) -> str:

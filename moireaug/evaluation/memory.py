@@ -28,6 +28,7 @@ class InParts(nn.Module):
         super().__init__()
         self.model = model
         self.size = size
+        self.rejects = getattr(model, "rejects", False)
 
     def forward(self, images: Tensor) -> Tensor:
         logits = []

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks import evaluating, predicted
+from moireaug.attacks import evaluating
 from moireaug.attacks.checks import check_classes, check_labels
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.draws import Draws
@@ -149,7 +149,8 @@ class Runner:
         with evaluating(self.model, images), torch.no_grad():
             logits = self.model(images[:1].clone())
         check_classes(labels[:1], logits, 1)
-        return Goals(labels, Draws(self.seed, index).targets(labels, logits.shape[1]))
+        classes = logits.shape[1] - getattr(self.model, "rejects", False)
+        return Goals(labels, Draws(self.seed, index).targets(labels, classes))
 
     def _scene_batches(
         self, condition: Condition, images: Tensor, goals: Goals, index: int
@@ -187,8 +188,7 @@ class Runner:
             for judge in judges:
                 draws.seed_judging(condition.name, judge.name)
                 start = time.perf_counter()
-                logits = batches.logits(judge, images)
-                check_classes(goals.labels, logits, 1)
+                predictions = batches.predictions(judge, images)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
                     "key": self.key(condition, judge, index),
@@ -199,7 +199,7 @@ class Runner:
                     "batch": index,
                     "labels": goals.labels.tolist(),
                     "targets": goals.targets.tolist(),
-                    "predicted": predicted(logits).tolist(),
+                    "predicted": predictions.tolist(),
                     "measured": measures,
                     "seconds": seconds,
                 }

@@ -26,12 +26,12 @@ class SceneBatches:
         images = [within_memory(condition.show, batch) for batch in self.batches]
         return in_order(self.rows, images)
 
-    def logits(self, judge: Judge, images: Tensor) -> Tensor:
-        """Return a judge's logits (B, K) for the images of a condition."""
-        logits = []
+    def predictions(self, judge: Judge, images: Tensor) -> Tensor:
+        """Return a judge's predicted classes (B,) of the images of a condition."""
+        classes = []
         for rows, batch in zip(self.rows, self.batches, strict=True):
-            logits.append(judge.logits(batch, images[rows]))
-        return in_order(self.rows, logits)
+            classes.append(judge.predictions(batch, images[rows]))
+        return in_order(self.rows, classes)
 
     def measure(self, condition: Condition, images: Tensor) -> dict[str, list[float]]:
         """Return the figures that a condition measures on its images, B values each."""

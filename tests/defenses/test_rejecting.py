@@ -1,0 +1,92 @@
+"""A model that rejects what a detector flags: its last logit, attacks on it, and its evaluation."""
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug import attacks, evaluation
+from moireaug.attacks import predicted
+from moireaug.defenses import Compose, Defended, Rejecting
+
+RED, GREEN = 0, 1
+
+
+class Bright(nn.Module):
+    """Class 1 where red and green together are brighter than 1; class 2 never wins."""
+
+    def forward(self, images):
+        lead = 10 * (images[:, RED].mean((1, 2)) + images[:, GREEN].mean((1, 2)) - 1)
+        return torch.stack([torch.zeros_like(lead), lead, lead - 20], 1)
+
+
+def red(images):
+    return images[:, RED].mean((1, 2))
+
+
+@pytest.fixture
+def grey():
+    return torch.full((4, 3, 8, 8), 0.45), torch.zeros(4, dtype=torch.int64)
+
+
+def test_the_last_logit_wins_above_the_threshold_alone():
+    images = torch.rand(64, 3, 8, 8, generator=torch.Generator().manual_seed(0))
+    scores = red(images)
+    model = Rejecting(Bright(), red, scores.quantile(0.5))
+    logits = model(images)
+    assert torch.equal(logits[:, :-1], Bright()(images))
+    assert torch.equal(logits.argmax(1) == 3, scores > model.threshold)
+    assert (predicted(logits, rejects=True) == attacks.REJECTED).sum() == 32
+
+
+def test_an_attack_goes_around_model_and_detector_together(grey):
+    images, labels = grey
+    rejecting = Rejecting(Bright(), red, 0.49)
+    settings = {"eps": 0.1, "steps": 40, "step_size": 0.1}
+    unaware = attacks.PGD(Bright(), **settings)(images, labels)
+    assert unaware.success.all()
+    assert (predicted(rejecting(unaware.images), rejects=True) == attacks.REJECTED).all()
+    aware = attacks.PGD(rejecting, **settings)(images, labels)
+    assert aware.success.all() and (red(aware.images) <= 0.49).all()
+    assert (Bright()(aware.images).argmax(1) == 1).all()
+
+
+@pytest.mark.parametrize(
+    "attack",
+    [
+        lambda model: attacks.MoireAttack(model, eps=0.5, steps=3),
+        lambda model: attacks.SquareMoire(model, eps=0.5, steps=3),
+        lambda model: attacks.PGD(model, eps=0.5, steps=3, until_fooled=True),
+        lambda model: attacks.CW(model, steps=3),
+        lambda model: attacks.MultiTargeted(attacks.PGD(model, eps=0.5, steps=3)),
+        lambda model: attacks.PGD(Defended(model, Compose(())), eps=0.5, steps=3),
+    ],
+)
+def test_no_attack_succeeds_where_everything_is_rejected(attack, grey):
+    images, labels = grey
+    assert not attack(Rejecting(Bright(), red, -1.0))(images, labels).success.any()
+
+
+def test_an_evaluation_tells_rejected_images_from_fooled_ones(grey):
+    images, labels = torch.cat([grey[0], grey[0] + 0.1]), torch.cat([grey[1], grey[1]])
+    frame = evaluation.evaluate(
+        Rejecting(Bright(), red, 0.5), [(images, labels)], "ladder", steps=2, progress=False
+    )
+    outcomes = frame[["correct", "rejected", "fooled"]]
+    assert (outcomes[~frame["targeted"]].sum(axis=1) == 1).all()
+    cells = evaluation.rates(frame).set_index("row")
+    assert cells.loc["clean", "rejected"] == 4 and cells.loc["clean", "accuracy"] == 0.5
+    assert cells.loc["clean", "counted"] == 4 and (frame["target"].dropna() < 3).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Rejecting(None, red, 0.5), "model must be callable"),
+        (lambda: Rejecting(Bright(), Rejecting, 0.5), "detector must be callable"),
+        (lambda: Rejecting(Bright(), red, float("nan")), "threshold must be a finite number"),
+        (lambda: Rejecting(Bright(), Bright(), 0.5)(torch.rand(2, 3, 8, 8)), r"scores \(2,\)"),
+    ],
+)
+def test_mistakes_get_a_sentence(make, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        make()
