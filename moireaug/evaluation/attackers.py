@@ -14,7 +14,7 @@ from torch import Tensor
 from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
 from moireaug.attacks.result import Result
 from moireaug.capture import capture
-from moireaug.evaluation.conditions import Condition, EvalBatch, codes
+from moireaug.evaluation.conditions import Condition, EvalBatch, in_255ths
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.visibility import visibility
 
@@ -48,7 +48,7 @@ class Attacker(Condition):
 
     def name_words(self) -> list[str]:
         """Return the words of its name, without the defence."""
-        return [self.kind, codes(self.eps)]
+        return [self.kind, in_255ths(self.eps)]
 
     @abstractmethod
     def perturb(self, batch: EvalBatch) -> Tensor:
@@ -181,7 +181,7 @@ class PixelAttacker(Attacker):
     def name_words(self) -> list[str]:
         if self.attack == "cw":
             return [self.attack]
-        words = [self.attack, codes(self.eps)]
+        words = [self.attack, in_255ths(self.eps)]
         if not self.until_fooled:
             words.append(EVERY_STEP)
         return words

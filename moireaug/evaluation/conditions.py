@@ -173,7 +173,7 @@ class RandomNoise(Condition):
 
     @property
     def base_name(self) -> str:
-        return f"random_{codes(self.eps)}"
+        return f"random_{in_255ths(self.eps)}"
 
     def show(self, batch: EvalBatch) -> Tensor:
         shape = batch.shot.raw_shape()
@@ -183,6 +183,12 @@ class RandomNoise(Condition):
         return develop(reading, batch.shot).to(batch.images.dtype)
 
 
-def codes(eps: float) -> str:
+def controls(eps: float) -> dict[str, Condition]:
+    """Return the controls of every attack: the image, and its photo without and with random
+    noise."""
+    return {"clean": Clean(), "moire": Photo(), "random": RandomNoise(eps=eps)}
+
+
+def in_255ths(eps: float) -> str:
     """Return an eps in units of 1/255, as used in names and titles."""
     return f"{eps * 255:g}"

@@ -10,7 +10,7 @@ from typing import Any
 
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import Attacker
-from moireaug.evaluation.conditions import Condition, Defence, Model, Photo, codes
+from moireaug.evaluation.conditions import Condition, Defence, Model, Photo, in_255ths
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
@@ -154,7 +154,7 @@ def cross(rows: Mapping[str, Judge], columns: Mapping[str, Condition]) -> list[C
 
 def eps_row(eps: float) -> str:
     """Return the name of a bound's row."""
-    return f"eps_{codes(eps)}"
+    return f"eps_{in_255ths(eps)}"
 
 
 def undefended_row(row: str, columns: Mapping[str, Condition]) -> list[Cell]:

@@ -1,5 +1,5 @@
 """The checks of an evaluation, which fail where the attack is broken or the model hides its
-gradients; the table that they judge is laid out in `trust.py`.
+gradients; the table that they judge is laid out in `suites/trust.py`.
 
 After Carlini et al., "On evaluating adversarial robustness" (2019), and Athalye et al., "Obfuscated
 gradients give a false sense of security" (2018). Success rates are of the images that the model
@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP
-from moireaug.evaluation.conditions import codes
+from moireaug.evaluation.conditions import in_255ths
+from moireaug.evaluation.suites.trust import LONGER_FACTOR, MODEL_COLUMN, growing_eps
 from moireaug.evaluation.tables import SuiteConfig, eps_row
-from moireaug.evaluation.trust import LONGER_FACTOR, MODEL_COLUMN, growing_eps
 
 RATE_ERROR = 0.02  # two points, or one image where that is more
 ROUNDING_ERROR = 1e-9
@@ -77,7 +77,7 @@ def _rate_checks(config: SuiteConfig, lines: pd.DataFrame, error: float) -> list
     growth, growth_said = [], []
     for eps in growing_eps(config):
         growth.append(success[eps_row(eps)])
-        growth_said.append(f"{said[eps_row(eps)]} at {codes(eps)}/255")
+        growth_said.append(f"{said[eps_row(eps)]} at {in_255ths(eps)}/255")
     steps = config.steps
     steps_fool = "1 step fools" if steps == 1 else f"{steps} steps fool"
     return [

@@ -10,7 +10,7 @@ from moireaug.evaluation.conditions import (
 )
 from moireaug.evaluation.corruptions import Corrupted
 from moireaug.evaluation.judges import Judge
-from moireaug.evaluation.trust import CleanTwice, PhotoGradient
+from moireaug.evaluation.suites.trust import CleanTwice, PhotoGradient
 from tests.evaluation.haze import CONDITIONS, ran, results, table_of
 
 from .conftest import classifier

@@ -26,7 +26,7 @@ from moireaug.evaluation.report.page import render
 from moireaug.evaluation.report.suite_view import suite_view
 from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
-from moireaug.evaluation.threat import DISPLAY_CAMERA_PAIRS, threat_scene
+from moireaug.evaluation.suites.threat_scenes import DISPLAY_CAMERA_PAIRS, threat_scene
 from moireaug.scene.presets import PRESETS
 from tests.evaluation.haze import cell_of, ran
 

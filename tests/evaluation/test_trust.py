@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from moireaug import Lens, Panel, Scene, Sensor, View
-from moireaug.evaluation import SuiteConfig, images_frame, rates, trust, trust_checks
+from moireaug.evaluation import SUITES, SuiteConfig, images_frame, rates, trust_checks
 
 from .haze import ran
 
@@ -19,7 +19,7 @@ SCENE = Scene(
 
 def verdicts(model, batch, eps=24 / 255, steps=10, scene=SCENE, targets=()):
     config = SuiteConfig(scene=scene, eps=(eps,), steps=steps, targets=dict(targets))
-    table = trust.trust(config)
+    table = SUITES["trust"](config)
     images = images_frame([table], ran((model, [batch]), table, seed=1, scene=scene), (0,))
     checks = trust_checks.checks(config, images, rates(images))
     assert [c.verdict for c in checks] == sorted(

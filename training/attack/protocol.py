@@ -17,7 +17,7 @@ from moireaug.evaluation.evaluate import show_progress
 from moireaug.evaluation.frame import images_frame, rates, with_paper
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of
-from moireaug.evaluation.trust import trust
+from moireaug.evaluation.suites.trust import trust
 from moireaug.evaluation.trust_checks import checks
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import Mixture, as_scenes

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from moireaug.evaluation.suites.adaptive import adaptive, standard, worst_case
+from moireaug.evaluation.suites.adaptive import adaptive
 from moireaug.evaluation.suites.appearance import appearance
 from moireaug.evaluation.suites.demoireing import demoireing
+from moireaug.evaluation.suites.ensembles import standard, worst_case
 from moireaug.evaluation.suites.ladder import full_ladder, ladder
 from moireaug.evaluation.suites.paper import (
     budget,
@@ -24,8 +25,8 @@ from moireaug.evaluation.suites.paper import (
 )
 from moireaug.evaluation.suites.scenes import natural, unseen
 from moireaug.evaluation.suites.shifts import shifts
+from moireaug.evaluation.suites.trust import trust
 from moireaug.evaluation.tables import SuiteConfig, Table
-from moireaug.evaluation.trust import trust
 from moireaug.scene.fields import one_of
 
 SUITES: dict[str, Callable[[SuiteConfig], Table]] = {

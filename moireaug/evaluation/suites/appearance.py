@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from moireaug.attacks.patch import Patch
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
-from moireaug.evaluation.conditions import Condition
-from moireaug.evaluation.suites.paper import controls
+from moireaug.evaluation.conditions import Condition, controls
 from moireaug.evaluation.tables import SuiteConfig, Table, eps_row, undefended_row
 
 

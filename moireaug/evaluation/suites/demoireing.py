@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import APGDAttacker
-from moireaug.evaluation.conditions import Condition
+from moireaug.evaluation.conditions import Condition, controls
 from moireaug.evaluation.judges import UNDEFENDED, Judge, averaged
-from moireaug.evaluation.suites.paper import controls, is_published, paper_attacks
+from moireaug.evaluation.suites.paper import is_published, paper_attacks
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, worst_of
 
 PAPER_NETWORKS = ("mopnet", "mddm", "fhde2net", "amnet")

@@ -17,7 +17,7 @@ from moireaug.evaluation.conditions import (
     PhotoWithoutMoire,
     RandomNoise,
     Rotated,
-    codes,
+    in_255ths,
 )
 from moireaug.evaluation.tables import DEFAULT_EPS, Cell, SuiteConfig, Table, worst_of
 
@@ -58,7 +58,7 @@ def ladder(config: SuiteConfig) -> Table:
         cells.append(Cell(condition.name, ANSWER_COLUMN, (condition,)))
     eps = config.middle
     apgd = Cell("apgd", ANSWER_COLUMN, (APGDAttacker(eps=eps, steps=config.steps),))
-    cells.append(worst_of([*cells, apgd], f"worst_{codes(eps)}", eps, ANSWER_COLUMN))
+    cells.append(worst_of([*cells, apgd], f"worst_{in_255ths(eps)}", eps, ANSWER_COLUMN))
     return Table("ladder", tuple(cells), pictures=_picture_places(eps, ANSWER_COLUMN))
 
 
@@ -69,7 +69,7 @@ def full_ladder(config: SuiteConfig) -> Table:
     Moiré Attack; one who turns the camera took two hundred times as long, and is in `standard`."""
     eps, steps = config.middle, config.steps
     conditions = {condition.name: condition for condition in ladder_conditions(config)}
-    size = codes(eps)
+    size = in_255ths(eps)
     conditions[f"pose_unknown_{size}"] = PoseUnknown(eps=eps, steps=steps)
     conditions[f"adaptive_{size}"] = APGDAttacker(eps=eps, steps=steps)
     cells = []
@@ -84,4 +84,4 @@ def full_ladder(config: SuiteConfig) -> Table:
 
 
 def _picture_places(eps: float, column: str) -> tuple[tuple[str, str], ...]:
-    return tuple((row, column) for row in ("clean", "moire", f"ma_{codes(eps)}"))
+    return tuple((row, column) for row in ("clean", "moire", f"ma_{in_255ths(eps)}"))

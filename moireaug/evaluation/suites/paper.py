@@ -8,13 +8,13 @@ from functools import partial
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.conditions import (
-    Clean,
     Condition,
     Photo,
     PhotoWithoutMoire,
     RandomNoise,
     Rotated,
-    codes,
+    controls,
+    in_255ths,
 )
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, undefended_row
@@ -26,12 +26,6 @@ PAPER_EPS = (2 / 255, 4 / 255, 6 / 255, 8 / 255)
 BUDGET_EPS = (4 / 255, 8 / 255, 16 / 255, 32 / 255)
 JPEG_QUALITIES = (20, 40, 60, 80)
 ROLL_ANGLES = (0, 5, 10, 15, 30, 45)  # degrees
-
-
-def controls(eps: float) -> dict[str, Condition]:
-    """Return the controls of every attack: the image, and its photo without and with random
-    noise."""
-    return {"clean": Clean(), "moire": Photo(), "random": RandomNoise(eps=eps)}
 
 
 def paper_attacks(config: SuiteConfig) -> dict[str, Condition]:
@@ -48,7 +42,7 @@ def paper_attacks(config: SuiteConfig) -> dict[str, Condition]:
 
 def is_published(config: SuiteConfig) -> bool:
     """Return whether the bound is the one that the paper compares at, 4/255."""
-    return codes(config.middle) == "4"
+    return in_255ths(config.middle) == "4"
 
 
 def success(config: SuiteConfig) -> Table:
@@ -80,8 +74,10 @@ def mean_normalised(config: SuiteConfig) -> Table:
     }
     columns = controls(config.middle)
     for eps in config.bounds(PAPER_EPS):
-        columns[f"ma_{codes(eps)}"] = MoireAttacker(eps=eps, steps=config.steps, until_fooled=False)
-    facts = {"codes": codes(config.middle), "attack": f"ma_{codes(config.middle)}"}
+        columns[f"ma_{in_255ths(eps)}"] = MoireAttacker(
+            eps=eps, steps=config.steps, until_fooled=False
+        )
+    facts = {"codes": in_255ths(config.middle), "attack": f"ma_{in_255ths(config.middle)}"}
     return Table("mean_normalised", tuple(cross(judges, columns)), facts=facts)
 
 

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
+from moireaug.evaluation.suites.threat_scenes import (
+    ANGLES,
+    DISPLAY_CAMERA_PAIRS,
+    DISPLAYS,
+    threat_scene,
+)
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, undefended_row
-from moireaug.evaluation.threat import ANGLES, DISPLAY_CAMERA_PAIRS, DISPLAYS, threat_scene
 from moireaug.mixtures import Mixture, scenes_of
 from moireaug.scene.presets import PRESETS, preset_name
 from moireaug.scenes import Scene

@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
-from moireaug.evaluation.conditions import Clean, Condition, Photo, codes
+from moireaug.evaluation.conditions import Clean, Condition, Photo, in_255ths
 from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
@@ -59,4 +59,4 @@ def shifts(config: SuiteConfig) -> Table:
             corrupted = Corrupted(corruption=corruption, amount=amount)
             cells.append(Cell(corrupted.name, UNATTACKED_COLUMN, (corrupted,)))
     pictures = [(cell.row, cell.column) for cell in cells if cell.column == UNATTACKED_COLUMN]
-    return Table("shifts", tuple(cells), pictures=tuple(pictures), facts={"codes": codes(eps)})
+    return Table("shifts", tuple(cells), pictures=tuple(pictures), facts={"codes": in_255ths(eps)})
