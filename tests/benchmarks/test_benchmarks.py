@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 from benchmarks import (
     accuracy_vs_time,
@@ -20,10 +21,13 @@ from benchmarks import (
     bins,
     checkouts,
     effects_cost,
+    other_libraries,
+    rejecting,
     training_steps,
 )
 from benchmarks.runs import WITHOUT
-from moireaug import Scene, engine
+from moireaug import Scene, engine, evaluation
+from moireaug.defenses import Rejecting
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICKLY = ["--quick", "--threads", "1", "--out", "."]
@@ -181,6 +185,37 @@ def test_synthesis(tmp_path):
     assert [row["twin"] for row in rows] == [False] * 4 + [True] * 4
     for one, three in zip(rows[:4], rows[4:], strict=True):
         assert three["bytes"] > one["bytes"]
+
+
+def test_the_strength_of_a_wave_is_its_own():
+    """Of a sinusoid in green on grey; its period is inside the band."""
+    x = torch.arange(64) / 8
+    grey = torch.full((2, 3, 64, 64), 0.5)
+    waved = grey.clone()
+    waved[:, 1] += 0.1 * (2 * torch.pi * x).sin()
+    colour, luma = other_libraries.strength(waved, grey)
+    wave = 25.5 / 2**0.5  # in codes; R - G and B - G carry it whole, luma a third
+    assert colour == pytest.approx(2**0.5 * 3 * luma, rel=1e-3)
+    assert 0.4 * wave < luma * 3 < wave
+    assert other_libraries.strength(grey, grey) == (0, 0)
+
+
+def test_a_ridge_regression_tells_few_from_many():
+    x = torch.randn(60, 5, generator=torch.Generator().manual_seed(0))
+    y = (torch.arange(60) < 10).float()
+    x[:, 2] += 8 * y
+    scores = other_libraries.ridge(x, y)(x)
+    assert scores[:10].min() > scores[10:].max()
+
+
+def test_rejected_photos_are_neither_fooled_nor_let_through():
+    torch.manual_seed(0)
+    images, labels = torch.rand(4, 3, 24, 24), torch.zeros(4, dtype=torch.int64)
+    detector = rejecting.train_detector(images, [Scene.preset("screen_photo")], 2)
+    model = Rejecting(lambda images: images.mean((2, 3)), detector, -1e6)
+    frame = evaluation.evaluate(model, [(images, labels)], "ladder", steps=1, progress=False)
+    (row, *_) = rejecting.outcome_rows(frame, "knows the detector")
+    assert row["rejected"] == 1 and row["fooled"] == 0 and math.isnan(row["accuracy_of_passed"])
 
 
 def test_a_folder_without_a_run_is_refused_in_a_sentence(monkeypatch, capsys):
