@@ -11,7 +11,7 @@ from torch import Tensor
 
 from moireaug import Lens, Panel, Scene, Sensor, View
 from moireaug.effects.demosaic import merged_greens
-from moireaug.engine.lower.beat_terms import BeatTerms, beat_terms
+from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.lower.development import lower_development
 from moireaug.engine.lower.development_records import Development
 from moireaug.engine.lower.exposure import lower_exposure
@@ -53,19 +53,17 @@ class Entry(NamedTuple):
 
 
 ENTRIES = {
-    "expose": Entry(
-        "expose_binned", lambda m, c: m.expose(c.images, c.exposure, c.beats), "binned"
-    ),
+    "expose": Entry("binned", lambda m, c: m.expose(c.images, c.exposure, c.beats), "binned"),
     "expose, backward": Entry(
-        "expose_binned", lambda m, c: m.expose_back(c.raw, c.images, c.exposure, c.beats), "binned"
+        "binned", lambda m, c: m.expose_back(c.raw, c.images, c.exposure, c.beats), "binned"
     ),
-    "expose, full": Entry("expose_full", lambda m, c: m.expose(c.images, c.exposure), "full"),
+    "expose, full": Entry("full", lambda m, c: m.expose(c.images, c.exposure), "full"),
     "expose, full, backward": Entry(
-        "expose_full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "full"
+        "full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "full"
     ),
-    "expose, point": Entry("expose_full", lambda m, c: m.expose(c.images, c.exposure), "point"),
+    "expose, point": Entry("full", lambda m, c: m.expose(c.images, c.exposure), "point"),
     "expose, point, backward": Entry(
-        "expose_full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "point"
+        "full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "point"
     ),
     "develop": Entry("develop", lambda m, c: m.develop(c.planes, c.development)),
     "develop, backward": Entry(

@@ -12,7 +12,7 @@ import triton.language as tl
 
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.bins import along, bins_at
-from moireaug.engine.gpu.transfer import sinc, sinc_within, transfer, wave, wave_of_part
+from moireaug.engine.gpu.optics import sinc, sinc_within, transfer, wave, wave_of_part
 from moireaug.engine.gpu.view import SCALE_U, SCALE_V
 
 TURN = tl.constexpr(2.0**32)

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.engine.gpu import binned, full
 from moireaug.engine.gpu import develop as developing
-from moireaug.engine.gpu import expose_binned, expose_full
 from moireaug.engine.lower.development_records import Development
 from moireaug.engine.lower.exposure_records import Beats, Exposure
 
@@ -20,7 +20,7 @@ SUMS_IN_ORDER = False
 def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
     """Return for each image whether kernels can follow its view, (B,) bool."""
     if beats is not None:
-        return expose_binned.fits(exposure, beats)
+        return binned.fits(exposure, beats)
     return np.ones(len(exposure.cameras), bool)
 
 
@@ -30,9 +30,9 @@ def launch_expose(
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
     with _device_of(picture):
         if beats is not None:
-            raw = expose_binned.expose(picture, exposure, beats)
+            raw = binned.expose(picture, exposure, beats)
         else:
-            raw = expose_full.expose(picture, exposure)
+            raw = full.expose(picture, exposure)
     return raw, raw.new_empty(0)
 
 
@@ -43,8 +43,8 @@ def launch_expose_back(
     order."""
     with _device_of(picture):
         if beats is not None:
-            return expose_binned.expose_back(grad, picture, exposure, beats)
-        return expose_full.expose_back(grad, picture, exposure)
+            return binned.expose_back(grad, picture, exposure, beats)
+        return full.expose_back(grad, picture, exposure)
 
 
 def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor, Tensor]:

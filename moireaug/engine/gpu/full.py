@@ -15,37 +15,37 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.gpu import point_method, spectral_method
+from moireaug.engine.gpu import point, spectral
 from moireaug.engine.gpu.arrays import kernel_fields, upload
-from moireaug.engine.gpu.display import DisplayNumbers, display_numbers, show, show_back
-from moireaug.engine.gpu.noise import quantiles
-from moireaug.engine.gpu.panel import add_content_back, channel_of, content
+from moireaug.engine.gpu.panel import PanelNumbers, panel_numbers, show, show_back
+from moireaug.engine.gpu.patch import add_content_back, channel_of, content
+from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor_sites import address, light_passed, look_at_panel, read, site_of
 from moireaug.engine.lower.exposure_records import Camera, Exposure
 
 BLOCK = 128  # pixels of a plane, that one program computes
 
 
-class Batch(NamedTuple):
+class FullBatch(NamedTuple):
     """What the kernels read.
 
     Args:
         subpixels: what the exposure's method reads of them, and subpixel_count.
         shown_scale: (B,) float64, pixels shown per panel pixel. raw_shape: planes, height and width
-            of a reading. quantiles: see `noise.quantiles`.
+            of a reading. quantiles: see `random_numbers.quantiles`.
     """
 
     exposure: Exposure
     subpixels: Any
     subpixel_count: int
-    display: DisplayNumbers
+    panel: PanelNumbers
     shown_scale: Any
     raw_shape: tuple[int, int, int]
     screen: Any = None
     quantiles: Any = None
 
 
-class Variant(NamedTuple):
+class FullVariant(NamedTuple):
     """What the kernels are compiled for.
 
     Args:
@@ -78,17 +78,17 @@ def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure) -> Tensor:
     batch, constants = _prepare(picture, exposure)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
-    return show_back(light_grad, picture, exposure, batch.display)
+    return show_back(light_grad, picture, exposure, batch.panel)
 
 
-def _prepare(picture: Tensor, e: Exposure) -> tuple[Batch, dict[str, Any]]:
+def _prepare(picture: Tensor, e: Exposure) -> tuple[FullBatch, dict[str, Any]]:
     """Return what the kernels read, and what they are compiled with."""
-    method = spectral_method if e.point is None else point_method
-    batch = Batch(
+    method = spectral if e.point is None else point
+    batch = FullBatch(
         kernel_fields(e),
         method.subpixels_of(e),
         len(e.cell.channel),
-        display_numbers(e),
+        panel_numbers(e),
         1 / np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1),
         (
             len(e.sites.channel),
@@ -97,10 +97,10 @@ def _prepare(picture: Tensor, e: Exposure) -> tuple[Batch, dict[str, Any]]:
         ),
     )
     batch = upload(batch, picture.device)
-    screen = show(picture, e, batch.display)
+    screen = show(picture, e, batch.panel)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     flickers, taps = e.flicker.shape[1] > 0, 2 * e.cell.radius + 1
-    variant = Variant(method.span_of(e), taps, e.dark, flickers, e.noisy, e.clips)
+    variant = FullVariant(method.span_of(e), taps, e.dark, flickers, e.noisy, e.clips)
     return batch, {"SEE": method.see, "variant": variant, "BLOCK": BLOCK}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import triton
 import triton.language as tl
 
-from moireaug.engine.gpu.panel import Patch, place_on_shown, split
+from moireaug.engine.gpu.patch import Patch, place_on_shown, split
 from moireaug.engine.gpu.view import ALPHA
 from moireaug.engine.lower.exposure_records import Exposure
 
@@ -93,7 +93,7 @@ def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr
 
 @triton.jit
 def see(i, sight, site, batch, variant: tl.constexpr):
-    """Return what pixels see of subpixel i, as `spectral_method.see` does."""
+    """Return what pixels see of subpixel i, as `spectral.see` does."""
     light_x, left, across = _along_axis(i, sight[0][0], site, batch, 0, variant.dark)
     light_y, top, down = _along_axis(i, sight[1][0], site, batch, 1, variant.dark)
     lit = tl.load(batch.subpixels.lit + site.image)

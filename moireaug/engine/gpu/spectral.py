@@ -14,8 +14,8 @@ import triton
 import triton.language as tl
 
 from moireaug.engine.gpu.footprint import footprint, lit_shares
-from moireaug.engine.gpu.panel import Patch, place_on_shown, weights_on_shown
-from moireaug.engine.gpu.transfer import transfer, wave
+from moireaug.engine.gpu.optics import transfer, wave
+from moireaug.engine.gpu.patch import Patch, place_on_shown, weights_on_shown
 from moireaug.engine.gpu.view import ALPHA
 from moireaug.engine.lower.exposure_records import Camera, Exposure
 

@@ -10,16 +10,16 @@ import triton.language as tl
 from torch import Tensor
 
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS, kernel_fields, upload
+from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.gpu.beats import pattern_variance, responses
-from moireaug.engine.gpu.bins import Batch, Variant, bins_at, patch_of
-from moireaug.engine.gpu.display import display_numbers, show, show_back
-from moireaug.engine.gpu.noise import quantiles
-from moireaug.engine.gpu.panel import add_content_back, channel_of, content
+from moireaug.engine.gpu.bins import BinnedBatch, BinnedVariant, bins_at, patch_of
+from moireaug.engine.gpu.host_view import cameras_of, forward
+from moireaug.engine.gpu.panel import panel_numbers, show, show_back
+from moireaug.engine.gpu.patch import add_content_back, channel_of, content
+from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor import clipped_mean, flicker, reading
 from moireaug.engine.gpu.tile import add, black, block
-from moireaug.engine.lower.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.lower.exposure_records import Beats, Exposure
-from moireaug.engine.lower.views import cameras_of, forward
 
 BLOCK = 128
 
@@ -39,7 +39,7 @@ def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure, beats: Beats)
     batch, variant = prepare(picture, exposure, beats)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, variant, BLOCK=BLOCK)
-    return show_back(light_grad, picture, exposure, batch.display)
+    return show_back(light_grad, picture, exposure, batch.panel)
 
 
 _terms: tuple[Exposure, Beats, BeatTerms] | None = None
@@ -60,23 +60,23 @@ def fits(exposure: Exposure, beats: Beats) -> np.ndarray:
     return terms_of(exposure, beats).fits
 
 
-def prepare(picture: Tensor, exposure: Exposure, beats: Beats) -> tuple[Batch, Variant]:
+def prepare(picture: Tensor, exposure: Exposure, beats: Beats) -> tuple[BinnedBatch, BinnedVariant]:
     """Return what the kernels read of a batch, and what they are compiled for."""
     cameras, harmonics = cameras_of(beats.cameras), len(beats.orders)
-    batch = Batch(
+    batch = BinnedBatch(
         kernel_fields(exposure),
         beats,
         terms_of(exposure, beats),
-        display_numbers(exposure),
+        panel_numbers(exposure),
         forward(cameras),
         np.zeros((len(beats.cameras), 3)),
         harmonics,
         exposure.flicker.shape[1],
     )
     batch = upload(batch, picture.device)
-    screen = show(picture, exposure, batch.display)
+    screen = show(picture, exposure, batch.panel)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
-    variant = Variant(
+    variant = BinnedVariant(
         period_x=int(beats.period[0]),
         period_y=int(beats.period[1]),
         taps=2 * exposure.cell.radius + 1,

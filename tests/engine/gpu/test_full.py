@@ -8,7 +8,7 @@ import torch
 
 pytest.importorskip("triton")
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
-from moireaug.engine.gpu import expose_full
+from moireaug.engine.gpu import full
 from moireaug.engine.lower.exposure import lower_exposure
 from tests.engine.readings import assert_equal
 from tests.engine.scenes import DELTA, TURNED
@@ -78,7 +78,7 @@ def lowered(shot):
 )
 def test_equals_the_reference(name, size):
     shot, images = shot_and_images(name, size)
-    raw = expose_full.expose(images, lowered(shot))
+    raw = full.expose(images, lowered(shot))
     assert_equal(raw.double(), pipeline.expose(images.double(), shot))
 
 
@@ -98,22 +98,22 @@ def test_gradient_equals_the_reference(name):
     raw = pipeline.expose(exact, shot)
     slopes = torch.randn(raw.shape, generator=torch.Generator().manual_seed(7))
     (expected,) = torch.autograd.grad(raw, exact, slopes.double())
-    grad = expose_full.expose_back(slopes, images, lowered(shot))
+    grad = full.expose_back(slopes, images, lowered(shot))
     assert (grad - expected).norm() < 1e-4 * expected.norm()
 
 
 def test_a_batch_of_none():
     shot = SCENES["paper"].sample(0, (4, 5))
     exposure, images = lowered(shot), torch.rand(0, 3, 4, 5)
-    raw = expose_full.expose(images, exposure)
+    raw = full.expose(images, exposure)
     assert raw.shape == shot.raw_shape()
-    assert expose_full.expose_back(raw, images, exposure).shape == images.shape
+    assert full.expose_back(raw, images, exposure).shape == images.shape
 
 
 @pytest.mark.parametrize("name", ["fine and sharp", "paper"])
 def test_a_panel_of_another_pitch_is_not_equal(name):
     shot, images = shot_and_images(name, (5, 7))
     panel = dataclasses.replace(shot.panel, scale=shot.panel.scale * 1.002)
-    raw = expose_full.expose(images, lowered(dataclasses.replace(shot, panel=panel)))
+    raw = full.expose(images, lowered(dataclasses.replace(shot, panel=panel)))
     with pytest.raises(AssertionError):
         assert_equal(raw.double(), pipeline.expose(images.double(), shot))
