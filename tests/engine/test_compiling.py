@@ -47,7 +47,7 @@ def compiled():
 
 def test_kernels_are_found():
     names = {source.stem for source in compiled()}
-    assert {"expose_kernels", "weights", "view", "random_numbers", "compiling"} <= names
+    assert {"expose_kernels", "footprint", "view", "random_numbers", "compiling"} <= names
 
 
 def test_all_sources_outside_the_kernels_folder_are_named():
