@@ -131,7 +131,7 @@ def _light_back(gradients, photo_grad, y, codes, work):
 @inner
 def _demosaic_back(gradients, y, h, codes, work):
     """Add the gradient in the colours of cell row y to that in the rows they are made from."""
-    w, stencil = work.width, codes.demosaic
+    w, demosaic = work.width, codes.demosaic
     for site in range(SITES_PER_CELL):
         if not is_read(codes.rows, 2 * y + site // 2):
             continue
@@ -139,10 +139,10 @@ def _demosaic_back(gradients, y, h, codes, work):
             colour = gradients.colours[site, channel, :w]
             for dy in range(-1, 2):
                 target = gradients.ring[min(max(y + dy, 0), h - 1) % 3]
-                first = stencil.first[site, channel, dy + 1]
-                for tap in range(first, first + stencil.count[site, channel, dy + 1]):
-                    offset = stencil.offset[tap]
-                    add(target[offset : offset + w], colour, stencil.weight[tap])
+                first = demosaic.first[site, channel, dy + 1]
+                for tap in range(first, first + demosaic.count[site, channel, dy + 1]):
+                    offset = demosaic.offset[tap]
+                    add(target[offset : offset + w], colour, demosaic.weight[tap])
 
 
 @inner

@@ -47,7 +47,7 @@ def _fill_photo(out, raw, d, i, top, bottom):
 @kernel
 def develop_kernel(out, raw, d, first, last, top, bottom):
     """Fill rows `top` to `bottom` of the photos from `first` to `last` from raw (B, planes, h, w)
-    float32; out, d: see `records.Photos` and `Development`."""
+    float32; out: see `records.Photos`, d: from `develop_arrays`."""
     for i in range(first, last):
         _fill_photo(out, raw[i], d, i, top, bottom)
 
@@ -75,7 +75,7 @@ def develop_back_kernel(raw_grad, photo_grad, in_camera, unclipped, raw, d, firs
 
     Args:
         in_camera: (`photo_size`(d),) float32, workspace. unclipped: what `develop_kernel` filled.
-        d: see `development_records.Development`.
+        d: as in `develop_kernel`.
     """
     for i in range(first, last):
         _fill_raw_grad(raw_grad[i], photo_grad[i], in_camera, unclipped, raw[i], d, i)
