@@ -34,6 +34,7 @@ class Backend(NamedTuple):
     def kernels(self) -> ModuleType:
         """Return the module of the functions on batches, of tensors and records.
 
+        - prepare(), before any of the others is first called
         - fits(exposure, beats) -> (B,) bool, whether kernels can follow each image's view
         - launch_expose(picture, saves, exposure, beats) -> raw, saved
         - launch_expose_back(grad, picture, saved, exposure, beats) -> gradient in the picture

@@ -15,16 +15,13 @@ def announce(message: str) -> None:
 
 
 @functools.lru_cache(maxsize=1)
-def prepare() -> bool:
+def prepare() -> None:
     """Announce, on a machine's first call, that kernels are being compiled, and start on those that
-    come later; return whether it is the first."""
-    cold = compiling.cold()
-    if cold:
-        announce(
-            "moireaug compiles its CPU kernels, once on this machine; this takes up to a minute."
-        )
-        ahead.start(compiling.folder())
-    return cold
+    come later."""
+    if not compiling.cold():
+        return
+    announce("moireaug compiles its CPU kernels, once on this machine; this takes up to a minute.")
+    ahead.start(compiling.folder())
 
 
 @functools.lru_cache(maxsize=1)

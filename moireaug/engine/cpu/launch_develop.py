@@ -11,7 +11,6 @@ from torch import Tensor
 from moireaug.engine.cpu import develop_kernels as kernels
 from moireaug.engine.cpu.arrays import array_of, empty
 from moireaug.engine.cpu.develop_arrays import develop_arrays
-from moireaug.engine.cpu.first_use import prepare
 from moireaug.engine.cpu.records import Photos
 from moireaug.engine.cpu.threads import each, each_share, surplus
 from moireaug.engine.lower.development_records import Development
@@ -23,7 +22,6 @@ def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[
 
     saves: `launch_develop_back` will be called; else that tensor may be empty.
     """
-    prepare()
     arrays = develop_arrays(development)
     n, h = len(raw), arrays.size[0]
     count = n if arrays.finishes and saves else 0

@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug.engine.cpu import expose_back_kernels as back_kernels
 from moireaug.engine.cpu import expose_kernels as kernels
 from moireaug.engine.cpu.arrays import array_of, empty
-from moireaug.engine.cpu.first_use import prepare, prepare_back
+from moireaug.engine.cpu.first_use import prepare_back
 from moireaug.engine.cpu.records import Span
 from moireaug.engine.cpu.threads import each, each_share, surplus
 from moireaug.engine.lower.exposure_records import Beats, Exposure
@@ -23,23 +23,12 @@ SHOWN_VALUES_AT_ONCE = 2**16  # of small panels, which are filled before any is 
 def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
     """Return for each image whether kernels can follow its view, (B,) bool; see
     `expose_kernels.views_fit`."""
-    cold = prepare()
     if exposure.point:
         return np.ones(len(exposure.cameras), bool)
     fitting = kernels.views_fit(exposure)
     if beats is not None and len(beats.orders):
         fitting &= kernels.beats_fit(exposure, beats)
-    reading = kernels.expose_full_kernel if beats is None else kernels.expose_binned_kernel
-    if cold and fitting.any() and not reading.signatures:
-        # before `show_kernel`, which the other process compiles in the meantime
-        compile_expose(exposure, beats)
     return fitting
-
-
-def compile_expose(exposure: Exposure, beats: Beats | None) -> None:
-    """Compile the kernel of exposing, by exposing nothing."""
-    readings, shown = np.empty((0, 1, 0, 0), np.float32), np.empty((0, 0), np.float32)
-    _reader(readings, readings, exposure, beats)(shown, Span(0, 0, 0, 0))
 
 
 def compile_show(exposure: Exposure) -> None:
@@ -57,7 +46,6 @@ def launch_expose(
 
     saves: `launch_expose_back` will be called; else that tensor is empty.
     """
-    prepare()
     sites, n = exposure.sites, len(picture)
     h, w = len(sites.rows) // sites.step, len(sites.cols) // sites.step
     raw, slopes = empty(n, len(sites.channel), h, w), empty(n, len(sites.channel), h, saves * w)
@@ -110,14 +98,17 @@ def launch_expose_back(
 def _reader(
     readings: np.ndarray, slopes: np.ndarray, exposure: Exposure, beats: Beats | None
 ) -> Reader:
-    """Return the Reader of some readings, full or binned."""
+    """Return the Reader of some readings, full or binned, whose kernel is compiled."""
+    kernel = kernels.expose_full_kernel
+    records: list[Exposure | Beats] = [exposure]
+    if beats is not None:
+        kernel, records = kernels.expose_binned_kernel, [exposure, beats]
 
     def read(shown: np.ndarray, span: Span) -> None:
-        if beats is None:
-            kernels.expose_full_kernel(readings, slopes, shown, exposure, span)
-        else:
-            kernels.expose_binned_kernel(readings, slopes, shown, exposure, beats, span)
+        kernel(readings, slopes, shown, *records, span)
 
+    if not kernel.signatures:  # before `show_kernel`, which another process compiles meanwhile
+        read(np.empty((0, 0), np.float32), Span(0, 0, 0, 0))
     return read
 
 

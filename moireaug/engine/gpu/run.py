@@ -17,6 +17,10 @@ from moireaug.engine.lower.exposure_records import Beats, Exposure
 SUMS_IN_ORDER = False
 
 
+def prepare() -> None:
+    """Do nothing: Triton compiles within seconds."""
+
+
 def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
     """Return for each image whether kernels can follow its view, (B,) bool."""
     if beats is not None:
