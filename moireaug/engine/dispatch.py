@@ -29,8 +29,8 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return pipeline.expose(as_float(light), shot)
     # over the image: the reference does that blur
     varies = shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
-    exposure, beats = lower_exposure(shot.to("cpu"), decoded=varies)
-    fits = kernels.fits(exposure, beats)
+    exposure, view = lower_exposure(shot.to("cpu"), decoded=varies)
+    fits = kernels.fits(exposure, view)
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
     # each image by itself, so that its reading does not depend on the rest of the batch
@@ -46,8 +46,8 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         light = pipeline.apply(names & decoding, as_float(light), shot)
         names -= decoding
     stage = autograd.Stage(
-        functools.partial(kernels.launch_expose, exposure=exposure, beats=beats),
-        functools.partial(kernels.launch_expose_back, exposure=exposure, beats=beats),
+        functools.partial(kernels.launch_expose, exposure=exposure, view=view),
+        functools.partial(kernels.launch_expose_back, exposure=exposure, view=view),
         lambda light: pipeline.apply(names, light, shot),
         kernels.SUMS_IN_ORDER,
     )

@@ -19,7 +19,7 @@ class SubpixelSize(NamedTuple):
 
     Args:
         period: (2,) int64, of its cell in panel pixels. width, added_variance: (2,) float64, in
-            cells and squared cells, see `exposure_records.Exposure`.
+            cells and squared cells, see `exposure_records.FullView`.
     """
 
     period: np.ndarray
@@ -30,7 +30,7 @@ class SubpixelSize(NamedTuple):
 @inner
 def lens_jacobian(by_camera, u, v, camera, lens):
     """Return the Jacobian of a lens at a photo point, as `view.jacobian` does; by_camera: the
-    camera's. For camera and lens, see `exposure_records.Exposure`."""
+    camera's. For camera and lens, see `exposure_records`."""
     if lens.rectified != 0:
         return jacobian(u, v, lens)
     xu, xv, yu, yv = by_camera
@@ -79,7 +79,7 @@ def fill_blur(out, u, v, camera, lens, subpixel, radius):
     both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `Footprint.fitted`
     does. Return whether any was narrowed.
 
-    camera, lens: see `exposure_records.Exposure`. subpixel: a SubpixelSize.
+    camera, lens: see `exposure_records`. subpixel: a SubpixelSize.
     """
     by_camera = jacobian(u, v, camera)
     (xu, xv, yu, yv), (lxu, lxv, lyu, lyv) = by_camera, lens_jacobian(by_camera, u, v, camera, lens)

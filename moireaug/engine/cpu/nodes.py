@@ -204,7 +204,8 @@ def fill_cubics(ends, weight, positions, first, step):
 
 @part
 def nodes_of(camera, lens, cell, coefficients, widths, added_variance, sites, budget):
-    """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
+    """Return the Nodes of an image; coefficients, widths, added_variance: see
+    `exposure_records.FullView`, the rest as in `can_follow_view`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
     count = counts(rows, cols, camera, lens, cell, budget)
     us, step_u = node_line(cols, count[0, 0])

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.lower.exposure_records import Camera, Cell, Point, Sites
+from moireaug.engine.lower.exposure_records import Camera, Cell, PointView, Sites
 
 
 class Nodes(NamedTuple):
@@ -97,7 +97,7 @@ class PointImage(NamedTuple):
 
     camera: Camera
     cell: Cell
-    point: Point
+    point: PointView
     lit: float
     sites: Sites
     filters: np.ndarray

@@ -130,7 +130,7 @@ def _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance):
 @loop
 def stencil_of(camera, lens, cell, widths, added_variance, sites, budget):
     """Return the BinStencil of an image that has one; widths, added_variance: (kinds, 2), see
-    `exposure_records.Exposure`. budget: an `ErrorBudget`."""
+    `exposure_records.FullView`. budget: an `ErrorBudget`."""
     count = counts(sites.rows, sites.cols, camera, lens, cell, budget)[1]
     us, step_u = node_line(sites.cols, count[0])
     vs, step_v = node_line(sites.rows, count[1])

@@ -164,7 +164,7 @@ def weight_tables(us, vs, camera, lens, cell, widths, added_variance, budget):
     The weights are (kinds, rows, n) float32: of the nodes of a row one after another, (phases + 2,
     taps) along x and then along y; see `fill_node`.
 
-    widths, added_variance: (kinds, 2), see `exposure_records.Exposure`. budget: an `ErrorBudget`.
+    widths, added_variance: (kinds, 2), see `exposure_records.FullView`. budget: an `ErrorBudget`.
     """
     kinds, rows, cols, radius = len(widths), len(vs), len(us), cell.radius
     blur = np.empty((kinds, rows * cols, 2, 2), np.float64)

@@ -23,7 +23,7 @@ from moireaug.engine.gpu.view import (
     to_image,
     to_photo,
 )
-from moireaug.engine.lower.exposure_records import Beats, Exposure
+from moireaug.engine.lower.exposure_records import Beats, Exposure, FullView
 
 
 class BinnedBatch(NamedTuple):
@@ -36,6 +36,7 @@ class BinnedBatch(NamedTuple):
     """
 
     exposure: Exposure
+    picture: FullView
     beats: Beats
     terms: BeatTerms
     panel: PanelNumbers
@@ -130,19 +131,19 @@ def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, varian
     Args:
         position: panel coordinates, float64. step: their change per sensor pixel along u and v.
     """
-    exposure, index = batch.exposure, (bins.image * 3 + channel) * 2 + AXIS
+    picture, index = batch.picture, (bins.image * 3 + channel) * 2 + AXIS
     ratio = tl.load(batch.beats.ratio + bins.image)
     by_u, by_v = step[0] * (1.0 / ratio), step[1] * (1.0 / ratio)
-    lens = exposure.lenses + bins.image * CAMERA_FIELDS
+    lens = picture.lenses + bins.image * CAMERA_FIELDS
     one = tl.abs(along((by_u, by_v), bins.first))
     other = tl.abs(along((by_u, by_v), bins.second))
-    short, hold = tl.minimum(one, other), tl.load(exposure.added_variance + index)
+    short, hold = tl.minimum(one, other), tl.load(picture.added_variance + index)
     variance = short * short / 12.0 + blur_variance(by_u, by_v, lens) + hold + MIN_BLUR_VARIANCE
     view = View(tl.maximum(one, other), tl.sqrt(variance))
     place = position * (1.0 / ratio.to(tl.float64)) - tl.load(batch.beats.centres + index)
     end = batch.screen.size[AXIS] * tl.load(batch.panel.pixel_scale + bins.image)
     nearest, _, shares = lit_shares(
-        place, view, tl.load(exposure.widths + index), (place + 0.5, 0.5, end), variant.taps,
+        place, view, tl.load(picture.widths + index), (place + 0.5, 0.5, end), variant.taps,
         variant.dark,
     )  # fmt: skip
     return nearest.to(tl.int32) + (batch.screen.lead - variant.taps // 2), shares

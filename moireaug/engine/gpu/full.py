@@ -16,12 +16,12 @@ import triton.language as tl
 from torch import Tensor
 
 from moireaug.engine.gpu import point, spectral
-from moireaug.engine.gpu.arrays import kernel_fields, upload
+from moireaug.engine.gpu.arrays import NOTHING, upload
 from moireaug.engine.gpu.panel import PanelNumbers, panel_numbers, show, show_back
 from moireaug.engine.gpu.patch import add_content_back, channel_of, content
 from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor_sites import address, light_passed, look_at_panel, read, site_of
-from moireaug.engine.lower.exposure_records import Camera, Exposure
+from moireaug.engine.lower.exposure_records import Camera, Exposure, FullView, PointView
 
 BLOCK = 128  # pixels of a plane, that one program computes
 
@@ -62,31 +62,35 @@ class FullVariant(NamedTuple):
     clips: bool
 
 
-def expose(picture: Tensor, exposure: Exposure) -> Tensor:
+def expose(picture: Tensor, exposure: Exposure, view: FullView | PointView) -> Tensor:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
-    batch, constants = _prepare(picture, exposure)
+    batch, constants = _prepare(picture, exposure, view)
     raw = picture.new_empty(len(picture), *batch.raw_shape, dtype=torch.float32)
     if raw.numel():
         _expose[_grid(raw)](raw, batch, **constants)
     return raw
 
 
-def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure) -> Tensor:
+def expose_back(
+    grad: Tensor, picture: Tensor, exposure: Exposure, view: FullView | PointView
+) -> Tensor:
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings."""
     if not grad.numel():
         return torch.zeros_like(picture)
-    batch, constants = _prepare(picture, exposure)
+    batch, constants = _prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
     return show_back(light_grad, picture, exposure, batch.panel)
 
 
-def _prepare(picture: Tensor, e: Exposure) -> tuple[FullBatch, dict[str, Any]]:
+def _prepare(
+    picture: Tensor, e: Exposure, view: FullView | PointView
+) -> tuple[FullBatch, dict[str, Any]]:
     """Return what the kernels read, and what they are compiled with."""
-    method = spectral if e.point is None else point
+    method: Any = point if isinstance(view, PointView) else spectral
     batch = FullBatch(
-        kernel_fields(e),
-        method.subpixels_of(e),
+        e._replace(budget=NOTHING),
+        method.subpixels_of(e, view),
         len(e.cell.channel),
         panel_numbers(e),
         1 / np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1),

@@ -11,7 +11,7 @@ import triton.language as tl
 
 from moireaug.engine.gpu.patch import Patch, place_on_shown, split
 from moireaug.engine.gpu.view import ALPHA
-from moireaug.engine.lower.exposure_records import Exposure
+from moireaug.engine.lower.exposure_records import Exposure, PointView
 
 MIN_LIGHT = tl.constexpr(1e-12)  # that a weighted mean is divided by
 
@@ -33,12 +33,10 @@ class Subpixels(NamedTuple):
     raster: int
 
 
-def subpixels_of(e: Exposure) -> Subpixels:
+def subpixels_of(e: Exposure, view: PointView) -> Subpixels:
     """Return an exposure's Subpixels, of arrays."""
-    assert e.point is not None
-    period = (e.cell.period[e.cell.kind] * e.point.raster).astype(np.float64)
-    rectangle = e.point.rectangles * e.point.raster
-    return Subpixels(rectangle, period, 1 / period, e.point.lit, e.point.raster)
+    period = (e.cell.period[e.cell.kind] * view.raster).astype(np.float64)
+    return Subpixels(view.rectangles * view.raster, period, 1 / period, view.lit, view.raster)
 
 
 def span_of(_: Exposure) -> tuple[int, int]:
