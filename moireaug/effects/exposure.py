@@ -26,7 +26,7 @@ class PanelLayout(WithinExposure):
         name = layout if isinstance(layout, str) else f"a cell of {len(layout.subpixels)} subpixels"
         if scene.is_solid:
             return left_out(f"{name}: every panel pixel emits all over")
-        if method.name == "mean":
+        if not scene.shows_pattern:
             return left_out(f"{name} gives its mean light alone: nothing else is asked for")
         if not method.sums_harmonics:
             low, high = bounds(panel.scale)

@@ -14,10 +14,10 @@ from moireaug.exposure.extreme_scales import (
     least_bin_scale,
     smallest_panel_steps,
 )
-from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, inside, views
+from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, extreme_jacobians, inside
 from moireaug.exposure.footprint import Footprint, blur_variance
 from moireaug.exposure.optics import Optics
-from moireaug.exposure.sight import AxisView, axis_views, lost_variance
+from moireaug.exposure.sight import AxisView, axis_views, variance_beyond_taps
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
@@ -46,7 +46,7 @@ def max_lost_variance(scene: SceneRecord, taps: int) -> float:
     most = 0.0
     for alpha in inside(scene.panel.scale, 1.0, points=3):
         cells = min(alpha, 1.0) if scene.is_binned else alpha
-        lost = lost_variance(widest_views(scene, alpha), cells, taps)
+        lost = variance_beyond_taps(widest_views(scene, alpha), cells, taps)
         most = max(most, float(lost.max()))
     return most
 
@@ -56,7 +56,7 @@ def widest_views(scene: SceneRecord, alpha: float) -> list[AxisView]:
     on a panel of `alpha` pixels per image pixel."""
     optics = _widest_optics(scene)
     # a blur may be a little short at the far end of a strip
-    image_views = views(scene, bounds(scene.view.zoom)[0], usual=True)[None, :, None]
+    image_views = extreme_jacobians(scene, bounds(scene.view.zoom)[0], usual=True)[None, :, None]
     if not scene.is_binned:
         return axis_views(scene, image_views * (alpha / scene.sensor.scale), optics)
     return _views_of_bins(scene, image_views, alpha, optics)

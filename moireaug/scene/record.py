@@ -77,6 +77,11 @@ class SceneRecord:
         return "binned" if self.is_binned_bayer else self.sensor.cfa
 
     @property
+    def shows_pattern(self) -> bool:
+        """Whether the exposure may show the panel's pattern, and not its mean light alone."""
+        return self.sensor.exposure != "mean"
+
+    @property
     def is_solid(self) -> bool:
         """Whether panel pixels always emit all colours over their whole area."""
         panel = self.panel
@@ -201,7 +206,7 @@ class SceneRecord:
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers, strings and pairs, fit for JSON and YAML; `Scene.from_dict` is the
         inverse."""
-        return _plain(asdict(self))
+        return _with_lists(asdict(self))
 
     def as_json(self) -> str:
         """Return `to_dict` as JSON. Made once: torch.compile finds it ready, and guards it."""
@@ -212,10 +217,10 @@ class SceneRecord:
         return text
 
 
-def _plain(value: Any) -> Any:
+def _with_lists(value: Any) -> Any:
     """Return a value with lists for tuples, all the way down: YAML knows no tuples."""
     if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
+        return {key: _with_lists(inner) for key, inner in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_plain(inner) for inner in value]
+        return [_with_lists(inner) for inner in value]
     return value

@@ -45,7 +45,7 @@ def point_view(shot: ShotRecord) -> PointView:
 
 def full_view(shot: ShotRecord, cameras: np.ndarray) -> FullView:
     """Return a shot's FullView; cameras: of its sensor pixels."""
-    if shot.plan.method.name == "mean":
+    if not shot.scene.shows_pattern:
         widths = np.ones((len(shot), 3, 2))
         mean = mean_light_of(shot)[:, :, None, None]
         return FullView(cameras, mean, widths, np.zeros_like(widths))
@@ -79,7 +79,7 @@ def _coefficients(edges: np.ndarray, orders: list[np.ndarray]) -> np.ndarray:
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _cell(scene: SceneRecord, method: ExposureMethod) -> Cell:
-    if method.name == "mean":
+    if not scene.shows_pattern:
         return cell_of_whole_pixels(method.taps)
     subpixels = [(s.channel, s.centre, _kind(scene, s)) for s in _subpixels(scene)]
     periods = [s.period for s in _kinds(scene).values()]
