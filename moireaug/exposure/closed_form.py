@@ -14,7 +14,7 @@ from moireaug.exposure import extreme_footprints
 from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.sight import AxisView, variance_beyond_taps
 from moireaug.numeric import is_transformed
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 # numbers of the largest tensor, which bands of rows bound
@@ -43,7 +43,7 @@ class ClosedForm(ExposureMethod):
         views, alpha = self.views(points.expand(len(shot), -1, -1, -1), shot)
         return variance_beyond_taps(views, alpha, self.taps)
 
-    def max_lost_variance(self, scene: SceneRecord) -> float:
+    def max_lost_variance(self, scene: SizedScene) -> float:
         return extreme_footprints.max_lost_variance(scene, self.taps)
 
 

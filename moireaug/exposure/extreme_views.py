@@ -13,7 +13,7 @@ from moireaug.geometry.grids import image_to_photo, jacobian
 from moireaug.geometry.homography import homography, magnification
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.parts import Lens, View
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 
 # height and width; what holds for these holds for most images
 PHOTO_SHAPES = ((256, 256), (192, 256), (256, 192))
@@ -31,7 +31,7 @@ def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
 
 
 def extreme_jacobians(
-    scene: SceneRecord, zoom: float, *, usual: bool, magnified: bool = False
+    scene: SizedScene, zoom: float, *, usual: bool, magnified: bool = False
 ) -> Tensor:
     """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the
     picture, and where it reaches past the photo's corners also as far out as these, for the angles
