@@ -60,7 +60,7 @@ def work_of(w, planes, image):
     for i in range(3):
         for j in range(3):
             passes[i, j] = image.filters[i, j] != 0
-            forward[i, j] = back[3 * i + j]
+            forward[i, j] = back[i][j]
     factor, per_square = undistortion(image.sensor.k1, image.sensor.k2)
     every_colour = np.ones((3, 3))  # in the irradiance; filters come after the beats
     return _Work(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -27,16 +26,22 @@ def lower_cell(
         periods: of each kind. orders: of each kind, its harmonics' k and l, (2, n) int64.
         radius: see `Cell`.
     """
-    channel = np.array([s[0] for s in subpixels], np.int64)
-    centre = np.array([s[1] for s in subpixels], np.float64).reshape(-1, 2)
-    kind = np.array([s[2] for s in subpixels], np.int64)
-    pixel = np.floor(centre).astype(np.int64)
-    period = np.array(periods, np.int64)
+    channels, centres, kinds = zip(*subpixels, strict=True)
+    kind, period = np.array(kinds, np.int64), np.array(periods, np.int64)
+    centre = np.array(centres, np.float64)
     y_group = _numbered(period[kind, 1], centre[:, 1])
-    kind_y_group = _numbered(kind, y_group)
-    whole = np.array([math.lcm(*lengths) for lengths in zip(*periods, strict=True)], np.int64)
-    highest = np.array([highest_orders(o) for o in orders], np.int64)
-    return Cell(whole, period, highest, channel, kind, y_group, kind_y_group, centre, pixel, radius)
+    return Cell(
+        whole=np.lcm.reduce(period),
+        period=period,
+        orders=np.array([highest_orders(o) for o in orders], np.int64),
+        channel=np.array(channels, np.int64),
+        kind=kind,
+        y_group=y_group,
+        kind_y_group=_numbered(kind, y_group),
+        centre=centre,
+        pixel=np.floor(centre).astype(np.int64),
+        radius=radius,
+    )
 
 
 def _numbered(*columns: np.ndarray) -> np.ndarray:

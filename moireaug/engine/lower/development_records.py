@@ -34,11 +34,11 @@ class Registration(NamedTuple):
     """What brings a batch's photos back to the image's frame; of length 0 if nothing does.
 
     Args:
-        views: (B, 3, 3) float64, see `register.register`.
+        forward: (B, 3, 3) float64, see `register.register`.
         lens: (B, 2) float64, k1 and k2.
     """
 
-    views: np.ndarray
+    forward: np.ndarray
     lens: np.ndarray
 
 
