@@ -106,14 +106,6 @@ def terms_of(b, i, camera, filters, size, sites, budget):
 
 
 @inner
-def _cubic(t):
-    """Return the weights of values at 0, 1, 2 and 3 in the cubic through them at t, float32."""
-    a, b, c, d = t, t - 1, t - 2, t - 3
-    outer, inner_ = np.float32(-b * c * d / 6), np.float32(a * c * d / 2)
-    return outer, inner_, np.float32(-a * b * d / 2), np.float32(a * b * c / 6)
-
-
-@inner
 def _phase(out, at, wave):
     x, y, u, v = at[X], at[Y], at[U], at[V]
     per_x, per_y, per_u, per_v, first = wave
@@ -152,7 +144,7 @@ def modulate(out, work, terms, pattern, passes, position, v, first_row):
     w = out.shape[2]
     fill(out.reshape(-1), ZERO)
     node, t = bracket(v, first_row, terms.step_v, len(terms.lines), 3)
-    four = _cubic(t)
+    four = harmonics.cubic_weights32(t)
     d, cos, sin, coloured, green = work[0], work[1], work[2], work[3], work[4]
     for i in range(len(terms.harmonic)):
         most = max(

@@ -189,15 +189,15 @@ def fill_cubics(ends, weight, positions, first, step):
 
     first, step: the first node, and from one to the next.
     """
-    four, done = np.empty(4, np.float32), 0
+    done = 0
     for i in range(len(positions)):
         start, t = bracket(positions[i], first, step, len(ends) + 2, 3)
         while done <= start:
             ends[done] = i
             done += 1
-        harmonics.lagrange(four, t)
+        cubic = harmonics.cubic_weights32(t)
         for j in range(4):
-            weight[j, i] = four[j]
+            weight[j, i] = cubic[j]
     for j in range(done, len(ends)):
         ends[j] = len(positions)
 

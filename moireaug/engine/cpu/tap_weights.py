@@ -13,7 +13,7 @@ import numpy as np
 
 from moireaug.engine.cpu.compiling import fill, inner, loop
 from moireaug.engine.cpu.footprint import SubpixelSize, fill_blurs, light_from
-from moireaug.engine.cpu.harmonics import lagrange
+from moireaug.engine.cpu.harmonics import cubic_weights
 from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
 from moireaug.engine.cpu.normal import integrals
 from moireaug.engine.cpu.vectors import peek, poke
@@ -29,13 +29,12 @@ class Scratch(NamedTuple):
     Args:
         integral: (n,), what `normal.integrals` fills, `cubic_margin` steps beyond all light on both
             sides. light: ((2 radius + 1) phases / 2 + 1,), the light from each distance.
-        total: (phases / 2 + 1,), the light from all cells. cubic: (4,), weights of a cubic.
+        total: (phases / 2 + 1,), the light from all cells.
     """
 
     integral: np.ndarray
     light: np.ndarray
     total: np.ndarray
-    cubic: np.ndarray
 
 
 @inner
@@ -45,10 +44,10 @@ def cubic_margin(far):
 
 
 @inner
-def _add_moved(out, sign, line, first, by, cubic):
+def _add_moved(out, sign, line, first, by):
     """Add sign times the values of a line from `first` + `by` steps on, interpolated by cubics."""
     whole = math.floor(by)
-    lagrange(cubic, by - whole + 1)
+    cubic = cubic_weights(by - whole + 1)
     a, b, c, d = sign * cubic[0], sign * cubic[1], sign * cubic[2], sign * cubic[3]
     start = first + whole - 1
     for i in range(len(out)):
@@ -58,7 +57,7 @@ def _add_moved(out, sign, line, first, by, cubic):
 
 
 @inner
-def _fill_light(light, integral_line, cubic, box, width, sigma, phases):
+def _fill_light(light, integral_line, box, width, sigma, phases):
     """Fill light (n,) with that from a subpixel 0, 1, ... phases away: the integral of the normal
     distribution function, differenced over box and width."""
     far, near = (box + width) / 2 * phases, (box - width) / 2 * phases
@@ -67,10 +66,10 @@ def _fill_light(light, integral_line, cubic, box, width, sigma, phases):
     line, lit = integral_line[: zero + seen + zero], light[:seen]
     integrals(line, zero, 1 / phases, sigma)
     fill(light, 0.0)
-    _add_moved(lit, 1.0, line, zero, far, cubic)
-    _add_moved(lit, -1.0, line, zero, near, cubic)
-    _add_moved(lit, -1.0, line, zero, -near, cubic)
-    _add_moved(lit, 1.0, line, zero, -far, cubic)
+    _add_moved(lit, 1.0, line, zero, far)
+    _add_moved(lit, -1.0, line, zero, near)
+    _add_moved(lit, -1.0, line, zero, -near)
+    _add_moved(lit, 1.0, line, zero, -far)
     for i in range(seen):
         lit[i] = max(lit[i], 0.0)  # rounding may leave it a digit below zero
 
@@ -93,7 +92,7 @@ def _fill_phases(out, blur, width, radius, scratch):
     phases, taps = out.shape[0] - 2, out.shape[1]
     half = phases // 2
     light, total = scratch.light[: (2 * radius + 1) * half + 1], scratch.total[: half + 1]
-    _fill_light(light, scratch.integral, scratch.cubic, box, width, sigma, phases)
+    _fill_light(light, scratch.integral, box, width, sigma, phases)
     guard = NEAREST_GUARD_SHARE * box
     for q in range(half + 1):
         total[q] = light[q] + guard
@@ -185,7 +184,6 @@ def weight_tables(us, vs, camera, lens, cell, widths, added_variance, budget):
         np.empty(distances + 2 * cubic_margin(farthest * finest), np.float64),
         np.empty(distances, np.float64),
         np.empty(finest // 2 + 1, np.float64),
-        np.empty(4, np.float64),
     )
     for kind in range(kinds):
         n = weights_per_node(phases[kind], taps[kind])[1]
