@@ -139,10 +139,8 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
             out, away = raw[plane, r], pattern.lost_noise_variance
             add_noise(light, slope[plane, r], (plane * h + r) * w, image.readout, noise, bits)
             if image.readout.clips:
-                lost_pattern_variance = (
-                    image.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
-                )
-                clip_mean(out, light, slope[plane, r], away[0], away[1], lost_pattern_variance)
+                lost = image.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
+                clip_mean(out, light, slope[plane, r], away[0], away[1], lost)
             else:
                 copy(out, light)
 

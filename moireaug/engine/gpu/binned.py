@@ -155,14 +155,10 @@ def plane_reading(seen, bins, index, batch, PLANE: tl.constexpr, variant: tl.con
         share *= response[3 * channel + colour]
         light += share * content[channel]
         shares = shares + (share,)
-    camera, white = (
-        exposure.cameras + image * CAMERA_FIELDS,
-        exposure.white + image * planes + PLANE,
-    )
+    camera = exposure.cameras + image * CAMERA_FIELDS
+    white = tl.load(exposure.white + image * planes + PLANE)
     noise = index, tl.load(exposure.seeds + image), batch.quantiles
-    value, slope = reading(
-        light, pulse, bins.u, bins.v, tl.load(white), camera, noise, variant.noisy
-    )
+    value, slope = reading(light, pulse, bins.u, bins.v, white, camera, noise, variant.noisy)
     if variant.clips:
         lost = batch.beats.lost_noise_variance + image * 2
         pattern = tl.load(batch.lost_pattern_variance + image * 3 + colour)
