@@ -24,7 +24,7 @@ from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.nodes import bracket, fill_cubics, node_line
 from moireaug.engine.cpu.records import Terms
 from moireaug.engine.cpu.rows import U, V, X, Y
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.vectors import add, peek, poke
 
 ONE, ZERO = np.float32(1), np.float32(0)
 
@@ -46,7 +46,7 @@ def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
                     for i in range(4):
                         value = amplitude[r, j + i, strong[t], plane]
                         peak[r, t] = max(peak[r, t], abs(value) * strength[t])
-                        harmonics.add_scaled(line[low:high], weight[i, low:high], value)
+                        add(line[low:high], weight[i, low:high], value)
 
 
 @inner

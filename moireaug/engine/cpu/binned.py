@@ -99,8 +99,9 @@ def flicker(light, bands, v, height):
 
 
 @inner
-def _add_modulated(light, content, modulation, passed, mean):
-    """Add a row of content, modulated, to the light; passed: of it by the colour filter."""
+def add_modulated(light, content, modulation, passed, mean):
+    """Add a row of content, modulated, to the light, or a row of light's gradient to the content's;
+    passed: of it by the colour filter."""
     for i in range(len(light)):
         light[i] += content[i] * (passed * (mean + modulation[i]))
 
@@ -131,7 +132,7 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
                 if passes[colour, channel]:
                     passed, beat = image.filters[colour, channel], modulation[colour, channel]
                     content, mean = row.irradiance[channel], pattern.mean[channel]
-                    _add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
+                    add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
             if len(image.flicker) > 0:
                 flicker(light, image.flicker, position[V], h)
             reflect(light, position[U], position[V], image.white[plane], image.camera)

@@ -9,9 +9,8 @@ import numpy as np
 
 from moireaug.engine.cpu.codes import SITES_PER_CELL, is_read, light_of_row, mix_row, workspace
 from moireaug.engine.cpu.compiling import fill, inner, part
-from moireaug.engine.cpu.develop import gather
 from moireaug.engine.cpu.srgb import encode_and_slope
-from moireaug.engine.cpu.vectors import add
+from moireaug.engine.cpu.vectors import add, gather
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 TWO, SIX = np.float32(2), np.float32(6)

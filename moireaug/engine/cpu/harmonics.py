@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from moireaug.engine.cpu.compiling import fill, inner, loop
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.vectors import add, peek, poke
 
 KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
@@ -82,13 +82,6 @@ def terms_of(amplitude, least):
 
 
 @inner
-def add_scaled(out, weight, value):
-    """Add a row (n,) times a value to out (n,)."""
-    for i in range(len(out)):
-        poke(out, i, out[i] + peek(weight, i) * value)
-
-
-@inner
 def interpolate_to_pixels(out, amplitude, terms, ends, weight):
     """Fill out (rows, T * n) float32 with each term's amplitude at n pixels of each row of nodes.
 
@@ -108,7 +101,7 @@ def interpolate_to_pixels(out, amplitude, terms, ends, weight):
                 low, high = ends[j], ends[j + 1]
                 for i in range(4):
                     value = amplitude[r, j + i, kind, k, l]
-                    add_scaled(line[low:high], weight[i, low:high], value)
+                    add(line[low:high], weight[i, low:high], value)
 
 
 @inner

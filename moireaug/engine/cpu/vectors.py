@@ -218,3 +218,20 @@ def add(out, row, factor):
     """Add factor * row to out, (n,) each."""
     for i in range(len(out)):
         poke(out, i, out[i] + factor * peek(row, i))
+
+
+@inner
+def gather(out, row, index, weight):
+    """Fill out (n,) with sums over taps of weight[t] * row[index[t]]."""
+    for t in range(len(index)):
+        _add_gathered(out, row, index[t], weight[t], t == 0)
+
+
+@inner
+def _add_gathered(out, row, index, weight, first):
+    if first:
+        for i in range(len(out)):
+            poke(out, i, peek(weight, i) * peek(row, peek(index, i)))
+    else:
+        for i in range(len(out)):
+            poke(out, i, out[i] + peek(weight, i) * peek(row, peek(index, i)))
