@@ -7,9 +7,12 @@ import math
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.lower.budget import MAX_LENS_RADIUS
+from moireaug.engine.lower.jacobian import panel_jacobian
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
 from moireaug.scene.lens import MIN_LENS_SLOPE
+
+_panel_jacobian = inner(panel_jacobian)
 
 
 @inner
@@ -81,23 +84,8 @@ def to_photo(x, y, camera):
 
 @inner
 def jacobian(u, v, camera):
-    """Return d(panel x, y) / d(sensor pixel u, v), as xu, xv, yu, yv, at a photo point about the
-    centre; of a rectified camera, at where the photo shows an image point."""
-    c = camera
-    if c.rectified != 0:
-        u, v = to_photo(u, v, c)
-    r2 = c.bend * (u * u + v * v)
-    bent, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.bend * (c.k1 + 2 * c.k2 * r2)
-    uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
-    p, q = u * bent, v * bent
-    nearness = 1 / max(c.h20 * p + c.h21 * q + c.h22, NEAR_HORIZON)
-    x, y = (c.h00 * p + c.h01 * q + c.h02) * nearness, (c.h10 * p + c.h11 * q + c.h12) * nearness
-    xp, xq = (c.h00 - x * c.h20) * nearness, (c.h01 - x * c.h21) * nearness
-    yp, yq = (c.h10 - y * c.h20) * nearness, (c.h11 - y * c.h21) * nearness
-    by_u, by_v = c.alpha / c.scale_u, c.alpha / c.scale_v
-    return (
-        by_u * (xp * uu + xq * uv),
-        by_v * (xp * uv + xq * vv),
-        by_u * (yp * uu + yq * uv),
-        by_v * (yp * uv + yq * vv),
-    )
+    """Return `panel_jacobian` at a photo point about the centre; of a rectified camera, at where
+    the photo shows an image point."""
+    if camera.rectified != 0:
+        u, v = to_photo(u, v, camera)
+    return _panel_jacobian(u, v, camera)
