@@ -11,11 +11,11 @@ from torch import Tensor
 
 from moireaug import Lens, Panel, Scene, Sensor, View
 from moireaug.effects.demosaic import merged_greens
-from moireaug.engine.lower.beat_terms import BeatTerms, beat_terms
+from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.lower.development import lower_development
 from moireaug.engine.lower.development_records import Development
 from moireaug.engine.lower.exposure import lower_exposure
-from moireaug.engine.lower.exposure_records import Beats, Exposure
+from moireaug.engine.lower.exposure_records import BinnedView, Exposure, PanelView, PointView
 
 DEFAULT = "screen_photo"
 
@@ -34,7 +34,7 @@ class Case(NamedTuple):
     planes: Tensor
     photo: Tensor
     exposure: Exposure
-    beats: Beats | None
+    view: PanelView
     development: Development
     loop_lengths: dict[str, tuple[int, ...]]
 
@@ -53,19 +53,17 @@ class Entry(NamedTuple):
 
 
 ENTRIES = {
-    "expose": Entry(
-        "expose_binned", lambda m, c: m.expose(c.images, c.exposure, c.beats), "binned"
-    ),
+    "expose": Entry("binned", lambda m, c: m.expose(c.images, c.exposure, c.view), "binned"),
     "expose, backward": Entry(
-        "expose_binned", lambda m, c: m.expose_back(c.raw, c.images, c.exposure, c.beats), "binned"
+        "binned", lambda m, c: m.expose_back(c.raw, c.images, c.exposure, c.view), "binned"
     ),
-    "expose, full": Entry("expose_full", lambda m, c: m.expose(c.images, c.exposure), "full"),
+    "expose, full": Entry("full", lambda m, c: m.expose(c.images, c.exposure, c.view), "full"),
     "expose, full, backward": Entry(
-        "expose_full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "full"
+        "full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure, c.view), "full"
     ),
-    "expose, point": Entry("expose_full", lambda m, c: m.expose(c.images, c.exposure), "point"),
+    "expose, point": Entry("full", lambda m, c: m.expose(c.images, c.exposure, c.view), "point"),
     "expose, point, backward": Entry(
-        "expose_full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure), "point"
+        "full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure, c.view), "point"
     ),
     "develop": Entry("develop", lambda m, c: m.develop(c.planes, c.development)),
     "develop, backward": Entry(
@@ -76,9 +74,9 @@ ENTRIES = {
 
 def reading_of(case: Case) -> str:
     """Return what exposes a case: "point", "binned" or "full"."""
-    if case.exposure.point is not None:
+    if isinstance(case.view, PointView):
         return "point"
-    return "full" if case.beats is None else "binned"
+    return "binned" if isinstance(case.view, BinnedView) else "full"
 
 
 def cases(batch: int, side: int) -> list[Case]:
@@ -101,9 +99,9 @@ def cases(batch: int, side: int) -> list[Case]:
 def prepare_on_host(batch: int, side: int) -> None:
     """Draw and lower the default scene, and choose its terms, as for one batch of photos."""
     shot = Scene.preset(DEFAULT).sample(batch, (side, side))
-    exposure, beats = lower_exposure(shot, decoded=False)
-    assert beats is not None
-    beat_terms(exposure, beats)
+    exposure, view = lower_exposure(shot, decoded=False)
+    assert isinstance(view, BinnedView)
+    beat_terms(exposure, view.beats)
     lower_development(shot)
 
 
@@ -111,10 +109,10 @@ def _case(name: str, scene: Scene, batch: int, side: int) -> Case:
     shot = scene.sample(batch, (side, side), torch.Generator().manual_seed(0))
     images, raw = torch.zeros(batch, 3, side, side), torch.zeros(shot.raw_shape())
     development = lower_development(shot)
-    exposure, beats = lower_exposure(shot, decoded=False)
+    exposure, view = lower_exposure(shot, decoded=False)
     lengths = loop_lengths(development)
-    if beats is not None:
-        lengths |= beat_loop_lengths(beat_terms(exposure, beats))
+    if isinstance(view, BinnedView):
+        lengths |= beat_loop_lengths(beat_terms(exposure, view.beats))
     return Case(
         name,
         images,
@@ -122,7 +120,7 @@ def _case(name: str, scene: Scene, batch: int, side: int) -> Case:
         merged_greens(raw) if scene.is_binned_bayer else raw,
         torch.zeros_like(images),
         exposure,
-        beats,
+        view,
         development,
         lengths,
     )

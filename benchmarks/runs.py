@@ -15,6 +15,7 @@ from moireaug import Shot, engine, expose
 from moireaug.engine import program
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.exposure import lower_exposure
+from moireaug.engine.lower.exposure_records import FullView
 
 WITHOUT = "one panel pixel"
 
@@ -63,15 +64,15 @@ def unfused(shown: Tensor, shot: Shot) -> Tensor:
 def one_cell(shown: Tensor, shot: Shot) -> Tensor:
     """Return the engine's reading if each sensor pixel sees only the panel pixel in front of its
     centre."""
-    whole, beats = lower_exposure(shot, decoded=False)
+    whole, view = lower_exposure(shot, decoded=False)
     exposure = whole._replace(
         cell=whole.cell._replace(radius=0),
-        # only weights read them, and a single cell has none
-        widths=np.minimum(whole.widths, 0.5),
         neighbour_share=np.zeros_like(whole.neighbour_share),
     )
-    run.fits(exposure, beats)  # as every exposure does
-    return run.launch_expose(shown, False, exposure, beats)[0]
+    if isinstance(view, FullView):  # only weights read widths, and a single cell has none
+        view = view._replace(widths=np.minimum(view.widths, 0.5))
+    run.fits(exposure, view)  # as every exposure does
+    return run.launch_expose(shown, False, exposure, view)[0]
 
 
 def first_reading(before: Checkout, name: str) -> Tensor:

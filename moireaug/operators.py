@@ -1,4 +1,4 @@
-"""What the operators of `engine.graph` do: photograph, as the functions of `moireaug.capture`."""
+"""What the operators of `engine.torch_operators` do: photograph, as `moireaug.capture` does."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from torch import Tensor
 
 from moireaug.capture import develop, reading_of
 from moireaug.engine.backends import BACKENDS
-from moireaug.engine.graph import LIBRARY
 from moireaug.engine.switch import reference
+from moireaug.engine.torch_operators import LIBRARY
 from moireaug.scene.by_name import values_of
 from moireaug.scenes import Scene, Shot, shot_of
 
 
 def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> Shot:
-    """Return the shot that an operator's arguments describe; see `graph.SHOT_SCHEMA`."""
+    """Return the shot that an operator's arguments describe; see `torch_operators.SHOT_SCHEMA`."""
     scene = _scene(text)
     drawn = dict(zip(values_of(scene), numbers, strict=True))
     return shot_of(scene, (size[0], size[1]), drawn, seeds)

@@ -25,7 +25,7 @@ from moireaug.effects.tone import Balance, Brighten, ColourMatrix, ToneCurve
 from moireaug.effects.vignetting import Vignetting
 from moireaug.exposure.choose import method_of
 from moireaug.plan import Plan, Step
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 EXPOSE: tuple[Effect, ...] = (
@@ -87,7 +87,7 @@ def apply(names: Collection[str], values: Tensor, shot: ShotRecord) -> Tensor:
 
 
 @torch.no_grad()
-def make_plan(scene: SceneRecord) -> Plan:
+def make_plan(scene: SizedScene) -> Plan:
     """Judge every effect by a scene's ranges; see `Scene.plan`."""
     verdicts = {effect.name: effect.verdict(scene) for effect in (*EXPOSE, *DEVELOP)}
     steps = []

@@ -12,7 +12,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.geometry.lattice import CFA, unpack
 from moireaug.numeric import repeat_edges
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 
@@ -25,7 +25,7 @@ class Demosaic(Effect):
 
     name = "demosaic"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         if scene.planes == "none":
             return left_out("every pixel reads all colours")
         if scene.is_binned_bayer:

@@ -14,7 +14,7 @@ from moireaug.effects.base import Effect, Verdict, called, format_range, left_ou
 from moireaug.exposure.extreme_scales import least_bin_scale
 from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds, deviation
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SceneRecord, SizedScene
 from moireaug.shot import ShotRecord
 
 KERNEL_SIGMAS = 3.0  # standard deviations that a kernel holds
@@ -27,7 +27,7 @@ class ChromaBlur(Effect):
 
     name = "chroma_blur"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         blur = scene.develop.chroma_blur
         if bounds(blur)[1] == 0:
             return left_out("colour keeps its detail")
@@ -43,7 +43,7 @@ class Sharpen(Effect):
 
     name = "sharpen"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         develop = scene.develop
         amount, radius = format_range(develop.sharpen), format_range(develop.sharpen_radius)
         why = f"unsharp mask of {amount}, {radius} sensor pixels"
@@ -61,7 +61,7 @@ class ClipDetail(Effect):
     name = "clip_detail"
     is_listed = False
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         if ChromaBlur().verdict(scene).called or Sharpen().verdict(scene).called:
             return called("overshoots end at 0 and 1")
         return left_out("nothing overshoots")

@@ -14,7 +14,7 @@ from moireaug.numeric import per_image
 from moireaug.panel.fourier import emitting_share, mean_light
 from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.layout import as_layout
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 
@@ -23,7 +23,7 @@ class BlackLevel(Effect):
 
     name = "black_level"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         black = scene.panel.black
         why = f"black pixels emit {format_range(black)} of a white one's light"
         change = bounds(black)[1] * bounds(scene.sensor.gain)[1]
@@ -38,7 +38,7 @@ class Glare(Effect):
 
     name = "glare"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         glare = scene.panel.glare
         why = f"the glass reflects {format_range(glare)} of a white screen's light"
         change = most_reflected(scene) * bounds(scene.sensor.gain)[1]
@@ -50,7 +50,7 @@ class Glare(Effect):
         return raw + in_planes(share, raw, shot) * white
 
 
-def most_reflected(scene: SceneRecord) -> float:
+def most_reflected(scene: SizedScene) -> float:
     """Return the most light that the glass can reflect, which it does in a corner of the photo."""
     panel = scene.panel
     return bounds(panel.glare)[1] * (1 + deviation(panel.glare_x, 0) + deviation(panel.glare_y, 0))

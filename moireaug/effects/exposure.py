@@ -11,7 +11,7 @@ from moireaug.exposure.choose import method_of
 from moireaug.exposure.extreme_harmonics import harmonics, harmonics_in_bins
 from moireaug.exposure.extreme_scales import least_bin_scale
 from moireaug.scene.fields import bounds, varies
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 
@@ -20,13 +20,13 @@ class PanelLayout(WithinExposure):
 
     name = "layout"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         panel, method = scene.panel, method_of(scene)
         layout = panel.layout
         name = layout if isinstance(layout, str) else f"a cell of {len(layout.subpixels)} subpixels"
         if scene.is_solid:
             return left_out(f"{name}: every panel pixel emits all over")
-        if method.name == "mean":
+        if not scene.shows_pattern:
             return left_out(f"{name} gives its mean light alone: nothing else is asked for")
         if not method.sums_harmonics:
             low, high = bounds(panel.scale)
@@ -55,7 +55,7 @@ class Pose(WithinExposure):
 
     name = "pose"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         if not scene.is_posed:
             return left_out("frontal and edge to edge")
         view, angles = scene.view, []
@@ -73,7 +73,7 @@ class LensDistortion(WithinExposure):
 
     name = "lens"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         lens = scene.lens
         if not scene.is_bent:
             return left_out("no distortion, k1 = k2 = 0")
@@ -85,7 +85,7 @@ class Crosstalk(WithinExposure):
 
     name = "crosstalk"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         crosstalk = scene.sensor.crosstalk
         if not varies(crosstalk):
             return left_out("each filter passes its own colour alone")
@@ -98,7 +98,7 @@ class Exposure(Effect):
 
     name = "exposure"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         if not _is_exposed(scene):
             return left_out("each sensor pixel reads its own image pixel")
         method, lens = method_of(scene), scene.lens
@@ -119,7 +119,7 @@ class Exposure(Effect):
         return shot.plan.method(light, shot)
 
 
-def _is_exposed(scene: SceneRecord) -> bool:
+def _is_exposed(scene: SizedScene) -> bool:
     """Whether a sensor pixel ever reads anything but its own image pixel."""
     lens, sensor = scene.lens, scene.sensor
     if scene.is_posed or scene.is_bent or not scene.is_solid or scene.is_binned:

@@ -8,7 +8,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.scene.fields import bounds
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 ROWS_OF_A_BIN = 8  # whose light a binned reading's flicker is the mean of
@@ -20,7 +20,7 @@ class Flicker(Effect):
 
     name = "flicker"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         panel, sensor = scene.panel, scene.sensor
         why = f"pulses of {format_range(panel.pwm)} Hz, {format_range(panel.duty)} on, through a "
         why += f"shutter of {format_range(sensor.shutter)} s, rows read in "
@@ -52,7 +52,7 @@ def light_of_rows(rows: Tensor, shot: ShotRecord) -> Tensor:
     return bands.unflatten(1, (-1, ROWS_OF_A_BIN)).mean(2)
 
 
-def modulation_depth(scene: SceneRecord) -> float:
+def modulation_depth(scene: SizedScene) -> float:
     """Return the most by which a row's light can differ from the mean, as a share of it."""
     panel, (short, long) = scene.panel, bounds(scene.sensor.shutter)
     (slow, fast), duty = bounds(panel.pwm), bounds(panel.duty)[0]

@@ -8,7 +8,7 @@ from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.geometry import grids
 from moireaug.numeric import bounded
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 
@@ -18,7 +18,7 @@ class Register(Effect):
 
     name = "register"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         if not scene.develop.registered:
             return left_out("the photo stays in the camera's frame")
         if not (scene.is_posed or scene.is_bent):

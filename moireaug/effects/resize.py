@@ -9,7 +9,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.geometry.lattice import SampledPixels
 from moireaug.numeric import bounded
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 
@@ -18,7 +18,7 @@ class Resize(Effect):
 
     name = "resize"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         if scene.is_binned:
             return left_out("a binned reading has the photo's pixels")
         scale = scene.sensor.scale

@@ -13,7 +13,7 @@ from moireaug.effects.flicker import modulation_depth
 from moireaug.effects.srgb import in_codes
 from moireaug.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds, deviation
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 DARK_LEVEL = 1e-4  # of full scale, below which photon noise falls no further: dark current
@@ -25,7 +25,7 @@ class Gain(Effect):
 
     name = "gain"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         gain = scene.sensor.gain
         return verdict_of(deviation(gain, 1), scene, f"raw times {format_range(gain)}", "gain is 1")
 
@@ -38,7 +38,7 @@ class Noise(Effect):
 
     name = "noise"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         sensor = scene.sensor
         read, shot = bounds(sensor.read_noise)[1], bounds(sensor.shot_noise)[1]
         why = f"standard deviation {format_range(sensor.read_noise)}"
@@ -65,7 +65,7 @@ class ClipReading(Effect):
     name = "full_well"
     is_listed = False
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         if Saturate().verdict(scene).called or Noise().verdict(scene).called:
             return called("a reading can leave [0, 1], and ends there")
         return left_out("no reading leaves [0, 1]")
@@ -86,7 +86,7 @@ class Saturate(Effect):
 
     name = "saturate"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         brightest = 1 + modulation_depth(scene) + most_reflected(scene)  # of a white screen's light
         if bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance:
             return called("the reading can exceed a full well")
@@ -101,7 +101,7 @@ class Bits(Effect):
 
     name = "bits"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         bits = scene.sensor.bits
         if bits is None or scene.is_binned:
             return left_out("a mean is not rounded" if bits else "the reading is not rounded")

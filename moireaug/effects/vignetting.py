@@ -7,7 +7,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.scene.fields import bounds
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 
@@ -16,7 +16,7 @@ class Vignetting(Effect):
 
     name = "vignetting"
 
-    def verdict(self, scene: SceneRecord) -> Verdict:
+    def verdict(self, scene: SizedScene) -> Verdict:
         lost = bounds(scene.lens.vignetting)[1]
         why = f"{format_range(scene.lens.vignetting)} of the light lost in the corners"
         return verdict_of(

@@ -34,9 +34,10 @@ class Backend(NamedTuple):
     def kernels(self) -> ModuleType:
         """Return the module of the functions on batches, of tensors and records.
 
-        - fits(exposure, beats) -> (B,) bool, whether kernels can follow each image's view
-        - launch_expose(picture, saves, exposure, beats) -> raw, saved
-        - launch_expose_back(grad, picture, saved, exposure, beats) -> gradient in the picture
+        - prepare(), before any of the others is first called
+        - fits(exposure, view) -> (B,) bool, whether kernels can follow each image's view
+        - launch_expose(picture, saves, exposure, view) -> raw, saved
+        - launch_expose_back(grad, picture, saved, exposure, view) -> gradient in the picture
         - launch_develop(raw, saves, development) -> photo, saved
         - launch_develop_back(grad, raw, saved, development) -> gradient in raw
 

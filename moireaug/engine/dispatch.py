@@ -10,7 +10,7 @@ from torch import Tensor
 from moireaug import pipeline
 from moireaug.effects.demosaic import merged_greens
 from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
-from moireaug.engine import autograd, graph, trial
+from moireaug.engine import autograd, torch_operators, trial
 from moireaug.engine.program import Program
 from moireaug.mixed_shot import in_order
 from moireaug.numeric import as_float, saturate
@@ -21,7 +21,7 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
     does for float32; differentiable in float32 images."""
     if torch.compiler.is_compiling():
-        return graph.operator_reading(light, shot)
+        return torch_operators.operator_reading(light, shot)
     from moireaug.engine.lower.exposure import lower_exposure
 
     kernels = trial.kernels_of(program.backend)
@@ -29,8 +29,8 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return pipeline.expose(as_float(light), shot)
     # over the image: the reference does that blur
     varies = shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
-    exposure, beats = lower_exposure(shot.to("cpu"), decoded=varies)
-    fits = kernels.fits(exposure, beats)
+    exposure, view = lower_exposure(shot.to("cpu"), decoded=varies)
+    fits = kernels.fits(exposure, view)
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
     # each image by itself, so that its reading does not depend on the rest of the batch
@@ -46,8 +46,8 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         light = pipeline.apply(names & decoding, as_float(light), shot)
         names -= decoding
     stage = autograd.Stage(
-        functools.partial(kernels.launch_expose, exposure=exposure, beats=beats),
-        functools.partial(kernels.launch_expose_back, exposure=exposure, beats=beats),
+        functools.partial(kernels.launch_expose, exposure=exposure, view=view),
+        functools.partial(kernels.launch_expose_back, exposure=exposure, view=view),
         lambda light: pipeline.apply(names, light, shot),
         kernels.SUMS_IN_ORDER,
     )
@@ -61,7 +61,7 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     """Return the photos of readings, as `moireaug.pipeline.develop` does; differentiable in the
     readings."""
     if torch.compiler.is_compiling():
-        return graph.operator_photo(raw, shot)
+        return torch_operators.operator_photo(raw, shot)
     from moireaug.engine.lower.development import lower_development
 
     kernels = trial.kernels_of(program.backend)

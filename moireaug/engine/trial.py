@@ -22,15 +22,17 @@ _agreements: dict[tuple[str, torch.device, bool], bool] = {}
 
 @functools.cache
 def kernels_of(backend: Backend | None) -> ModuleType | None:
-    """Return the module of a backend's kernels, or None if it cannot be imported, as where the
-    library that compiles them does not go with an installed NumPy or driver."""
+    """Return the module of a backend's kernels, prepared, or None if it cannot be imported, as
+    where the library that compiles them does not go with an installed NumPy or driver."""
     if backend is None:
         return None
     try:
-        return backend.kernels()
+        kernels = backend.kernels()
     except (ImportError, OSError) as error:
         _report(f"{backend.name} kernels cannot be imported ({_summary(error)})")
         return None
+    kernels.prepare()
+    return kernels
 
 
 def agrees(stage: Stage, kind: str, values: Tensor) -> bool:

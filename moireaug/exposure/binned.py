@@ -110,25 +110,26 @@ class Binned(ClosedForm):
             return []
         dtype, (px, py) = bins.step.dtype, layout.period
         optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
-        orders = bins.position.new_tensor(self.harmonics).reshape(-1, 2, 1, 1, 1)
-        k, l = orders.unbind(1)
-        x, y = (bins.position[..., axis] for axis in (0, 1))
+        k, l = bins.position.new_tensor(self.harmonics).reshape(-1, 2, 1, 1, 1).unbind(1)
+        x, y = bins.position.unbind(-1)
         cycles = k * (x / px) + l * (y / py)
         phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
-        k, l = (k / px).to(dtype), (l / py).to(dtype)
-        u, v = (k * bins.step[..., 0, axis] + l * bins.step[..., 1, axis] for axis in (0, 1))
+        per_x, per_y = (k / px).to(dtype), (l / py).to(dtype)
+        step_x, step_y = bins.step.unbind(-2)
+        u, v = (per_x * step_x[..., axis] + per_y * step_y[..., axis] for axis in (0, 1))
         passed = optics.transfer(u, v)
         carrier: Wave = passed * torch.cos(phase), passed * torch.sin(phase)
-        bayer, modulation = shot.scene.is_binned_bayer, []
+        bayer = shot.scene.is_binned_bayer
         read = plane_waves(u, v, bins.centre, bins.sides, bins.triangle, bayer=bayer)
         parts = amplitudes_of(layout, self.harmonics, shot.panel)
         real, imaginary = (part.to(dtype)[..., None, None] for part in parts)
+        modulation = []
         for plane in range(3):
-            wave = times(carrier, read[plane if bayer else 0])
+            cosine, sine = times(carrier, read[plane if bayer else 0])
             channels = []
             for channel in range(3):
-                left = real[channel] * wave[0] - imaginary[channel] * wave[1]
-                channels.append(left.sum(0))
+                waves = real[channel] * cosine - imaginary[channel] * sine
+                channels.append(waves.sum(0))
             modulation.append(channels)
         return modulation
 
@@ -149,8 +150,8 @@ class Binned(ClosedForm):
         bins = middle_bins(shot)
         step, sides, triangle = bins.step[:, 0, 0], bins.sides[:, 0, 0], bins.triangle[:, 0, 0]
         k, l = step.new_tensor(self.harmonics)[:, :, None].unbind(1)
-        k, l = k / layout.period[0], l / layout.period[1]
-        u, v = (k * step[:, 0, axis] + l * step[:, 1, axis] for axis in (0, 1))
+        per_x, per_y = k / layout.period[0], l / layout.period[1]
+        u, v = (per_x * step[:, 0, axis] + per_y * step[:, 1, axis] for axis in (0, 1))
         power = optics_of(shot).transfer(u, v).square() / 2
         bayer = shot.scene.is_binned_bayer
         left = power_left(u, v, sides, triangle, bayer=bayer)

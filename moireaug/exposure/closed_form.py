@@ -12,9 +12,9 @@ from torch.utils.checkpoint import checkpoint
 
 from moireaug.exposure import extreme_footprints
 from moireaug.exposure.base import ExposureMethod
-from moireaug.exposure.sight import AxisView, lost_variance
+from moireaug.exposure.sight import AxisView, variance_beyond_taps
 from moireaug.numeric import is_transformed
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 # numbers of the largest tensor, which bands of rows bound
@@ -41,9 +41,9 @@ class ClosedForm(ExposureMethod):
 
     def lost_variance(self, points: Tensor, shot: ShotRecord) -> Tensor:
         views, alpha = self.views(points.expand(len(shot), -1, -1, -1), shot)
-        return lost_variance(views, alpha, self.taps)
+        return variance_beyond_taps(views, alpha, self.taps)
 
-    def max_lost_variance(self, scene: SceneRecord) -> float:
+    def max_lost_variance(self, scene: SizedScene) -> float:
         return extreme_footprints.max_lost_variance(scene, self.taps)
 
 

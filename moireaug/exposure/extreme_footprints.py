@@ -14,23 +14,23 @@ from moireaug.exposure.extreme_scales import (
     least_bin_scale,
     smallest_panel_steps,
 )
-from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, inside, views
+from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, extreme_jacobians, inside
 from moireaug.exposure.footprint import Footprint, blur_variance
 from moireaug.exposure.optics import Optics
-from moireaug.exposure.sight import AxisView, axis_views, lost_variance
+from moireaug.exposure.sight import AxisView, axis_views, variance_beyond_taps
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 
 
-def narrowest(scene: SceneRecord) -> float:
+def narrowest(scene: SizedScene) -> float:
     """Return the smallest width of an aperture's shadow on the panel along an axis, in cells."""
     widest = largest_panel_steps(scene).abs().amax(-1).amin(0)  # along x and y
     period = widest.new_tensor(as_layout(scene.panel.layout).period)
     return bounds(scene.sensor.fill)[0] * float((widest / period).min())
 
 
-def max_reach(scene: SceneRecord) -> float:
+def max_reach(scene: SizedScene) -> float:
     """Return how many cells to each side a sensor pixel sees at most."""
     most = 0.0
     for alpha in inside(scene.panel.scale, 1.0):
@@ -40,29 +40,29 @@ def max_reach(scene: SceneRecord) -> float:
     return most
 
 
-def max_lost_variance(scene: SceneRecord, taps: int) -> float:
+def max_lost_variance(scene: SizedScene, taps: int) -> float:
     """Return the most variance that a view loses when narrowed to `taps` cells, in squared image
     pixels."""
     most = 0.0
     for alpha in inside(scene.panel.scale, 1.0, points=3):
         cells = min(alpha, 1.0) if scene.is_binned else alpha
-        lost = lost_variance(widest_views(scene, alpha), cells, taps)
+        lost = variance_beyond_taps(widest_views(scene, alpha), cells, taps)
         most = max(most, float(lost.max()))
     return most
 
 
-def widest_views(scene: SceneRecord, alpha: float) -> list[AxisView]:
+def widest_views(scene: SizedScene, alpha: float) -> list[AxisView]:
     """Return the views of sensor pixels, or of bins, for the widest spread that the optics allow,
     on a panel of `alpha` pixels per image pixel."""
     optics = _widest_optics(scene)
     # a blur may be a little short at the far end of a strip
-    image_views = views(scene, bounds(scene.view.zoom)[0], usual=True)[None, :, None]
+    image_views = extreme_jacobians(scene, bounds(scene.view.zoom)[0], usual=True)[None, :, None]
     if not scene.is_binned:
         return axis_views(scene, image_views * (alpha / scene.sensor.scale), optics)
     return _views_of_bins(scene, image_views, alpha, optics)
 
 
-def _widest_optics(scene: SceneRecord) -> Optics:
+def _widest_optics(scene: SizedScene) -> Optics:
     sensor, lens = scene.sensor, scene.lens
     # as if the hand moved in every direction
     motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
@@ -72,7 +72,7 @@ def _widest_optics(scene: SceneRecord) -> Optics:
 
 
 def _views_of_bins(
-    scene: SceneRecord, image_views: Tensor, alpha: float, optics: Optics
+    scene: SizedScene, image_views: Tensor, alpha: float, optics: Optics
 ) -> list[AxisView]:
     """Return the views of bins on a panel of at most the picture's pixels; `optics` of a sensor
     pixel."""

@@ -13,41 +13,41 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.exposure.extreme_views import magnifications, views
+from moireaug.exposure.extreme_views import extreme_jacobians, magnifications
 from moireaug.scene.fields import bounds
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SceneRecord, SizedScene
 
 
-def panel_steps(
-    scene: SceneRecord, zoom: float, pitch: float, alpha: float, *, usual: bool
+def extreme_panel_steps(
+    scene: SizedScene, zoom: float, pitch: float, alpha: float, *, usual: bool
 ) -> Tensor:
     """Return panel pixels per sensor pixel, d(x, y) / d(u, v), in the views that a scene allows at
-    this zoom: (N, 2, 2) float64. See `extreme_views.views`.
+    this zoom: (N, 2, 2) float64. See `extreme_jacobians`.
 
     Args:
         pitch: sensor pixels per panel pixel; 0 if the scene states scales.
         alpha: panel pixels per image pixel, which matters if it does.
     """
     if pitch:
-        return views(scene, zoom, usual=usual, magnified=True) / pitch
-    return views(scene, zoom, usual=usual) * (alpha / scene.sensor.scale)
+        return extreme_jacobians(scene, zoom, usual=usual, magnified=True) / pitch
+    return extreme_jacobians(scene, zoom, usual=usual) * (alpha / scene.sensor.scale)
 
 
-def largest_panel_steps(scene: SceneRecord) -> Tensor:
-    """Return `panel_steps` of the views that show the panel at its largest, where its harmonics
-    have their lowest frequencies."""
+def largest_panel_steps(scene: SizedScene) -> Tensor:
+    """Return `extreme_panel_steps` of the views that show the panel at its largest, where its
+    harmonics have their lowest frequencies."""
     zoom, pitch = bounds(scene.view.zoom)[1], bounds(scene.sensor.pitch)[1]
-    return panel_steps(scene, zoom, pitch, bounds(scene.panel.scale)[0], usual=False)
+    return extreme_panel_steps(scene, zoom, pitch, bounds(scene.panel.scale)[0], usual=False)
 
 
-def smallest_panel_steps(scene: SceneRecord, alpha: float, *, usual: bool) -> Tensor:
-    """Return `panel_steps` of the views that show the panel at its smallest, for `alpha` panel
-    pixels per image pixel."""
+def smallest_panel_steps(scene: SizedScene, alpha: float, *, usual: bool) -> Tensor:
+    """Return `extreme_panel_steps` of the views that show the panel at its smallest, for `alpha`
+    panel pixels per image pixel."""
     zoom, pitch = bounds(scene.view.zoom)[0], bounds(scene.sensor.pitch)[0]
-    return panel_steps(scene, zoom, pitch, alpha, usual=usual)
+    return extreme_panel_steps(scene, zoom, pitch, alpha, usual=usual)
 
 
-def panel_scale_ratio(scene: SceneRecord) -> float:
+def panel_scale_ratio(scene: SizedScene) -> float:
     """Return the most over the least panel pixels per sensor pixel, in a view of the same
     angles."""
     pitch = bounds(scene.sensor.pitch)
@@ -72,7 +72,7 @@ def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
     return per_image_pixel * math.sqrt(math.cos(yaw) * math.cos(tilt))
 
 
-def least_side(scene: SceneRecord, alpha: float) -> float:
+def least_side(scene: SizedScene, alpha: float) -> float:
     """Return the least side of a bin in any view, in sensor pixels, for `alpha` panel pixels per
     image pixel."""
     if not scene.is_rectified:

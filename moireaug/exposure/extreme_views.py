@@ -13,7 +13,7 @@ from moireaug.geometry.grids import image_to_photo, jacobian
 from moireaug.geometry.homography import homography, magnification
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.parts import Lens, View
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.record import SizedScene
 
 # height and width; what holds for these holds for most images
 PHOTO_SHAPES = ((256, 256), (192, 256), (256, 192))
@@ -30,18 +30,20 @@ def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
     return sorted({*even, *(m for m in marks if low < m < high)})
 
 
-def views(scene: SceneRecord, zoom: float, *, usual: bool, magnified: bool = False) -> Tensor:
+def extreme_jacobians(
+    scene: SizedScene, zoom: float, *, usual: bool, magnified: bool = False
+) -> Tensor:
     """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the
     picture, and where it reaches past the photo's corners also as far out as these, for the angles
     and lenses that a scene allows at this zoom: (N, 2, 2) float64. `usual` leaves out long
     strips; `magnified` gives them times the photo pixels that an image pixel in the middle takes
     before it is turned, which no zoom changes."""
     shapes = PHOTO_SHAPES if usual else PHOTO_SHAPES + STRIP_SHAPES
-    return _views(scene.view, scene.lens, scene.sensor.scale, zoom, shapes, magnified)
+    return _extreme_jacobians(scene.view, scene.lens, scene.sensor.scale, zoom, shapes, magnified)
 
 
 @functools.lru_cache(maxsize=64)
-def _views(
+def _extreme_jacobians(
     v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool
 ) -> Tensor:
     fields, k1, k2 = _poses(v, lens, zoom, bounds(v.fov)[1])

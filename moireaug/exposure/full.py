@@ -99,8 +99,9 @@ class BySubpixel(FullReading):
     def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
         total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
+        lit = emitting_share(shot.panel)
         for subpixel in layout.of(channel):
-            x, y = (along_axis(axis, subpixel, sight, shot, screen) for axis in (0, 1))
+            x, y = (along_axis(axis, subpixel, lit, sight, shot, screen) for axis in (0, 1))
             through = self.transmission(x, y, subpixel, sight, shot)
             total = total + panel_pixels(screen, channel, x, y, subpixel) * through
         return total
@@ -175,5 +176,6 @@ class Mean(FullReading):
     def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
         share = mean_light(layout, channel, *emitting_share(shot.panel)).to(screen.light.dtype)
-        x, y = (along_axis(axis, WHOLE_PIXEL, sight, shot, screen) for axis in (0, 1))
+        one = torch.ones_like(shot.panel.lit)
+        x, y = (along_axis(axis, WHOLE_PIXEL, (one, one), sight, shot, screen) for axis in (0, 1))
         return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * share[:, None, None]

@@ -14,7 +14,6 @@ from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.geometry import grids
 from moireaug.geometry.grids import RadialCoefficients
-from moireaug.panel.fourier import emitting_share
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.subpixel import Subpixel
@@ -80,9 +79,7 @@ class AxisView(NamedTuple):
 def axis_views(scene: SceneRecord, step: Tensor, optics: Optics) -> list[AxisView]:
     """Return the views of each kind of subpixel that a full reading sums, lit all over, along x
     and along y; arguments as of `axis_view`."""
-    kinds: tuple[Subpixel, ...] = (WHOLE_PIXEL,)
-    if scene.sensor.exposure != "mean":
-        kinds = as_layout(scene.panel.layout).all()
+    kinds = as_layout(scene.panel.layout).all() if scene.shows_pattern else (WHOLE_PIXEL,)
     lit = torch.ones_like(optics.fill)
     return [axis_view(kind, axis, step, (lit, lit), optics) for kind in kinds for axis in (0, 1)]
 
@@ -107,7 +104,7 @@ def axis_view(
     return AxisView(Footprint(footprint.box, footprint.variance + slant), width, period)
 
 
-def lost_variance(views: Iterable[AxisView], alpha: Tensor | float, taps: int) -> Tensor:
+def variance_beyond_taps(views: Iterable[AxisView], alpha: Tensor | float, taps: int) -> Tensor:
     """Return the most variance that views lose when narrowed to `taps` cells, in squared image
     pixels, of a panel with `alpha` pixels per image pixel."""
     lost = []
@@ -118,13 +115,15 @@ def lost_variance(views: Iterable[AxisView], alpha: Tensor | float, taps: int) -
 
 
 def along_axis(
-    axis: int, subpixel: Subpixel, sight: Sight, shot: ShotRecord, screen: Screen
+    axis: int,
+    subpixel: Subpixel,
+    lit: tuple[Tensor, Tensor],
+    sight: Sight,
+    shot: ShotRecord,
+    screen: Screen,
 ) -> AlongAxis:
-    """Return one kind of subpixel along x (axis 0) or y (axis 1)."""
-    across, down = emitting_share(shot.panel)
-    if subpixel is WHOLE_PIXEL:
-        across, down = torch.ones_like(across), torch.ones_like(down)
-    view = axis_view(subpixel, axis, sight.step, (across, down), optics_of(shot))
+    """Return one kind of subpixel along x (axis 0) or y (axis 1); lit: see `axis_view`."""
+    view = axis_view(subpixel, axis, sight.step, lit, optics_of(shot))
     place = Place(axis, subpixel.centre[axis], view.period, subpixel.pixel[axis])
     at = sight.position[..., axis]
     return shares_along(place, at, view.footprint, view.width, shot, screen)

@@ -70,13 +70,13 @@ def part_from_dict(name: str, values: dict[str, Any]) -> Any:
     known = {f.name for f in fields(PARTS[name])}
     for key in values:
         one_of(f"a field of Scene.{name}", key, sorted(known))
-    return PARTS[name](**_plain(values))
+    return PARTS[name](**_with_tuples(values))
 
 
-def _plain(value: Any) -> Any:
+def _with_tuples(value: Any) -> Any:
     """Return mappings and sequences of any kind, such as OmegaConf's, as dicts and tuples."""
     if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: _with_tuples(one) for key, one in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return tuple(_plain(one) for one in value)
+        return tuple(_with_tuples(one) for one in value)
     return value

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from moireaug.scene.fields import Part, Range, one_of, ranged
 
-DEMOSAICS = ("bilinear", "malvar")
-DENOISERS = ("nlm", "bilateral")
+DEMOSAIC_NAMES = ("bilinear", "malvar")
+DENOISER_NAMES = ("nlm", "bilateral")
 RESIZES = ("area", "antialias", "point")
 
 
@@ -68,6 +68,6 @@ class Develop(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of("Develop.resize", self.resize, RESIZES)
-        one_of("Develop.demosaic", self.demosaic, DEMOSAICS)
+        one_of("Develop.demosaic", self.demosaic, DEMOSAIC_NAMES)
         if self.denoise is not None:
-            one_of("Develop.denoise", self.denoise, DENOISERS)
+            one_of("Develop.denoise", self.denoise, DENOISER_NAMES)

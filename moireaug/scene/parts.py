@@ -3,7 +3,7 @@ no tensors."""
 
 from __future__ import annotations
 
-from moireaug.scene.develop import DEMOSAICS, DENOISERS, RESIZES, Develop
+from moireaug.scene.develop import DEMOSAIC_NAMES, DENOISER_NAMES, RESIZES, Develop
 from moireaug.scene.fields import Part
 from moireaug.scene.lens import Lens
 from moireaug.scene.panel import Panel
@@ -12,8 +12,8 @@ from moireaug.scene.view import POSES, View
 
 __all__ = [
     "CFAS",
-    "DEMOSAICS",
-    "DENOISERS",
+    "DEMOSAIC_NAMES",
+    "DENOISER_NAMES",
     "EXPOSURES",
     "PARTS",
     "POSES",

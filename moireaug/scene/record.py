@@ -16,8 +16,7 @@ NOMINAL_SIZE = (224, 224)  # that a plan is for where none is given
 
 @dataclass(frozen=True, kw_only=True)
 class SceneRecord:
-    """The five parts of a `Scene` and its tolerance, checked. Effects judge by this record; users
-    hold a `Scene`.
+    """The five parts of a `Scene` and its tolerance, checked; users hold a `Scene`.
 
     Raises:
         ValueError, TypeError: a value out of its range, with what was got and what is allowed.
@@ -77,6 +76,11 @@ class SceneRecord:
         return "binned" if self.is_binned_bayer else self.sensor.cfa
 
     @property
+    def shows_pattern(self) -> bool:
+        """Whether the exposure may show the panel's pattern, and not its mean light alone."""
+        return self.sensor.exposure != "mean"
+
+    @property
     def is_solid(self) -> bool:
         """Whether panel pixels always emit all colours over their whole area."""
         panel = self.panel
@@ -129,16 +133,16 @@ class SceneRecord:
         shortest = 2 ** self.octave(size)
         return low / (2 * shortest), high / shortest
 
-    def at(self, size: tuple[int, int] = NOMINAL_SIZE) -> SceneRecord:
+    def at(self, size: tuple[int, int] = NOMINAL_SIZE) -> SizedScene:
         """Return the scene for pictures of `size` (height, width), and of all sizes in the same
-        octave: with `Panel.scale` in place of `Panel.width`, and, where the reading is binned, as
-        such.
+        octave.
 
         Raises:
             ValueError: a `Panel.width` of far fewer panel pixels than the picture has.
         """
+        parts = {name: getattr(self, name) for name in (*PARTS, "tolerance")}
         if not bounds(self.panel.width)[1]:
-            return self
+            return SizedScene(**parts)
         scales = self.panel_scales(size)
         if scales[0] < LEAST_PANEL_SCALE:
             least = bounds(self.panel.width)[0] * LEAST_PANEL_SCALE / scales[0]
@@ -146,11 +150,10 @@ class SceneRecord:
                 f"Panel.width must be at least {least:g} panel pixels for pictures of {size[0]} x "
                 f"{size[1]}; got {self.panel.width!r}. Raise it, or make the pictures smaller."
             )
-        changed = {name: getattr(self, name) for name in (*PARTS, "tolerance")}
-        changed["panel"] = replace(self.panel, width=0.0, scale=scales)
+        parts["panel"] = replace(self.panel, width=0.0, scale=scales)
         reading = "binned" if self.is_binned else "full"
-        changed["sensor"] = replace(self.sensor, reading=reading)
-        return SceneRecord(**changed)
+        parts["sensor"] = replace(self.sensor, reading=reading)
+        return SizedScene(**parts)
 
     def _check_reading(self) -> None:
         """Refuse a full reading of scenes that have no one number of sensor pixels, and what a
@@ -201,7 +204,7 @@ class SceneRecord:
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers, strings and pairs, fit for JSON and YAML; `Scene.from_dict` is the
         inverse."""
-        return _plain(asdict(self))
+        return _with_lists(asdict(self))
 
     def as_json(self) -> str:
         """Return `to_dict` as JSON. Made once: torch.compile finds it ready, and guards it."""
@@ -212,10 +215,16 @@ class SceneRecord:
         return text
 
 
-def _plain(value: Any) -> Any:
+@dataclass(frozen=True, kw_only=True)
+class SizedScene(SceneRecord):
+    """A scene for pictures of one octave of sizes, which effects judge by: with `Panel.scale` in
+    place of `Panel.width`, and, where the reading is binned, as such."""
+
+
+def _with_lists(value: Any) -> Any:
     """Return a value with lists for tuples, all the way down: YAML knows no tuples."""
     if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
+        return {key: _with_lists(inner) for key, inner in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_plain(inner) for inner in value]
+        return [_with_lists(inner) for inner in value]
     return value

@@ -49,10 +49,10 @@ def reading_errors(name):
     shot = SCENES[name].sample(2, SIZE, torch.Generator().manual_seed(3))
     images = torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(4))
     expected, errors = pipeline.expose(images.double(), shot), {}
-    exposure, beats = lower_exposure(shot, decoded=False)
+    exposure, view = lower_exposure(shot, decoded=False)
     for tolerance in (MAX_TOLERANCE, DEFAULT, DEFAULT / 8):
         lowered = exposure._replace(budget=ErrorBudget.of(tolerance))
-        difference = run.launch_expose(images, False, lowered, beats)[0].double() - expected
+        difference = run.launch_expose(images, False, lowered, view)[0].double() - expected
         errors[tolerance] = float(difference.square().mean().sqrt())
     return errors
 
@@ -69,7 +69,7 @@ def test_a_loose_budget_is_seen():
     tolerance."""
     shot = SCENES["full readings"].sample(2, SIZE, torch.Generator().manual_seed(3))
     images = torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(4))
-    exposure, beats = lower_exposure(shot, decoded=False)
+    exposure, view = lower_exposure(shot, decoded=False)
     lowered = exposure._replace(budget=ErrorBudget.of(1.0))
-    loose = run.launch_expose(images, False, lowered, beats)[0]
+    loose = run.launch_expose(images, False, lowered, view)[0]
     assert (loose.double() - pipeline.expose(images.double(), shot)).abs().max() > DEFAULT / 8

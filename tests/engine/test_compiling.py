@@ -47,7 +47,7 @@ def compiled():
 
 def test_kernels_are_found():
     names = {source.stem for source in compiled()}
-    assert {"expose_kernels", "weights", "view", "random_numbers", "compiling"} <= names
+    assert {"expose_kernels", "footprint", "view", "random_numbers", "compiling"} <= names
 
 
 def test_all_sources_outside_the_kernels_folder_are_named():
@@ -91,8 +91,8 @@ def test_arrays_have_the_layout_that_kernels_are_compiled_for(glare, rows):
     """For another one, numba compiles them again."""
     scene = Scene(panel=Panel(glare=glare), view=View(roll=(-5, 5)))
     assert ("glare" in scene.plan()) == (glare > 0)
-    exposure, _ = lower_exposure(scene.sample(4, (8, 8))[rows], decoded=False)
-    arrays = [values for values in exposure if isinstance(values, np.ndarray)]
+    exposure, view = lower_exposure(scene.sample(4, (8, 8))[rows], decoded=False)
+    arrays = [values for values in (*exposure, *view) if isinstance(values, np.ndarray)]
     assert len(arrays) == 11 and all(values.flags.c_contiguous for values in arrays)
 
 

@@ -89,8 +89,8 @@ def test_another_record_has_another_gradient(monkeypatch):
     expected, _ = gradient(expose, images, shot)
 
     def moved(shot, decoded):
-        exposure, beats = lower_exposure(shot, decoded=decoded)
-        return exposure._replace(cameras=exposure.cameras * (1 + 1e-3)), beats
+        exposure, view = lower_exposure(shot, decoded=decoded)
+        return exposure._replace(cameras=exposure.cameras * (1 + 1e-3)), view
 
     monkeypatch.setattr("moireaug.engine.lower.exposure.lower_exposure", moved)
     assert error(gradient(expose, images, shot)[0], expected) > 2 * MAX_ERROR

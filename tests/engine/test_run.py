@@ -11,7 +11,6 @@ import torch
 
 from moireaug import Scene, capture, develop, expose
 from moireaug.engine.cpu import (
-    ahead,
     compiling,
     first_use,
     launch_develop,
@@ -141,7 +140,7 @@ def test_the_first_call_on_a_machine_is_announced_once(tmp_path, monkeypatch):
     said = []
     monkeypatch.setattr(first_use, "announce", said.append)
     monkeypatch.setattr(compiling, "folder", lambda: str(tmp_path))
-    monkeypatch.setattr(ahead, "start", lambda folder: said.append(folder))
+    monkeypatch.setattr(first_use, "compile_ahead", lambda folder: said.append(folder))
     first_use.prepare.cache_clear()
     first_use.prepare()
     first_use.prepare()
@@ -169,13 +168,13 @@ def started(monkeypatch):
             commands.append(command)
 
     monkeypatch.setattr(subprocess, "Popen", Process)
-    monkeypatch.setattr(ahead.atexit, "register", lambda *_: None)
+    monkeypatch.setattr(first_use.atexit, "register", lambda *_: None)
     return commands
 
 
 def test_one_process_compiles_ahead_for_a_folder_of_kernels(tmp_path, started):
-    ahead.start(str(tmp_path))
-    ahead.start(str(tmp_path))
+    first_use.compile_ahead(str(tmp_path))
+    first_use.compile_ahead(str(tmp_path))
     assert [command[0] for command in started] == [sys.executable]
 
 
@@ -184,13 +183,13 @@ def test_nothing_is_compiled_ahead_by_a_program_that_embeds_python(
     tmp_path, started, monkeypatch, program
 ):
     monkeypatch.setattr(sys, "executable", program)
-    ahead.start(str(tmp_path))
+    first_use.compile_ahead(str(tmp_path))
     assert not started
 
 
 def test_nothing_is_compiled_ahead_where_kernels_are_not_kept(tmp_path, started):
-    ahead.start(None)
-    ahead.start(str(tmp_path / "gone"))
+    first_use.compile_ahead(None)
+    first_use.compile_ahead(str(tmp_path / "gone"))
     assert not started
 
 
@@ -202,7 +201,7 @@ def test_what_is_compiled_ahead_is_what_is_called(tmp_path):
 from moireaug.engine.cpu import develop_kernels as kernels
 print([len(k.stats.cache_misses) for k in (kernels.develop_kernel, kernels.develop_back_kernel)])
 """
-    given = [a + count if a == ahead.PROGRAM else a for a in ahead.PYTHON_ARGUMENTS]
+    given = [a + count if a == first_use.PROGRAM else a for a in first_use.PYTHON_ARGUMENTS]
     command = [sys.executable, *given]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.stdout == "[0, 0]\n", done.stderr

@@ -22,7 +22,6 @@ def filled():
             np.empty(most + 2 * tap_weights.cubic_margin(farthest * phases.max())),
             np.empty(most),
             np.empty(phases.max() // 2 + 1),
-            np.empty(4),
         )
         tap_weights.fill_node(out, blur, widths, RADIUS, phases, TAPS, scratch)
 

@@ -62,8 +62,8 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "sensor.cfa": parts.CFAS,
     "sensor.exposure": parts.EXPOSURES,
     "sensor.bits": (None, *range(1, 17)),
-    "develop.demosaic": parts.DEMOSAICS,
-    "develop.denoise": (None, *parts.DENOISERS),
+    "develop.demosaic": parts.DEMOSAIC_NAMES,
+    "develop.denoise": (None, *parts.DENOISER_NAMES),
     "develop.resize": parts.RESIZES,
 }
 # fields that exclude each other: a scene that states the first has no control of the second

@@ -104,10 +104,8 @@ def _fill_side_ranges(out, sides):
         out[j, 0] = out[j, 1] = sides[0, 0, j]
         for r in range(rows):
             for c in range(cols):
-                out[j, 0], out[j, 1] = (
-                    min(out[j, 0], sides[r, c, j]),
-                    max(out[j, 1], sides[r, c, j]),
-                )
+                out[j, 0] = min(out[j, 0], sides[r, c, j])
+                out[j, 1] = max(out[j, 1], sides[r, c, j])
 
 
 @inner

@@ -24,7 +24,7 @@ from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.nodes import bracket, fill_cubics, node_line
 from moireaug.engine.cpu.records import Terms
 from moireaug.engine.cpu.rows import U, V, X, Y
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.vectors import add, peek, poke
 
 ONE, ZERO = np.float32(1), np.float32(0)
 
@@ -46,7 +46,7 @@ def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
                     for i in range(4):
                         value = amplitude[r, j + i, strong[t], plane]
                         peak[r, t] = max(peak[r, t], abs(value) * strength[t])
-                        harmonics.add_scaled(line[low:high], weight[i, low:high], value)
+                        add(line[low:high], weight[i, low:high], value)
 
 
 @inner
@@ -101,17 +101,8 @@ def terms_of(b, i, camera, filters, size, sites, budget):
     _fill_lines(lines, peak, amplitude, strong, ends, weight, shown)
     wave, sign = np.empty((len(strong), 5), np.float64), np.empty((len(strong), 2), np.float32)
     _fill_waves(wave, sign, terms, strong, cycles, camera.scale_u, size)
-    lost_variance = lost_pattern_variance(b, i, filters, camera, table, steps)
-    least = budget.beat_amplitude
-    return Terms(harmonic, wave, sign, lines, peak, least, step_v, lost_variance)
-
-
-@inner
-def _cubic(t):
-    """Return the weights of values at 0, 1, 2 and 3 in the cubic through them at t, float32."""
-    a, b, c, d = t, t - 1, t - 2, t - 3
-    outer, inner_ = np.float32(-b * c * d / 6), np.float32(a * c * d / 2)
-    return outer, inner_, np.float32(-a * b * d / 2), np.float32(a * b * c / 6)
+    lost = lost_pattern_variance(b, i, filters, camera, table, steps)
+    return Terms(harmonic, wave, sign, lines, peak, budget.beat_amplitude, step_v, lost)
 
 
 @inner
@@ -153,7 +144,7 @@ def modulate(out, work, terms, pattern, passes, position, v, first_row):
     w = out.shape[2]
     fill(out.reshape(-1), ZERO)
     node, t = bracket(v, first_row, terms.step_v, len(terms.lines), 3)
-    four = _cubic(t)
+    four = harmonics.cubic_weights32(t)
     d, cos, sin, coloured, green = work[0], work[1], work[2], work[3], work[4]
     for i in range(len(terms.harmonic)):
         most = max(

@@ -60,7 +60,7 @@ def work_of(w, planes, image):
     for i in range(3):
         for j in range(3):
             passes[i, j] = image.filters[i, j] != 0
-            forward[i, j] = back[3 * i + j]
+            forward[i, j] = back[i][j]
     factor, per_square = undistortion(image.sensor.k1, image.sensor.k2)
     every_colour = np.ones((3, 3))  # in the irradiance; filters come after the beats
     return _Work(
@@ -99,8 +99,9 @@ def flicker(light, bands, v, height):
 
 
 @inner
-def _add_modulated(light, content, modulation, passed, mean):
-    """Add a row of content, modulated, to the light; passed: of it by the colour filter."""
+def add_modulated(light, content, modulation, passed, mean):
+    """Add a row of content, modulated, to the light, or a row of light's gradient to the content's;
+    passed: of it by the colour filter."""
     for i in range(len(light)):
         light[i] += content[i] * (passed * (mean + modulation[i]))
 
@@ -131,7 +132,7 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
                 if passes[colour, channel]:
                     passed, beat = image.filters[colour, channel], modulation[colour, channel]
                     content, mean = row.irradiance[channel], pattern.mean[channel]
-                    _add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
+                    add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
             if len(image.flicker) > 0:
                 flicker(light, image.flicker, position[V], h)
             reflect(light, position[U], position[V], image.white[plane], image.camera)
@@ -139,10 +140,8 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
             out, away = raw[plane, r], pattern.lost_noise_variance
             add_noise(light, slope[plane, r], (plane * h + r) * w, image.readout, noise, bits)
             if image.readout.clips:
-                lost_pattern_variance = (
-                    image.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
-                )
-                clip_mean(out, light, slope[plane, r], away[0], away[1], lost_pattern_variance)
+                lost = image.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
+                clip_mean(out, light, slope[plane, r], away[0], away[1], lost)
             else:
                 copy(out, light)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.cpu import beats, stencil
-from moireaug.engine.cpu.binned import flicker, locate, work_of
+from moireaug.engine.cpu.binned import add_modulated, flicker, locate, work_of
 from moireaug.engine.cpu.compiling import fill, inner, once, part
 from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import BackWork, panel_irradiance_back
@@ -17,13 +17,6 @@ from moireaug.engine.cpu.sensor import attenuate, read_back
 from moireaug.engine.cpu.view import look
 
 ZERO = np.float32(0)
-
-
-@inner
-def _add_content_back(content, light, modulation, passed, mean):
-    """Add the gradient in a row of content from that in its light, by one colour filter."""
-    for i in range(len(light)):
-        content[i] += light[i] * (passed * (mean + modulation[i]))
 
 
 @inner
@@ -75,7 +68,7 @@ def _expose_rows_back(panel_grad, grad, slope, image, bins, work):
                 if passes[colour, channel]:
                     passed, mean = image.filters[colour, channel], pattern.mean[channel]
                     content, beat = row.irradiance[channel], modulation[colour, channel]
-                    _add_content_back(content, light, beat, np.float32(passed), np.float32(mean))
+                    add_modulated(content, light, beat, np.float32(passed), np.float32(mean))
         if image.stencil.taps > 0:
             content, line = row.irradiance, lines[0]
             _stencil_back(panel_grad, content, line, image.stencil, image.cell, sites, r)

@@ -134,7 +134,7 @@ def _code(out, gain, tone):
 
 
 @inner
-def _colours(colours, ring, y, h, stencil, rows):
+def _colours(colours, ring, y, h, demosaic, rows):
     """Fill the workspace's colours with those of cell row y, from the prepared rows in its ring."""
     for site in range(SITES_PER_CELL):
         if not is_read(rows, 2 * y + site // 2):
@@ -144,12 +144,12 @@ def _colours(colours, ring, y, h, stencil, rows):
             fill(colour, ZERO)
             for dy in range(-1, 2):
                 row = min(max(y + dy, 0), h - 1) % 3
-                first = stencil.first[site, channel, dy + 1]
-                count = stencil.count[site, channel, dy + 1]
+                first = demosaic.first[site, channel, dy + 1]
+                count = demosaic.count[site, channel, dy + 1]
                 if not count:
                     continue
-                weight = stencil.weight[first : first + count]
-                add_sum(colour, weight, ring[row], stencil.offset[first : first + count])
+                weight = demosaic.weight[first : first + count]
+                add_sum(colour, weight, ring[row], demosaic.offset[first : first + count])
 
 
 @inner

@@ -27,6 +27,7 @@ CONSTANT_SOURCES = (
     "engine/lower/budget.py",
     "engine/lower/development_records.py",
     "engine/lower/exposure_records.py",
+    "engine/lower/jacobian.py",
     "exposure/footprint.py",
     "exposure/displayed.py",
     "geometry/distortion.py",

@@ -6,26 +6,9 @@ import numpy as np
 
 from moireaug.engine.cpu.codes import codes_of_row, is_read, workspace
 from moireaug.engine.cpu.compiling import fill, inner, part
-from moireaug.engine.cpu.vectors import add, peek, poke
+from moireaug.engine.cpu.vectors import add, gather, peek, poke
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
-
-
-@inner
-def gather(out, row, index, weight):
-    """Fill out (n,) with sums over taps of weight[t] * row[index[t]]."""
-    for t in range(len(index)):
-        _add_gathered(out, row, index[t], weight[t], t == 0)
-
-
-@inner
-def _add_gathered(out, row, index, weight, first):
-    if first:
-        for i in range(len(out)):
-            poke(out, i, peek(weight, i) * peek(row, peek(index, i)))
-    else:
-        for i in range(len(out)):
-            poke(out, i, out[i] + peek(weight, i) * peek(row, peek(index, i)))
 
 
 @inner

@@ -9,9 +9,8 @@ import numpy as np
 
 from moireaug.engine.cpu.codes import SITES_PER_CELL, is_read, light_of_row, mix_row, workspace
 from moireaug.engine.cpu.compiling import fill, inner, part
-from moireaug.engine.cpu.develop import gather
 from moireaug.engine.cpu.srgb import encode_and_slope
-from moireaug.engine.cpu.vectors import add
+from moireaug.engine.cpu.vectors import add, gather
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 TWO, SIX = np.float32(2), np.float32(6)
@@ -131,7 +130,7 @@ def _light_back(gradients, photo_grad, y, codes, work):
 @inner
 def _demosaic_back(gradients, y, h, codes, work):
     """Add the gradient in the colours of cell row y to that in the rows they are made from."""
-    w, stencil = work.width, codes.demosaic
+    w, demosaic = work.width, codes.demosaic
     for site in range(SITES_PER_CELL):
         if not is_read(codes.rows, 2 * y + site // 2):
             continue
@@ -139,10 +138,10 @@ def _demosaic_back(gradients, y, h, codes, work):
             colour = gradients.colours[site, channel, :w]
             for dy in range(-1, 2):
                 target = gradients.ring[min(max(y + dy, 0), h - 1) % 3]
-                first = stencil.first[site, channel, dy + 1]
-                for tap in range(first, first + stencil.count[site, channel, dy + 1]):
-                    offset = stencil.offset[tap]
-                    add(target[offset : offset + w], colour, stencil.weight[tap])
+                first = demosaic.first[site, channel, dy + 1]
+                for tap in range(first, first + demosaic.count[site, channel, dy + 1]):
+                    offset = demosaic.offset[tap]
+                    add(target[offset : offset + w], colour, demosaic.weight[tap])
 
 
 @inner

@@ -17,7 +17,7 @@ ZERO = np.float32(0)
 def _way_back(registration, i):
     """Return the homography, k1 and k2 of image i."""
     k1, k2 = registration.lens[i]
-    return registration.views[i], k1, k2
+    return registration.forward[i], k1, k2
 
 
 def photo_size(d) -> int:
@@ -32,22 +32,22 @@ def _fill_photo(out, raw, d, i, top, bottom):
     photo, in_camera = out.photos[i], out.photos[i]
     highest, lowest = top, bottom
     if d.registers:
-        view, k1, k2 = _way_back(d.registration, i)
+        forward, k1, k2 = _way_back(d.registration, i)
         in_camera = out.in_camera[: 3 * h * w].reshape(3, h, w)
-        highest, lowest = rows_read(view, k1, k2, h, w, top, bottom)
+        highest, lowest = rows_read(forward, k1, k2, h, w, top, bottom)
     if d.finishes:
         unclipped = out.unclipped[i : i + 1]
         finish.finish_image(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)
     else:
         develop_image(in_camera, raw, d.codes, i, highest, lowest)
     if d.registers:
-        register(photo, out.in_camera, view, k1, k2, top, bottom)
+        register(photo, out.in_camera, forward, k1, k2, top, bottom)
 
 
 @kernel
 def develop_kernel(out, raw, d, first, last, top, bottom):
     """Fill rows `top` to `bottom` of the photos from `first` to `last` from raw (B, planes, h, w)
-    float32; out, d: see `records.Photos` and `Development`."""
+    float32; out: see `records.Photos`, d: from `develop_arrays`."""
     for i in range(first, last):
         _fill_photo(out, raw[i], d, i, top, bottom)
 
@@ -57,9 +57,9 @@ def _fill_raw_grad(raw_grad, grad, in_camera, unclipped, raw, d, i):
     """Fill raw_grad with the gradient in image i's raw, from that in its photo."""
     h, w = d.size
     if d.registers:
-        view, k1, k2 = _way_back(d.registration, i)
+        forward, k1, k2 = _way_back(d.registration, i)
         fill(in_camera, ZERO)
-        register_back(in_camera, grad, view, k1, k2)
+        register_back(in_camera, grad, forward, k1, k2)
         grad = in_camera[: 3 * h * w].reshape(3, h, w)
     if d.finishes:
         h, w = d.detail.size
@@ -75,7 +75,7 @@ def develop_back_kernel(raw_grad, photo_grad, in_camera, unclipped, raw, d, firs
 
     Args:
         in_camera: (`photo_size`(d),) float32, workspace. unclipped: what `develop_kernel` filled.
-        d: see `development_records.Development`.
+        d: as in `develop_kernel`.
     """
     for i in range(first, last):
         _fill_raw_grad(raw_grad[i], photo_grad[i], in_camera, unclipped, raw[i], d, i)

@@ -38,30 +38,32 @@ def show_back_kernel(grads, shown_grads, light_grad, pictures, e, first, last):
 
 
 @kernel
-def expose_full_back_kernel(shown_grads, raw_grads, slopes, e, first, last):
+def expose_full_back_kernel(shown_grads, raw_grads, slopes, e, view, first, last):
     """Fill the gradients from `first` to `last` in what `show_kernel` fills, from those in readings
     (B, planes, h, w); slopes: as `expose_full_kernel` filled them."""
     for i in range(first, last):
-        image, shown_grad = full_image(e, i), shown_grads[i - first]
+        image, shown_grad = full_image(e, view, i), shown_grads[i - first]
         fill(shown_grad, ZERO)
         panel_grad = panel_of(shown_grad, image.camera.alpha, e)
         full_back.expose_full_image_back(panel_grad, raw_grads[i], slopes[i], image)
 
 
 @kernel
-def expose_binned_back_kernel(shown_grads, raw_grads, slopes, e, b, first, last):
+def expose_binned_back_kernel(shown_grads, raw_grads, slopes, e, view, first, last):
     """Do the same as `expose_full_back_kernel` for binned readings."""
     for i in range(first, last):
-        image, shown_grad = binned_image(e, b, i), shown_grads[i - first]
+        image, shown_grad = binned_image(e, view, i), shown_grads[i - first]
         fill(shown_grad, ZERO)
         panel_grad = panel_of(shown_grad, image.camera.alpha, e)
         binned_back.expose_binned_image_back(panel_grad, raw_grads[i], slopes[i], image)
 
 
 @kernel
-def expose_point_back_kernel(grads, light_grad, raw_grads, slopes, pictures, e, first, last):
+def expose_point_back_kernel(grads, raw_grads, slopes, pictures, e, view, first, last):
     """Fill the gradients from `first` to `last` in pictures (B, 3, H, W) float32, from those in
-    readings at points of the panel; light_grad: (3, H, W) float32, workspace."""
+    readings at points of the panel."""
+    light_grad = np.empty((3, e.size[0], e.size[1]), np.float32)
     for i in range(first, last):
-        point_back.expose_point_image_back(light_grad, raw_grads[i], slopes[i], point_image(e, i))
+        image = point_image(e, view, i)
+        point_back.expose_point_image_back(light_grad, raw_grads[i], slopes[i], image)
         _picture_back(grads[i], light_grad, pictures, e, i)

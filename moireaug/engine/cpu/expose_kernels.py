@@ -30,9 +30,10 @@ def camera_of(row):
 
 
 @kernel
-def views_fit(e):
-    """Return for each image whether the kernels can follow its view, (B,) bool; e: see
-    `exposure_records.Exposure`.
+def views_fit(e, view):
+    """Return for each image whether the kernels can follow its view, (B,) bool.
+
+    e: see `exposure_records.Exposure`. view: a FullView.
 
     The reference takes views near the horizon, and panels of far more pixels than the sensor.
     """
@@ -44,10 +45,10 @@ def views_fit(e):
         h, w = panel.shape(e.size, camera.alpha, e.cell)
         out[i] = h * w <= most and nodes.can_follow_view(
             camera,
-            camera_of(e.lenses[i]),
+            camera_of(view.lenses[i]),
             e.cell,
-            e.widths[i],
-            e.added_variance[i],
+            view.widths[i],
+            view.added_variance[i],
             e.sites,
             e.dark,
             e.budget,
@@ -92,10 +93,12 @@ def show_kernel(shown, light, pictures, e, first, last):
 
 
 @part
-def _nodes(camera, cell, e, i):
-    """Return the Nodes of image i."""
-    lens, shapes = camera_of(e.lenses[i]), (e.coefficients[i], e.widths[i], e.added_variance[i])
-    return nodes.nodes_of(camera, lens, cell, shapes[0], shapes[1], shapes[2], e.sites, e.budget)
+def _nodes(camera, cell, e, view, i):
+    """Return the Nodes of image i; view: a FullView."""
+    lens, widths, added_variance = camera_of(view.lenses[i]), view.widths[i], view.added_variance[i]
+    return nodes.nodes_of(
+        camera, lens, cell, view.coefficients[i], widths, added_variance, e.sites, e.budget
+    )
 
 
 @part
@@ -112,36 +115,38 @@ def _size_on_panel(alpha, e):
 
 
 @part
-def full_image(e, i):
-    """Return the FullImage of image i."""
+def full_image(e, view, i):
+    """Return the FullImage of image i; view: a FullView."""
     camera = camera_of(e.cameras[i])
     return FullImage(
-        camera, _size_on_panel(camera.alpha, e), e.cell, _nodes(camera, e.cell, e, i), e.sites,
-        e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
+        camera, _size_on_panel(camera.alpha, e), e.cell, _nodes(camera, e.cell, e, view, i),
+        e.sites, e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
 
 @kernel
-def expose_full_kernel(raw, slopes, shown, e, span):
+def expose_full_kernel(raw, slopes, shown, e, view, span):
     """Fill a part of raw (B, planes, h, w) float32 with the readings of pictures, from what
     `show_kernel` filled shown with.
 
-    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. span: a `records.Span`.
+    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. view: a FullView. span: a
+    `records.Span`.
     """
     for i in range(span.first, span.last):
-        image = full_image(e, i)
+        image = full_image(e, view, i)
         panel = panel_of(shown[i - span.first], image.camera.alpha, e)
         expose_full_image(raw[i], slopes[i], panel, image, span.top, span.bottom)
 
 
 @part
-def _content(camera, sensor, cell, e, i):
-    """Return the Nodes and the BinStencil of image i of a binned reading: one of them is empty."""
+def _content(camera, sensor, cell, e, view, i):
+    """Return the Nodes and the BinStencil of image i of a binned reading: one of them is empty;
+    view: of the picture, a FullView."""
     if not stencil.has_stencil(camera, sensor):
-        return _nodes(camera, cell, e, i), stencil.no_stencil()
-    none, lens = nodes.no_nodes(len(e.widths[i])), camera_of(e.lenses[i])
+        return _nodes(camera, cell, e, view, i), stencil.no_stencil()
+    none, lens = nodes.no_nodes(len(view.widths[i])), camera_of(view.lenses[i])
     return none, stencil.stencil_of(
-        camera, lens, cell, e.widths[i], e.added_variance[i], e.sites, e.budget
+        camera, lens, cell, view.widths[i], view.added_variance[i], e.sites, e.budget
     )
 
 
@@ -168,12 +173,13 @@ def beats_fit(e, b):
 
 
 @part
-def binned_image(e, b, i):
-    """Return the BinnedImage of image i."""
+def binned_image(e, view, i):
+    """Return the BinnedImage of image i; view: a BinnedView."""
+    b = view.beats
     camera, cell = camera_of(e.cameras[i]), _cell_of(e.cell, b.centres[i])
     sensor = camera_of(b.cameras[i])
     pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer)
-    content = _content(camera, sensor, cell, e, i)
+    content = _content(camera, sensor, cell, e, view.picture, i)
     terms = beats.terms_of(b, i, sensor, e.filters[i], e.size, e.sites, e.budget)
     return BinnedImage(
         camera, sensor, _size_on_panel(camera.alpha, e), cell, content[0], content[1], e.sites,
@@ -183,29 +189,31 @@ def binned_image(e, b, i):
 
 
 @kernel
-def expose_binned_kernel(raw, slopes, shown, e, b, span):
-    """Fill a part of raw (B, planes, h, w) float32 with the binned readings of pictures; b: see
-    `exposure_records.Beats`. The rest as in `expose_full_kernel`."""
+def expose_binned_kernel(raw, slopes, shown, e, view, span):
+    """Fill a part of raw (B, planes, h, w) float32 with the binned readings of pictures; view: a
+    BinnedView. The rest as in `expose_full_kernel`."""
     for i in range(span.first, span.last):
-        image = binned_image(e, b, i)
+        image = binned_image(e, view, i)
         panel = panel_of(shown[i - span.first], image.camera.alpha, e)
         expose_binned_image(raw[i], slopes[i], panel, image, span.top, span.bottom)
 
 
 @part
-def point_image(e, i):
-    """Return the PointImage of image i."""
+def point_image(e, view, i):
+    """Return the PointImage of image i; view: a PointView."""
     camera = camera_of(e.cameras[i])
     return PointImage(
-        camera, e.cell, e.point, e.point.lit[i], e.sites,
+        camera, e.cell, view, view.lit[i], e.sites,
         e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i), e.dark,
     )  # fmt: skip
 
 
 @kernel
-def expose_point_kernel(raw, slopes, light, pictures, e, first, last):
+def expose_point_kernel(raw, slopes, pictures, e, view, first, last):
     """Fill raw (B, planes, h, w) float32 with the readings of the pictures from `first` to `last`
-    at points of the panel; arguments as in `show_kernel` and `expose_full_kernel`."""
+    at points of the panel; view: a PointView. The rest as in `show_kernel` and
+    `expose_full_kernel`."""
+    light = np.empty((3, e.size[0], e.size[1]), np.float32)
     for i in range(first, last):
         _fill_light(light, pictures, e, i)
-        expose_point_image(raw[i], slopes[i], light, point_image(e, i))
+        expose_point_image(raw[i], slopes[i], light, point_image(e, view, i))

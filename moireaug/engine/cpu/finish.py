@@ -21,8 +21,8 @@ from moireaug.engine.cpu.detail import (
     rows_at_once,
     rows_needed,
 )
-from moireaug.engine.cpu.develop import clear, clip, gather, resize_along_row, source_rows
-from moireaug.engine.cpu.vectors import add
+from moireaug.engine.cpu.develop import clear, clip, resize_along_row, source_rows
+from moireaug.engine.cpu.vectors import add, gather
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 

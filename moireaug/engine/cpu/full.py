@@ -12,9 +12,8 @@ from moireaug.engine.cpu.irradiance import panel_irradiance
 from moireaug.engine.cpu.nodes import bracket
 from moireaug.engine.cpu.rows import LIGHT, NOISE, NOISE_BITS, Places, Row, V, places_of, row_of
 from moireaug.engine.cpu.sensor import attenuate, read, reflect
-from moireaug.engine.cpu.tap_weights import weights_per_node
+from moireaug.engine.cpu.tap_weights import blend, weights_per_node
 from moireaug.engine.cpu.vectors import add
-from moireaug.engine.cpu.weights import blend
 from moireaug.engine.lower.budget import MIN_BANDS
 
 ZERO = np.float32(0)

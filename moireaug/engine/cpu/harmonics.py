@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from moireaug.engine.cpu.compiling import fill, inner, loop
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.vectors import add, peek, poke
 
 KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
@@ -29,12 +29,17 @@ C0, C1, C2, C3, C4 = COS_SERIES
 
 
 @inner
-def lagrange(out, t):
-    """Fill out (4,) with the weights of values at 0, 1, 2 and 3 in the cubic through them at t."""
-    out[0] = -(t - 1) * (t - 2) * (t - 3) / 6
-    out[1] = t * (t - 2) * (t - 3) / 2
-    out[2] = -t * (t - 1) * (t - 3) / 2
-    out[3] = t * (t - 1) * (t - 2) / 6
+def cubic_weights(t):
+    """Return the weights of values at 0, 1, 2 and 3 in the cubic through them at t, float64."""
+    a, b, c, d = t, t - 1, t - 2, t - 3
+    return -b * c * d / 6, a * c * d / 2, -a * b * d / 2, a * b * c / 6
+
+
+@inner
+def cubic_weights32(t):
+    """Return `cubic_weights` as float32."""
+    a, b, c, d = cubic_weights(t)
+    return np.float32(a), np.float32(b), np.float32(c), np.float32(d)
 
 
 @loop
@@ -77,13 +82,6 @@ def terms_of(amplitude, least):
 
 
 @inner
-def add_scaled(out, weight, value):
-    """Add a row (n,) times a value to out (n,)."""
-    for i in range(len(out)):
-        poke(out, i, out[i] + peek(weight, i) * value)
-
-
-@inner
 def interpolate_to_pixels(out, amplitude, terms, ends, weight):
     """Fill out (rows, T * n) float32 with each term's amplitude at n pixels of each row of nodes.
 
@@ -103,7 +101,7 @@ def interpolate_to_pixels(out, amplitude, terms, ends, weight):
                 low, high = ends[j], ends[j + 1]
                 for i in range(4):
                     value = amplitude[r, j + i, kind, k, l]
-                    add_scaled(line[low:high], weight[i, low:high], value)
+                    add(line[low:high], weight[i, low:high], value)
 
 
 @inner
@@ -153,23 +151,22 @@ def row_amplitudes(even, odd, terms, kind, lines, weight, cos_y, sin_y):
     kind of subpixel.
 
     Args:
-        lines: (4, T * n), each term's amplitude on four rows of nodes. weight: (4,) float32, of
-            their cubic.
+        lines: (4, T * n), each term's amplitude on four rows of nodes. weight: of the four, from
+            `cubic_weights32`.
         cos_y, sin_y: (L + 1, n), from `fill_waves`.
     """
     n = even.shape[1]
     fill(even.reshape(-1), ZERO)
     fill(odd.reshape(-1), ZERO)
-    four = weight[0], weight[1], weight[2], weight[3]
     for i in range(len(terms)):
         if terms[i, KIND] != kind:
             continue
         k, l, a, b = terms[i, K], terms[i, L], i * n, (i + 1) * n
         first, second, third, fourth = lines[0, a:b], lines[1, a:b], lines[2, a:b], lines[3, a:b]
         if terms[i, SINE]:
-            _add(odd[k], first, second, third, fourth, four, sin_y[l])
+            _add(odd[k], first, second, third, fourth, weight, sin_y[l])
         else:
-            _add(even[k], first, second, third, fourth, four, cos_y[l])
+            _add(even[k], first, second, third, fourth, weight, cos_y[l])
 
 
 @inner

@@ -106,12 +106,12 @@ def _fill_weights_along_y(work, nodes, plane, kind):
 def _add_up_harmonics(row, nodes, sites, plane, kind, v):
     """Fill the harmonics along x of a kind's light at the pixels, those along y added up."""
     node, t = bracket(v, sites.rows[0], nodes.step_v, nodes.lines.shape[1], 3)
-    harmonics.lagrange(row.cubic, t)
+    cubic = harmonics.cubic_weights32(t)
     lines, orders = nodes.lines[sites.col[plane], node : node + 4], row.orders[kind]
     even, odd = row.wave[EVEN, :orders], row.wave[ODD, :orders]
     in_phase, quadrature = row.wave[IN_PHASE, :orders], row.wave[QUADRATURE, :orders]
     cos_y, sin_y = row.wave_y[COS_Y], row.wave_y[SIN_Y]
-    harmonics.row_amplitudes(even, odd, nodes.terms, kind, lines, row.cubic, cos_y, sin_y)
+    harmonics.row_amplitudes(even, odd, nodes.terms, kind, lines, cubic, cos_y, sin_y)
     harmonics.rotate_phase(in_phase, quadrature, even, odd, row.wave[COS_X], row.wave[SIN_X])
 
 

@@ -10,8 +10,7 @@ from torch import Tensor
 
 from moireaug.engine.cpu import develop_kernels as kernels
 from moireaug.engine.cpu.arrays import array_of, empty
-from moireaug.engine.cpu.first_use import prepare
-from moireaug.engine.cpu.layout import lay_out
+from moireaug.engine.cpu.develop_arrays import develop_arrays
 from moireaug.engine.cpu.records import Photos
 from moireaug.engine.cpu.threads import each, each_share, surplus
 from moireaug.engine.lower.development_records import Development
@@ -23,18 +22,17 @@ def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[
 
     saves: `launch_develop_back` will be called; else that tensor may be empty.
     """
-    prepare()
-    development = lay_out(development)
-    n, h = len(raw), development.size[0]
-    count = n if development.finishes and saves else 0
-    unclipped = torch.empty(count, 3, *development.detail.size, dtype=torch.uint8, device="cpu")
-    photo, readings = empty(n, 3, *development.size), array_of(raw)
+    arrays = develop_arrays(development)
+    n, h = len(raw), arrays.size[0]
+    count = n if arrays.finishes and saves else 0
+    unclipped = torch.empty(count, 3, *arrays.detail.size, dtype=torch.uint8, device="cpu")
+    photo, readings = empty(n, 3, *arrays.size), array_of(raw)
     filled = photo.numpy(), unclipped.numpy()
 
     def fill_photos(first: int, last: int, top: int = 0, bottom: int = h) -> None:
-        in_camera = np.zeros(kernels.photo_size(development), np.float32)
+        in_camera = np.zeros(kernels.photo_size(arrays), np.float32)
         out = Photos(filled[0], in_camera, filled[1])
-        kernels.develop_kernel(out, readings, development, first, last, top, bottom)
+        kernels.develop_kernel(out, readings, arrays, first, last, top, bottom)
 
     whole = n - surplus(n, h)
     each(fill_photos, whole)
@@ -48,12 +46,12 @@ def launch_develop_back(
 ) -> Tensor:
     """Return the gradient in the readings, from that in the photos and the tensor that
     `launch_develop` saved."""
-    out, development = empty(*raw.shape), lay_out(development)
+    out, arrays = empty(*raw.shape), develop_arrays(development)
     raw_grads, photo_grads, readings = out.numpy(), array_of(grad), array_of(raw)
 
     def fill_grads(first: int, last: int) -> None:
-        in_camera = np.empty(kernels.photo_size(development), np.float32)
-        given = in_camera, unclipped.numpy(), readings, development, first, last
+        in_camera = np.empty(kernels.photo_size(arrays), np.float32)
+        given = in_camera, unclipped.numpy(), readings, arrays, first, last
         kernels.develop_back_kernel(raw_grads, photo_grads, *given)
 
     each(fill_grads, len(raw))

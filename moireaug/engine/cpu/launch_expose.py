@@ -11,35 +11,37 @@ from torch import Tensor
 from moireaug.engine.cpu import expose_back_kernels as back_kernels
 from moireaug.engine.cpu import expose_kernels as kernels
 from moireaug.engine.cpu.arrays import array_of, empty
-from moireaug.engine.cpu.first_use import prepare, prepare_back
+from moireaug.engine.cpu.first_use import prepare_back
 from moireaug.engine.cpu.records import Span
 from moireaug.engine.cpu.threads import each, each_share, surplus
-from moireaug.engine.lower.exposure_records import Beats, Exposure
+from moireaug.engine.lower.exposure_records import (
+    BinnedView,
+    Exposure,
+    FullView,
+    PanelView,
+    PointView,
+)
 
 Reader = Callable[[np.ndarray, Span], None]  # fills a part of the readings from what is shown
+READING_KERNELS = {FullView: kernels.expose_full_kernel, BinnedView: kernels.expose_binned_kernel}
+READING_BACK_KERNELS = {
+    FullView: back_kernels.expose_full_back_kernel,
+    BinnedView: back_kernels.expose_binned_back_kernel,
+}
 SHOWN_VALUES_AT_ONCE = 2**16  # of small panels, which are filled before any is read
 
 
-def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
+def fits(exposure: Exposure, view: PanelView) -> np.ndarray:
     """Return for each image whether kernels can follow its view, (B,) bool; see
     `expose_kernels.views_fit`."""
-    cold = prepare()
-    if exposure.point:
+    if isinstance(view, PointView):
         return np.ones(len(exposure.cameras), bool)
-    fitting = kernels.views_fit(exposure)
-    if beats is not None and len(beats.orders):
-        fitting &= kernels.beats_fit(exposure, beats)
-    reading = kernels.expose_full_kernel if beats is None else kernels.expose_binned_kernel
-    if cold and fitting.any() and not reading.signatures:
-        # before `show_kernel`, which the other process compiles in the meantime
-        compile_expose(exposure, beats)
+    if isinstance(view, FullView):
+        return kernels.views_fit(exposure, view)
+    fitting = kernels.views_fit(exposure, view.picture)
+    if len(view.beats.orders):
+        fitting &= kernels.beats_fit(exposure, view.beats)
     return fitting
-
-
-def compile_expose(exposure: Exposure, beats: Beats | None) -> None:
-    """Compile the kernel of exposing, by exposing nothing."""
-    readings, shown = np.empty((0, 1, 0, 0), np.float32), np.empty((0, 0), np.float32)
-    _reader(readings, readings, exposure, beats)(shown, Span(0, 0, 0, 0))
 
 
 def compile_show(exposure: Exposure) -> None:
@@ -49,7 +51,7 @@ def compile_show(exposure: Exposure) -> None:
 
 
 def launch_expose(
-    picture: Tensor, saves: bool, exposure: Exposure, beats: Beats | None
+    picture: Tensor, saves: bool, exposure: Exposure, view: PanelView
 ) -> tuple[Tensor, Tensor]:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8, and
     a tensor that `launch_expose_back` takes: the readings' derivative in the light before noise and
@@ -57,20 +59,18 @@ def launch_expose(
 
     saves: `launch_expose_back` will be called; else that tensor is empty.
     """
-    prepare()
     sites, n = exposure.sites, len(picture)
     h, w = len(sites.rows) // sites.step, len(sites.cols) // sites.step
     raw, slopes = empty(n, len(sites.channel), h, w), empty(n, len(sites.channel), h, saves * w)
     arrays, pictures = (raw.numpy(), slopes.numpy()), array_of(picture)
-    if exposure.point:
+    if isinstance(view, PointView):
 
         def read_points(first: int, last: int) -> None:
-            light = _light_of(exposure)
-            kernels.expose_point_kernel(*arrays, light, pictures, exposure, first, last)
+            kernels.expose_point_kernel(*arrays, pictures, exposure, view, first, last)
 
         each(read_points, n)
         return raw, slopes
-    whole, read = n - surplus(n, h), _reader(*arrays, exposure, beats)
+    whole, read = n - surplus(n, h), _reader(*arrays, exposure, view)
     each(functools.partial(_read_images, read, pictures, exposure), whole)
     for i in range(whole, n):
         _share_image(read, pictures, exposure, i, h)
@@ -78,7 +78,7 @@ def launch_expose(
 
 
 def launch_expose_back(
-    grad: Tensor, picture: Tensor, slopes: Tensor, exposure: Exposure, beats: Beats | None
+    grad: Tensor, picture: Tensor, slopes: Tensor, exposure: Exposure, view: PanelView
 ) -> Tensor:
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings and what
     `launch_expose` saved."""
@@ -87,37 +87,32 @@ def launch_expose_back(
     grads, pictures, read_grads = out.numpy(), array_of(picture), (array_of(grad), slopes.numpy())
 
     def point_grads(first: int, last: int) -> None:
-        light = _light_of(exposure)
-        given = *read_grads, pictures, exposure, first, last
-        back_kernels.expose_point_back_kernel(grads, light, *given)
+        given = *read_grads, pictures, exposure, view, first, last
+        back_kernels.expose_point_back_kernel(grads, *given)
 
     def image_grads(first: int, last: int) -> None:
         """Fill the gradients of what the panel shows, then of pictures."""
         light, shown = _light_of(exposure), _shown_of(exposure)
         for start in range(first, last, len(shown)):
             end = min(start + len(shown), last)
-            if beats is None:
-                back_kernels.expose_full_back_kernel(shown, *read_grads, exposure, start, end)
-            else:
-                given = *read_grads, exposure, beats, start, end
-                back_kernels.expose_binned_back_kernel(shown, *given)
+            READING_BACK_KERNELS[type(view)](shown, *read_grads, exposure, view, start, end)
             back_kernels.show_back_kernel(grads, shown, light, pictures, exposure, start, end)
 
-    each(point_grads if exposure.point else image_grads, len(picture))
+    each(point_grads if isinstance(view, PointView) else image_grads, len(picture))
     return out
 
 
 def _reader(
-    readings: np.ndarray, slopes: np.ndarray, exposure: Exposure, beats: Beats | None
+    readings: np.ndarray, slopes: np.ndarray, exposure: Exposure, view: PanelView
 ) -> Reader:
-    """Return the Reader of some readings, full or binned."""
+    """Return the Reader of some readings, full or binned, whose kernel is compiled."""
+    kernel = READING_KERNELS[type(view)]
 
     def read(shown: np.ndarray, span: Span) -> None:
-        if beats is None:
-            kernels.expose_full_kernel(readings, slopes, shown, exposure, span)
-        else:
-            kernels.expose_binned_kernel(readings, slopes, shown, exposure, beats, span)
+        kernel(readings, slopes, shown, exposure, view, span)
 
+    if not kernel.signatures:  # before `show_kernel`, which another process compiles meanwhile
+        read(np.empty((0, 0), np.float32), Span(0, 0, 0, 0))
     return read
 
 

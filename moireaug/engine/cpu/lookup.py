@@ -45,7 +45,7 @@ def split_into_cells(offset, cell, position, centre, period, low, high):
 @inner
 def locate_taps(first, index, phase_share, offset, nearest, start, phases, taps):
     """Find each pixel's first tap along one axis, and its weights in a table of
-    `weights.tap_weight_tables`.
+    `tap_weights.weight_tables`.
 
     Args:
         first: (n,) int32, filled with the cell of the first tap. index, phase_share: (n,) int32 and

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.cpu import harmonics, optics, weights
+from moireaug.engine.cpu import footprint, harmonics, optics, tap_weights
 from moireaug.engine.cpu.compiling import fill, inner, loop, part
 from moireaug.engine.cpu.records import Nodes
 from moireaug.engine.cpu.view import jacobian
@@ -84,14 +84,14 @@ def _motion_change(rows, cols, camera, lens, axis_of_photo):
                 u, v = sample(cols, i, VIEW_SAMPLES), sample(rows, j, VIEW_SAMPLES)
                 u2, v2 = u, sample(rows, j + 1, VIEW_SAMPLES)
             by_camera = jacobian(u, v, camera)
-            here = weights.lens_jacobian(by_camera, u, v, camera, lens)
-            there = weights.lens_jacobian(jacobian(u2, v2, camera), u2, v2, camera, lens)
+            here = footprint.lens_jacobian(by_camera, u, v, camera, lens)
+            there = footprint.lens_jacobian(jacobian(u2, v2, camera), u2, v2, camera, lens)
             for axis in range(2):
                 x, y = 2 * axis, 2 * axis + 1
-                a = weights.motion_sigma(here[x], here[y], lens)
-                b = weights.motion_sigma(there[x], there[y], lens)
+                a = footprint.motion_sigma(here[x], here[y], lens)
+                b = footprint.motion_sigma(there[x], there[y], lens)
                 if a * b < 0:
-                    variance = weights.still_variance(
+                    variance = footprint.still_variance(
                         by_camera[x], by_camera[y], camera.fill, here[x], here[y], lens
                     )
                     most = max(most, abs(a - b) / math.sqrt(variance + MIN_BLUR_VARIANCE))
@@ -137,10 +137,10 @@ def _narrowed(rows, cols, camera, lens, cell, widths, added_variance):
         for j in range(BLUR_SAMPLES):
             u, v = sample(cols, j, BLUR_SAMPLES), sample(rows, i, BLUR_SAMPLES)
             for kind in range(len(widths)):
-                subpixel = weights.SubpixelSize(
+                subpixel = footprint.SubpixelSize(
                     cell.period[kind], widths[kind], added_variance[kind]
                 )
-                if weights.fill_blur(blur, u, v, camera, lens, subpixel, cell.radius):
+                if footprint.fill_blur(blur, u, v, camera, lens, subpixel, cell.radius):
                     return True
     return False
 
@@ -189,22 +189,23 @@ def fill_cubics(ends, weight, positions, first, step):
 
     first, step: the first node, and from one to the next.
     """
-    four, done = np.empty(4, np.float32), 0
+    done = 0
     for i in range(len(positions)):
         start, t = bracket(positions[i], first, step, len(ends) + 2, 3)
         while done <= start:
             ends[done] = i
             done += 1
-        harmonics.lagrange(four, t)
+        cubic = harmonics.cubic_weights32(t)
         for j in range(4):
-            weight[j, i] = four[j]
+            weight[j, i] = cubic[j]
     for j in range(done, len(ends)):
         ends[j] = len(positions)
 
 
 @part
 def nodes_of(camera, lens, cell, coefficients, widths, added_variance, sites, budget):
-    """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
+    """Return the Nodes of an image; coefficients, widths, added_variance: see
+    `exposure_records.FullView`, the rest as in `can_follow_view`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
     count = counts(rows, cols, camera, lens, cell, budget)
     us, step_u = node_line(cols, count[0, 0])
@@ -221,7 +222,7 @@ def nodes_of(camera, lens, cell, coefficients, widths, added_variance, sites, bu
         harmonics.interpolate_to_pixels(lines[column], amplitude, terms, ends, weight)
     us, step_uw = node_line(cols, count[1, 0])
     vs, step_vw = node_line(rows, count[1, 1])
-    tables, phases, taps = weights.tap_weight_tables(
+    tables, phases, taps = tap_weights.weight_tables(
         us, vs, camera, lens, cell, widths, added_variance, budget
     )
     return Nodes(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)

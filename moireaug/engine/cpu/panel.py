@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
-from moireaug.engine.cpu.vectors import add, peek, poke
+from moireaug.engine.cpu.vectors import add, gather, peek, poke
 
 ZERO = np.float32(0)
 MARGIN_CELLS = 5  # beyond the cell's `radius`: half of the widest window, and one
@@ -108,12 +108,6 @@ def fill_triangles(pixel, weight, size, alpha, period, lead):
             pixel[tap, i] = min(max(first + tap, 0), size - 1)
 
 
-@inner
-def _add_across(out, row, pixel, weight):
-    for i in range(len(out)):
-        poke(out, i, out[i] + peek(weight, i) * peek(row, peek(pixel, i)))
-
-
 @loop
 def shrink(panel, light, alpha, period, ahead, above):
     """Fill panel (n, m), of one colour and fewer pixels than the picture, from its light (h, w):
@@ -134,9 +128,7 @@ def shrink(panel, light, alpha, period, ahead, above):
         for tap in range(taps):
             if down[tap, i] != 0:
                 add(row, light[y[tap, i]], down[tap, i])
-        fill(panel[i], ZERO)
-        for tap in range(taps):
-            _add_across(panel[i], row, x[tap], across[tap])
+        gather(panel[i], row, x, across)
 
 
 @inner

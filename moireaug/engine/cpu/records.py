@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.lower.exposure_records import Camera, Cell, Point, Sites
+from moireaug.engine.lower.exposure_records import Camera, Cell, PointView, Sites
 
 
 class Nodes(NamedTuple):
@@ -17,7 +17,7 @@ class Nodes(NamedTuple):
         lines: (columns of a filter cell, rows of nodes, T * w) float32, each term's amplitude at
             each pixel of a row.
         step_v: from one row of nodes to the next.
-        tables, phases, taps: from `weights.tap_weight_tables`, on `columns` nodes a row.
+        tables, phases, taps: from `tap_weights.weight_tables`, on `columns` nodes a row.
         step_uw, step_vw: from one of the tables' nodes to the next.
     """
 
@@ -37,7 +37,7 @@ class TapWeights(NamedTuple):
     subpixel.
 
     Args:
-        table: flat float32, from `weights.tap_weight_tables`. to_next: int32, from a node's weights
+        table: flat float32, from `tap_weights.weight_tables`. to_next: int32, from a node's weights
             to the next node's.
         weight_index: (n,) int32, index in the table of the weights of the phase before each pixel.
         phase_share: (n,) float32, how far the pixel is towards the next phase. node_share: (n,)
@@ -97,7 +97,7 @@ class PointImage(NamedTuple):
 
     camera: Camera
     cell: Cell
-    point: Point
+    point: PointView
     lit: float
     sites: Sites
     filters: np.ndarray

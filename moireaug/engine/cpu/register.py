@@ -61,18 +61,13 @@ def _row_of(w):
 
 
 @inner
-def _fill_ideal(x, y, square, r, view, per_square, h, w):
+def _fill_ideal(x, y, square, r, forward, per_square, h, w):
     """Fill x, y and square (w,), the `_Row`'s ideal, for row r of an image."""
     v = r + 0.5 - h / 2
     half_w, bend, last = w / 2, 4.0 / (h * h + w * w), UNDISTORTION_STEPS + 0.5
-    ax, bx, ay, by, az, bz = (
-        view[0, 0],
-        view[0, 1] * v + view[0, 2],
-        view[1, 0],
-        view[1, 1] * v + view[1, 2],
-        view[2, 0],
-        view[2, 1] * v + view[2, 2],
-    )
+    ax, bx = forward[0, 0], forward[0, 1] * v + forward[0, 2]
+    ay, by = forward[1, 0], forward[1, 1] * v + forward[1, 2]
+    az, bz = forward[2, 0], forward[2, 1] * v + forward[2, 2]
     for i in range(len(x)):
         u = i + 0.5 - half_w
         nearness = 1 / max(az * u + bz, NEAR_HORIZON)
@@ -83,10 +78,10 @@ def _fill_ideal(x, y, square, r, view, per_square, h, w):
 
 
 @inner
-def photo_row(u, v, ideal, r, view, factor, per_square, size):
+def photo_row(u, v, ideal, r, forward, factor, per_square, size):
     """Fill u and v (w,) with where row r of an image (height, width) lies on the photo, about its
     centre; ideal: (3, w) float64, workspace. The rest as in `register`."""
-    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, size[0], size[1])
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, forward, per_square, size[0], size[1])
     for i in range(len(u)):
         square = peek(ideal[SQUARE], i)
         k = np.int32(square)
@@ -117,11 +112,11 @@ def _distort(at, share, ideal, factor, h, w):
 
 
 @inner
-def _place(row, r, view, factor, per_square, h, w):
+def _place(row, r, forward, factor, per_square, h, w):
     """Fill the _Row with where row r of an image (h, w) looks."""
     ideal = row.ideal
     # in a loop without look-ups, which vectorises
-    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, h, w)
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, forward, per_square, h, w)
     _distort(row.at, row.share, ideal, factor, h, w)
 
 
@@ -155,7 +150,7 @@ def _scatter(photo, grad, at, share, down):
 
 
 @part
-def rows_read(view, k1, k2, h, w, top, bottom):
+def rows_read(forward, k1, k2, h, w, top, bottom):
     """Return the first and one past the last row of a photo (3, h, w) that `register` reads for
     rows `top` to `bottom`."""
     if bottom - top == h:
@@ -164,20 +159,20 @@ def rows_read(view, k1, k2, h, w, top, bottom):
     row = _row_of(w)
     first, last = h, 0
     for r in range(top, bottom):
-        _place(row, r, view, factor, per_square, h, w)
+        _place(row, r, forward, factor, per_square, h, w)
         for i in range(w):
             first, last = min(first, row.at[i] // w), max(last, row.at[i] // w)
     return first, min(last + 2, h)
 
 
 @part
-def register(out, photo, view, k1, k2, top, bottom):
+def register(out, photo, forward, k1, k2, top, bottom):
     """Resample photo to rows `top` to `bottom` of out (3, H, W) float32: bilinear, black where the
     photo does not show the image.
 
     Args:
         photo: (`flat_length`(H, W),) float32, the planes one after another, and zeros.
-        view: (3, 3) float64, homography from image coordinates about the centre to ideal photo
+        forward: (3, 3) float64, homography from image coordinates about the centre to ideal photo
             coordinates about it.
         k1, k2: of the lens.
     """
@@ -185,19 +180,19 @@ def register(out, photo, view, k1, k2, top, bottom):
     factor, per_square = undistortion(k1, k2)
     row = _row_of(w)
     for r in range(top, bottom):
-        _place(row, r, view, factor, per_square, h, w)
+        _place(row, r, forward, factor, per_square, h, w)
         for c in range(3):
             _sample(out[c, r], photo[c * h * w :], row.at, row.share, np.int32(w))
 
 
 @part
-def register_back(photo_grad, grad, view, k1, k2):
+def register_back(photo_grad, grad, forward, k1, k2):
     """Add the gradient in the photo to photo_grad, laid out as the photo of `register`, from grad
     (3, H, W), that in the registered one; arguments as in `register`."""
     _, h, w = grad.shape
     factor, per_square = undistortion(k1, k2)
     row = _row_of(w)
     for r in range(h):
-        _place(row, r, view, factor, per_square, h, w)
+        _place(row, r, forward, factor, per_square, h, w)
         for c in range(3):
             _scatter(photo_grad[c * h * w :], grad[c, r], row.at, row.share, np.int32(w))

@@ -110,8 +110,7 @@ class Row(NamedTuple):
         wave: (6, K + 1, w), EVEN to SIN_X, and wave_y: (2, L + 1, w), COS_Y and SIN_Y, float32; see
             `harmonics`.
         orders: (kinds,) int64, how many k each kind has, 0 included.
-        cos, sin: (n, K + 1) float32, from `_shifts`. cubic: (4,) float32, weights of four rows of
-            nodes.
+        cos, sin: (n, K + 1) float32, from `_shifts`.
     """
 
     weights: np.ndarray
@@ -125,7 +124,6 @@ class Row(NamedTuple):
     orders: np.ndarray
     cos: np.ndarray
     sin: np.ndarray
-    cubic: np.ndarray
 
 
 @inner
@@ -167,5 +165,4 @@ def row_of(w, cell, nodes):
         orders,
         cos,
         sin,
-        np.empty(4, np.float32),
     )

@@ -19,17 +19,21 @@ def _srgb_light(code: float) -> float:
     return code / 12.92 if code <= 0.04045 else ((code + 0.055) / 1.055) ** 2.4
 
 
+def _srgb_slope(code: float) -> float:
+    """Return the derivative of `_srgb_light` above the knee."""
+    return 2.4 / 1.055 * ((code + 0.055) / 1.055) ** 1.4
+
+
 _codes = [i / DECODE_STEPS for i in range(DECODE_STEPS + 2)]
-DECODE_TABLE = np.array([_srgb_light(code) for code in _codes], np.float32)
 SRGB_CODE_KNEE, SRGB_SLOPE_AT_BLACK = np.float32(0.04045), np.float32(1 / 12.92)
-DECODE_SLOPE_TABLE = np.array(
-    [2.4 / 1.055 * ((code + 0.055) / 1.055) ** 1.4 for code in _codes], np.float32
-)
+DECODE_TABLE = np.array([_srgb_light(code) for code in _codes], np.float32)
+DECODE_SLOPE_TABLE = np.array([_srgb_slope(code) for code in _codes], np.float32)
 DECODE_BYTE_TABLE = np.array([_srgb_light(i / 255) for i in range(256)], np.float32)
 
 # Encoding takes light to the power of 1 / 2.4: the mantissa by a polynomial, the octave as a whole
 # power of 2 times a polynomial for the rest. A look-up would take twice as long.
-SRGB_KNEE, SRGB_LINEAR_GAIN, MAX_LIGHT = np.float32(0.0031308), np.float32(12.92), np.float32(256)
+MAX_LIGHT = np.float32(256)
+SRGB_KNEE, SRGB_LINEAR_GAIN = np.float32(0.0031308), np.float32(12.92)
 # a digit less than 1.055: the code of light 1 must not be above 1, where a clip has no slope
 SRGB_GAIN = np.nextafter(np.float32(1.055), np.float32(0))
 SRGB_OFFSET, SRGB_POWER = np.float32(0.055), np.float32(1 / 2.4)
@@ -74,14 +78,18 @@ def _root(light):
     """Return light ** (1 / 2.4), float32, to a relative 2e-6; light is clipped to [SRGB_KNEE,
     MAX_LIGHT]."""
     bits = np.float32(min(max(light, SRGB_KNEE), MAX_LIGHT)).view(np.int32)
-    octave = np.float32(np.int32(np.int32(bits >> MANTISSA_BITS) - EXPONENT_BIAS)) * SRGB_POWER
-    whole = np.floor(octave)
-    t = np.int32(np.int32(bits & MANTISSA_MASK) | BITS_OF_ONE).view(np.float32) - MANTISSA_MIDDLE
-    mantissa = M0 + t * (M1 + t * (M2 + t * (M3 + t * (M4 + t * M5))))
-    t = octave - whole - HALF
+    exponent = np.int32(np.int32(bits >> MANTISSA_BITS) - EXPONENT_BIAS)
+    mantissa = np.int32(np.int32(bits & MANTISSA_MASK) | BITS_OF_ONE).view(np.float32)
+    # mantissa ** (1 / 2.4)
+    t = mantissa - MANTISSA_MIDDLE
+    root = M0 + t * (M1 + t * (M2 + t * (M3 + t * (M4 + t * M5))))
+    # 2 ** (exponent / 2.4)
+    octaves = np.float32(exponent) * SRGB_POWER
+    whole = np.floor(octaves)
+    t = octaves - whole - HALF
     fraction = E0 + t * (E1 + t * (E2 + t * (E3 + t * (E4 + t * E5))))
-    scale = np.int32(np.int32(np.int32(whole) + EXPONENT_BIAS) << MANTISSA_BITS).view(np.float32)
-    return mantissa * fraction * scale
+    exponent = np.int32(np.int32(whole) + EXPONENT_BIAS)
+    return root * fraction * np.int32(exponent << MANTISSA_BITS).view(np.float32)
 
 
 @inner

@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.cpu.compiling import fill, inner, loop, part
+from moireaug.engine.cpu.footprint import SubpixelSize, fill_blurs, light_from
 from moireaug.engine.cpu.nodes import bracket, counts, node_line
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import BinStencil
 from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.engine.cpu.weights import SubpixelSize, fill_blurs, light_from
 from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
 
 ZERO = np.float32(0)
@@ -35,7 +35,7 @@ def _fill_tap_weights(out, blur, width, past, radius):
     and `radius` to each side; see `tap_weights`.
 
     Args:
-        blur: (2,), from `weights.fill_blur`. width: of the pixel's light, in pixels.
+        blur: (2,), from `footprint.fill_blur`. width: of the pixel's light, in pixels.
         past: where the bin looks, from the middle of that light, in pixels.
     """
     half = len(out) // 2
@@ -130,7 +130,7 @@ def _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance):
 @loop
 def stencil_of(camera, lens, cell, widths, added_variance, sites, budget):
     """Return the BinStencil of an image that has one; widths, added_variance: (kinds, 2), see
-    `exposure_records.Exposure`. budget: an `ErrorBudget`."""
+    `exposure_records.FullView`. budget: an `ErrorBudget`."""
     count = counts(sites.rows, sites.cols, camera, lens, cell, budget)[1]
     us, step_u = node_line(sites.cols, count[0])
     vs, step_v = node_line(sites.rows, count[1])

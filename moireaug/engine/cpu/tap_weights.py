@@ -1,5 +1,8 @@
 """The tap weights of a sensor pixel: the shares of its light that come from the cells around it, by
-phase, which is where between two cells the pixel looks."""
+phase, which is where between two cells the pixel looks.
+
+They change slowly over a photo: they are computed on a grid of nodes and interpolated linearly.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import fill, inner
-from moireaug.engine.cpu.harmonics import lagrange
+from moireaug.engine.cpu.compiling import fill, inner, loop
+from moireaug.engine.cpu.footprint import SubpixelSize, fill_blurs, light_from
+from moireaug.engine.cpu.harmonics import cubic_weights
+from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
 from moireaug.engine.cpu.normal import integrals
 from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.engine.lower.budget import TAIL_END_SIGMAS
+from moireaug.engine.lower.budget import MAX_PHASES, MAX_PHASES_OF_FEW_NODES, TAIL_END_SIGMAS
 from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
+
+PHASE_MULTIPLE = 16  # of which the number of phases is a multiple
 
 
 class Scratch(NamedTuple):
@@ -22,13 +29,12 @@ class Scratch(NamedTuple):
     Args:
         integral: (n,), what `normal.integrals` fills, `cubic_margin` steps beyond all light on both
             sides. light: ((2 radius + 1) phases / 2 + 1,), the light from each distance.
-        total: (phases / 2 + 1,), the light from all cells. cubic: (4,), weights of a cubic.
+        total: (phases / 2 + 1,), the light from all cells.
     """
 
     integral: np.ndarray
     light: np.ndarray
     total: np.ndarray
-    cubic: np.ndarray
 
 
 @inner
@@ -38,10 +44,10 @@ def cubic_margin(far):
 
 
 @inner
-def _add_moved(out, sign, line, first, by, cubic):
+def _add_moved(out, sign, line, first, by):
     """Add sign times the values of a line from `first` + `by` steps on, interpolated by cubics."""
     whole = math.floor(by)
-    lagrange(cubic, by - whole + 1)
+    cubic = cubic_weights(by - whole + 1)
     a, b, c, d = sign * cubic[0], sign * cubic[1], sign * cubic[2], sign * cubic[3]
     start = first + whole - 1
     for i in range(len(out)):
@@ -51,7 +57,7 @@ def _add_moved(out, sign, line, first, by, cubic):
 
 
 @inner
-def _fill_light(light, integral_line, cubic, box, width, sigma, phases):
+def _fill_light(light, integral_line, box, width, sigma, phases):
     """Fill light (n,) with that from a subpixel 0, 1, ... phases away: the integral of the normal
     distribution function, differenced over box and width."""
     far, near = (box + width) / 2 * phases, (box - width) / 2 * phases
@@ -60,10 +66,10 @@ def _fill_light(light, integral_line, cubic, box, width, sigma, phases):
     line, lit = integral_line[: zero + seen + zero], light[:seen]
     integrals(line, zero, 1 / phases, sigma)
     fill(light, 0.0)
-    _add_moved(lit, 1.0, line, zero, far, cubic)
-    _add_moved(lit, -1.0, line, zero, near, cubic)
-    _add_moved(lit, -1.0, line, zero, -near, cubic)
-    _add_moved(lit, 1.0, line, zero, -far, cubic)
+    _add_moved(lit, 1.0, line, zero, far)
+    _add_moved(lit, -1.0, line, zero, near)
+    _add_moved(lit, -1.0, line, zero, -near)
+    _add_moved(lit, 1.0, line, zero, -far)
     for i in range(seen):
         lit[i] = max(lit[i], 0.0)  # rounding may leave it a digit below zero
 
@@ -80,13 +86,13 @@ def _fill_phases(out, blur, width, radius, scratch):
     """Fill out (phases + 2, taps) with the tap weights at distances from -1/2 to 1/2 from the
     nearest cell's centre. Distance 0 is there twice, as the first tap changes there.
 
-    blur: box and standard deviation, see `weights.fill_blur`. width: of the subpixel, in cells.
+    blur: box and standard deviation, see `footprint.fill_blur`. width: of the subpixel, in cells.
     """
     box, sigma = blur[0], blur[1]
     phases, taps = out.shape[0] - 2, out.shape[1]
     half = phases // 2
     light, total = scratch.light[: (2 * radius + 1) * half + 1], scratch.total[: half + 1]
-    _fill_light(light, scratch.integral, scratch.cubic, box, width, sigma, phases)
+    _fill_light(light, scratch.integral, box, width, sigma, phases)
     guard = NEAREST_GUARD_SHARE * box
     for q in range(half + 1):
         total[q] = light[q] + guard
@@ -118,10 +124,86 @@ def fill_node(out, blur, widths, radius, phases, taps, scratch):
     """Fill out (n,) with the tap weights of a node along x, and then along y.
 
     Args:
-        blur: (axis, 2), from `weights.fill_blur`. widths: (2,) of the subpixel, in cells.
+        blur: (axis, 2), from `footprint.fill_blur`. widths: (2,) of the subpixel, in cells.
         radius: see `exposure_records.Cell`. phases, taps: (2,) and an int, of the table.
     """
     n, _ = weights_per_node(phases, taps)
     along_x, along_y = out[:n], out[n:]
     _fill_phases(along_x.reshape(phases[0] + 2, taps), blur[0], widths[0], radius, scratch)
     _fill_phases(along_y.reshape(phases[1] + 2, taps), blur[1], widths[1], radius, scratch)
+
+
+@inner
+def _phases(blur, axis, max_error):
+    """Return how many phases a table of weights needs along an axis, over blurs (n, axis, 2)."""
+    most = MAX_PHASES_OF_FEW_NODES if len(blur) <= 4 else MAX_PHASES
+    needed = 1.0
+    for i in range(len(blur)):
+        needed = max(needed, 1 / math.sqrt(max_error * blur[i, axis, 0] * blur[i, axis, 1]))
+    return PHASE_MULTIPLE * min(math.ceil(needed / PHASE_MULTIPLE), most // PHASE_MULTIPLE)
+
+
+@inner
+def _taps(blur, widths, radius, min_light):
+    """Return how many taps each axis needs, over blurs (n, axis, 2): NARROW_TAPS if no cell beyond
+    them gives more than a share `min_light` of the light, else WIDE_TAPS."""
+    for i in range(len(blur)):
+        for axis in range(2):
+            box, sigma, width = blur[i, axis, 0], blur[i, axis, 1], widths[axis]
+            if radius > 1 and light_from(2.0, box, sigma, width) > min_light * box * width:
+                return WIDE_TAPS
+    return NARROW_TAPS
+
+
+@loop
+def weight_tables(us, vs, camera, lens, cell, widths, added_variance, budget):
+    """Return the tap weights on nodes of the photo, the phases of each kind along both axes,
+    (kinds, 2) int64, and its taps along each axis, (kinds,) int64.
+
+    The weights are (kinds, rows, n) float32: of the nodes of a row one after another, (phases + 2,
+    taps) along x and then along y; see `fill_node`.
+
+    widths, added_variance: (kinds, 2), see `exposure_records.FullView`. budget: an `ErrorBudget`.
+    """
+    kinds, rows, cols, radius = len(widths), len(vs), len(us), cell.radius
+    blur = np.empty((kinds, rows * cols, 2, 2), np.float64)
+    phases, taps = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
+    most, finest, farthest = 0, 0, radius + 0.5
+    for kind in range(kinds):
+        subpixel = SubpixelSize(cell.period[kind], widths[kind], added_variance[kind])
+        fill_blurs(blur[kind], us, vs, camera, lens, subpixel, radius)
+        for axis in range(2):
+            phases[kind, axis] = _phases(blur[kind], axis, budget.phase_error)
+            finest = max(finest, phases[kind, axis])
+            farthest = max(farthest, widths[kind, axis] / 2)
+        taps[kind] = _taps(blur[kind], widths[kind], radius, budget.cell_light)
+        most = max(most, weights_per_node(phases[kind], taps[kind])[1])
+    tables = np.empty((kinds, rows, cols * most), np.float32)
+    distances = (2 * radius + 1) * finest // 2 + 1
+    scratch = Scratch(
+        np.empty(distances + 2 * cubic_margin(farthest * finest), np.float64),
+        np.empty(distances, np.float64),
+        np.empty(finest // 2 + 1, np.float64),
+    )
+    for kind in range(kinds):
+        n = weights_per_node(phases[kind], taps[kind])[1]
+        for r in range(rows):
+            for c in range(cols):
+                fill_node(
+                    tables[kind, r, c * n : (c + 1) * n],
+                    blur[kind, r * cols + c],
+                    widths[kind],
+                    radius,
+                    phases[kind],
+                    taps[kind],
+                    scratch,
+                )
+    return tables, phases, taps
+
+
+@inner
+def blend(out, low, high, f):
+    """Fill out (n,) with the values f of the way from one row of nodes to the next."""
+    for i in range(len(out)):
+        a = peek(low, i)
+        poke(out, i, a + f * (peek(high, i) - a))

@@ -172,18 +172,13 @@ def _vector_of_sums(lanes: int, sums: int):
 
 
 fill_four_weights, fill_eight_weights = _weights_of(4), _weights_of(8)
-four_by_four, eight_by_six, eight_by_eight = _content_of(4, 4), _content_of(8, 6), _content_of(8, 8)
-four_by_four_back, eight_by_six_back, eight_by_eight_back = (
-    _content_back_of(4, 4),
-    _content_back_of(8, 6),
-    _content_back_of(8, 8),
-)
+four_by_four, four_by_four_back = _content_of(4, 4), _content_back_of(4, 4)
+eight_by_six, eight_by_six_back = _content_of(8, 6), _content_back_of(8, 6)
+eight_by_eight, eight_by_eight_back = _content_of(8, 8), _content_back_of(8, 8)
 # as many sums as there are registers for
 _one_sum, _wide_sum = _vector_of_sums(LANES, 1), _vector_of_sums(4 * LANES, 1)
-_four_sums, _four_wide_sums = (
-    _vector_of_sums(LANES, SUMS_AT_ONCE),
-    _vector_of_sums(2 * LANES, SUMS_AT_ONCE),
-)
+_four_sums = _vector_of_sums(LANES, SUMS_AT_ONCE)
+_four_wide_sums = _vector_of_sums(2 * LANES, SUMS_AT_ONCE)
 
 
 @inner
@@ -223,3 +218,20 @@ def add(out, row, factor):
     """Add factor * row to out, (n,) each."""
     for i in range(len(out)):
         poke(out, i, out[i] + factor * peek(row, i))
+
+
+@inner
+def gather(out, row, index, weight):
+    """Fill out (n,) with sums over taps of weight[t] * row[index[t]]."""
+    for t in range(len(index)):
+        _add_gathered(out, row, index[t], weight[t], t == 0)
+
+
+@inner
+def _add_gathered(out, row, index, weight, first):
+    if first:
+        for i in range(len(out)):
+            poke(out, i, peek(weight, i) * peek(row, peek(index, i)))
+    else:
+        for i in range(len(out)):
+            poke(out, i, out[i] + peek(weight, i) * peek(row, peek(index, i)))

@@ -7,9 +7,12 @@ import math
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.lower.budget import MAX_LENS_RADIUS
+from moireaug.engine.lower.jacobian import panel_jacobian
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
 from moireaug.scene.lens import MIN_LENS_SLOPE
+
+_panel_jacobian = inner(panel_jacobian)
 
 
 @inner
@@ -17,8 +20,11 @@ def look(x, y, cols, v, camera):
     """Fill x, y (n,) with the panel coordinates that a row v of photo columns sees, v and cols
     about the centre."""
     c = camera
+    # the lens's factor as a polynomial in u * u
     b = c.bend * v * v
-    c0, c1, c2 = 1 + b * (c.k1 + c.k2 * b), c.bend * (c.k1 + 2 * c.k2 * b), c.bend * c.bend * c.k2
+    c0 = 1 + b * (c.k1 + c.k2 * b)
+    c1 = c.bend * (c.k1 + 2 * c.k2 * b)
+    c2 = c.bend * c.bend * c.k2
     ax, bx, dx = c.alpha * c.h00, c.alpha * c.h01 * v, c.alpha * c.h02
     ay, by, dy = c.alpha * c.h10, c.alpha * c.h11 * v, c.alpha * c.h12
     az, bz, dz = c.h20, c.h21 * v, c.h22
@@ -33,16 +39,17 @@ def look(x, y, cols, v, camera):
 
 @inner
 def inverse(camera):
-    """Return the entries of the inverse of a camera's homography, row by row."""
+    """Return the inverse of a camera's homography, three rows of three."""
     c = camera
-    a, b, d = c.h11 * c.h22 - c.h12 * c.h21, c.h02 * c.h21 - c.h01 * c.h22, c.h01 * c.h12
-    d -= c.h02 * c.h11
-    e, f, g = c.h12 * c.h20 - c.h10 * c.h22, c.h00 * c.h22 - c.h02 * c.h20, c.h02 * c.h10
-    g -= c.h00 * c.h12
-    p, q, r = c.h10 * c.h21 - c.h11 * c.h20, c.h01 * c.h20 - c.h00 * c.h21, c.h00 * c.h11
-    r -= c.h01 * c.h10
-    s = 1 / (c.h00 * a + c.h01 * e + c.h02 * p)
-    return a * s, b * s, d * s, e * s, f * s, g * s, p * s, q * s, r * s
+    x = c.h11 * c.h22 - c.h12 * c.h21, c.h02 * c.h21 - c.h01 * c.h22, c.h01 * c.h12 - c.h02 * c.h11
+    y = c.h12 * c.h20 - c.h10 * c.h22, c.h00 * c.h22 - c.h02 * c.h20, c.h02 * c.h10 - c.h00 * c.h12
+    z = c.h10 * c.h21 - c.h11 * c.h20, c.h01 * c.h20 - c.h00 * c.h21, c.h00 * c.h11 - c.h01 * c.h10
+    s = 1 / (c.h00 * x[0] + c.h01 * y[0] + c.h02 * z[0])
+    return (
+        (x[0] * s, x[1] * s, x[2] * s),
+        (y[0] * s, y[1] * s, y[2] * s),
+        (z[0] * s, z[1] * s, z[2] * s),
+    )
 
 
 @inner
@@ -63,9 +70,10 @@ def undistorted(ideal, k1, k2):
 def to_photo(x, y, camera):
     """Return where an image point lies on the photo, both about the centre; camera: a rectified
     one."""
-    a, b, d, e, f, g, p, q, r = inverse(camera)
-    nearness = 1 / max(p * x + q * y + r, NEAR_HORIZON)
-    u, v = (a * x + b * y + d) * nearness, (e * x + f * y + g) * nearness
+    of_u, of_v, of_depth = inverse(camera)
+    nearness = 1 / max(of_depth[0] * x + of_depth[1] * y + of_depth[2], NEAR_HORIZON)
+    u = (of_u[0] * x + of_u[1] * y + of_u[2]) * nearness
+    v = (of_v[0] * x + of_v[1] * y + of_v[2]) * nearness
     if camera.k1 != 0 or camera.k2 != 0:
         ideal = math.sqrt((u * u + v * v) * camera.bend)
         if ideal > 1e-9:
@@ -76,23 +84,8 @@ def to_photo(x, y, camera):
 
 @inner
 def jacobian(u, v, camera):
-    """Return d(panel x, y) / d(sensor pixel u, v), as xu, xv, yu, yv, at a photo point about the
-    centre; of a rectified camera, at where the photo shows an image point."""
-    c = camera
-    if c.rectified != 0:
-        u, v = to_photo(u, v, c)
-    r2 = c.bend * (u * u + v * v)
-    bent, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.bend * (c.k1 + 2 * c.k2 * r2)
-    uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
-    p, q = u * bent, v * bent
-    nearness = 1 / max(c.h20 * p + c.h21 * q + c.h22, NEAR_HORIZON)
-    x, y = (c.h00 * p + c.h01 * q + c.h02) * nearness, (c.h10 * p + c.h11 * q + c.h12) * nearness
-    xp, xq = (c.h00 - x * c.h20) * nearness, (c.h01 - x * c.h21) * nearness
-    yp, yq = (c.h10 - y * c.h20) * nearness, (c.h11 - y * c.h21) * nearness
-    by_u, by_v = c.alpha / c.scale_u, c.alpha / c.scale_v
-    return (
-        by_u * (xp * uu + xq * uv),
-        by_v * (xp * uv + xq * vv),
-        by_u * (yp * uu + yq * uv),
-        by_v * (yp * uv + yq * vv),
-    )
+    """Return `panel_jacobian` at a photo point about the centre; of a rectified camera, at where
+    the photo shows an image point."""
+    if camera.rectified != 0:
+        u, v = to_photo(u, v, camera)
+    return _panel_jacobian(u, v, camera)

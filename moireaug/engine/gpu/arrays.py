@@ -15,14 +15,15 @@ import torch
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.lower.exposure_records import Camera, Exposure
+from moireaug.engine.lower.exposure_records import Camera
 
 ALIGNMENT = 16  # bytes, which a load of four floats needs
 NARROW = {np.dtype(np.float64): np.float32, np.dtype(np.int64): np.int32}
 WIDE_FIELDS = {  # which keep 64 bits
-    *("cameras", "lenses", "views", "inverses", "forward", "seeds"),
+    *("cameras", "lenses", "forward", "inverses", "seeds"),
     *("rows", "cols", "centre", "centres", "period", "cells", "shown_scale"),
 }
+NOTHING: Any = None  # in place of a field that no kernel reads
 Record = TypeVar("Record", bound=tuple)
 
 # what a kernel adds to its pointer to an image's Camera, float64
@@ -32,12 +33,6 @@ CAMERA_FIELDS = tl.constexpr(len(Camera._fields))
 def camera_field(name: str) -> Any:
     """Return the place of a field in a Camera."""
     return tl.constexpr(Camera._fields.index(name))
-
-
-def kernel_fields(exposure: Exposure) -> Exposure:
-    """Return an Exposure without the fields that no kernel reads."""
-    nothing: Any = None
-    return exposure._replace(coefficients=nothing, budget=nothing, point=nothing)
 
 
 def upload(record: Record, device: torch.device) -> Record:

@@ -12,7 +12,7 @@ import triton.language as tl
 
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.bins import along, bins_at
-from moireaug.engine.gpu.transfer import sinc, sinc_within, transfer, wave, wave_of_part
+from moireaug.engine.gpu.optics import sinc, sinc_within, transfer, wave, wave_of_part
 from moireaug.engine.gpu.view import SCALE_U, SCALE_V
 
 TURN = tl.constexpr(2.0**32)
@@ -83,11 +83,10 @@ def plane_waves(j, f, phases, bins, batch, variant: tl.constexpr):
             alias 1 along each axis.
     """
     (carrier, at_u, at_v), none, even = phases, 0.0 * f[0], even_transfer(f[0], f[1])
-    waves, triangle = (
-        (none, none, none, none, none, none),
-        tl.load(batch.beats.triangle + bins.image),
-    )
-    for t in range(tl.load(batch.terms.alias_start + j), tl.load(batch.terms.alias_start + j + 1)):
+    waves = none, none, none, none, none, none
+    triangle = tl.load(batch.beats.triangle + bins.image)
+    starts = batch.terms.alias_start + j
+    for t in range(tl.load(starts), tl.load(starts + 1)):
         m_u, m_v = tl.load(batch.terms.alias + 2 * t), tl.load(batch.terms.alias + 2 * t + 1)
         planes, added = alias_planes(f, (m_u, m_v), even, bins, triangle, variant.bayer), ()
         cos, sin = wave_at(carrier - m_u.to(tl.uint32) * at_u - m_v.to(tl.uint32) * at_v)
@@ -114,11 +113,8 @@ def responses(bins, batch, variant: tl.constexpr):
     for channel in tl.static_range(3):
         mean = tl.load(batch.beats.mean + image * 3 + channel) + 0.0 * xu
         light = light + (mean, mean, mean)
-    first, last = (
-        tl.load(batch.terms.harmonic_start + image),
-        tl.load(batch.terms.harmonic_start + image + 1),
-    )
-    for j in range(first, last):
+    starts = batch.terms.harmonic_start + image
+    for j in range(tl.load(starts), tl.load(starts + 1)):
         h = tl.load(batch.terms.harmonic + j)
         k, l = tl.load(batch.beats.orders + 2 * h), tl.load(batch.beats.orders + 2 * h + 1)
         per_x, per_y = k.to(tl.float32) / variant.period_x, l.to(tl.float32) / variant.period_y
@@ -152,11 +148,9 @@ def pattern_variance(out, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     valid, none = h < batch.harmonics, 0.0 * h
     middle = none.to(tl.float64)
     bins = bins_at(middle, middle, image, batch, variant)
-    k = tl.load(batch.beats.orders + 2 * h, mask=valid, other=0).to(tl.float32) / variant.period_x
-    l = (
-        tl.load(batch.beats.orders + 2 * h + 1, mask=valid, other=0).to(tl.float32)
-        / variant.period_y
-    )
+    orders = batch.beats.orders + 2 * h
+    k = tl.load(orders, mask=valid, other=0).to(tl.float32) / variant.period_x
+    l = tl.load(orders + 1, mask=valid, other=0).to(tl.float32) / variant.period_y
     (xu, xv), (yu, yv) = bins.step_x, bins.step_y
     fu, fv = k * xu + l * yu, k * xv + l * yv
     first_u, first_v = tl.floor(2.0 * fu).to(tl.int32) - 1, tl.floor(2.0 * fv).to(tl.int32) - 1

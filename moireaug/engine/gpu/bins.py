@@ -8,10 +8,11 @@ import triton
 import triton.language as tl
 
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
-from moireaug.engine.gpu.display import DisplayNumbers
+from moireaug.engine.gpu.beat_terms import BeatTerms
 from moireaug.engine.gpu.footprint import MIN_BLUR_VARIANCE, View, lit_shares
-from moireaug.engine.gpu.panel import Patch
-from moireaug.engine.gpu.transfer import blur_variance
+from moireaug.engine.gpu.optics import blur_variance
+from moireaug.engine.gpu.panel import PanelNumbers
+from moireaug.engine.gpu.patch import Patch
 from moireaug.engine.gpu.view import (
     ALPHA,
     SCALE_U,
@@ -22,23 +23,23 @@ from moireaug.engine.gpu.view import (
     to_image,
     to_photo,
 )
-from moireaug.engine.lower.beat_terms import BeatTerms
-from moireaug.engine.lower.exposure_records import Beats, Exposure
+from moireaug.engine.lower.exposure_records import Beats, Exposure, FullView
 
 
-class Batch(NamedTuple):
+class BinnedBatch(NamedTuple):
     """What the kernels read.
 
     Args:
         forward: (B, 9) float64, the inverse of the sensor's homographies. lost_pattern_variance:
-            (B, 3) float32, see `beats.pattern_variance`. quantiles: see `noise.quantiles`.
+            (B, 3) float32, see `beats.pattern_variance`. quantiles: see `random_numbers.quantiles`.
         harmonics, bands: how many orders, and bands of flicker, there are.
     """
 
     exposure: Exposure
+    picture: FullView
     beats: Beats
     terms: BeatTerms
-    display: DisplayNumbers
+    panel: PanelNumbers
     forward: Any
     lost_pattern_variance: Any
     harmonics: int
@@ -47,7 +48,7 @@ class Batch(NamedTuple):
     quantiles: Any = None
 
 
-class Variant(NamedTuple):
+class BinnedVariant(NamedTuple):
     """What a kernel is compiled for, the same of all images of a batch.
 
     Args:
@@ -130,19 +131,19 @@ def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, varian
     Args:
         position: panel coordinates, float64. step: their change per sensor pixel along u and v.
     """
-    exposure, index = batch.exposure, (bins.image * 3 + channel) * 2 + AXIS
+    picture, index = batch.picture, (bins.image * 3 + channel) * 2 + AXIS
     ratio = tl.load(batch.beats.ratio + bins.image)
     by_u, by_v = step[0] * (1.0 / ratio), step[1] * (1.0 / ratio)
-    lens = exposure.lenses + bins.image * CAMERA_FIELDS
+    lens = picture.lenses + bins.image * CAMERA_FIELDS
     one = tl.abs(along((by_u, by_v), bins.first))
     other = tl.abs(along((by_u, by_v), bins.second))
-    short, hold = tl.minimum(one, other), tl.load(exposure.added_variance + index)
+    short, hold = tl.minimum(one, other), tl.load(picture.added_variance + index)
     variance = short * short / 12.0 + blur_variance(by_u, by_v, lens) + hold + MIN_BLUR_VARIANCE
     view = View(tl.maximum(one, other), tl.sqrt(variance))
     place = position * (1.0 / ratio.to(tl.float64)) - tl.load(batch.beats.centres + index)
-    end = batch.screen.size[AXIS] * tl.load(batch.display.pixel_scale + bins.image)
+    end = batch.screen.size[AXIS] * tl.load(batch.panel.pixel_scale + bins.image)
     nearest, _, shares = lit_shares(
-        place, view, tl.load(exposure.widths + index), (place + 0.5, 0.5, end), variant.taps,
+        place, view, tl.load(picture.widths + index), (place + 0.5, 0.5, end), variant.taps,
         variant.dark,
     )  # fmt: skip
     return nearest.to(tl.int32) + (batch.screen.lead - variant.taps // 2), shares

@@ -2,7 +2,7 @@
 
 One kernel computes a photo from its reading. Where detail is filtered, it computes the codes of
 every sensor pixel, of which two more make a photo (see `detail`); where the photo is brought back
-to the image's frame, one more does so (see `registration`).
+to the image's frame, one more does so (see `register`).
 
 The gradient has gather form: each pixel's is a sum over the pixels that it contributes to, always
 in the same order. What developing left in between is computed again.
@@ -18,7 +18,7 @@ from torch import Tensor
 from moireaug.engine.gpu.demosaic import demosaic_back_kernel, sensor_colours, store_reading_grad
 from moireaug.engine.gpu.detail import filter_detail, filter_detail_back
 from moireaug.engine.gpu.develop_arrays import CodesArrays, Coding, develop_arrays
-from moireaug.engine.gpu.registration import register, register_back
+from moireaug.engine.gpu.register import register, register_back
 from moireaug.engine.gpu.resize import resize_back, resized
 from moireaug.engine.gpu.tile import launch, store, tile
 from moireaug.engine.gpu.tone import codes, codes_back, look_of

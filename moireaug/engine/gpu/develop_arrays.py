@@ -88,12 +88,12 @@ class RegistrationArrays(NamedTuple):
     """What brings photos back to the image's frame.
 
     Args:
-        views: (B, 9) float64, homography from image to ideal photo coordinates, both about their
+        forward: (B, 9) float64, homography from image to ideal photo coordinates, both about their
             centres. inverses: (B, 9) float64, its inverse.
         lenses: (B, 2) float64, k1 and k2. bends: whether any is not 0.
     """
 
-    views: Any
+    forward: Any
     inverses: Any
     lenses: Any
     bends: bool
@@ -145,7 +145,6 @@ def _detail_arrays(detail: Detail) -> DetailArrays:
 
 
 def _registration_arrays(registration: Registration) -> RegistrationArrays:
-    views = registration.views
-    inverses = np.linalg.inv(views).reshape(-1, 9)
-    bends = bool(registration.lens.any())
-    return RegistrationArrays(views.reshape(-1, 9), inverses, registration.lens, bends)
+    forward, lens = registration
+    inverses = np.linalg.inv(forward).reshape(-1, 9)
+    return RegistrationArrays(forward.reshape(-1, 9), inverses, lens, bool(lens.any()))

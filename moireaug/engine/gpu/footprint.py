@@ -16,7 +16,7 @@ import triton
 import triton.language as tl
 from numpy.polynomial import Polynomial
 
-from moireaug.engine.gpu.transfer import FILL, blur_variance
+from moireaug.engine.gpu.optics import FILL, blur_variance
 from moireaug.engine.gpu.view import load32
 from moireaug.exposure import footprint as reference
 

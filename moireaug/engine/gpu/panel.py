@@ -1,94 +1,224 @@
-"""The pixels of a `display.Screen` that sensor pixels see, and the light of these."""
+"""The picture as the panel shows it: decoded, raised to the black level, blurred by the prefilter
+and, on a panel of fewer pixels, shrunk; and the backward pass.
+
+A finer panel shows what lies between the picture's pixels: kernels look that up where they need it
+(see `patch`).
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
+import numpy as np
+import torch
 import triton
 import triton.language as tl
+from torch import Tensor
+
+from moireaug.engine.gpu.tile import block
+from moireaug.engine.lower.exposure_records import Camera, Exposure
+from moireaug.exposure.displayed import EDGE_PIXELS
+
+LEAD = tl.constexpr(EDGE_PIXELS)
+BLOCK = 256  # pixels of a program
 
 
-class Patch(NamedTuple):
-    """Pixels shown: their first column and row, int32, which may be beyond the edge, and the
-    weights of as many columns and rows as there are weights."""
-
-    left: Any
-    top: Any
-    across: Any
-    down: Any
-
-
-@triton.jit
-def channel_of(light, image, colour, screen):
-    """Return a pointer to one channel of an image on the screen, or of the gradient in it."""
-    return light + (image * 3 + colour) * screen.pixels[0] * screen.pixels[1]
-
-
-@triton.jit
-def place_on_shown(position, shown_scale, screen):
-    """Return where panel coordinates lie between the centres of pixels shown, 0 for the first;
-    float64."""
-    return position * shown_scale + (screen.lead - 0.5)
-
-
-@triton.jit
-def split(place, count):
-    """Return the pixel before a place, of `count`, int32, and how far it is to the next one,
-    float32. Places past the edges count as on them."""
-    place = tl.minimum(tl.maximum(place, 0.0), count - 1.0)
-    pixel = tl.floor(place)
-    return pixel.to(tl.int32), (place - pixel).to(tl.float32)
-
-
-@triton.jit
-def weights_on_shown(first, step, shares, count, SPAN: tl.constexpr):
-    """Return the first of SPAN pixels shown that panel pixels take their light from, and the weight
-    of each.
+class Screen(NamedTuple):
+    """What panels of at most the picture's pixels show. Beyond its edges it is as on them.
 
     Args:
-        first: place of the first panel pixel, from `place_on_shown`. step: float32, from one to the
-            next. shares: weights of the panel pixels. count: of pixels shown.
+        light: (B, 3, rows, columns) float32. pixels: columns and rows. lead: how many of either lie
+            ahead of the picture. size: width and height of the picture.
     """
-    start = tl.floor(tl.minimum(tl.maximum(first, 0.0), count - 1.0))
-    near, low, high = (first - start).to(tl.float32), -start, count - 1.0 - start
-    low, high = low.to(tl.float32), high.to(tl.float32)
-    weights = ()
-    for pixel in tl.static_range(SPAN):
-        weight = 0.0 * near
-        for tap in tl.static_range(len(shares)):
-            place = tl.minimum(tl.maximum(near + step * tap, low), high)
-            weight += shares[tap] * tl.maximum(1.0 - tl.abs(place - pixel), 0.0)
-        weights = weights + (weight,)
-    return start.to(tl.int32), weights
+
+    light: Any
+    pixels: tuple[int, int]
+    lead: int
+    size: tuple[int, int]
+
+
+class PanelNumbers(NamedTuple):
+    """Numbers that `show` reads, (B,) float32 each.
+
+    Args:
+        black, neighbour_share: see `exposure_records.Exposure`. pixel_scale: pixels, per picture
+            pixel, of the panel of at most the picture's.
+    """
+
+    black: Any
+    neighbour_share: Any
+    pixel_scale: Any
+
+
+class Shrinking(NamedTuple):
+    """Sizes that `_shrink` reads: of both arrays along the axis, of the lines of an image and of
+    the values beside each other, and how many pixels make one."""
+
+    long: int
+    short: int
+    lines: int
+    inner: int
+    taps: int
+
+
+def panel_numbers(exposure: Exposure) -> PanelNumbers:
+    """Return the PanelNumbers of an exposure, to be uploaded."""
+    return PanelNumbers(exposure.black, exposure.neighbour_share, _pixel_scale(exposure))
+
+
+def show(picture: Tensor, exposure: Exposure, numbers: PanelNumbers) -> Screen:
+    """Return what panels show of pictures (B, 3, H, W), float32 or uint8; numbers: uploaded."""
+    n, _, h, w = picture.shape
+    light = torch.empty(n, 3, h, w, dtype=torch.float32, device=picture.device)
+    _launch(_light, light, exposure, picture.contiguous(), numbers)
+    scale = _pixel_scale(exposure)
+    if not len(scale) or scale.min() >= 1:
+        return Screen(light, (w, h), 0, (w, h))
+    rows, cols = (math.ceil(scale.max() * size) + 2 * EDGE_PIXELS for size in (h, w))
+    narrow, short = light.new_empty(n, 3, h, cols), light.new_empty(n, 3, rows, cols)
+    _shrink_axis(narrow, light, 3, scale, numbers, back=False)
+    _shrink_axis(short, narrow, 2, scale, numbers, back=False)
+    return Screen(short, (cols, rows), EDGE_PIXELS, (w, h))
+
+
+def show_back(grad: Tensor, picture: Tensor, exposure: Exposure, numbers: PanelNumbers) -> Tensor:
+    """Return the gradient in the picture, from that in `Screen.light`."""
+    n, _, h, w = picture.shape
+    scale = _pixel_scale(exposure)
+    if len(scale) and scale.min() < 1:
+        narrow, light = grad.new_zeros(n, 3, h, grad.shape[3]), grad.new_zeros(n, 3, h, w)
+        _shrink_axis(grad, narrow, 2, scale, numbers, back=True)
+        _shrink_axis(narrow, light, 3, scale, numbers, back=True)
+        grad = light
+    out = torch.empty_like(picture, memory_format=torch.contiguous_format)
+    _launch(_light_back, out, exposure, grad, picture.contiguous(), numbers)
+    return out
+
+
+def _pixel_scale(exposure: Exposure) -> np.ndarray:
+    """Return `PanelNumbers.pixel_scale`."""
+    return np.minimum(exposure.cameras[:, Camera._fields.index("alpha")], 1)
+
+
+def _launch(kernel: Any, out: Tensor, exposure: Exposure, *arguments: Any) -> None:
+    """Run a kernel that fills out (B, 3, H, W)."""
+    n, channels, h, w = out.shape
+    kernel[(n * channels * triton.cdiv(h * w, BLOCK),)](
+        out, *arguments, (w, h),
+        CODED=exposure.coded, BLURS=bool(exposure.neighbour_share.any()), BLOCK=BLOCK,
+    )  # fmt: skip
+
+
+def _shrink_axis(
+    short: Tensor,
+    long: Tensor,
+    axis: int,
+    scale: np.ndarray,
+    numbers: PanelNumbers,
+    *,
+    back: bool,
+) -> None:
+    """Launch `_shrink` along an axis of (B, 3, h, w); scale: from `_pixel_scale`."""
+    lines, inner = math.prod(long.shape[1:axis]), math.prod(long.shape[axis + 1 :])
+    taps, n = math.ceil(2 / scale.min()), short.numel()
+    sizes = Shrinking(long.shape[axis], short.shape[axis], lines, inner, taps)
+    programs = (triton.cdiv(n, BLOCK),)
+    _shrink[programs](short, long, numbers.pixel_scale, n, sizes, BACK=back, BLOCK=BLOCK)
 
 
 @triton.jit
-def within(first, offset, count):
-    """Return pixels at an offset from the first, of `count`, or the outermost beyond the edges."""
-    return tl.minimum(tl.maximum(first + offset, 0), count - 1)
+def decode(code):
+    """Return the light of an sRGB code, and its derivative."""
+    bent, root = code > 0.04045, tl.maximum(code + 0.055, 0.0) / 1.055
+    log = tl.log2(tl.maximum(root, 1e-6))
+    slope = tl.where(bent, 2.4 / 1.055 * tl.exp2(1.4 * log), 1.0 / 12.92)
+    return tl.where(bent, tl.exp2(2.4 * log), code / 12.92), slope
 
 
 @triton.jit
-def content(channel, patch, screen):
-    """Return the light of a Patch: the weighted sum of its pixels."""
-    columns, rows = screen.pixels
-    total = 0.0 * patch.across[0]
-    for m in tl.static_range(len(patch.down)):
-        line = channel + within(patch.top, m, rows) * columns
-        of_row = 0.0 * total
-        for n in tl.static_range(len(patch.across)):
-            of_row += patch.across[n] * tl.load(line + within(patch.left, n, columns))
-        total += patch.down[m] * of_row
+def light_at(pixels, at, valid, black, CODED: tl.constexpr):
+    """Return the light of a picture's pixels, or what they hold if it is not CODED and black is
+    0."""
+    value = tl.load(pixels + at, mask=valid, other=0).to(tl.float32)
+    if pixels.dtype.element_ty == tl.uint8:
+        value = value * (1.0 / 255.0)
+    if CODED:
+        value, _ = decode(value)
+    return value + black * (1.0 - value)
+
+
+@triton.jit
+def blurred(pixels, pixel, size, black, share, CODED: tl.constexpr, BLURS: tl.constexpr):
+    """Return the light of the pixels (n,) of one channel of a picture, of which a share comes from
+    a pixel's neighbours along each axis, as in `prefilter.blur_by_neighbours`. It is its own
+    transpose."""
+    w, h = size
+    valid, row, col = pixel < h * w, pixel // w, pixel % w
+    if not BLURS:
+        return light_at(pixels, pixel, valid, black, CODED)
+    total = share * 0.0
+    for i in tl.static_range(3):
+        for j in tl.static_range(3):
+            y = tl.minimum(tl.maximum(row + (i - 1), 0), h - 1)
+            x = tl.minimum(tl.maximum(col + (j - 1), 0), w - 1)
+            down = 1.0 - share if i == 1 else 0.5 * share
+            across = 1.0 - share if j == 1 else 0.5 * share
+            total += down * across * light_at(pixels, y * w + x, valid, black, CODED)
     return total
 
 
 @triton.jit
-def add_content_back(channel, grad, patch, inside, screen):
-    """Add the gradient in pixels shown to a channel, from that in their `content`."""
-    columns, rows = screen.pixels
-    for m in tl.static_range(len(patch.down)):
-        line = channel + within(patch.top, m, rows) * columns
-        for n in tl.static_range(len(patch.across)):
-            back = grad * patch.down[m] * patch.across[n]
-            at = line + within(patch.left, n, columns)
-            tl.atomic_add(at, back, mask=inside & (back != 0.0))
+def _light(
+    out, picture, numbers, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
+):
+    """Fill out (B, 3, H, W) with the light of pictures: a program for BLOCK pixels of a channel."""
+    plane, pixel = block(size[0] * size[1], BLOCK)
+    start, image = plane.to(tl.int64) * size[0] * size[1], plane // 3
+    black, share = tl.load(numbers.black + image), tl.load(numbers.neighbour_share + image)
+    light = blurred(picture + start, pixel, size, black, share, CODED, BLURS)
+    tl.store(out + start + pixel, light, mask=pixel < size[0] * size[1])
+
+
+@triton.jit
+def _light_back(
+    out, grad, picture, numbers, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
+):
+    """Fill out (B, 3, H, W) with the gradient in pictures, from that in their light."""
+    plane, pixel = block(size[0] * size[1], BLOCK)
+    start, valid = plane.to(tl.int64) * size[0] * size[1], pixel < size[0] * size[1]
+    share = tl.load(numbers.neighbour_share + plane // 3)
+    back = blurred(grad + start, pixel, size, 0.0, share, False, BLURS)
+    back *= 1.0 - tl.load(numbers.black + plane // 3)
+    if CODED:
+        back *= decode(tl.load(picture + start + pixel, mask=valid, other=0.0))[1]
+    tl.store(out + start + pixel, back, mask=valid)
+
+
+@triton.jit
+def _shrink(short, long, pixel_scale, n, sizes, BACK: tl.constexpr, BLOCK: tl.constexpr):
+    """Fill `short`, n values, (lines, sizes.short, sizes.inner) from `long` (lines, sizes.long,
+    sizes.inner) as `displayed.shrink` does along one axis; or, BACK, add to long the gradient in it
+    from that in short. A program for BLOCK values."""
+    value = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
+    valid, beside, place = value < n, value % sizes.inner, value // sizes.inner
+    line = place // sizes.short
+    scale = tl.load(pixel_scale + line // sizes.lines, mask=valid, other=1.0)
+    centre = ((place % sizes.short).to(tl.float32) + (0.5 - LEAD)) / scale
+    first = tl.ceil(centre - 1.0 / scale - 0.5)
+    total = tl.full([BLOCK], 0.0, tl.float32)
+    for tap in range(sizes.taps):
+        total += tl.maximum(1.0 - tl.abs(first + tap + 0.5 - centre) * scale, 0.0)
+    light = tl.full([BLOCK], 0.0, tl.float32)
+    if BACK:
+        light = tl.load(short + value, mask=valid, other=0.0) / total
+    for tap in range(sizes.taps):
+        weight = tl.maximum(1.0 - tl.abs(first + tap + 0.5 - centre) * scale, 0.0)
+        pixel = tl.minimum(tl.maximum((first + tap).to(tl.int32), 0), sizes.long - 1)
+        at = long + (line * sizes.long + pixel) * sizes.inner + beside
+        if BACK:
+            tl.atomic_add(at, weight * light, mask=valid & (weight > 0.0))
+        else:
+            light += weight * tl.load(at, mask=valid, other=0.0)
+    if not BACK:
+        tl.store(short + value, light / total, mask=valid)

@@ -9,42 +9,46 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.engine.gpu import binned, full
 from moireaug.engine.gpu import develop as developing
-from moireaug.engine.gpu import expose_binned, expose_full
 from moireaug.engine.lower.development_records import Development
-from moireaug.engine.lower.exposure_records import Beats, Exposure
+from moireaug.engine.lower.exposure_records import BinnedView, Exposure, PanelView
 
 SUMS_IN_ORDER = False
 
 
-def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
+def prepare() -> None:
+    """Do nothing: Triton compiles within seconds."""
+
+
+def fits(exposure: Exposure, view: PanelView) -> np.ndarray:
     """Return for each image whether kernels can follow its view, (B,) bool."""
-    if beats is not None:
-        return expose_binned.fits(exposure, beats)
+    if isinstance(view, BinnedView):
+        return binned.fits(exposure, view)
     return np.ones(len(exposure.cameras), bool)
 
 
 def launch_expose(
-    picture: Tensor, saves: bool, exposure: Exposure, beats: Beats | None
+    picture: Tensor, saves: bool, exposure: Exposure, view: PanelView
 ) -> tuple[Tensor, Tensor]:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
     with _device_of(picture):
-        if beats is not None:
-            raw = expose_binned.expose(picture, exposure, beats)
+        if isinstance(view, BinnedView):
+            raw = binned.expose(picture, exposure, view)
         else:
-            raw = expose_full.expose(picture, exposure)
+            raw = full.expose(picture, exposure, view)
     return raw, raw.new_empty(0)
 
 
 def launch_expose_back(
-    grad: Tensor, picture: Tensor, saved: Tensor, exposure: Exposure, beats: Beats | None
+    grad: Tensor, picture: Tensor, saved: Tensor, exposure: Exposure, view: PanelView
 ) -> Tensor:
     """Return the gradient in pictures, from that in their readings. Sums are not in a fixed
     order."""
     with _device_of(picture):
-        if beats is not None:
-            return expose_binned.expose_back(grad, picture, exposure, beats)
-        return expose_full.expose_back(grad, picture, exposure)
+        if isinstance(view, BinnedView):
+            return binned.expose_back(grad, picture, exposure, view)
+        return full.expose_back(grad, picture, exposure, view)
 
 
 def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor, Tensor]:

@@ -12,7 +12,7 @@ import triton.language as tl
 
 from moireaug.effects import binned_statistics, sensor
 from moireaug.engine.gpu.arrays import camera_field
-from moireaug.engine.gpu.noise import normal
+from moireaug.engine.gpu.random_numbers import normal
 from moireaug.engine.gpu.view import BEND, load32
 
 GAIN, FALLOFF = camera_field("gain"), camera_field("falloff")
@@ -53,7 +53,8 @@ def attenuation(u, v, camera):
 
 @triton.jit
 def noise_of(light, index, seed, camera, quantiles):
-    """Return the noise of a reading, and its derivative in the light; see `noise.normal`."""
+    """Return the noise of a reading, and its derivative in the light; for quantiles, see
+    `random_numbers.normal`."""
     dark, photons = load32(camera, DARK_NOISE), load32(camera, PHOTON_NOISE)
     variance = dark * dark + photons * photons * tl.maximum(light, DARK_LEVEL)
     some = variance > 0.0
@@ -71,7 +72,7 @@ def reading(light, pulse, u, v, white, camera, noise, NOISY: tl.constexpr):
     Args:
         light: of the panel, without flicker, through a plane's filter. pulse: of the flicker.
         white: what the plane reads of a white screen. noise: indices, seed and quantiles, see
-            `noise.normal`. NOISY: whether there is any.
+            `random_numbers.normal`. NOISY: whether there is any.
     """
     u, v = u.to(tl.float32), v.to(tl.float32)
     factor = attenuation(u, v, camera)

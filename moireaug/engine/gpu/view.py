@@ -110,26 +110,17 @@ def load32(camera, FIELD: tl.constexpr):
 def jacobian(u, v, camera):
     """Return the change of panel x and y per sensor pixel along u and v at a photo point, as xu,
     xv, yu, yv; float32."""
-    u, v, bend = u.to(tl.float32), v.to(tl.float32), load32(camera, BEND)
-    k1, k2, h20, h21 = (
-        load32(camera, K1),
-        load32(camera, K2),
-        load32(camera, H20),
-        load32(camera, H21),
-    )
+    u, v = u.to(tl.float32), v.to(tl.float32)
+    bend, k1, k2 = load32(camera, BEND), load32(camera, K1), load32(camera, K2)
     r2 = bend * (u * u + v * v)
     bent, along = 1.0 + r2 * (k1 + k2 * r2), 2.0 * bend * (k1 + 2.0 * k2 * r2)
     uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
     p, q = u * bent, v * bent
-    nearness = 1.0 / tl.maximum(h20 * p + h21 * q + load32(camera, H22), NEAR_HORIZON)
-    h00, h01, h10, h11 = (
-        load32(camera, H00),
-        load32(camera, H01),
-        load32(camera, H10),
-        load32(camera, H11),
-    )
-    x = (h00 * p + h01 * q + load32(camera, H02)) * nearness
-    y = (h10 * p + h11 * q + load32(camera, H12)) * nearness
+    h00, h01, h02 = load32(camera, H00), load32(camera, H01), load32(camera, H02)
+    h10, h11, h12 = load32(camera, H10), load32(camera, H11), load32(camera, H12)
+    h20, h21, h22 = load32(camera, H20), load32(camera, H21), load32(camera, H22)
+    nearness = 1.0 / tl.maximum(h20 * p + h21 * q + h22, NEAR_HORIZON)
+    x, y = (h00 * p + h01 * q + h02) * nearness, (h10 * p + h11 * q + h12) * nearness
     xp, xq = (h00 - x * h20) * nearness, (h01 - x * h21) * nearness
     yp, yq = (h10 - y * h20) * nearness, (h11 - y * h21) * nearness
     alpha = load32(camera, ALPHA)

@@ -10,8 +10,8 @@ import torch
 from moireaug.effects.binned_statistics import averaged_pixels
 from moireaug.engine.lower import pose
 from moireaug.engine.lower.cameras import camera_fields, lower_cameras
-from moireaug.engine.lower.cell import PanelView, Shapes, cell_of_whole_pixels, mean_light_of
-from moireaug.engine.lower.exposure_records import Beats
+from moireaug.engine.lower.cell import cell_of_whole_pixels, mean_light_of
+from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, FullView
 from moireaug.engine.lower.numbers import bin_scale_of, panel_scale_of, sensor_scale_of
 from moireaug.exposure.bin_content import Content, content_of
 from moireaug.panel.fourier import amplitudes_of
@@ -21,8 +21,8 @@ from moireaug.shot import ShotRecord
 
 def binned_view(
     shot: ShotRecord, drawn: dict[str, np.ndarray], inverse: np.ndarray, magnified: np.ndarray
-) -> tuple[PanelView, Beats]:
-    """Return a shot's PanelView, of pixels of the panel that emit all over, and its Beats.
+) -> tuple[np.ndarray, Cell, BinnedView]:
+    """Return a shot's cameras, of photo pixels, (B, fields), its Cell and its BinnedView.
 
     Args:
         inverse: (B, 3, 3), from ideal photo to image coordinates, both about the centre.
@@ -40,8 +40,8 @@ def binned_view(
     # none at the same height: centres differ
     cell = cell_of_whole_pixels(shot.plan.method.taps)
     cell = cell._replace(y_group=np.arange(3), kind_y_group=np.arange(3))
-    view = PanelView(cameras, lenses, cell, _shapes_of(content))
-    return view, _beats_of(shot, sensors, content, scales)
+    beats = _beats_of(shot, sensors, content, scales)
+    return cameras, cell, BinnedView(_picture_view(lenses, content), beats)
 
 
 class _BinScales(NamedTuple):
@@ -87,10 +87,10 @@ def _bin_cameras(
     )
 
 
-def _shapes_of(content: Content) -> Shapes:
+def _picture_view(lenses: np.ndarray, content: Content) -> FullView:
     width, hold = content.width.detach().numpy(), content.hold.detach().numpy()
-    added_variance = np.repeat(hold, 6).reshape(-1, 3, 2)
-    return Shapes(np.ones((len(hold), 3, 1, 1)), np.ascontiguousarray(width), added_variance)
+    light, added_variance = np.ones((len(hold), 3, 1, 1)), np.repeat(hold, 6).reshape(-1, 3, 2)
+    return FullView(lenses, light, np.ascontiguousarray(width), added_variance)
 
 
 def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _BinScales) -> Beats:

@@ -89,11 +89,9 @@ def _warps(shot: ShotRecord) -> bool:
 def _registration_of(
     shot: ShotRecord, drawn: dict[str, np.ndarray], homography: np.ndarray
 ) -> Registration:
-    views, lens = np.empty((0, 3, 3)), np.empty((0, 2))
-    if _warps(shot):
-        views = homography
-        lens = np.stack(distortion_of(shot, drawn), 1)
-    return Registration(views, lens)
+    if not _warps(shot):
+        return Registration(np.empty((0, 3, 3)), np.empty((0, 2)))
+    return Registration(homography, np.stack(distortion_of(shot, drawn), 1))
 
 
 def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray) -> Detail:

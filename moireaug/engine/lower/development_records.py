@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
+
+# an array and a Resize as lowered; CPU kernels take what `cpu.develop_arrays` makes of them
+DemosaicT = TypeVar("DemosaicT")
+ColumnsT = TypeVar("ColumnsT")
 
 
 class Resize(NamedTuple):
@@ -30,15 +34,15 @@ class Registration(NamedTuple):
     """What brings a batch's photos back to the image's frame; of length 0 if nothing does.
 
     Args:
-        views: (B, 3, 3) float64, see `register.register`.
+        forward: (B, 3, 3) float64, see `register.register`.
         lens: (B, 2) float64, k1 and k2.
     """
 
-    views: np.ndarray
+    forward: np.ndarray
     lens: np.ndarray
 
 
-class Detail(NamedTuple):
+class Detail(NamedTuple, Generic[ColumnsT]):
     """What makes photos of a batch's codes of sensor pixels: filters, neutral if none is planned,
     and a resize.
 
@@ -51,7 +55,7 @@ class Detail(NamedTuple):
 
     size: tuple[int, int]
     rows: Resize
-    cols: Resize
+    cols: ColumnsT
     chroma: np.ndarray
     chroma_size: int
     sharp: np.ndarray
@@ -59,7 +63,7 @@ class Detail(NamedTuple):
     amount: np.ndarray
 
 
-class Codes(NamedTuple):
+class Codes(NamedTuple, Generic[DemosaicT, ColumnsT]):
     """What makes codes of a batch's readings, and resizes them.
 
     Args:
@@ -76,9 +80,9 @@ class Codes(NamedTuple):
     """
 
     mosaic: bool
-    demosaic: np.ndarray
+    demosaic: DemosaicT
     rows: Resize
-    cols: Resize
+    cols: ColumnsT
     saturates: bool
     levels: np.float32
     matrix: np.ndarray
@@ -90,7 +94,7 @@ class Codes(NamedTuple):
     brighten: np.ndarray
 
 
-class Development(NamedTuple):
+class Development(NamedTuple, Generic[DemosaicT, ColumnsT]):
     """A batch's development, as kernels take it.
 
     Args:
@@ -100,8 +104,8 @@ class Development(NamedTuple):
     """
 
     size: tuple[int, int]
-    codes: Codes
+    codes: Codes[DemosaicT, ColumnsT]
     finishes: bool
-    detail: Detail
+    detail: Detail[ColumnsT]
     registers: bool
     registration: Registration

@@ -14,8 +14,8 @@ from moireaug.effects.flicker import BANDS_PER_ROW, light_of_rows
 from moireaug.engine.lower.binned import binned_view
 from moireaug.engine.lower.budget import ErrorBudget
 from moireaug.engine.lower.cell import mean_light_of
-from moireaug.engine.lower.exposure_records import Beats, Exposure, Sites
-from moireaug.engine.lower.full import full_view, point_of
+from moireaug.engine.lower.exposure_records import Exposure, PanelView, Sites
+from moireaug.engine.lower.full import cameras_and_cell, full_view, point_view
 from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, homography_of, numbers_of
 from moireaug.exposure.filters import filters_of
 from moireaug.geometry.lattice import CFA
@@ -23,18 +23,20 @@ from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord, sampled_by
 
 
-def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats | None]:
-    """Return a shot's Exposure and, of a binned reading, its Beats.
+def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelView]:
+    """Return a shot's Exposure, and how its pixels see the panel.
 
     decoded: the pictures have already been decoded, raised to the black level and prefiltered.
     """
-    plan, drawn, beats = shot.plan, numbers_of(shot), None
+    plan, drawn = shot.plan, numbers_of(shot)
     homography, magnified = homography_of(shot, drawn)
     inverse = np.linalg.inv(homography)
+    view: PanelView
     if shot.scene.is_binned:
-        view, beats = binned_view(shot, drawn, inverse, magnified)
+        cameras, cell, view = binned_view(shot, drawn, inverse, magnified)
     else:
-        view = full_view(shot, drawn, inverse)
+        cameras, cell = cameras_and_cell(shot, drawn, inverse)
+        view = point_view(shot) if plan.exposure == "point" else full_view(shot, cameras)
     # of one layout, as kernels are compiled for each
     filters = np.ascontiguousarray(filters_of(shot).detach().numpy())
     black, share = np.zeros((2, len(shot)), np.float32)
@@ -44,15 +46,11 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         share[:] = prefilter.share_at_centre(shot).detach().float().numpy()
     exposure = Exposure(
         size=shot.size,
-        cameras=view.cameras,
-        lenses=view.lenses,
+        cameras=cameras,
         filters=filters,
         white=_white_of(shot, filters),
         black=black,
-        cell=view.cell,
-        coefficients=view.shapes.coefficients,
-        widths=view.shapes.widths,
-        added_variance=view.shapes.added_variance,
+        cell=cell,
         sites=_sites(shot.scene, shot.size),
         flicker=_flicker_of(shot),
         seeds=np.ascontiguousarray(shot.seed.numpy()),  # kernels are compiled for each layout
@@ -62,9 +60,8 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         dark=shot.scene.is_dark_around,
         clips="full_well" in plan,
         budget=ErrorBudget.of(shot.scene.tolerance),
-        point=point_of(shot) if plan.exposure == "point" else None,
     )
-    return exposure, beats
+    return exposure, view
 
 
 def _white_of(shot: ShotRecord, filters: np.ndarray) -> np.ndarray:

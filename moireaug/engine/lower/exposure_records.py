@@ -1,5 +1,12 @@
-"""The records that the kernels of exposing take, of plain numbers and arrays: one `Camera` per
-image, one `Cell` (of binned readings, one per image) and one `Sites` per batch."""
+"""The records that the kernels of exposing take, of plain numbers and arrays: an Exposure, and one
+of three views, which say how its pixels see the panel.
+
+| view | `Exposure.cameras` | lenses: what blurs them | `Beats.cameras` |
+|---|---|---|---|
+| FullView | sensor pixels | the same | |
+| BinnedView | photo pixels | sensor pixels on the picture | sensor pixels on the panel |
+| PointView | sensor pixels | | |
+"""
 
 from __future__ import annotations
 
@@ -92,37 +99,16 @@ class Sites(NamedTuple):
     channel: np.ndarray
 
 
-class Point(NamedTuple):
-    """The panel of a point exposure.
-
-    Args:
-        rectangles: (n, 4) float64, the subpixels' x0, y0, x1, y1 in panel pixels from the cell's
-            corner.
-        raster: raster subpixels along each side of a panel pixel.
-        lit: (B,) float64, share of each subpixel that emits.
-    """
-
-    rectangles: np.ndarray
-    raster: int
-    lit: np.ndarray
-
-
 class Exposure(NamedTuple):
-    """A batch's exposure, as kernels take it.
+    """A batch's exposure, however its pixels see the panel.
 
     Args:
         size: height and width of the pictures.
         cameras: (B, fields) float64, the fields of one `Camera` per image, of the pixels that are
-            read. lenses: likewise, of their blur: the same, or in a binned reading, those of sensor
-            pixels.
+            read.
         filters: (B, 3, 3) float64, what each filter passes of red, green and blue light.
         white: (B, planes) float64, what each plane reads of a white screen on average.
         black: (B,) float32, light of a black pixel as a share of a white one's.
-        coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L
-            of each kind's mask, in cycles per cell.
-        widths: (B, kinds, 2) float64, of each kind along x and y, in cells.
-        added_variance: (B, kinds, 2) float64, squared cells: of a kind's slant; in bins, `hold` of
-            `bin_content.Content`.
         flicker: (B, rows) float64, each sensor row's light relative to the mean; or (B, 0).
         seeds: (B,) int64, of the noise. noisy: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
@@ -130,21 +116,15 @@ class Exposure(NamedTuple):
             neighbours; see `picture.fill_light`.
         dark: the panel is black beyond the picture, else it repeats the outermost pixel.
         clips: the reading is clipped to [0, 1].
-        budget: what is left out.
-        point: of a point exposure, which does not use coefficients, widths and added_variance;
-            else None.
+        budget: what is left out, but of a point exposure nothing is.
     """
 
     size: tuple[int, int]
     cameras: np.ndarray
-    lenses: np.ndarray
     filters: np.ndarray
     white: np.ndarray
     black: np.ndarray
     cell: Cell
-    coefficients: np.ndarray
-    widths: np.ndarray
-    added_variance: np.ndarray
     sites: Sites
     flicker: np.ndarray
     seeds: np.ndarray
@@ -154,12 +134,28 @@ class Exposure(NamedTuple):
     dark: bool
     clips: bool
     budget: ErrorBudget
-    point: Point | None = None
+
+
+class FullView(NamedTuple):
+    """How pixels that integrate see the kinds of subpixel of a batch's panels.
+
+    Args:
+        lenses: (B, fields) float64, the fields of one `Camera` per image, of the pixels' blur.
+        coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L
+            of each kind's mask, in cycles per cell.
+        widths: (B, kinds, 2) float64, of each kind along x and y, in cells.
+        added_variance: (B, kinds, 2) float64, squared cells: of a kind's slant; in bins, `hold` of
+            `bin_content.Content`.
+    """
+
+    lenses: np.ndarray
+    coefficients: np.ndarray
+    widths: np.ndarray
+    added_variance: np.ndarray
 
 
 class Beats(NamedTuple):
-    """What a batch's binned readings take of the panel besides its Exposure, whose cameras are of
-    photo pixels and whose cell holds one pixel of each colour.
+    """The pattern of a batch's panels that binned readings show.
 
     Args:
         cameras: (B, fields) float64, those of one `Camera` per image, of sensor pixels.
@@ -190,3 +186,29 @@ class Beats(NamedTuple):
     lost_noise_variance: np.ndarray
     saturates: bool
     bayer: bool
+
+
+class BinnedView(NamedTuple):
+    """How bins see a batch's panels: the picture, as on a panel whose cell is one pixel of each
+    colour that emits all over, times the pattern."""
+
+    picture: FullView
+    beats: Beats
+
+
+class PointView(NamedTuple):
+    """How the points of a point exposure see a batch's panels.
+
+    Args:
+        rectangles: (n, 4) float64, the subpixels' x0, y0, x1, y1 in panel pixels from the cell's
+            corner.
+        raster: raster subpixels along each side of a panel pixel.
+        lit: (B,) float64, share of each subpixel that emits.
+    """
+
+    rectangles: np.ndarray
+    raster: int
+    lit: np.ndarray
+
+
+PanelView = FullView | BinnedView | PointView

@@ -9,14 +9,12 @@ import numpy as np
 from moireaug.engine.lower import pose
 from moireaug.engine.lower.cameras import camera_fields, lower_cameras
 from moireaug.engine.lower.cell import (
-    PanelView,
-    Shapes,
     cell_of_whole_pixels,
+    highest_orders,
     lower_cell,
-    lower_shapes,
     mean_light_of,
 )
-from moireaug.engine.lower.exposure_records import Cell, Point
+from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
 from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, panel_scale_of
 from moireaug.exposure.base import ExposureMethod
 from moireaug.panel.fourier import emitting_share, own_orders
@@ -26,38 +24,62 @@ from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
 
 
-def full_view(shot: ShotRecord, drawn: dict[str, np.ndarray], inverse: np.ndarray) -> PanelView:
-    """Return a shot's PanelView; inverse: (B, 3, 3), from ideal photo to image coordinates, both
-    about the centre."""
+def cameras_and_cell(
+    shot: ShotRecord, drawn: dict[str, np.ndarray], inverse: np.ndarray
+) -> tuple[np.ndarray, Cell]:
+    """Return a shot's cameras, of sensor pixels, (B, fields), and its Cell; inverse: (B, 3, 3),
+    from ideal photo to image coordinates, both about the centre."""
     rows, cols = shot.sampled_pixels()
     fields = camera_fields(shot, drawn) | {"alpha": panel_scale_of(shot, drawn)}
     back = pose.from_corner(inverse, shot.size)
     cameras = lower_cameras(back, (rows.scale, cols.scale), fields)
-    return PanelView(cameras, cameras, _cell(shot.scene, shot.plan.method), _shapes_of(shot))
+    return cameras, _cell(shot.scene, shot.plan.method)
 
 
-def point_of(shot: ShotRecord) -> Point:
-    """Return the Point of a shot whose exposure is "point"."""
+def point_view(shot: ShotRecord) -> PointView:
+    """Return the PointView of a shot whose exposure is "point"."""
     layout, (width, height) = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
-    rectangles = [subpixel.box() for subpixel in _subpixels(shot.scene)]
-    return Point(np.array(rectangles, np.float64), layout.raster, (width * height).detach().numpy())
+    rectangles = np.array([subpixel.box() for subpixel in _subpixels(shot.scene)], np.float64)
+    return PointView(rectangles, layout.raster, (width * height).detach().numpy())
 
 
-def _shapes_of(shot: ShotRecord) -> Shapes:
-    if shot.plan.method.name == "mean":
+def full_view(shot: ShotRecord, cameras: np.ndarray) -> FullView:
+    """Return a shot's FullView; cameras: of its sensor pixels."""
+    if not shot.scene.shows_pattern:
         widths = np.ones((len(shot), 3, 2))
-        return Shapes(mean_light_of(shot)[:, :, None, None], widths, np.zeros_like(widths))
+        mean = mean_light_of(shot)[:, :, None, None]
+        return FullView(cameras, mean, widths, np.zeros_like(widths))
     width, height = (share.detach() for share in emitting_share(shot.panel))
     kinds = _kinds(shot.scene).values()
-    edges = np.array([(s.across, s.down) for s in kinds])
     shares = np.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
-    periods = [s.period for s in kinds]
-    return lower_shapes(edges * shares, periods, _orders(shot.scene, shot.plan.method))
+    periods = np.array([s.period for s in kinds], np.float64)
+    edges = np.array([(s.across, s.down) for s in kinds]) * shares / periods[:, None]
+    long, short = np.abs(edges).max(-2), np.abs(edges).min(-2)
+    coefficients = _coefficients(edges, _orders(shot.scene, shot.plan.method))
+    return FullView(cameras, coefficients, long, short * short / 12)
+
+
+def _coefficients(edges: np.ndarray, orders: list[np.ndarray]) -> np.ndarray:
+    """Return `FullView.coefficients`.
+
+    Args:
+        edges: (B, kinds, 2, 2), two edge vectors of each kind, x then y, in cells.
+        orders: of each kind, its harmonics' k and l, (2, n) int64: k >= 0, conjugates and (0, 0)
+            left out.
+    """
+    n_k, n_l = np.max([highest_orders(o) for o in orders], axis=0)
+    area = np.abs(edges[..., 0, 0] * edges[..., 1, 1] - edges[..., 0, 1] * edges[..., 1, 0])
+    out = np.zeros((*area.shape, n_k + 1, 2 * n_l + 1))
+    for kind, (k, l) in enumerate(orders):
+        out[:, kind, 0, n_l] = area[:, kind]
+        waves = np.sinc(edges[:, kind] @ orders[kind])  # (B, edge, harmonic)
+        out[:, kind, k, l + n_l] = 2 * area[:, kind, None] * waves[:, 0] * waves[:, 1]
+    return out
 
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _cell(scene: SceneRecord, method: ExposureMethod) -> Cell:
-    if method.name == "mean":
+    if not scene.shows_pattern:
         return cell_of_whole_pixels(method.taps)
     subpixels = [(s.channel, s.centre, _kind(scene, s)) for s in _subpixels(scene)]
     periods = [s.period for s in _kinds(scene).values()]

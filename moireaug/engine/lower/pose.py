@@ -22,14 +22,9 @@ def camera_pose(
     """
     h, w = size
     yaw, pitch, roll = (np.deg2rad(drawn[name]) for name in ("view.yaw", "view.pitch", "view.roll"))
-    sy, cy, sp, cp, sr, cr = (
-        np.sin(yaw),
-        np.cos(yaw),
-        np.sin(pitch),
-        np.cos(pitch),
-        np.sin(roll),
-        np.cos(roll),
-    )
+    sy, cy = np.sin(yaw), np.cos(yaw)
+    sp, cp = np.sin(pitch), np.cos(pitch)
+    sr, cr = np.sin(roll), np.cos(roll)
     f = math.hypot(h, w) / 2 / np.tan(np.deg2rad(drawn["view.fov"]) / 2)
     out = np.zeros((len(yaw), 3, 3))
     out[:, 0, 0], out[:, 0, 1] = cy * cr, cy * sr

@@ -24,8 +24,8 @@ def quick_calls(monkeypatch):
 @pytest.fixture(autouse=True)
 def one_program_an_image(monkeypatch, quick_calls):
     """The interpreter takes as long for a program of one pixel as of hundreds."""
-    from moireaug.engine.gpu import expose_binned, expose_full, tile
+    from moireaug.engine.gpu import binned, full, tile
 
     monkeypatch.setattr(tile, "TILE", (32, 64))
-    for module in (expose_binned, expose_full):
+    for module in (binned, full):
         monkeypatch.setattr(module, "BLOCK", 256)

@@ -48,7 +48,7 @@ def photo_place(images, pixels, registration, BENDS: tl.constexpr):
     """
     (x, y), half_width, half_height = about_middle(images, pixels)
     lens = lens_of(registration, pixels.image, half_width, half_height)
-    u, v = to_photo(x, y, registration.views + pixels.image * 9, lens, BENDS)
+    u, v = to_photo(x, y, registration.forward + pixels.image * 9, lens, BENDS)
     shown = pixels.exist & (tl.abs(u) <= half_width) & (tl.abs(v) <= half_height)
     # the outermost pixels are repeated past their centres
     row = tl.minimum(tl.maximum(v + half_height - 0.5, 0.0), images.height - 1.0)
@@ -138,7 +138,7 @@ def box_of(images, pixels, registration, BENDS: tl.constexpr):
 
     registration: see `develop_arrays.RegistrationArrays`.
     """
-    view = registration.views + pixels.image * 9
+    forward = registration.forward + pixels.image * 9
     inverse = registration.inverses + pixels.image * 9
     (u, v), half_width, half_height = about_middle(images, pixels)
     step = 1.0
@@ -151,8 +151,8 @@ def box_of(images, pixels, registration, BENDS: tl.constexpr):
         step = 1.0 + 3.5 * tl.abs(k1) + 6.0 * tl.abs(k2)
     x, y, depth = homogeneous(inverse, u, v)
     # depth is the reciprocal of that on the way there, which is greatest in one of the corners
-    corner = tl.abs(tl.load(view + 6)) * half_width + tl.abs(tl.load(view + 7)) * half_height
-    min_depth = 1.0 / (tl.load(view + 8) + corner)
+    corner = tl.abs(tl.load(forward + 6)) * half_width + tl.abs(tl.load(forward + 7)) * half_height
+    min_depth = 1.0 / (tl.load(forward + 8) + corner)
     left, right = interval(x, depth, inverse, inverse + 6, min_depth, step)
     top, bottom = interval(y, depth, inverse + 3, inverse + 6, min_depth, step)
     first_row, row_count = pixels_between(top, bottom, images.height)

@@ -10,7 +10,7 @@ pytest.importorskip("triton")
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
 from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
-from moireaug.engine.gpu import expose_binned
+from moireaug.engine.gpu import binned
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.bin_geometry import pixels_on_photo
 from tests.engine.readings import assert_equal
@@ -81,7 +81,7 @@ def both_readings(shot, picture):
         shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
     ):  # over the picture: the reference does it
         picture, varies = pipeline.apply(("prefilter",), picture, shot), True
-    got = expose_binned.expose(picture, *lower_exposure(shot, decoded=varies))
+    got = binned.expose(picture, *lower_exposure(shot, decoded=varies))
     on_photo = pixels_on_photo(shot)[1][:, None] if shot.scene.is_rectified else 1.0
     return got * on_photo, expected * on_photo
 
@@ -100,7 +100,7 @@ def test_the_gradient_in_the_picture(name):
     if shot.scene.is_rectified:  # what bins beside the photo read is never seen
         grad = grad * pixels_on_photo(shot)[1][:, None]
     (expected,) = torch.autograd.grad(expected, exact, grad.double())
-    grad = expose_binned.expose_back(grad, picture, *lower_exposure(shot, decoded=False))
+    grad = binned.expose_back(grad, picture, *lower_exposure(shot, decoded=False))
     assert (grad - expected).norm() < 1e-4 * expected.norm()
 
 
@@ -108,7 +108,7 @@ def test_another_pitch_is_not_equal():
     shot, picture = shot_and_picture(SCENES["panel finer than the picture"])
     panel = dataclasses.replace(shot.panel, scale=shot.panel.scale * 1.001)
     other = dataclasses.replace(shot, panel=panel)
-    got = expose_binned.expose(picture, *lower_exposure(other, decoded=False))
+    got = binned.expose(picture, *lower_exposure(other, decoded=False))
     with pytest.raises(AssertionError):
         assert_equal(got, pipeline.expose(picture.double(), shot))
 
@@ -119,19 +119,19 @@ def test_a_view_of_the_horizon_does_not_fit():
     shot = scene.sample(2, SIZE)
     yaw = torch.tensor([5.0, 85.0], dtype=torch.float64)
     shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=yaw))
-    assert expose_binned.fits(*lower_exposure(shot, decoded=False)).tolist() == [True, False]
+    assert binned.fits(*lower_exposure(shot, decoded=False)).tolist() == [True, False]
 
 
 def test_terms_are_chosen_once_for_each_batch(monkeypatch):
-    choose, batches = expose_binned.beat_terms, []
+    choose, batches = binned.beat_terms, []
 
     def count(*records):
         batches.append(records)
         return choose(*records)
 
-    monkeypatch.setattr(expose_binned, "beat_terms", count)
+    monkeypatch.setattr(binned, "beat_terms", count)
     shot, picture = shot_and_picture(SCENES["no harmonic"])
     for records in [lower_exposure(shot, decoded=False) for _ in range(2)]:
-        expose_binned.fits(*records)
-        expose_binned.expose(picture, *records)
+        binned.fits(*records)
+        binned.expose(picture, *records)
     assert len(batches) == 2

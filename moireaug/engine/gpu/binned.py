@@ -9,37 +9,37 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.gpu.arrays import CAMERA_FIELDS, kernel_fields, upload
+from moireaug.engine.gpu.arrays import CAMERA_FIELDS, NOTHING, upload
+from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.gpu.beats import pattern_variance, responses
-from moireaug.engine.gpu.bins import Batch, Variant, bins_at, patch_of
-from moireaug.engine.gpu.display import display_numbers, show, show_back
-from moireaug.engine.gpu.noise import quantiles
-from moireaug.engine.gpu.panel import add_content_back, channel_of, content
+from moireaug.engine.gpu.bins import BinnedBatch, BinnedVariant, bins_at, patch_of
+from moireaug.engine.gpu.host_view import cameras_of, forward
+from moireaug.engine.gpu.panel import panel_numbers, show, show_back
+from moireaug.engine.gpu.patch import add_content_back, channel_of, content
+from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor import clipped_mean, flicker, reading
 from moireaug.engine.gpu.tile import add, black, block
-from moireaug.engine.lower.beat_terms import BeatTerms, beat_terms
-from moireaug.engine.lower.exposure_records import Beats, Exposure
-from moireaug.engine.lower.views import cameras_of, forward
+from moireaug.engine.lower.exposure_records import Beats, BinnedView, Exposure
 
 BLOCK = 128
 
 
-def expose(picture: Tensor, exposure: Exposure, beats: Beats) -> Tensor:
+def expose(picture: Tensor, exposure: Exposure, view: BinnedView) -> Tensor:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
-    batch, variant = prepare(picture, exposure, beats)
+    batch, variant = prepare(picture, exposure, view)
     shape = len(picture), len(exposure.sites.channel), *exposure.size
     raw = torch.empty(shape, dtype=torch.float32, device=picture.device)
     _expose[_grid(raw)](raw, batch, variant, BLOCK=BLOCK)
     return raw
 
 
-def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure, beats: Beats) -> Tensor:
+def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure, view: BinnedView) -> Tensor:
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings. Sums are
     not in a fixed order."""
-    batch, variant = prepare(picture, exposure, beats)
+    batch, variant = prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, variant, BLOCK=BLOCK)
-    return show_back(light_grad, picture, exposure, batch.display)
+    return show_back(light_grad, picture, exposure, batch.panel)
 
 
 _terms: tuple[Exposure, Beats, BeatTerms] | None = None
@@ -55,28 +55,32 @@ def terms_of(exposure: Exposure, beats: Beats) -> BeatTerms:
     return last[2]
 
 
-def fits(exposure: Exposure, beats: Beats) -> np.ndarray:
+def fits(exposure: Exposure, view: BinnedView) -> np.ndarray:
     """Return for each image whether `expose` can follow its view, (B,) bool."""
-    return terms_of(exposure, beats).fits
+    return terms_of(exposure, view.beats).fits
 
 
-def prepare(picture: Tensor, exposure: Exposure, beats: Beats) -> tuple[Batch, Variant]:
+def prepare(
+    picture: Tensor, exposure: Exposure, view: BinnedView
+) -> tuple[BinnedBatch, BinnedVariant]:
     """Return what the kernels read of a batch, and what they are compiled for."""
+    beats = view.beats
     cameras, harmonics = cameras_of(beats.cameras), len(beats.orders)
-    batch = Batch(
-        kernel_fields(exposure),
+    batch = BinnedBatch(
+        exposure._replace(budget=NOTHING),
+        view.picture._replace(coefficients=NOTHING),
         beats,
         terms_of(exposure, beats),
-        display_numbers(exposure),
+        panel_numbers(exposure),
         forward(cameras),
         np.zeros((len(beats.cameras), 3)),
         harmonics,
         exposure.flicker.shape[1],
     )
     batch = upload(batch, picture.device)
-    screen = show(picture, exposure, batch.display)
+    screen = show(picture, exposure, batch.panel)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
-    variant = Variant(
+    variant = BinnedVariant(
         period_x=int(beats.period[0]),
         period_y=int(beats.period[1]),
         taps=2 * exposure.cell.radius + 1,
@@ -151,14 +155,10 @@ def plane_reading(seen, bins, index, batch, PLANE: tl.constexpr, variant: tl.con
         share *= response[3 * channel + colour]
         light += share * content[channel]
         shares = shares + (share,)
-    camera, white = (
-        exposure.cameras + image * CAMERA_FIELDS,
-        exposure.white + image * planes + PLANE,
-    )
+    camera = exposure.cameras + image * CAMERA_FIELDS
+    white = tl.load(exposure.white + image * planes + PLANE)
     noise = index, tl.load(exposure.seeds + image), batch.quantiles
-    value, slope = reading(
-        light, pulse, bins.u, bins.v, tl.load(white), camera, noise, variant.noisy
-    )
+    value, slope = reading(light, pulse, bins.u, bins.v, white, camera, noise, variant.noisy)
     if variant.clips:
         lost = batch.beats.lost_noise_variance + image * 2
         pattern = tl.load(batch.lost_pattern_variance + image * 3 + colour)

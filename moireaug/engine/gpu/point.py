@@ -9,9 +9,9 @@ import numpy as np
 import triton
 import triton.language as tl
 
-from moireaug.engine.gpu.panel import Patch, place_on_shown, split
+from moireaug.engine.gpu.patch import Patch, place_on_shown, split
 from moireaug.engine.gpu.view import ALPHA
-from moireaug.engine.lower.exposure_records import Exposure
+from moireaug.engine.lower.exposure_records import Exposure, PointView
 
 MIN_LIGHT = tl.constexpr(1e-12)  # that a weighted mean is divided by
 
@@ -33,12 +33,10 @@ class Subpixels(NamedTuple):
     raster: int
 
 
-def subpixels_of(e: Exposure) -> Subpixels:
+def subpixels_of(e: Exposure, view: PointView) -> Subpixels:
     """Return an exposure's Subpixels, of arrays."""
-    assert e.point is not None
-    period = (e.cell.period[e.cell.kind] * e.point.raster).astype(np.float64)
-    rectangle = e.point.rectangles * e.point.raster
-    return Subpixels(rectangle, period, 1 / period, e.point.lit, e.point.raster)
+    period = (e.cell.period[e.cell.kind] * view.raster).astype(np.float64)
+    return Subpixels(view.rectangles * view.raster, period, 1 / period, view.lit, view.raster)
 
 
 def span_of(_: Exposure) -> tuple[int, int]:
@@ -93,7 +91,7 @@ def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr
 
 @triton.jit
 def see(i, sight, site, batch, variant: tl.constexpr):
-    """Return what pixels see of subpixel i, as `spectral_method.see` does."""
+    """Return what pixels see of subpixel i, as `spectral.see` does."""
     light_x, left, across = _along_axis(i, sight[0][0], site, batch, 0, variant.dark)
     light_y, top, down = _along_axis(i, sight[1][0], site, batch, 1, variant.dark)
     lit = tl.load(batch.subpixels.lit + site.image)

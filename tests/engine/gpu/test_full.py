@@ -8,7 +8,7 @@ import torch
 
 pytest.importorskip("triton")
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
-from moireaug.engine.gpu import expose_full
+from moireaug.engine.gpu import full
 from moireaug.engine.lower.exposure import lower_exposure
 from tests.engine.readings import assert_equal
 from tests.engine.scenes import DELTA, TURNED
@@ -67,18 +67,13 @@ def shot_and_images(name, size):
     return shot, torch.rand(n, 3, *size, generator=torch.Generator().manual_seed(6))
 
 
-def lowered(shot):
-    """A shot's Exposure."""
-    return lower_exposure(shot, decoded=False)[0]
-
-
 @pytest.mark.parametrize(
     ("name", "size"),
     [*((name, (4, 6)) for name in SCENES), ("fine and sharp", (1, 1)), ("paper", (1, 1))],
 )
 def test_equals_the_reference(name, size):
     shot, images = shot_and_images(name, size)
-    raw = expose_full.expose(images, lowered(shot))
+    raw = full.expose(images, *lower_exposure(shot, decoded=False))
     assert_equal(raw.double(), pipeline.expose(images.double(), shot))
 
 
@@ -98,22 +93,23 @@ def test_gradient_equals_the_reference(name):
     raw = pipeline.expose(exact, shot)
     slopes = torch.randn(raw.shape, generator=torch.Generator().manual_seed(7))
     (expected,) = torch.autograd.grad(raw, exact, slopes.double())
-    grad = expose_full.expose_back(slopes, images, lowered(shot))
+    grad = full.expose_back(slopes, images, *lower_exposure(shot, decoded=False))
     assert (grad - expected).norm() < 1e-4 * expected.norm()
 
 
 def test_a_batch_of_none():
     shot = SCENES["paper"].sample(0, (4, 5))
-    exposure, images = lowered(shot), torch.rand(0, 3, 4, 5)
-    raw = expose_full.expose(images, exposure)
+    records, images = lower_exposure(shot, decoded=False), torch.rand(0, 3, 4, 5)
+    raw = full.expose(images, *records)
     assert raw.shape == shot.raw_shape()
-    assert expose_full.expose_back(raw, images, exposure).shape == images.shape
+    assert full.expose_back(raw, images, *records).shape == images.shape
 
 
 @pytest.mark.parametrize("name", ["fine and sharp", "paper"])
 def test_a_panel_of_another_pitch_is_not_equal(name):
     shot, images = shot_and_images(name, (5, 7))
     panel = dataclasses.replace(shot.panel, scale=shot.panel.scale * 1.002)
-    raw = expose_full.expose(images, lowered(dataclasses.replace(shot, panel=panel)))
+    other = dataclasses.replace(shot, panel=panel)
+    raw = full.expose(images, *lower_exposure(other, decoded=False))
     with pytest.raises(AssertionError):
         assert_equal(raw.double(), pipeline.expose(images.double(), shot))

@@ -1,18 +1,18 @@
-"""Where the CPU's kernels of developing find what they add up: a demosaic's and a resize's weights
-with places in their rows of values."""
+"""A batch's development as the CPU's kernels take it: the weights of demosaic and resize, and the
+places of what they weigh in rows of values."""
 
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from moireaug.engine.cpu.vectors import LANES
-from moireaug.engine.lower.development_records import Development, Resize
+from moireaug.engine.lower.development_records import Codes, Detail, Development, Resize
 
 
-class Stencil(NamedTuple):
+class Demosaic(NamedTuple):
     """A demosaic: each site's colours as sums over the packed planes of the cell rows above, at and
     below it.
 
@@ -48,16 +48,14 @@ class Columns(NamedTuple):
     halves: bool
 
 
-def lay_out(d: Development) -> Development:
-    """Return a Development as kernels take it: with a Stencil in place of a demosaic's weights, and
-    Columns in place of the resizes along rows."""
+def develop_arrays(d: Development[np.ndarray, Resize]) -> Development[Demosaic, Columns]:
+    """Return a Development as kernels take it."""
     parity, read = (2 if d.codes.mosaic else 1), len(d.codes.cols.first)
-    codes: dict[str, Any] = {
-        "demosaic": _stencil(d.codes.demosaic.tobytes(), read // 2),
-        "cols": _columns_of(d.codes.cols, parity),
-    }
-    detail: dict[str, Any] = {"cols": _columns_of(d.detail.cols, 1)}
-    return d._replace(codes=d.codes._replace(**codes), detail=d.detail._replace(**detail))
+    demosaic = _demosaic(d.codes.demosaic.tobytes(), read // 2)
+    columns, photo_columns = _columns_of(d.codes.cols, parity), _columns_of(d.detail.cols, 1)
+    codes = Codes(**d.codes._asdict() | {"demosaic": demosaic, "cols": columns})
+    detail = Detail(**d.detail._asdict() | {"cols": photo_columns})
+    return Development(**d._asdict() | {"codes": codes, "detail": detail})
 
 
 def _lanes(n: int) -> int:
@@ -66,8 +64,8 @@ def _lanes(n: int) -> int:
 
 
 @functools.lru_cache(maxsize=64)
-def _stencil(data: bytes, cells: int) -> Stencil:
-    """Return the Stencil of `Codes.demosaic`, by its bytes; cells: in a row."""
+def _demosaic(data: bytes, cells: int) -> Demosaic:
+    """Return the Demosaic of `Codes.demosaic`, by its bytes; cells: in a row."""
     weight = np.frombuffer(data, np.float32).reshape(4, 3, 4, 3, 3)
     wide = _lanes(cells) + LANES
     weights: list[float] = []
@@ -79,7 +77,7 @@ def _stencil(data: bytes, cells: int) -> Stencil:
         for plane, dx in np.argwhere(taps):
             weights.append(taps[plane, dx])
             offsets.append(plane * wide + dx)
-    return Stencil(
+    return Demosaic(
         np.array(weights or [0.0], np.float32), np.array(offsets or [0], np.int64), first, count
     )
 

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from moireaug.engine.gpu.host_view import Arrays, cameras_of, jacobian
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
 from moireaug.engine.lower.exposure_records import Beats, Exposure
-from moireaug.engine.lower.views import Arrays, cameras_of, jacobian
 
 VIEW_SAMPLES = 5  # along each axis of the photo
 TRANSFER_SAMPLES = 2  # every how many of them the optics' transfer is taken

@@ -9,6 +9,7 @@ import numpy as np
 
 from moireaug.engine.lower.budget import MAX_LENS_RADIUS
 from moireaug.engine.lower.exposure_records import Camera
+from moireaug.engine.lower.jacobian import panel_jacobian
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
 from moireaug.scene.lens import MIN_LENS_SLOPE
@@ -23,29 +24,14 @@ def cameras_of(cameras: np.ndarray) -> Any:
 
 
 def jacobian(u: np.ndarray, v: np.ndarray, c: Any) -> Arrays:
-    """Return the change of panel x and y per sensor pixel along u and v, as xu, xv, yu, yv, (B, h,
-    w) each, at photo points about the centre; of rectified cameras, at where the photos show image
-    points.
+    """Return `panel_jacobian`, (B, h, w) each, at photo points about the centre; of rectified
+    cameras, at where the photos show image points.
 
     c: from `cameras_of`.
     """
     if c.rectified.any():
         u, v = to_photo(u, v, c)
-    r2 = c.bend * (u * u + v * v)
-    bent, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.bend * (c.k1 + 2 * c.k2 * r2)
-    uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
-    p, q = u * bent, v * bent
-    nearness = 1 / np.maximum(c.h20 * p + c.h21 * q + c.h22, NEAR_HORIZON)
-    x, y = (c.h00 * p + c.h01 * q + c.h02) * nearness, (c.h10 * p + c.h11 * q + c.h12) * nearness
-    xp, xq = (c.h00 - x * c.h20) * nearness, (c.h01 - x * c.h21) * nearness
-    yp, yq = (c.h10 - y * c.h20) * nearness, (c.h11 - y * c.h21) * nearness
-    by_u, by_v = c.alpha / c.scale_u, c.alpha / c.scale_v
-    return (
-        by_u * (xp * uu + xq * uv),
-        by_v * (xp * uv + xq * vv),
-        by_u * (yp * uu + yq * uv),
-        by_v * (yp * uv + yq * vv),
-    )
+    return panel_jacobian(u, v, c)
 
 
 def to_photo(x: np.ndarray, y: np.ndarray, c: Any) -> Arrays:

@@ -14,23 +14,26 @@ import triton
 import triton.language as tl
 
 from moireaug.engine.gpu.footprint import footprint, lit_shares
-from moireaug.engine.gpu.panel import Patch, place_on_shown, weights_on_shown
-from moireaug.engine.gpu.transfer import transfer, wave
+from moireaug.engine.gpu.optics import transfer, wave
+from moireaug.engine.gpu.patch import Patch, place_on_shown, weights_on_shown
 from moireaug.engine.gpu.view import ALPHA
-from moireaug.engine.lower.exposure_records import Camera, Exposure
+from moireaug.engine.lower.exposure_records import Camera, Exposure, FullView
 
 
 class Subpixels(NamedTuple):
     """What the method reads of a panel's subpixels, of some kinds; see `exposure_records.Cell`.
 
     Args:
-        cells: (kinds, 2) float64, per panel pixel.
+        cells: (kinds, 2) float64, per panel pixel. width, slant_variance: (B, kinds, 2) float32,
+            see `exposure_records.FullView`.
         k, l: (terms,) float32, of harmonics, those of each kind together. first_term: (kinds + 1,)
             int32. amplitude: (B, terms) float32. mean: (B, kinds) float32.
         kinds, terms: how many there are.
     """
 
     cells: Any
+    width: Any
+    slant_variance: Any
     k: Any
     l: Any
     first_term: Any
@@ -40,21 +43,23 @@ class Subpixels(NamedTuple):
     terms: int
 
 
-def subpixels_of(e: Exposure) -> Subpixels:
+def subpixels_of(e: Exposure, view: FullView) -> Subpixels:
     """Return an exposure's Subpixels, of arrays."""
-    middle, kinds = e.coefficients.shape[3] // 2, len(e.cell.period)
-    amplitude = e.coefficients.copy()
+    middle, kinds = view.coefficients.shape[3] // 2, len(e.cell.period)
+    amplitude = view.coefficients.copy()
     amplitude[:, :, 0, middle] = 0
     gain = e.cameras[:, Camera._fields.index("gain")].max(initial=1)
     strongest = np.abs(amplitude).max(0, initial=0)
     kind, k, l = np.nonzero(strongest > e.budget.harmonic_amplitude / gain)
     return Subpixels(
         cells=1 / e.cell.period,
+        width=view.widths,
+        slant_variance=view.added_variance,
         k=k.astype(np.float32),
         l=(l - middle).astype(np.float32),
         first_term=np.searchsorted(kind, np.arange(kinds + 1)),
         amplitude=amplitude[:, kind, k, l],
-        mean=e.coefficients[:, :, 0, middle],
+        mean=view.coefficients[:, :, 0, middle],
         kinds=kinds,
         terms=len(k),
     )
@@ -77,12 +82,13 @@ def _along_axis(i, sight, site, batch, AXIS: tl.constexpr, variant: tl.constexpr
 
     sight: panel coordinates, float64, and their change per sensor pixel along u and v.
     """
-    exposure, screen, (position, (by_u, by_v)) = batch.exposure, batch.screen, sight
+    exposure, subpixels, screen = batch.exposure, batch.subpixels, batch.screen
+    position, (by_u, by_v) = sight
     kind, index = tl.load(exposure.cell.kind + i), 2 * i + AXIS
     period = tl.load(exposure.cell.period + 2 * kind + AXIS).to(tl.float32)
-    cells = tl.load(batch.subpixels.cells + 2 * kind + AXIS)
-    shape = (site.image * batch.subpixels.kinds + kind) * 2 + AXIS
-    width, slant_variance = exposure.widths + shape, tl.load(exposure.added_variance + shape)
+    cells = tl.load(subpixels.cells + 2 * kind + AXIS)
+    shape = (site.image * subpixels.kinds + kind) * 2 + AXIS
+    width, slant_variance = subpixels.width + shape, tl.load(subpixels.slant_variance + shape)
     view = footprint(by_u, by_v, period, slant_variance, site.camera)
     place = (position - tl.load(exposure.cell.centre + index)) * cells
     pixel = tl.load(exposure.cell.pixel + index) + 0.5

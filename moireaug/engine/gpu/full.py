@@ -15,37 +15,37 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.gpu import point_method, spectral_method
-from moireaug.engine.gpu.arrays import kernel_fields, upload
-from moireaug.engine.gpu.display import DisplayNumbers, display_numbers, show, show_back
-from moireaug.engine.gpu.noise import quantiles
-from moireaug.engine.gpu.panel import add_content_back, channel_of, content
+from moireaug.engine.gpu import point, spectral
+from moireaug.engine.gpu.arrays import NOTHING, upload
+from moireaug.engine.gpu.panel import PanelNumbers, panel_numbers, show, show_back
+from moireaug.engine.gpu.patch import add_content_back, channel_of, content
+from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor_sites import address, light_passed, look_at_panel, read, site_of
-from moireaug.engine.lower.exposure_records import Camera, Exposure
+from moireaug.engine.lower.exposure_records import Camera, Exposure, FullView, PointView
 
 BLOCK = 128  # pixels of a plane, that one program computes
 
 
-class Batch(NamedTuple):
+class FullBatch(NamedTuple):
     """What the kernels read.
 
     Args:
         subpixels: what the exposure's method reads of them, and subpixel_count.
         shown_scale: (B,) float64, pixels shown per panel pixel. raw_shape: planes, height and width
-            of a reading. quantiles: see `noise.quantiles`.
+            of a reading. quantiles: see `random_numbers.quantiles`.
     """
 
     exposure: Exposure
     subpixels: Any
     subpixel_count: int
-    display: DisplayNumbers
+    panel: PanelNumbers
     shown_scale: Any
     raw_shape: tuple[int, int, int]
     screen: Any = None
     quantiles: Any = None
 
 
-class Variant(NamedTuple):
+class FullVariant(NamedTuple):
     """What the kernels are compiled for.
 
     Args:
@@ -62,33 +62,37 @@ class Variant(NamedTuple):
     clips: bool
 
 
-def expose(picture: Tensor, exposure: Exposure) -> Tensor:
+def expose(picture: Tensor, exposure: Exposure, view: FullView | PointView) -> Tensor:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
-    batch, constants = _prepare(picture, exposure)
+    batch, constants = _prepare(picture, exposure, view)
     raw = picture.new_empty(len(picture), *batch.raw_shape, dtype=torch.float32)
     if raw.numel():
         _expose[_grid(raw)](raw, batch, **constants)
     return raw
 
 
-def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure) -> Tensor:
+def expose_back(
+    grad: Tensor, picture: Tensor, exposure: Exposure, view: FullView | PointView
+) -> Tensor:
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings."""
     if not grad.numel():
         return torch.zeros_like(picture)
-    batch, constants = _prepare(picture, exposure)
+    batch, constants = _prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
-    return show_back(light_grad, picture, exposure, batch.display)
+    return show_back(light_grad, picture, exposure, batch.panel)
 
 
-def _prepare(picture: Tensor, e: Exposure) -> tuple[Batch, dict[str, Any]]:
+def _prepare(
+    picture: Tensor, e: Exposure, view: FullView | PointView
+) -> tuple[FullBatch, dict[str, Any]]:
     """Return what the kernels read, and what they are compiled with."""
-    method = spectral_method if e.point is None else point_method
-    batch = Batch(
-        kernel_fields(e),
-        method.subpixels_of(e),
+    method: Any = point if isinstance(view, PointView) else spectral
+    batch = FullBatch(
+        e._replace(budget=NOTHING),
+        method.subpixels_of(e, view),
         len(e.cell.channel),
-        display_numbers(e),
+        panel_numbers(e),
         1 / np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1),
         (
             len(e.sites.channel),
@@ -97,10 +101,10 @@ def _prepare(picture: Tensor, e: Exposure) -> tuple[Batch, dict[str, Any]]:
         ),
     )
     batch = upload(batch, picture.device)
-    screen = show(picture, e, batch.display)
+    screen = show(picture, e, batch.panel)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     flickers, taps = e.flicker.shape[1] > 0, 2 * e.cell.radius + 1
-    variant = Variant(method.span_of(e), taps, e.dark, flickers, e.noisy, e.clips)
+    variant = FullVariant(method.span_of(e), taps, e.dark, flickers, e.noisy, e.clips)
     return batch, {"SEE": method.see, "variant": variant, "BLOCK": BLOCK}
 
 

@@ -1,0 +1,105 @@
+"""How far a sensor pixel's view of the panel spreads, a box and a Gaussian along each axis, and the
+light that it gets from a subpixel; see `moireaug.exposure.footprint`."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine.cpu.compiling import inner
+from moireaug.engine.cpu.normal import integral
+from moireaug.engine.cpu.view import jacobian
+from moireaug.exposure.footprint import MIN_BLUR_VARIANCE, TAIL_SIGMAS
+
+
+class SubpixelSize(NamedTuple):
+    """The size of one kind of subpixel.
+
+    Args:
+        period: (2,) int64, of its cell in panel pixels. width, added_variance: (2,) float64, in
+            cells and squared cells, see `exposure_records.FullView`.
+    """
+
+    period: np.ndarray
+    width: np.ndarray
+    added_variance: np.ndarray
+
+
+@inner
+def lens_jacobian(by_camera, u, v, camera, lens):
+    """Return the Jacobian of a lens at a photo point, as `view.jacobian` does; by_camera: the
+    camera's. For camera and lens, see `exposure_records`."""
+    if lens.rectified != 0:
+        return jacobian(u, v, lens)
+    xu, xv, yu, yv = by_camera
+    across, down = camera.scale_u / lens.scale_u, camera.scale_v / lens.scale_v
+    return xu * across, xv * down, yu * across, yv * down
+
+
+@inner
+def motion_sigma(by_u, by_v, lens):
+    """Return the standard deviation of motion blur along one axis, in panel pixels, with a sign."""
+    return by_u * lens.motion_x + by_v * lens.motion_y
+
+
+@inner
+def still_variance(by_u, by_v, fill, lens_u, lens_v, lens):
+    """Return the variance of the blur along one axis without its box and without motion, in squared
+    panel pixels."""
+    short = min(abs(by_u), abs(by_v)) * fill
+    of_lens = lens.blur * lens.blur + lens.olpf * lens.olpf / 4
+    return short * short / 12 + (lens_u * lens_u + lens_v * lens_v) * of_lens
+
+
+@inner
+def _fill_axis(out, steps, camera, lens, subpixel, axis, radius):
+    """Do the same as `fill_blur` along one axis.
+
+    steps: panel pixels per sensor pixel along u and v, by the camera's Jacobian and by the lens's.
+    """
+    by_u, by_v, lens_u, lens_v = steps
+    period = subpixel.period[axis]
+    long = max(abs(by_u), abs(by_v)) * camera.fill / period
+    moves = motion_sigma(lens_u, lens_v, lens)
+    variance = still_variance(by_u, by_v, camera.fill, lens_u, lens_v, lens) + moves * moves
+    variance = variance / (period * period) + subpixel.added_variance[axis]
+    sigma = math.sqrt(variance + MIN_BLUR_VARIANCE)
+    reach = long / 2 + TAIL_SIGMAS * sigma
+    room = max(radius + 0.5 - subpixel.width[axis] / 2, MIN_BLUR_VARIANCE)
+    shrink = min(1.0, room / reach)
+    out[0], out[1] = long * shrink, sigma * shrink
+    return shrink < 1
+
+
+@inner
+def fill_blur(out, u, v, camera, lens, subpixel, radius):
+    """Fill out (axis, 2) with the blur at a photo point: the box and the standard deviation along
+    both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `Footprint.fitted`
+    does. Return whether any was narrowed.
+
+    camera, lens: see `exposure_records`. subpixel: a SubpixelSize.
+    """
+    by_camera = jacobian(u, v, camera)
+    (xu, xv, yu, yv), (lxu, lxv, lyu, lyv) = by_camera, lens_jacobian(by_camera, u, v, camera, lens)
+    in_x = _fill_axis(out[0], (xu, xv, lxu, lxv), camera, lens, subpixel, 0, radius)
+    in_y = _fill_axis(out[1], (yu, yv, lyu, lyv), camera, lens, subpixel, 1, radius)
+    return in_x or in_y
+
+
+@inner
+def fill_blurs(out, us, vs, camera, lens, subpixel, radius):
+    """Fill out (rows * cols, axis, 2) with the blur at nodes of the photo; see `fill_blur`."""
+    for r in range(len(vs)):
+        for c in range(len(us)):
+            node = out[r * len(us) + c]
+            fill_blur(node, us[c], vs[r], camera, lens, subpixel, radius)
+
+
+@inner
+def light_from(x, box, sigma, width):
+    """Return the light from a subpixel at distance x, of all light that a box of 1 would see."""
+    far, near = (box + width) / 2, (box - width) / 2
+    seen = integral(x + far, sigma) - integral(x + near, sigma)
+    return max(seen - integral(x - near, sigma) + integral(x - far, sigma), 0.0)

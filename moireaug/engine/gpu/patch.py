@@ -1,0 +1,94 @@
+"""The pixels of a `panel.Screen` that sensor pixels see, and the light of these."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import triton
+import triton.language as tl
+
+
+class Patch(NamedTuple):
+    """Pixels shown: their first column and row, int32, which may be beyond the edge, and the
+    weights of as many columns and rows as there are weights."""
+
+    left: Any
+    top: Any
+    across: Any
+    down: Any
+
+
+@triton.jit
+def channel_of(light, image, colour, screen):
+    """Return a pointer to one channel of an image on the screen, or of the gradient in it."""
+    return light + (image * 3 + colour) * screen.pixels[0] * screen.pixels[1]
+
+
+@triton.jit
+def place_on_shown(position, shown_scale, screen):
+    """Return where panel coordinates lie between the centres of pixels shown, 0 for the first;
+    float64."""
+    return position * shown_scale + (screen.lead - 0.5)
+
+
+@triton.jit
+def split(place, count):
+    """Return the pixel before a place, of `count`, int32, and how far it is to the next one,
+    float32. Places past the edges count as on them."""
+    place = tl.minimum(tl.maximum(place, 0.0), count - 1.0)
+    pixel = tl.floor(place)
+    return pixel.to(tl.int32), (place - pixel).to(tl.float32)
+
+
+@triton.jit
+def weights_on_shown(first, step, shares, count, SPAN: tl.constexpr):
+    """Return the first of SPAN pixels shown that panel pixels take their light from, and the weight
+    of each.
+
+    Args:
+        first: place of the first panel pixel, from `place_on_shown`. step: float32, from one to the
+            next. shares: weights of the panel pixels. count: of pixels shown.
+    """
+    start = tl.floor(tl.minimum(tl.maximum(first, 0.0), count - 1.0))
+    near, low, high = (first - start).to(tl.float32), -start, count - 1.0 - start
+    low, high = low.to(tl.float32), high.to(tl.float32)
+    weights = ()
+    for pixel in tl.static_range(SPAN):
+        weight = 0.0 * near
+        for tap in tl.static_range(len(shares)):
+            place = tl.minimum(tl.maximum(near + step * tap, low), high)
+            weight += shares[tap] * tl.maximum(1.0 - tl.abs(place - pixel), 0.0)
+        weights = weights + (weight,)
+    return start.to(tl.int32), weights
+
+
+@triton.jit
+def within(first, offset, count):
+    """Return pixels at an offset from the first, of `count`, or the outermost beyond the edges."""
+    return tl.minimum(tl.maximum(first + offset, 0), count - 1)
+
+
+@triton.jit
+def content(channel, patch, screen):
+    """Return the light of a Patch: the weighted sum of its pixels."""
+    columns, rows = screen.pixels
+    total = 0.0 * patch.across[0]
+    for m in tl.static_range(len(patch.down)):
+        line = channel + within(patch.top, m, rows) * columns
+        of_row = 0.0 * total
+        for n in tl.static_range(len(patch.across)):
+            of_row += patch.across[n] * tl.load(line + within(patch.left, n, columns))
+        total += patch.down[m] * of_row
+    return total
+
+
+@triton.jit
+def add_content_back(channel, grad, patch, inside, screen):
+    """Add the gradient in pixels shown to a channel, from that in their `content`."""
+    columns, rows = screen.pixels
+    for m in tl.static_range(len(patch.down)):
+        line = channel + within(patch.top, m, rows) * columns
+        for n in tl.static_range(len(patch.across)):
+            back = grad * patch.down[m] * patch.across[n]
+            at = line + within(patch.left, n, columns)
+            tl.atomic_add(at, back, mask=inside & (back != 0.0))

@@ -1,0 +1,33 @@
+"""How panel coordinates change over a photo: in numpy for all points and cameras of a batch, and
+compiled by numba for one of each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from moireaug.geometry.grids import NEAR_HORIZON
+
+
+def panel_jacobian(u: Any, v: Any, c: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the change of panel x and y per sensor pixel along u and v, as xu, xv, yu, yv, at
+    photo points about the centre.
+
+    c: an `exposure_records.Camera`, of numbers or of arrays that broadcast over the points.
+    """
+    r2 = c.bend * (u * u + v * v)
+    bent, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.bend * (c.k1 + 2 * c.k2 * r2)
+    uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
+    p, q = u * bent, v * bent
+    nearness = 1 / np.maximum(c.h20 * p + c.h21 * q + c.h22, NEAR_HORIZON)
+    x, y = (c.h00 * p + c.h01 * q + c.h02) * nearness, (c.h10 * p + c.h11 * q + c.h12) * nearness
+    xp, xq = (c.h00 - x * c.h20) * nearness, (c.h01 - x * c.h21) * nearness
+    yp, yq = (c.h10 - y * c.h20) * nearness, (c.h11 - y * c.h21) * nearness
+    by_u, by_v = c.alpha / c.scale_u, c.alpha / c.scale_v
+    return (
+        by_u * (xp * uu + xq * uv),
+        by_v * (xp * uv + xq * vv),
+        by_u * (yp * uu + yq * uv),
+        by_v * (yp * uv + yq * vv),
+    )
