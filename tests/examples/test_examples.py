@@ -119,7 +119,7 @@ NOTEBOOKS = {
         r"clean images +\d+%.*Moiré Attack 8/255 +\d+%",
     ),
     "train": (
-        "IMAGES, EPOCHS, SIZE, ATTACKED, STEPS = 120, 1, 24, 24, 1",
+        "IMAGES, EPOCHS, SIZE, ATTACKED, STEPS = 80, 1, 24, 16, 1",
         r"clean image .*Report: .*\['",
     ),
     "pairs": (
