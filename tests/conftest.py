@@ -9,8 +9,27 @@ os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 import pytest
 import torch
 
+for kind in (torch.cuda, torch.mtia, torch.xpu):
+    if not kind.is_available():
+        # each seed for what is not there is kept with its stack, which takes milliseconds
+        kind.manual_seed_all = lambda seed: None
+
 # pytest-xdist gives each core a process of its own: two threads in each would wait for one another.
 THREADS = 1 if "PYTEST_XDIST_WORKER" in os.environ else 2
+
+
+# The first worker begins with what needs no kernels, while another compiles them, and goes on with
+# what takes longest: the end of the suite, where workers take tests from one another, is of small
+# ones.
+FIRST = ("tests/engine/gpu/", "tests/defenses/", "tests/effects/", "tests/training/")
+
+
+def pytest_collection_modifyitems(items):
+    def place(item):
+        begins = [item.nodeid.startswith(folder) for folder in FIRST]
+        return begins.index(True) if any(begins) else len(FIRST)
+
+    items.sort(key=place)
 
 
 def pytest_collection_finish():

@@ -92,7 +92,7 @@ SLOW = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too
 
 
 @settings(
-    max_examples=20, deadline=None, derandomize=True, database=None, suppress_health_check=SLOW
+    max_examples=14, deadline=None, derandomize=True, database=None, suppress_health_check=SLOW
 )
 @given(
     scene=SCENES, n=st.integers(0, 2), height=st.integers(1, 16), width=st.integers(1, 16),

@@ -32,8 +32,8 @@ from moireaug.evaluation import report
 from moireaug.transforms import RandomMoire
 
 scene = "screen_photo"
-model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 16 * 16, 3))
-images = torch.rand(2, 3, 16, 16)
+model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 8 * 8, 3))
+images = torch.rand(2, 3, 8, 8)
 labels = model(images).argmax(1)
 photo = RandomMoire(scene)(images)
 assert photo.isfinite().all()

@@ -45,7 +45,7 @@ def test_a_found_pose_is_what_it_says(name, targeted, model, batch):
     scene, settings = TABLE[name]
     (images, labels), model = batch, model.eval()
     shot = scene.sample(6, (16, 16), torch.Generator().manual_seed(0))
-    attack = MoireAttack(model, scene=scene, eps=2 / 255, steps=6, **settings)
+    attack = MoireAttack(model, scene=scene, eps=2 / 255, steps=4, **settings)
     targets = (labels + 1) % 5 if targeted else None
     result = attack(images, labels, targets, shot=shot, generator=torch.Generator().manual_seed(1))
     drawn, found = fields_of(shot), fields_of(result.shot)

@@ -12,7 +12,7 @@ from moireaug.attacks import PGD, MoireAttack, MultiTargeted, Patch, SquareMoire
 from tests.attacks.common import SCENE, predicted, striped
 
 EPS = 6 / 255  # fools some early, whatever the last digits of the training are
-STEPS = 10
+STEPS = 6
 
 
 class Counted(nn.Module):

@@ -1,5 +1,6 @@
 """The engine in workers, forked processes and processes that start together."""
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 
 from moireaug import Scene, capture
+from moireaug.engine.cpu import compiling
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -35,36 +37,27 @@ def test_workers_see_the_same_photos(start):
     assert torch.equal(torch.cat(list(loader)), expected)
 
 
-HALF = """
-from moireaug.engine.cpu.compiling import kernel
-
-@kernel
 def half(x):
     return x / 2
 
-print("ready", flush=True)
-input()
-assert half(3.0) == 1.5
-print(len(half.stats.cache_hits), len(half.stats.cache_misses))
-"""
 
+def test_processes_that_start_together_compile_a_kernel_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiling, "folder", lambda: str(tmp_path))
+    compiled, fork = compiling.kernel(half), multiprocessing.get_context("fork")
+    both, said = fork.Barrier(2), fork.SimpleQueue()
 
-def test_processes_that_start_together_compile_a_kernel_once(tmp_path):
-    script = tmp_path / "half.py"
-    script.write_text(HALF)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
-    command = [sys.executable, str(script)]
-    started = []
-    for _ in range(2):
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        started.append(subprocess.Popen(command, env=environment, **pipes))
+    def work():
+        both.wait()
+        assert compiled(3.0) == 1.5
+        said.put([len(compiled.stats.cache_hits), len(compiled.stats.cache_misses)])
+
+    started = [fork.Process(target=work) for _ in range(2)]
     for process in started:
-        assert process.stdout.readline() == b"ready\n"
+        process.start()
     for process in started:
-        process.stdin.write(b"\n")
-        process.stdin.flush()
-    said = [process.communicate(timeout=120)[0].split() for process in started]
-    assert sorted(said) == [[b"0", b"1"], [b"1", b"0"]]
+        process.join(120)
+        assert process.exitcode == 0
+    assert sorted(said.get() for _ in started) == [[0, 1], [1, 0]]
 
 
 FORKED = """

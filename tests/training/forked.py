@@ -1,8 +1,10 @@
 """Commands in processes of their own, to be killed, stopped and shared, forked from a server that
 has imported what a command imports for seconds."""
 
+import functools
 import multiprocessing
 import os
+import pickle
 import runpy
 import subprocess
 import sys
@@ -13,17 +15,22 @@ ROOT = Path(__file__).resolve().parents[2]
 ALONE = {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONPATH": str(ROOT)}
 LONG = 240  # seconds, for a busy machine
 
-_forks = multiprocessing.get_context("forkserver")
-_forks.set_forkserver_preload(["training.classifier.train", "training.fit", "training.reattack"])
+forks = multiprocessing.get_context("forkserver")
+forks.set_forkserver_preload(["training.classifier.train", "training.fit", "training.reattack"])
 
 
 class Command:
-    """A script with its arguments in a new process; in use it is a `subprocess.Popen`."""
+    """A script with its arguments in a new process; in use it is a `subprocess.Popen`.
 
-    def __init__(self, script, *overrides, cwd):
+    Args:
+        ranks: how its own processes start: by "spawn", as a user's, or quickly, by "fork".
+    """
+
+    def __init__(self, script, *overrides, cwd, ranks="spawn"):
         self.args = [str(ROOT / "training" / script), *overrides]
         self._said = tempfile.TemporaryDirectory()
-        self._process = _forks.Process(target=_run, args=(self.args, str(cwd), self._said.name))
+        given = self.args, str(cwd), self._said.name, ranks
+        self._process = forks.Process(target=_run, args=given)
         self._process.start()
         self.pid = self._process.pid
 
@@ -36,7 +43,7 @@ class Command:
         children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         workers = []
         for child in map(int, children):
-            if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text():
+            if "resource_tracker" not in Path(f"/proc/{child}/cmdline").read_text():
                 workers.append(child)
         return sorted(workers)
 
@@ -59,11 +66,13 @@ class Command:
             return [(Path(folder) / name).read_text() for name in ("stdout", "stderr")]
 
 
-def _run(args, cwd, said):
+def _run(args, cwd, said, ranks):
     import torch
 
     # its own processes start as those of any script, not from the server, which outlives it
     multiprocessing.set_start_method(None, force=True)
+    if ranks == "fork":
+        _fork_ranks()
     os.environ |= ALONE
     torch.set_num_threads(1)
     os.chdir(cwd)
@@ -72,3 +81,20 @@ def _run(args, cwd, said):
         os.dup2(file, number)
     sys.argv = list(args)
     runpy.run_path(args[0], run_name="__main__")
+
+
+def _fork_ranks():
+    from torch.distributed.launcher import api
+
+    from training.system.processes import rank_zero_only
+    from training.trainer import ranks
+
+    run_rank = ranks._run_rank
+
+    def run(*job):
+        pickle.dumps(job)  # as it is for a process that is spawned
+        rank_zero_only.rank = int(os.environ["RANK"])  # which Lightning has read, and not again
+        run_rank(*job)
+
+    ranks._run_rank = run
+    api.LaunchConfig = functools.partial(api.LaunchConfig, start_method="fork")

@@ -1,9 +1,14 @@
-"""Jobs for the processes of a run."""
+"""Jobs for processes of their own."""
 
 import os
 import signal
 import time
 from pathlib import Path
+
+import torch
+from torch.utils.data import DataLoader, TensorDataset
+
+from training.runs.run import locked_folder
 
 
 def lose_one(folder):
@@ -22,3 +27,16 @@ def fail_in_one(folder):
     if os.environ["RANK"] == "1":
         raise OSError(28, "No space left on device", str(folder))
     raise ConnectionError("another process of this run was lost")
+
+
+def hold(folder, ready):
+    """Lock a run's folder, start a worker, say so and wait."""
+    with locked_folder(folder):
+        data = TensorDataset(torch.zeros(8))
+        loader = DataLoader(
+            data, 1, num_workers=1, persistent_workers=True, multiprocessing_context="fork"
+        )
+        batches = iter(loader)
+        next(batches)
+        ready.set()
+        time.sleep(600)

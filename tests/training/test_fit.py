@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 
 from moireaug.evaluation.identity import identity
+from tests.training.forked import Command
 from tests.training.small import (
     BRIEF,
     TINY,
     baseline_config,
-    command,
     configured,
     inside,
     start_config,
@@ -35,13 +35,14 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 def whole(tmp_path_factory):
     """One run of the real command: the baseline, the recipe, the report."""
     cwd = tmp_path_factory.mktemp("whole")
-    done = command("fit.py", "recipe=moire_at", *TINY, cwd=cwd)
-    assert done.returncode == 0, done.stderr
-    return cwd, done
+    process = Command("fit.py", "recipe=moire_at", *TINY, cwd=cwd)
+    said = process.communicate()
+    assert process.returncode == 0, said
+    return cwd, said
 
 
 def test_a_run_leaves_what_it_promises(whole):
-    cwd, done = whole
+    cwd, (out, err) = whole
     plain_files = {"metrics.json", "best.ckpt", "last.ckpt", "config.yaml"}
     for recipe, files in (
         ("clean", plain_files),
@@ -71,13 +72,13 @@ def test_a_run_leaves_what_it_promises(whole):
         assert low <= m["gain"][row["name"]] <= high
     assert m["clean_accuracy"] == m["reattack"][0]["accuracy"]
     assert m["baseline"]["recipe"] == "baseline" and m["start"]["recipe"] == "clean"
-    printed = done.stdout.splitlines()
+    printed = out.splitlines()
     assert printed[-1] == "Report: runs/moire_at/seed0/report.html"
     assert any(line.startswith("Moiré Attack 4/255") for line in printed)
     assert sum(line.startswith("training: moire_at ") for line in printed) == 1
     assert sum(line.startswith("Epoch") for line in printed) == 1 + 2 + 2
     once = "moireaug compiles its CPU kernels, once on this machine"
-    assert [line for line in done.stderr.splitlines() if not line.startswith(once)] == []
+    assert [line for line in err.splitlines() if not line.startswith(once)] == []
 
 
 def test_the_baseline_trains_as_long_as_the_run(whole):

@@ -24,6 +24,8 @@ from training.data.splits import Splits
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
+TWO = ("trainer.devices=2", "trainer.strategy=ddp")
+
 
 @pytest.fixture(scope="module")
 def straight(weights, tmp_path_factory):
@@ -33,8 +35,9 @@ def straight(weights, tmp_path_factory):
         return suite("noise_position", weights, tmp_path_factory.mktemp("straight"))
 
 
-def run(cwd, weights, *more):
-    return Command("reattack.py", "model=small_resnet", f"weights={weights}", *TINY, *more, cwd=cwd)
+def run(cwd, weights, *more, ranks="spawn"):
+    given = ["model=small_resnet", f"weights={weights}", *TINY, *more]
+    return Command("reattack.py", *given, cwd=cwd, ranks=ranks)
 
 
 def metrics_of(cwd, name):
@@ -66,9 +69,7 @@ def test_a_killed_evaluation_goes_on_where_it_was(weights, straight, tmp_path):
 def test_processes_share_the_work(weights, straight, tmp_path):
     """Two of Lightning's processes: each its own batches, one report, the figures of one
     process."""
-    process = run(
-        tmp_path, weights, "suite=noise_position", "trainer.devices=2", "trainer.strategy=ddp"
-    )
+    process = run(tmp_path, weights, "suite=noise_position", *TWO, ranks="fork")
     out, err = process.communicate()
     assert process.returncode == 0, err
     assert out.count("Report: ") == 1
@@ -81,8 +82,8 @@ def test_processes_share_the_work(weights, straight, tmp_path):
 
 
 def test_a_suite_ends_where_one_of_its_processes_is_lost(weights, tmp_path):
-    more = ("reattack.steps=2000", "trainer.devices=2", "trainer.strategy=ddp")
-    process = run(tmp_path, weights, "suite=noise_position", *more)
+    more = ("suite=noise_position", "reattack.steps=2000")
+    process = run(tmp_path, weights, *more, *TWO, ranks="fork")
     until, kept = time.time() + 240, 0
     while time.time() < until and not kept and process.poll() is None:
         kept = len(list(tmp_path.glob("runs/reattack/small_resnet/records/*.jsonl")))

@@ -20,13 +20,7 @@ TURNED = View(yaw=24.0, pitch=-12.0, roll=8.0, fov=40.0)
 LENS = Lens(k1=0.04, k2=-0.02, blur=0.5, olpf=0.5, motion_x=0.3, motion_y=-0.2, vignetting=0.3)
 PANEL = Panel(width=30.0, lit=0.6, black=0.05, glare=0.1, glare_x=0.3, glare_y=-0.2, pwm=200.0)
 SENSOR = Sensor(pitch=2.2, gain=1.2, crosstalk=0.2, read_noise=0.02, shot_noise=0.03)
-LAYOUT_PRESETS = (
-    "screen_photo",
-    "phone_at_laptop",
-    "phone_at_phone",
-    "phone_at_television",
-    "phone_at_led_wall",
-)
+LAYOUT_PRESETS = ("phone_at_phone", "phone_at_television", "phone_at_led_wall")
 SCENES = {
     "everything": Scene(
         panel=PANEL,

@@ -1,10 +1,11 @@
 """The explorer's page: what its events answer, and the page itself in a browser."""
 
+import multiprocessing
 import os
 import re
+import runpy
 import shutil
 import socket
-import subprocess
 import sys
 import warnings
 from pathlib import Path
@@ -20,14 +21,19 @@ from training.explorer.controls import CONTROLS, values_of
 # Gradio and its imports issue warnings of their own
 pytestmark = pytest.mark.filterwarnings("ignore")
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")
-    gradio = pytest.importorskip("gradio", reason="the extra [explore] is not installed")
-    from training.explorer import page, photograph_tab, widgets
-
 SCRIPT = Path(__file__).resolve().parents[3] / "training/explore.py"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 VALUES = values_of(Scene.preset("screen_photo"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _page():
+    """Import Gradio, which takes seconds, in no process that does not need it."""
+    global gradio, page, photograph_tab, widgets
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        gradio = pytest.importorskip("gradio", reason="the extra [explore] is not installed")
+        from training.explorer import page, photograph_tab, widgets
 
 
 def test_an_event_returns_all_that_the_page_shows():
@@ -82,18 +88,26 @@ def test_a_cleared_shot_number_is_the_first_shot():
     assert np.array_equal(first[1], cleared[1])
 
 
+def serve(writer, port):
+    sys.argv = [str(SCRIPT), "--quiet", f"--port={port}"]
+    with open(writer, "w", buffering=1) as sys.stdout:
+        runpy.run_path(str(SCRIPT), run_name="__main__")
+
+
 @pytest.fixture
 def url():
     """Serve the page in a process of its own, whose threads and sockets end with it."""
     with socket.socket() as probe:
         probe.bind((page.HOST, 0))
         port = probe.getsockname()[1]
-    command = [sys.executable, "-u", str(SCRIPT), "--quiet", f"--port={port}"]
-    env = os.environ | {"OMP_NUM_THREADS": "1"}
-    with subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True) as server:
-        line = server.stdout.readline()
-        yield re.search(r"http://\S+", line)[0]
-        server.kill()
+    reader, writer = os.pipe()
+    server = multiprocessing.get_context("fork").Process(target=serve, args=(writer, port))
+    server.start()
+    os.close(writer)
+    with open(reader) as said:
+        yield re.search(r"http://\S+", said.readline())[0]
+    server.kill()
+    server.join()
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
