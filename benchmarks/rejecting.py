@@ -135,7 +135,7 @@ def main() -> None:
     table = pd.DataFrame(rows)
     out = measure.results(args) / "rejecting.csv"
     out.parent.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out, index=False)
+    table.to_csv(out, index=False, float_format="%.4f")
     print(table.to_string(index=False, float_format="{:.3f}".format))
 
 
