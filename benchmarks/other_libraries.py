@@ -140,6 +140,8 @@ def main() -> None:
     twins = torch.stack([pair["twin"] for pair in pairs])
     found = moires()
     photos = {name: moire(pictures) for name, moire in found.items()}
+    # those whose twins are negatives below
+    photos["RandomMoire, anywhere"] = torch.stack([pair["photo"] for pair in pairs])
     times = measure.timed_together(
         {name: partial(moire, pictures[:4]) for name, moire in found.items()}, repeats
     )
@@ -150,7 +152,10 @@ def main() -> None:
 
     tests = {}
     for folder in args.real:
-        crops, classes = zip(*datasets.ImageFolder(folder, FIVE_CROPS), strict=True)
+        data = datasets.ImageFolder(folder, FIVE_CROPS)
+        if data.classes != ["real", "screen"]:
+            parser.error(f"{folder} must hold the folders real and screen; got {data.classes}.")
+        crops, classes = zip(*data, strict=True)
         tests[Path(folder).name] = (
             torch.cat([pooled(network, c / 255) for c in crops]),
             torch.tensor(classes),
@@ -164,8 +169,8 @@ def main() -> None:
         row = {"moire": name, "ms": 1e3 * times[name].median / 4, "colour": colour, "luma": luma}
         positives = features(made)
         for negatives, x in others.items():
-            if negatives and not name.startswith("RandomMoire"):
-                continue  # only a simulated photo has a twin
+            if negatives and name != "RandomMoire, anywhere":
+                continue
             y = torch.cat([torch.ones(len(positives)), torch.zeros(len(x))])
             score = ridge(torch.cat([positives, x]), y)
             aurocs = {}
@@ -176,7 +181,7 @@ def main() -> None:
     table = pd.DataFrame(rows)
     out = measure.results(args)
     out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out / "other_libraries.csv", index=False)
+    table.to_csv(out / "other_libraries.csv", index=False, float_format="%.4g")
     print(table.to_string(index=False, float_format="{:.3g}".format))
     astronaut = torch.from_numpy(skimage.data.astronaut()[:SIDE, 100 : 100 + SIDE].copy())
     shown = astronaut.permute(2, 0, 1)[None] / 255

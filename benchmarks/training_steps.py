@@ -32,6 +32,7 @@ from benchmarks.problems import images
 from training.classifier.adversaries import passes
 from training.classifier.train import classifier_of
 from training.classifier.tuning import make_optimizer, tuning_of
+from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import RECIPES, Config, as_config
 from training.data.batches import Batches
 from training.data.load import load
@@ -149,9 +150,12 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
+register("training_steps", Config, RECIPE_GROUPS, __doc__)
+
+
 def configure(*overrides: str) -> Config:
     """Return the settings that these overrides of fit.py give on the CPU, where steps are taken."""
-    return as_config(compose("fit", ["trainer.accelerator=cpu", *overrides]))
+    return as_config(compose("training_steps", ["trainer.accelerator=cpu", *overrides]))
 
 
 def step(
