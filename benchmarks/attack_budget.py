@@ -15,8 +15,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from training.runs import trained
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
 import torch
@@ -32,6 +30,7 @@ from moireaug.evaluation.runner import Batches, Runner, jobs_of
 from moireaug.scenes import Scene
 from training.attack.protocol import protocol_of
 from training.data.load import load
+from training.runs import trained
 
 STEPS = (1, 2, 5, 10, 20, 50)
 FULL: dict[str, Any] = {"steps": STEPS, "n": 96}
@@ -91,7 +90,7 @@ def recommended(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return min(enough, key=lambda row: row["seconds_per_image"])
 
 
-def drawn(results: dict[str, list[dict[str, Any]]], n: int) -> Figure:
+def drawn(results: dict[str, list[dict[str, Any]]]) -> Figure:
     """Return a panel per model: accuracy against seconds per image, a line per attacker."""
     figure = Figure(figsize=(10, 4.6), layout="constrained", facecolor="white")
     panels = figure.subplots(1, len(results), sharey=False, squeeze=False)[0]
@@ -106,7 +105,7 @@ def drawn(results: dict[str, list[dict[str, Any]]], n: int) -> Figure:
         ax.set_title(name, loc="left", size=11, parse_math=False)
         ax.grid(color="#DDDDDD", linewidth=0.7)
         ax.spines[["top", "right"]].set_visible(False)
-    panels[0].set_ylabel(f"accuracy under attack, % of {n} images")
+        ax.set_ylabel(f"accuracy under attack, % of {rows[0]['n']} images")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     steps = ", ".join(
@@ -174,7 +173,7 @@ def main() -> None:
     chosen = {name: recommended(rows) for name, rows in results.items()}
     written = {"metadata": facts, "eps": EPS, "results": results, "recommended": chosen}
     measure.write_json(measure.results(args) / "attack_budget.json", written)
-    drawn(results, n).savefig(
+    drawn(results).savefig(
         measure.results(args) / "attack_budget.png", dpi=100, pil_kwargs={"optimize": True}
     )
 

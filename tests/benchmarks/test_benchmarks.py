@@ -6,6 +6,7 @@ import importlib
 import itertools
 import json
 import math
+import re
 import runpy
 import subprocess
 import sys
@@ -31,6 +32,15 @@ from moireaug.defenses import Rejecting
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICKLY = ["--quick", "--threads", "1", "--out", "."]
+
+
+def test_a_script_finds_the_repository_from_anywhere():
+    own_import = re.compile(r"^(from|import) (benchmarks|training|moireaug)\b", re.MULTILINE)
+    for file in ROOT.glob("benchmarks/*.py"):
+        text = file.read_text("utf-8")
+        if '__name__ == "__main__"' in text:
+            before, found, _ = text.partition("\nsys.path")
+            assert found and not own_import.search(before), file.name
 
 
 @pytest.fixture
