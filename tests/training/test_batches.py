@@ -34,10 +34,12 @@ def test_the_order_follows_seed_and_epoch_alone():
     assert order(1, 0, epoch=1) != order(1, 0, epoch=1, seed=6)
 
 
-@pytest.mark.parametrize(("side", "most"), [(32, 320), (224, 25), (4096, 1)])
-def test_a_batch_of_validation_is_bounded_in_pixels(side, most):
+@pytest.mark.parametrize(
+    ("side", "ranks", "most"), [(32, 1, 320), (224, 1, 25), (4096, 1, 1), (448, 8, 1)]
+)
+def test_a_batch_of_validation_is_bounded_in_pixels(side, ranks, most):
     picture = torch.zeros(1, 1, 1, 1, dtype=torch.uint8).expand(400, 3, side, side)
     splits = type("Splits", (), {"val": TensorDataset(picture, torch.arange(400))})
     batches = Batches(splits, 8, workers=0, seed=0)
-    batches.trainer = None
+    batches.trainer = type("Trainer", (), {"world_size": ranks, "global_rank": 0})
     assert batches.val_dataloader().batch_size == most

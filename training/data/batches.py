@@ -55,7 +55,7 @@ class Batches(L.LightningDataModule):
         return DistributedSampler(data, ranks, rank, shuffle=shuffle, seed=self.seed)
 
     def _loader(self, sampler: DistributedSampler, batch_size: int, drop_last: bool) -> DataLoader:
-        size = batch_size // sampler.num_replicas
+        size = max(1, batch_size // sampler.num_replicas)
         return DataLoader(
             sampler.dataset,
             size,
