@@ -81,14 +81,14 @@ def check_run(cfg: RunConfig) -> None:
         ValueError: with what was got and what is allowed.
     """
     check(cfg)
-    _check_devices(cfg.trainer)
+    check_devices(cfg.trainer)
     if cfg.trainer.deterministic not in (True, False, "warn"):
         raise ValueError(
             f"trainer.deterministic must be true, false or warn; got {cfg.trainer.deterministic!r}."
         )
 
 
-def _check_devices(trainer: Trainer) -> None:
+def check_devices(trainer: Trainer) -> None:
     """Refuse more devices than there are; -1, "auto" and lists of GPUs are left to Lightning, which
     takes no such names of processes on a CPU.
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch.distributed import DistError
 
+from training.config.checks import check_devices
 from training.config.schema import Trainer
 from training.system.messages import is_expected, sentence, use_legible_output
 from training.system.processes import RANK_VARIABLES
@@ -41,7 +42,9 @@ def run_job(settings: Trainer, job: Callable[..., Any], *args: Any) -> None:
     Raises:
         ConnectionError, RankError: a process was lost, or has failed.
         KeyboardInterrupt: Ctrl-C or SIGTERM.
+        ValueError: more devices than there are.
     """
+    check_devices(settings)
     is_launched = any(name in os.environ for name in RANK_VARIABLES)
     count = 1 if is_launched or settings.num_nodes > 1 else device_count(settings)
     if count == 1:
