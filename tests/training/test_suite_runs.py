@@ -178,8 +178,10 @@ def test_a_network_is_not_shown_as_another(weights, networks, tmp_path):
 
 
 def test_a_target_on_its_own_says_how_to_pass_it():
-    with pytest.raises(SystemExit, match="pass targets whole, as in targets="):
+    with pytest.raises(SystemExit, match=r"pass targets whole, as in targets='{resnet18: FILE, "):
         check_keys(["targets.resnet18=FILE"], ReattackConfig)
+    with pytest.raises(SystemExit, match=r"pass networks whole, as in networks='{mopnet: FILE, "):
+        check_keys(["networks.mopnet=FILE"], ReattackConfig)
 
 
 @pytest.mark.parametrize(("size", "batch"), [(24, 96), (224, 25), (299, 14), (4000, 1)])

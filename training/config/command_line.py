@@ -92,13 +92,18 @@ def _check_form(override: str, schema: type[RunConfig]) -> None:
 def _check_key(key: str, schema: type[RunConfig]) -> None:
     """Refuse a key that the schema does not have."""
     node: Any = OmegaConf.structured(schema)
+    outer = ""
     for part in key.split("."):
         if not OmegaConf.is_dict(node):
-            top = key.split(".")[0]
-            example = "{resnet18: FILE, ...}" if top == "targets" else "{preset: paper, ...}"
-            raise ValueError(f"{key!r}: pass {top} whole, as in {top}='{example}'.")
+            declared = settings_of(schema).get(outer)
+            if declared and declared.facts.example:
+                raise ValueError(
+                    f"{key!r}: pass {outer} whole, as in {outer}={declared.facts.example}."
+                )
+            raise ValueError(f"{key!r} is no setting: pass {outer}=VALUE, which has no parts.")
         part = one_of(f"a key in {key!r}", part, map(str, node))
         node = None if OmegaConf.is_missing(node, part) else node[part]
+        outer = f"{outer}.{part}".lstrip(".")
     if key == "recipe" and schema is ReattackConfig:
         raise ValueError(
             "recipe= says how a model is trained, and this one is only attacked: leave it out."

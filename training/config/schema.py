@@ -140,6 +140,7 @@ class RunConfig:
         "screen_photo",
         "a preset's name, a mapping of Scene's fields with an optional `preset`, a YAML file of "
         "one, or a list of these, of which one is drawn per image",
+        example="'{preset: paper, ...}'",
     )
     model: str = setting(MISSING, "the network's name", run_has="its own model")
     weights: str | None = setting(
@@ -188,11 +189,16 @@ class ReattackConfig(Config):
     suite: str = setting(
         "ladder", "of evaluation.suites.SUITES, or a group (paper, recipes), or trust"
     )
-    targets: Any = setting(None, "suite=transfer: name to a file of weights or a run's folder")
+    targets: Any = setting(
+        None,
+        "suite=transfer: name to a file of weights or a run's folder",
+        example="'{resnet18: FILE, ...}'",
+    )
     networks: Any = setting(
         None,
         "suite=demoireing: a folder of weights FILE.pt, or name to a file of weights or a run's "
         "folder",
+        example="'{mopnet: FILE, ...}'",
     )
     demoire: str | None = setting(
         None,

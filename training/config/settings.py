@@ -27,7 +27,7 @@ class Facts:
         help: description, in a line or two.
         bounds: least and greatest number; None is no bound.
         choices: allowed words; empty for any.
-        example: a value, for the error messages of a list.
+        example: a value on a command line, for the error messages of a list or a mapping.
         is_path: whether it is a file or a folder: taken literally on a command line, and absolute
             in a run's settings. An identifier in place of a path of weights is a name of weights.
         only_for: data sets that it has an effect on; empty for all.

@@ -125,6 +125,7 @@ class DemoireConfig(RunConfig):
         lambda: list(TRAINED_SCENES),
         "one scene, or several that take turns: presets' names, mappings of Scene's fields with an "
         "optional `preset`, or YAML files of such a mapping or list",
+        example="[screen_photo, phone_at_phone]",
     )
     model: str = setting("esdnet", "one of moireaug.defenses.demoire.NETWORKS")
     weights: str | None = setting(
