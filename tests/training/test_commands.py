@@ -45,8 +45,15 @@ runpy.run_path(sys.argv[1], run_name="imported")
 """
 
 
-@pytest.mark.parametrize("command", ["fit", "reattack"])
-@pytest.mark.parametrize(("given", "expected"), [(None, "10000"), ("77", "77")])
+@pytest.mark.parametrize(
+    ("command", "given", "expected"),
+    [
+        ("fit", "77", "77"),
+        ("reattack", None, "10000"),
+        ("calibrate", None, "10000"),
+        ("explore", None, "10000"),
+    ],
+)
 def test_how_threads_wait_is_set_before_torch_is_loaded(command, given, expected):
     env = {k: v for k, v in os.environ.items() if k != "GOMP_SPINCOUNT"}
     env |= {"GOMP_SPINCOUNT": given} if given else {}
