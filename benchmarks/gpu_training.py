@@ -9,7 +9,6 @@ import torch
 from hydra import initialize
 
 from benchmarks import training_steps
-from training import fit  # noqa: F401  # registers its settings with Hydra
 
 MODELS, QUICK_MODELS = ("resnet18", "resnet50"), ("small_resnet",)
 SHARE = "adversary.share=0.625"  # of the batch that is attacked, in both

@@ -14,7 +14,6 @@ from benchmarks import training_steps
 from benchmarks.measure import timed_together
 from benchmarks.rows import Row, Size, in_ms
 from moireaug import attacks
-from training import fit  # noqa: F401  # registers its settings with Hydra
 
 
 def attack_step(size: Size) -> Iterator[Row]:

@@ -12,7 +12,7 @@ from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
 from training.config.schema import Adversary
 
-MIN_STRONG_STEPS = 3  # steps of the validation's attack, and of training once fewer have failed
+MIN_STRONG_STEPS = 3  # of the validation's attack, and of training once fewer have failed
 
 
 class Adversaries:

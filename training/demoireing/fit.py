@@ -7,7 +7,7 @@
 `pairs` names real photos and what was on the screen, for the report alone; with other pairs, a
 finished run is only tested again. Writes weights.pt (for training/demoire.py clean and
 moireaug.defenses.demoire.load), report.html, scores.csv (the figures of each pair), metrics.json,
-best.ckpt, last.ckpt and config.yaml into runs/[<data>-]<model>/demoire/seed<k>/. The same command
+best.ckpt, last.ckpt and config.yaml into runs/<data>-<model>/demoire/seed<k>/. The same command
 resumes an interrupted run.
 """
 

@@ -48,7 +48,7 @@ class PairSet(NamedTuple):
         return self.folder / f"{number:06d}{self.suffix}"
 
     def numbers(self, share: Share) -> list[int]:
-        """Return the numbers of a share's files: every `share.of`-th."""
+        """Return the numbers of a share's files: every `share.count`-th."""
         count = -(-self.n // self.per_shard)
         return list(range(share.index, count, share.count))
 
