@@ -45,7 +45,7 @@ def weights(tmp_path_factory):
     torch.manual_seed(0)
     path, model = (
         tmp_path_factory.mktemp("weights") / "small.pt",
-        models.build("small_resnet", 16).eval(),
+        models.as_model("small_resnet", 16).eval(),
     )
     cfg = configured()
     images, labels = protocol_of(cfg, load(cfg.data)).batches[0]

@@ -23,7 +23,7 @@ def put(root, *overrides, classes=signs.CLASSES, edit=None):
     text = OmegaConf.to_yaml(OmegaConf.create(as_values(cfg)))
     (folder / "config.yaml").write_text(edit(text) if edit else text)
     torch.manual_seed(0)
-    state = models.build(cfg.model, len(classes)).state_dict()
+    state = models.as_model(cfg.model, len(classes)).state_dict()
     checkpoint = {
         "state_dict": {f"model.{name}": value for name, value in state.items()},
         "epoch": 1,

@@ -47,13 +47,13 @@ def test_a_gain_is_over_the_folders_present_images(tmp_path, settings):
 def test_no_run_resumes_from_an_overwritten_weights_file(tmp_path, settings):
     """Two models with one file's name would share a start, a baseline and a report."""
     weights = tmp_path / "weights.pt"
-    torch.save(models.build("small_resnet", 2).state_dict(), weights)
+    torch.save(models.as_model("small_resnet", 2).state_dict(), weights)
     given = [*settings, f"weights={weights}"]
     cfg = configured("recipe=clean", *given, f"runs={tmp_path / 'runs'}")
     train_model(Run(cfg), load(cfg.data))
     run = Run(cfg)
     assert resume.weights_difference(run) is None
-    torch.save(models.build("small_resnet", 2).state_dict(), weights)
+    torch.save(models.as_model("small_resnet", 2).state_dict(), weights)
     with pytest.raises(ValueError, match=r"weights\.pt no longer holds the weights that it began"):
         fit.fit(cfg)
     done = inside("fit.py", "recipe=baseline", *given, cwd=tmp_path)

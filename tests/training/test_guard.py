@@ -12,7 +12,7 @@ from training.classifier.module import Classifier, has_collapsed
 from training.classifier.train import classifier_of
 from training.config.schema import Config
 from training.data.batches import Batches
-from training.models.classifiers import build
+from training.models.classifiers import as_model
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -118,7 +118,7 @@ def test_options_of_training_train(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("given", "moves"), [(None, False), (True, True)])
 def test_fine_tuning_keeps_the_weights_own_statistics(given, moves, tmp_path, monkeypatch):
     path = tmp_path / "weights.pt"
-    torch.save(build(Config.model, 16).state_dict(), path)
+    torch.save(as_model(Config.model, 16).state_dict(), path)
     setting = f"train.batch_statistics={given or 'null'}"
     model, _, _ = trained(tmp_path, monkeypatch, STEADY, f"weights={path}", setting)
     statistics = {k: v for k, v in model.model.state_dict().items() if "running" in k}

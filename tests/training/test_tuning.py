@@ -63,7 +63,7 @@ def loss_of(model, data):
 def tuned(tmp_path, name, batch, size, *more):
     """Losses before and after a few steps from saved weights, and the run's history."""
     torch.manual_seed(0)
-    torch.save(models.build(name, 2).state_dict(), tmp_path / "weights.pth")
+    torch.save(models.as_model(name, 2).state_dict(), tmp_path / "weights.pth")
     cfg = configured(
         "recipe=clean",
         f"model={name}",

@@ -8,8 +8,15 @@ import torch
 import torchvision
 
 from moireaug import extras
+from moireaug.attacks import Normalized
 from training.models import classifiers as models
 from training.models.small_resnet import SmallResNet
+
+
+def build(*arguments):
+    """Return a model without the normalisation and the memory layout that it is given."""
+    model = models.as_model(*arguments).to(memory_format=torch.contiguous_format)
+    return model.model if isinstance(model, Normalized) else model
 
 
 def saved(model, path):
@@ -25,8 +32,8 @@ def same(one, other, keys):
     "name", ["small_resnet", "attention_resnet", "squeezenet1_1", "shufflenet_v2_x0_5"]
 )
 def test_weights_come_back_unchanged(name, tmp_path):
-    model = models.build(name, 7)
-    again = models.build(name, 7, saved(model, tmp_path / "weights.pth"))
+    model = build(name, 7)
+    again = build(name, 7, saved(model, tmp_path / "weights.pth"))
     assert same(model, again, model.state_dict())
 
 
@@ -40,21 +47,21 @@ def test_weights_come_back_unchanged(name, tmp_path):
 )
 @pytest.mark.parametrize("classes", [3, 1])
 def test_another_number_of_classes_replaces_the_head_alone(name, head, classes, tmp_path):
-    model = models.build(name, 7)
-    tuned = models.build(name, classes, saved(model, tmp_path / "weights.pth"))
+    model = build(name, 7)
+    tuned = build(name, classes, saved(model, tmp_path / "weights.pth"))
     assert same(model, tuned, model.state_dict().keys() - head)
     assert all(tuned.state_dict()[key].shape[0] == classes for key in head)
 
 
 def test_files_without_batch_counters_load(tmp_path):
-    model = models.build("small_resnet", 7)
+    model = build("small_resnet", 7)
     state = {
         key: value
         for key, value in model.state_dict().items()
         if not key.endswith("num_batches_tracked")
     }
     torch.save(state, tmp_path / "old.pth")
-    assert same(model, models.build("small_resnet", 7, str(tmp_path / "old.pth")), state)
+    assert same(model, build("small_resnet", 7, str(tmp_path / "old.pth")), state)
 
 
 def prefixed(prefix):
@@ -103,9 +110,9 @@ FORMS = {
 @pytest.mark.parametrize("classes", [7, 3])
 @pytest.mark.parametrize("name", FORMS)
 def test_the_forms_of_checkpoints_load(name, classes, tmp_path):
-    model = models.build("small_resnet", 7)
+    model = build("small_resnet", 7)
     torch.save(FORMS[name](dict(model.state_dict())), tmp_path / "weights.pth")
-    again = models.build("small_resnet", classes, str(tmp_path / "weights.pth"))
+    again = build("small_resnet", classes, str(tmp_path / "weights.pth"))
     kept = [key for key in model.state_dict() if classes == 7 or not key.startswith("head")]
     assert same(model, again, kept)
 
@@ -113,11 +120,11 @@ def test_the_forms_of_checkpoints_load(name, classes, tmp_path):
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float16, torch.bfloat16])
 @pytest.mark.parametrize("form", ["plain", "AveragedModel"])
 def test_files_of_safetensors_load(form, dtype, tmp_path):
-    model = models.build("small_resnet", 7).to(dtype)
+    model = build("small_resnet", 7).to(dtype)
     state = dict(model.state_dict())
     safetensors = pytest.importorskip("safetensors.torch")
     safetensors.save_file(FORMS.get(form, dict)(state), tmp_path / "weights.safetensors")
-    again = models.build("small_resnet", 7, str(tmp_path / "weights.safetensors"))
+    again = build("small_resnet", 7, str(tmp_path / "weights.safetensors"))
     assert all(value.dtype == torch.float32 for value in again.parameters())
     assert same(model.float(), again, state)
 
@@ -127,7 +134,7 @@ def test_a_file_of_safetensors_names_the_package_that_is_missing(tmp_path, monke
     path.touch()
     monkeypatch.setitem(extras.MODULES, "safetensors", ("not_installed_here",))
     with pytest.raises(ValueError, match=r"needs not_installed_here, .*moireaug\[safetensors\]'"):
-        models.build("small_resnet", 7, str(path))
+        build("small_resnet", 7, str(path))
 
 
 def one_less(state):
@@ -152,23 +159,23 @@ def with_zeros(name, *shape):
     ],
 )
 def test_every_other_mismatch_is_refused(spoil, sentence, tmp_path):
-    torch.save(spoil(dict(models.build("small_resnet", 7).state_dict())), tmp_path / "weights.pth")
+    torch.save(spoil(dict(build("small_resnet", 7).state_dict())), tmp_path / "weights.pth")
     with pytest.raises(ValueError, match=f"do not fit 'small_resnet'.*{sentence}"):
-        models.build("small_resnet", 7, str(tmp_path / "weights.pth"))
+        build("small_resnet", 7, str(tmp_path / "weights.pth"))
 
 
 def test_weights_of_another_model_are_refused_even_with_other_classes(tmp_path):
-    path = saved(models.build("squeezenet1_1", 7), tmp_path / "weights.pth")
+    path = saved(build("squeezenet1_1", 7), tmp_path / "weights.pth")
     with pytest.raises(ValueError, match=r"do not fit 'small_resnet'.*missing.*unknown"):
-        models.build("small_resnet", 3, path)
+        build("small_resnet", 3, path)
     with pytest.raises(ValueError, match="do not fit 'squeezenet1_0'"):
-        models.build("squeezenet1_0", 3, path)
+        build("squeezenet1_0", 3, path)
 
 
 def test_weights_of_another_width_are_refused(tmp_path):
     path = saved(SmallResNet(7, width=8), tmp_path / "weights.pth")
     with pytest.raises(ValueError, match="of another shape"):
-        models.build("small_resnet", 7, path)
+        build("small_resnet", 7, path)
 
 
 class Opener:
@@ -185,7 +192,7 @@ def test_a_file_that_cannot_be_read_is_named(damage, suffix, tmp_path, monkeypat
         pytest.importorskip("safetensors")
     monkeypatch.chdir(tmp_path)
     path = tmp_path / f"weights.{suffix}"
-    saved(models.build("small_resnet", 7), path)
+    saved(build("small_resnet", 7), path)
     whole = path.read_bytes()
     path.write_bytes(
         {"empty": b"", "text": b"<html>not found</html>", "cut": whole[: len(whole) // 2]}.get(
@@ -197,7 +204,7 @@ def test_a_file_that_cannot_be_read_is_named(damage, suffix, tmp_path, monkeypat
     if damage == "code":
         torch.save({"a": Opener()}, path)
     with pytest.raises(ValueError, match=rf"weights\.{suffix}' could not be read.*Fetch it again"):
-        models.build("small_resnet", 7, str(path))
+        build("small_resnet", 7, str(path))
     assert not (tmp_path / "never-written").exists()
 
 
@@ -214,18 +221,18 @@ def test_a_file_that_cannot_be_read_is_named(damage, suffix, tmp_path, monkeypat
 def test_a_file_that_holds_no_state_dict_is_named(content, tmp_path):
     torch.save(content, tmp_path / "weights.pth")
     with pytest.raises(ValueError, match=r"weights\.pth' holds something other than a state_dict"):
-        models.build("small_resnet", 7, str(tmp_path / "weights.pth"))
+        build("small_resnet", 7, str(tmp_path / "weights.pth"))
 
 
 def test_a_missing_file_is_named_with_the_published_weights():
     with pytest.raises(ValueError, match=r"no weights file 'nowhere.pth'.*IMAGENET1K_V1"):
-        models.build("squeezenet1_1", 7, "nowhere.pth")
+        build("squeezenet1_1", 7, "nowhere.pth")
     with pytest.raises(ValueError, match="no weights file 'DEFAULT'"):
-        models.build("small_resnet", 7, "DEFAULT")
+        build("small_resnet", 7, "DEFAULT")
 
 
 def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
-    published = models.build("squeezenet1_1", 1000)
+    published = build("squeezenet1_1", 1000)
 
     def get_model(name, weights=None, **options):
         assert name == "squeezenet1_1"
@@ -233,7 +240,7 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
 
     original = torchvision.models.get_model
     monkeypatch.setattr(torchvision.models, "get_model", get_model)
-    tuned = models.build("squeezenet1_1", 7, "DEFAULT")
+    tuned = build("squeezenet1_1", 7, "DEFAULT")
     assert same(
         published,
         tuned,
@@ -247,4 +254,4 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
 
     monkeypatch.setattr(torchvision.models, "get_model", offline)
     with pytest.raises(ValueError, match=r"of 'squeezenet1_1' could not be fetched.*no route"):
-        models.build("squeezenet1_1", 7, "IMAGENET1K_V1")
+        build("squeezenet1_1", 7, "IMAGENET1K_V1")

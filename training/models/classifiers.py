@@ -29,14 +29,32 @@ _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
 
 
-def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = False) -> nn.Module:
-    """Return a classifier of [0, 1] images: torchvision's models get their ImageNet normalisation
-    put inside.
+def as_model(
+    name: str, num_classes: int, weights: str | None = None, *, whole: bool = False
+) -> nn.Module:
+    """Return a classifier of [0, 1] images by name, freshly initialised or with weights;
+    torchvision's models get their ImageNet normalisation put inside.
 
-    Args, Raises: as in `build`.
+    Args:
+        name: name among `OWN_MODELS`, or any torchvision classifier.
+        num_classes: number of logits.
+        weights: file that `moireaug.weights.read_state_dict` reads, or name of torchvision
+            weights such as "IMAGENET1K_V1" or "DEFAULT". Of weights for another number of classes,
+            the head is left out and stays freshly initialised.
+        whole: whether to refuse weights for another number of classes: a model with a fresh head
+            cannot be evaluated.
+
+    Raises:
+        ValueError: an unknown name, a file that is missing or unreadable, or weights of another
+            model.
     """
+    require_known(name)
+    model = _fresh(name, num_classes)
+    if weights is not None:
+        complaint = f"The weights {weights!r} do not fit {name!r} with {num_classes} classes"
+        _load(model, _state(name, weights), complaint, whole)
     # in this layout convolutions are up to twice as fast on CPU
-    model = build(name, num_classes, weights, whole=whole).to(memory_format=torch.channels_last)
+    model = model.to(memory_format=torch.channels_last)
     return model if name in OWN_MODELS else Normalized(model)
 
 
@@ -71,7 +89,7 @@ def _torchvision() -> ModuleType:
 
 
 def model_names() -> list[str]:
-    """Return every name that `build` knows, own models first."""
+    """Return every name that `as_model` knows, own models first."""
     models = _torchvision()
     return [*OWN_MODELS, *models.list_models(module=models)]
 
@@ -85,37 +103,6 @@ def class_names(name: str) -> dict[int, str]:
     return dict(enumerate(published.meta.get("categories", ())))
 
 
-def build(
-    name: str, num_classes: int, weights: str | None = None, *, whole: bool = False
-) -> nn.Module:
-    """Return a classifier by name, freshly initialised or with weights.
-
-    Args:
-        name: name among `OWN_MODELS`, which take [0, 1] images, or any torchvision classifier,
-            whose ImageNet normalisation is the caller's to apply.
-        num_classes: number of logits.
-        weights: file that `moireaug.weights.read_state_dict` reads, or name of torchvision
-            weights such as "IMAGENET1K_V1" or "DEFAULT". Of weights for another number of classes,
-            the head is left out and stays freshly initialised.
-        whole: whether to refuse weights for another number of classes: a model with a fresh head
-            cannot be evaluated.
-
-    Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of
-    another model.
-    """
-    require_known(name)
-    if num_classes < 1:
-        raise ValueError(
-            f"num_classes={num_classes} must be at least 1. Please pass the number of classes."
-        )
-    model = _fresh(name, num_classes)
-    if weights is None:
-        return model
-    complaint = f"The weights {weights!r} do not fit {name!r} with {num_classes} classes"
-    _load(model, _state(name, weights), complaint, whole)
-    return model
-
-
 def require_known(name: str) -> None:
     """Refuse a name that no model has.
 
@@ -127,7 +114,7 @@ def require_known(name: str) -> None:
         hint = f" Closest: {', '.join(closest)}." if closest else ""
         raise ValueError(
             f"There is no model named {name!r}.{hint} "
-            f"Please use {', '.join(map(repr, OWN_MODELS))}, or a name from "
+            f"Pass {', '.join(map(repr, OWN_MODELS))}, or a name from "
             "torchvision.models.list_models(module=torchvision.models)."
         )
 
@@ -144,7 +131,7 @@ def _state(name: str, weights: str) -> Mapping[str, Tensor]:
     if weights in published:
         return _published(name, weights)
     published_hint = f", or one of {', '.join(published)}" if published else ""
-    advice = f"Please pass a file that torch.save(model.state_dict(), path) wrote{published_hint}."
+    advice = f"Pass a file that torch.save(model.state_dict(), path) wrote{published_hint}."
     return read_state_dict(weights, name, advice)
 
 
@@ -162,7 +149,7 @@ def _published(name: str, weights: str) -> Mapping[str, Tensor]:
     except (OSError, RuntimeError) as error:
         raise ValueError(
             f"The torchvision weights {weights!r} of {name!r} could not be fetched ({error}). "
-            "Please check the network, or pass the path of a downloaded state_dict file."
+            "Check the network, or pass the path of a downloaded state_dict file."
         ) from error
 
 
@@ -196,7 +183,7 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: 
             advice = " and its classes; data.class_index maps a folder's classes to them."
         raise ValueError(
             f"{complaint}: of their tensors, {' and '.join(problems)}. "
-            f"Please name the model that they were saved from{advice}"
+            f"Pass the model that they were saved from{advice}"
         )
     fitting_state = {key: value for key, value in state.items() if key not in head}
     model.load_state_dict(expected | fitting_state)

@@ -27,20 +27,12 @@ class AttentionConvNet(nn.Module):
 
     Source: the stages are those of K. Jordan, "94% on CIFAR-10 in 3.29 Seconds on a Single GPU"
     (2024), with normalisation and activation before each convolution.
-
-    Raises:
-        ValueError: a number of classes, channels or heads below 1.
     """
 
     def __init__(
         self, num_classes: int, channels: tuple[int, ...] = (48, 96, 256), heads: int = 4
     ) -> None:
         super().__init__()
-        if min(num_classes, heads, *channels) < 1:
-            raise ValueError(
-                f"AttentionConvNet got num_classes={num_classes}, channels={channels} and "
-                f"heads={heads}; all must be at least 1. Please pass positive integers."
-            )
         self.stem = nn.Conv2d(3, channels[0], 3, 2, 1, bias=False)
         stages = []
         for inputs, outputs in itertools.pairwise(channels):

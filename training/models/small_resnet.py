@@ -46,9 +46,6 @@ class SmallResNet(nn.Module):
 
     Takes images (B, 3, H, W), float in [0, 1], and returns logits (B, num_classes). The input is
     centred inside, so an attack in [0, 1] needs no wrapper.
-
-    Raises:
-        ValueError: a number of classes or a width below 1.
     """
 
     def __init__(
@@ -59,11 +56,6 @@ class SmallResNet(nn.Module):
         heads: int = 0,
     ) -> None:
         super().__init__()
-        if num_classes < 1 or width < 1:
-            raise ValueError(
-                f"SmallResNet got num_classes={num_classes} and width={width}; both must be at "
-                "least 1. Please pass positive integers."
-            )
         self.activation = activation()
         self.stem = nn.Conv2d(3, width, 3, 2, 1, bias=False)
         self.blocks = nn.Sequential(
