@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moireaug import Scene
+from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 
 # share of a field's limits: a range without width draws no number, and shifts others' draws
@@ -68,20 +68,6 @@ def range_of(scene: Scene, field: str) -> tuple[float, float]:
     return bounds(getattr(getattr(scene, part), name))
 
 
-def with_ranges(scene: Scene, ranges: Mapping[str, tuple[float, float]]) -> Scene:
-    """Return a scene with other ranges of some fields.
-
-    Raises:
-        ValueError: ranges that the scene refuses.
-    """
-    parts: dict[str, dict[str, Any]] = {}
-    for field, value in ranges.items():
-        part, name = field.split(".")
-        parts.setdefault(part, {})[name] = value
-    changed = {part: replace(getattr(scene, part), **new) for part, new in parts.items()}
-    return replace(scene, **changed)
-
-
 def widen(scene: Scene, field: SearchedField) -> SearchedField:
     """Return a field with limits that include a scene's own range of it."""
     low, high = range_of(scene, field.field)
@@ -107,7 +93,7 @@ def decode(
         last = min(high, first + (high - low) * max(float(width), MIN_WIDTH))
         ranges[field] = (first, last)
     try:
-        decoded = with_ranges(scene, ranges)
+        decoded = with_values(scene, ranges)
         decoded.plan()
     except ValueError:
         return None
@@ -123,4 +109,4 @@ def rounded(scene: Scene, limits: Sequence[SearchedField]) -> Scene:
         low, high = float(f"{first:.4g}"), float(f"{last:.4g}")
         if low < high:
             ranges[field] = low, high
-    return with_ranges(scene, ranges)
+    return with_values(scene, ranges)
