@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks import measure
 
-AT_MOST = 2.0  # bar of auto's time, in that of one panel pixel a sensor pixel
+MAX_AUTO_TIME = 2.0  # bar of auto's time, in that of one panel pixel a sensor pixel
 METHOD_COLUMNS = (
     "method",
     "by",
@@ -79,15 +79,15 @@ def summary(found: Sequence[dict[str, Any]], within: float) -> str:
         auto = result["auto"]
         over = auto["over_without"]
         close += auto["within"]
-        quick += over is not None and over <= AT_MOST
+        quick += over is not None and over <= MAX_AUTO_TIME
         best += not auto["beaten_by"]
     table = measure.table(columns, [_problem(result) for result in found])
     return (
         f"{table}\n"
         "brute % is the error left in the brute force: a part of the RMSE that is not auto's\n"
         f"auto is within {within:g} % on {close} of {len(found)} problems, takes at most "
-        f"{AT_MOST:g} times as long as with one panel pixel on {quick}, and is on the frontier of "
-        f"{best}"
+        f"{MAX_AUTO_TIME:g} times as long as with one panel pixel on {quick}, and is on the "
+        f"frontier of {best}"
     )
 
 

@@ -33,7 +33,7 @@ from torch import Tensor
 
 from benchmarks import accuracy_tables, checkouts, measure, plots
 from benchmarks.colour import visible_difference
-from benchmarks.problems import SET, Problem, images, problem
+from benchmarks.problems import PROBLEMS, Problem, images, problem
 from benchmarks.runs import WITHOUT, Run, runs_of
 from moireaug import Scene, Shot, develop, expose
 
@@ -49,8 +49,8 @@ METHODS: dict[str, dict[str, Any]] = {
     "box": {"exposure": "box"},
     "auto": {"exposure": "auto"},
 }
-WITHIN = 1.0  # bar of auto's RMSE, in %
-SAME = 1.02  # errors within this factor count as equal: they vary with the picture
+MAX_AUTO_ERROR = 1.0  # bar of auto's RMSE, in %
+EQUAL_ERROR_FACTOR = 1.02  # errors within this factor count as equal: they vary with the picture
 FULL = {
     "problems": 1,
     "sensor_pixels": 120,
@@ -78,17 +78,17 @@ def main() -> None:
     torch.set_num_threads(args.threads)
     facts = measure.metadata()
     settings = QUICK if args.quick else FULL
-    print(measure.told(facts), end="\n\n")
+    print(measure.machine_lines(facts), end="\n\n")
     found = []
     with ExitStack() as stack:
         before = None
         if args.before:
             before = stack.enter_context(checkouts.Checkout(args.before, args.threads))
-        for numbers in SET[:: settings["problems"]]:
+        for numbers in PROBLEMS[:: settings["problems"]]:
             result = solve(problem(**numbers), settings, before)
             print(accuracy_tables.report(result), end="\n\n", flush=True)
             found.append(result)
-    print(accuracy_tables.summary(found, WITHIN))
+    print(accuracy_tables.summary(found, MAX_AUTO_ERROR))
     facts["before"] = checkouts.commit(args.before)
     content = {"metadata": facts, "settings": settings, "problems": found}
     measure.write_json(measure.results(args) / "accuracy_vs_time.json", content)
@@ -209,12 +209,12 @@ def samples(plan: str, harmonics: int) -> int | None:
 
 def beaten_by(row: dict[str, Any], rows: list[dict[str, Any]], floor: float) -> list[str]:
     """Return the methods that are at once faster, quartile against quartile, and more accurate, by
-    more than `SAME`; errors below the floor count as the floor."""
+    more than `EQUAL_ERROR_FACTOR`; errors below the floor count as the floor."""
     error = max(row["rmse_percent"], floor)
     found = []
     for other in rows:
         faster = other["seconds"]["high"] < row["seconds"]["low"]
-        if faster and max(other["rmse_percent"], floor) * SAME < error:
+        if faster and max(other["rmse_percent"], floor) * EQUAL_ERROR_FACTOR < error:
             found.append(other["method"])
     return found
 
@@ -225,7 +225,7 @@ def judge(rows: list[dict[str, Any]], floor: float) -> dict[str, Any]:
     named = {row["method"]: row for row in rows}
     auto = named["auto"]
     seconds = auto["seconds"]["median"]
-    enough = max(auto["rmse_percent"], floor) * SAME
+    enough = max(auto["rmse_percent"], floor) * EQUAL_ERROR_FACTOR
     brute = [row for row in rows if row["method"].startswith("supersample")]
     able = [row for row in brute if row["rmse_percent"] <= enough]
     rival = min(able, key=lambda row: row["seconds"]["median"]) if able else brute[-1]
@@ -233,7 +233,7 @@ def judge(rows: list[dict[str, Any]], floor: float) -> dict[str, Any]:
     if WITHOUT in named:
         over_without = seconds / named[WITHOUT]["seconds"]["median"]
     return {
-        "within": auto["rmse_percent"] <= math.hypot(WITHIN, floor),
+        "within": auto["rmse_percent"] <= math.hypot(MAX_AUTO_ERROR, floor),
         "rmse_percent": auto["rmse_percent"],
         "over_without": over_without,
         "chosen": auto["plan"],

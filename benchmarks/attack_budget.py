@@ -37,7 +37,7 @@ FULL: dict[str, Any] = {"steps": STEPS, "n": 96}
 QUICK: dict[str, Any] = {"steps": (1, 2), "n": 4}
 EPS = 4 / 255
 QUERIES = 20  # of Square, for each step of the others
-NEAR = 0.01  # a point
+MAX_ACCURACY_GAP = 0.01  # a point
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 MARKERS = "oDs^vP"
 
@@ -85,7 +85,7 @@ def recommended(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the cheapest row that is within a point, or an image, of the lowest accuracy that any
     attacker reached."""
     least = min(row["accuracy"] for row in rows)
-    slack = max(NEAR, 1 / rows[0]["n"])
+    slack = max(MAX_ACCURACY_GAP, 1 / rows[0]["n"])
     enough = [row for row in rows if row["accuracy"] <= least + slack + 1e-9]
     return min(enough, key=lambda row: row["seconds_per_image"])
 
@@ -148,7 +148,7 @@ def main() -> None:
     facts = measure.metadata()
     settings = QUICK if args.quick else FULL
     n = settings["n"]
-    print(measure.told(facts), end="\n\n")
+    print(measure.machine_lines(facts), end="\n\n")
     results = {}
     try:
         models = models_of(args.runs, n) if args.runs else quick_model(n)

@@ -161,7 +161,7 @@ def main() -> None:
     torch.set_num_threads(args.threads)
     facts = measure.metadata()
     settings = QUICK if args.quick else FULL
-    print(measure.told(facts), end="\n\n")
+    print(measure.machine_lines(facts), end="\n\n")
     shown = images("photo", 1, settings["side"])
     rows = []
     for problem in problems(settings):

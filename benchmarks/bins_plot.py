@@ -12,14 +12,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator
 
-from benchmarks.plots import FAINT, INK, LINE, legend_above
+from benchmarks.plots import INK, LINE_COLOUR, finish_log_axes, legend_above
 
 COLUMNS = 3
 STYLE = {"full": ("#0072B2", "o"), "binned": ("#D55E00", "D")}  # told apart in print, too
 SIZES = (9, 6.5, 4.5)  # of markers, from the finest tolerance on
-LEAST = 1e-3  # codes: errors below are drawn there, on a logarithmic axis
+MOIRE_LINE: dict[str, Any] = {"color": LINE_COLOUR, "linestyle": (0, (4, 2))}
+MIN_DRAWN_ERROR = 1e-3  # codes: errors below are drawn there, on a logarithmic axis
 
 
 def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
@@ -53,7 +54,7 @@ def draw_scale(axis: Axes, rows: Sequence[dict[str, Any]]) -> None:
         for tolerance, size in zip(tolerances(rows), SIZES, strict=True):
             own = [row for row in rows if row["tolerance"] == tolerance]
             times = quartiles([row[f"{reading}_ms"] for row in own])
-            errors = quartiles([max(LEAST, row[f"{reading}_error"]) for row in own])
+            errors = quartiles([max(MIN_DRAWN_ERROR, row[f"{reading}_error"]) for row in own])
             axis.errorbar(
                 times[1],
                 errors[1],
@@ -66,17 +67,10 @@ def draw_scale(axis: Axes, rows: Sequence[dict[str, Any]]) -> None:
             )
             middles.append((times[1], errors[1]))
         axis.plot(*zip(*middles, strict=True), color=colour, linewidth=0.8)
-    axis.axhline(np.median([row["moire"] for row in rows]), color=LINE, linestyle=(0, (4, 2)))
-    axis.set(xscale="log", yscale="log", ylim=(LEAST / 1.6, 20))
+    axis.axhline(np.median([row["moire"] for row in rows]), **MOIRE_LINE)
+    axis.set(xscale="log", yscale="log", ylim=(MIN_DRAWN_ERROR / 1.6, 20))
     axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    for scale in (axis.xaxis, axis.yaxis):
-        scale.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-        scale.set_minor_formatter(NullFormatter())
-    axis.grid(color=FAINT, linewidth=0.6)
-    axis.set_axisbelow(True)
-    axis.tick_params(labelsize=8, labelcolor=INK, color=FAINT, which="both")
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.spines[:].set_color(LINE)
+    finish_log_axes(axis)
 
 
 def tolerances(rows: Sequence[dict[str, Any]]) -> list[float]:
@@ -93,9 +87,9 @@ def legend(figure: Figure, rows: Sequence[dict[str, Any]]) -> None:
     for reading, (colour, marker) in STYLE.items():
         label = f"{reading}, tolerance {dial} from large to small"
         handles.append(Line2D([], [], color=colour, marker=marker, linewidth=0.8, label=label))
-    handles.append(Line2D([], [], color=LINE, linestyle=(0, (4, 2)), label="the moiré itself"))
+    handles.append(Line2D([], [], **MOIRE_LINE, label="the moiré itself"))
     title = (
         "Medians over pitches, views and layouts; bars span the quartiles. Errors are against a "
-        f"full reading of tolerance 1/8192; those below {LEAST:g} are drawn there"
+        f"full reading of tolerance 1/8192; those below {MIN_DRAWN_ERROR:g} are drawn there"
     )
     legend_above(figure, handles, title)

@@ -18,7 +18,6 @@ shots drawn and plans made; an effect that the engine leaves to the reference sa
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from benchmarks.executions import EXECUTIONS, draw, in_both, taking
 from benchmarks.problems import images
 from moireaug import Scene, develop, expose
 from moireaug.engine import program
+from moireaug.scene.by_name import with_values
 from moireaug.scene.presets import PRESETS
 
 FULL = {
@@ -50,7 +50,7 @@ QUICK = {
     "presets": 2,
 }
 DEFAULT = "screen_photo"
-MOST = 0.25  # of the default photo, for one effect
+MAX_SHARE = 0.25  # of the default photo, for one effect
 
 # changes that take each effect out of the default scene
 WITHOUT: dict[str, dict[str, Any]] = {
@@ -84,7 +84,7 @@ def main() -> None:
     args = measure.arguments(__doc__).parse_args()
     torch.set_num_threads(args.threads)
     facts, settings = measure.metadata(), QUICK if args.quick else FULL
-    print(measure.told(facts), end="\n\n")
+    print(measure.machine_lines(facts), end="\n\n")
     photo = default_photo(settings)
     print("The default photo, {} images of {} px".format(*settings["photo"]))
     print(photo_report(photo), end="\n\n", flush=True)
@@ -105,10 +105,10 @@ def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
     whole = Scene.preset(DEFAULT)
     bare = whole
     for changes in WITHOUT.values():
-        bare = changed(bare, changes)
+        bare = with_values(bare, changes)
     scenes = {}
     for name, changes in (WITHOUT | WITH).items():
-        scenes[name] = changed(whole, changes)
+        scenes[name] = with_values(whole, changes)
 
     calls = {"whole": taking(whole, shown)}
     for name, scene in scenes.items():
@@ -150,17 +150,6 @@ def effect_row(
     return row
 
 
-def changed(scene: Scene, changes: dict[str, Any]) -> Scene:
-    """Return a scene with some of its fields, as "part.field", changed."""
-    parts: dict[str, dict[str, Any]] = {}
-    for name, value in changes.items():
-        part, field = name.split(".")
-        parts.setdefault(part, {})[field] = value
-    return replace(
-        scene, **{part: replace(getattr(scene, part), **new) for part, new in parts.items()}
-    )
-
-
 def run_by(scene: Scene) -> str:
     """Return the stages of a capture that the engine runs, and with which effect it leaves off."""
     parts = program.program_of(scene, scene.plan())
@@ -180,9 +169,9 @@ def photo_report(photo: dict[str, Any]) -> str:
     rows = []
     for row in photo["effects"]:
         share = 100 * row["share"]
-        told = "" if share <= 100 * MOST else f"above {100 * MOST:g} %"
+        verdict = "" if share <= 100 * MAX_SHARE else f"above {100 * MAX_SHARE:g} %"
         ms = [f"{1e3 * row[execution]:+.2f}" for execution in EXECUTIONS]
-        rows.append((row["effect"], row["kind"], *ms, f"{share:+.0f} %", told, row["run_by"]))
+        rows.append((row["effect"], row["kind"], *ms, f"{share:+.0f} %", verdict, row["run_by"]))
     columns = (
         "effect",
         "which is",

@@ -59,7 +59,7 @@ def main() -> None:
     batch, side = QUICK if args.quick else (args.batch, args.side)
     repeats = 1 if args.quick else args.repeats
     facts = measure.metadata(args.device)
-    print(measure.told(facts), end="\n\n")
+    print(measure.machine_lines(facts), end="\n\n")
     images = torch.rand(batch, 3, side, side).to(args.device)
     found = {
         "photos": photos(images, repeats, compiled=not (args.eager or args.quick)),

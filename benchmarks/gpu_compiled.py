@@ -189,7 +189,7 @@ def main(args: Any) -> None:
             rows += of_case
             peaks |= peaks_of_case
     host = measure.timed_together({"host": lambda: prepare_on_host(batch, side)})["host"]
-    heading = f"{batch} photos of {side} px\n{measure.told(facts)}\n\n{ASSUMPTIONS}"
+    heading = f"{batch} photos of {side} px\n{measure.machine_lines(facts)}\n\n{ASSUMPTIONS}"
     on_host = "Drawing and lowering the default scene on the host, measured: {:.1f} ms ({})"
     text = "\n\n".join(
         [

@@ -20,7 +20,7 @@ import torch
 
 RESULTS = Path(__file__).resolve().parent / "results"
 LIBRARIES = ("torch", "torchvision", "kornia", "albumentations", "numpy", "numba")
-FEWEST = 3  # runs that even a slow candidate gets
+MIN_RUNS = 3  # runs that even a slow candidate gets
 
 
 class Timing(NamedTuple):
@@ -59,7 +59,7 @@ def timed_together(
     Args:
         repeats: rounds, in each of which every candidate runs once.
         warmup: calls of each that are not counted: they fill caches and make plans.
-        budget: seconds after which a slow candidate sits out, once it has run `FEWEST` times.
+        budget: seconds after which a slow candidate sits out, once it has run `MIN_RUNS` times.
     """
     for function in candidates.values():
         for _ in range(warmup):
@@ -68,7 +68,7 @@ def timed_together(
     order = random.Random(0)
     for _ in range(repeats):
         for name in order.sample(list(candidates), len(candidates)):
-            if len(spent[name]) < FEWEST or sum(spent[name]) < budget:
+            if len(spent[name]) < MIN_RUNS or sum(spent[name]) < budget:
                 spent[name].append(_clock(candidates[name]))
     return {name: Timing.of(seconds) for name, seconds in spent.items()}
 
@@ -130,7 +130,7 @@ def _cpu() -> str:
     )
 
 
-def told(facts: Mapping[str, Any]) -> str:
+def machine_lines(facts: Mapping[str, Any]) -> str:
     """Return the metadata in two lines."""
     libraries = ", ".join(f"{name} {facts[name]}" for name in ("python", *LIBRARIES))
     load = facts["load_average_at_start"]

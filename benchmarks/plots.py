@@ -26,9 +26,9 @@ STYLE = {
     "box": ("#CC79A7", "s"),
     "one": ("#000000", "+"),
 }
-INK, FAINT, LINE = "#222222", "#DDDDDD", "#999999"
+INK, GRID_COLOUR, LINE_COLOUR = "#222222", "#DDDDDD", "#999999"
 COLUMNS = 3
-BELOW = "below the brute force's own error"
+FLOOR_LABEL = "below the brute force's own error"
 FLOOR = {"color": "#F0E442", "alpha": 0.35, "linewidth": 0}
 AUTO = {
     "marker": "o",
@@ -38,7 +38,7 @@ AUTO = {
     "markeredgewidth": 1.8,
     "linewidth": 0,
 }
-FRONTIER = {"color": LINE, "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 1}
+FRONTIER = {"color": LINE_COLOUR, "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 1}
 
 
 def accuracy_vs_time(found: Sequence[dict[str, Any]], path: Path) -> None:
@@ -75,19 +75,25 @@ def draw(axis: Axes, result: dict[str, Any]) -> None:
     axis.set(xscale="log", yscale="log")
     for scale in (axis.xaxis, axis.yaxis):
         scale.set_major_locator(LogLocator(subs=(1.0,) if spans(scale) else (1.0, 2.0, 5.0)))
-        scale.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-        scale.set_minor_formatter(NullFormatter())
     axis.margins(0.12)
     if floor > 0:
         bottom = min(axis.get_ylim()[0], floor / 1.5)
         axis.axhspan(bottom, floor, **FLOOR, zorder=0)
         axis.set_ylim(bottom=bottom)
     axis.set_title(result["title"], size=9, color=INK, loc="left")
-    axis.grid(color=FAINT, linewidth=0.6)
+    finish_log_axes(axis)
+
+
+def finish_log_axes(axis: Axes) -> None:
+    """Label the ticks of two logarithmic axes, and draw the grid and the frame."""
+    for scale in (axis.xaxis, axis.yaxis):
+        scale.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        scale.set_minor_formatter(NullFormatter())
+    axis.grid(color=GRID_COLOUR, linewidth=0.6)
     axis.set_axisbelow(True)
-    axis.tick_params(labelsize=8, labelcolor=INK, color=FAINT, which="both")
+    axis.tick_params(labelsize=8, labelcolor=INK, color=GRID_COLOUR, which="both")
     axis.spines[["top", "right"]].set_visible(False)
-    axis.spines[:].set_color(LINE)
+    axis.spines[:].set_color(LINE_COLOUR)
 
 
 def draw_family(axis: Axes, name: str, rows: Sequence[dict[str, Any]]) -> None:
@@ -159,7 +165,7 @@ def legend(figure: Figure, found: Sequence[dict[str, Any]]) -> None:
     handles += [
         Line2D([], [], **(AUTO | {"markersize": 11}), label="what auto chooses"),
         Line2D([], [], **FRONTIER, label="Pareto frontier"),
-        Line2D([], [], **(FLOOR | {"alpha": 0.6, "linewidth": 7}), label=BELOW),
+        Line2D([], [], **(FLOOR | {"alpha": 0.6, "linewidth": 7}), label=FLOOR_LABEL),
     ]
     note = (
         "picture, panel layout, pitch in sensor pixels a panel pixel, view; bars span the "

@@ -79,7 +79,7 @@ def problem(
 
 
 # text is always shown with one panel pixel per image pixel, as on real screens
-SET = (
+PROBLEMS = (
     dict(picture="grey", layout="rgb_stripe", pitch=0.4, view="frontal", panel=5),
     dict(picture="photo", layout="rgb_stripe", pitch=0.7, view="oblique", panel=3),
     dict(picture="grey", layout="rgb_stripe", pitch=1, view="frontal", panel=2),

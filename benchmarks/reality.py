@@ -221,7 +221,7 @@ def main() -> None:
             classifiers = agreement.read_classifiers(args.classifiers)
     except (ValueError, OSError) as error:
         parser.error(str(error))
-    print(measure.told(facts), end="\n\n")
+    print(measure.machine_lines(facts), end="\n\n")
     found: dict[str, Any] = {"metadata": facts}
     if crops:
         found |= of_crops(crops, chosen, args, parts, settings)

@@ -204,7 +204,7 @@ def main() -> None:
     torch.manual_seed(0)
     facts = measure.metadata() | {"before": checkouts.commit(args.before)}
     size = replace(QUICK if args.quick else Size(), threads=args.threads, before=args.before)
-    print(measure.told(facts), end="\n\n")
+    print(measure.machine_lines(facts), end="\n\n")
     rows = []
     with torch.no_grad():
         for group in chosen:

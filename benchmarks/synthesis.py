@@ -43,7 +43,7 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     facts, settings = measure.metadata(), QUICK if args.quick else FULL
-    print(measure.told(facts), end="\n\n")
+    print(measure.machine_lines(facts), end="\n\n")
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         rows = list(measured(args.images or portrait(scratch), scratch / "pairs.tar", settings))

@@ -69,7 +69,7 @@ def main() -> None:
     args = measure.arguments(__doc__).parse_args()
     torch.set_num_threads(args.threads)
     facts, settings = measure.metadata(), QUICK if args.quick else FULL
-    print(measure.told(facts), end="\n\n")
+    print(measure.machine_lines(facts), end="\n\n")
     with initialize(version_base="1.3", config_path=None):
         found = {
             "recipes": recipes(settings),

@@ -5,6 +5,7 @@ import pytest
 from benchmarks import build_up, effects_cost, measure
 from benchmarks.executions import EXECUTIONS
 from moireaug import Scene
+from moireaug.scene.by_name import with_values
 from moireaug.scene.presets import PRESETS
 
 
@@ -23,7 +24,7 @@ def test_the_default_photo_has_what_is_left_out(name):
     """All of it in the plan, nothing of it without; `saturate` goes with a gain that cannot exceed
     the full well."""
     whole = Scene.preset(effects_cost.DEFAULT)
-    bare = effects_cost.changed(whole, effects_cost.WITHOUT[name])
+    bare = with_values(whole, effects_cost.WITHOUT[name])
     for effect in name.split(", "):
         assert effect in whole.plan() and effect not in bare.plan()
 
@@ -31,7 +32,7 @@ def test_the_default_photo_has_what_is_left_out(name):
 @pytest.mark.parametrize("name", effects_cost.WITH)
 def test_what_is_added_is_not_in_the_default_photo(name):
     whole = Scene.preset(effects_cost.DEFAULT)
-    more = effects_cost.changed(whole, effects_cost.WITH[name])
+    more = with_values(whole, effects_cost.WITH[name])
     assert str(more.plan()) != str(whole.plan())
     # else it is another kind of one that is there
     if name in {step.name for step in whole.plan().steps}:
