@@ -58,7 +58,7 @@ from training.calibration.pairs import (
 )
 from training.calibration.plot import draw
 from training.config import scenes
-from training.config.plain import parse
+from training.config.plain import parse, report_errors
 from training.config.settings import setting
 from training.runs.identity import fingerprint_of
 from training.system.files import free_name, make_folder
@@ -177,13 +177,8 @@ def write_scene(path: Path, scene: Scene) -> None:
 
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
-    try:
+    with report_errors("Interrupted before the report was written."):
         calibrate(parse(argv, Config, EXAMPLE, __doc__))
-    except KeyboardInterrupt:
-        print("\nInterrupted before the report was written.", file=sys.stderr)
-        raise SystemExit(130) from None
-    except (ValueError, TypeError, OSError) as error:
-        raise SystemExit(f"error: {error}") from None
 
 
 if __name__ == "__main__":

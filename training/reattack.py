@@ -34,13 +34,7 @@ from omegaconf import DictConfig
 from moireaug.evaluation import GROUPS, SUITES
 from moireaug.scene.fields import one_of
 from training.attack.protocol import attack, attack_run
-from training.attack.results import (
-    ladder_metrics,
-    publish,
-    publish_suite,
-    run_metrics,
-    with_baseline,
-)
+from training.attack.results import publish, publish_suite, run_metrics
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suites import attack_by_suite
 from training.config import commands, overrides, scenes
@@ -97,19 +91,15 @@ def attack_subject(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None
 def attack_by_ladder(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None) -> RunMetrics:
     """Attack a classifier, and the baseline of its run, with the ladder; publish the results."""
     protocol, splits = subject.protocol, subject.splits
-    result = attack(subject.model, protocol, subject.records, subject.name)
-    results = {subject.name: result}
+    results = {subject.name: attack(subject.model, protocol, subject.records, subject.name)}
     metrics = run_metrics(cfg, read_training_cost(run.folder) if run else None, None)
-    time = {**subject.seconds, **result.seconds}
-    metrics = replace(metrics, **ladder_metrics(result), time=time)
+    metrics = replace(metrics, time=subject.seconds)
     baseline_run = read_baseline_of(run) if run else None
+    baseline = plain_metrics(baseline_run) if baseline_run else None
     if baseline_run:
         baseline_run.check_classes(splits, cfg.data)
-        baseline_result = attack_run(baseline_run, protocol)
-        results[baseline_run.cfg.recipe] = baseline_result
-        ladder = ladder_metrics(baseline_result)
-        metrics = with_baseline(metrics, plain_metrics(baseline_run), ladder)
-    return publish(subject.folder, metrics, results, splits.classes)
+        results[baseline_run.cfg.recipe] = attack_run(baseline_run, protocol)
+    return publish(subject.folder, metrics, results, splits.classes, baseline)
 
 
 def plain_metrics(run: TrainedRun) -> PlainMetrics:

@@ -33,13 +33,13 @@ from moireaug.files import remove
 from moireaug.synthesis import Pairs
 from moireaug.synthesis.pictures import NoPictureError
 from training.config import scenes
-from training.config.plain import parse
+from training.config.plain import parse, report_errors
 from training.pairs.files import FORMATS
 from training.pairs.make import make
 from training.pairs.schema import Config
 from training.pairs.sets import PairSet, Share, claim, release, share_of
 from training.system.locks import locked
-from training.system.messages import counted, sentence
+from training.system.messages import count_text
 
 EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
 
@@ -78,7 +78,7 @@ def check(cfg: Config) -> None:
         raise ValueError(f"out={cfg.out} cannot be a folder: there is a file of that name.")
 
 
-def settings_of(cfg: Config, pairs: Pairs) -> dict[str, Any]:
+def file_settings(cfg: Config, pairs: Pairs) -> dict[str, Any]:
     """Return the settings that the files depend on, as plain values."""
     settings = {
         "n": cfg.n,
@@ -106,7 +106,7 @@ def synthesise(cfg: Config) -> None:
     scene = scenes.load(cfg.scene)
     pairs = Pairs(cfg.images, scene, cfg.size, twin=cfg.twin, seed=cfg.seed, n=cfg.n)
     pair_set = PairSet(Path(cfg.out), cfg.n, cfg.per_shard, FORMATS[cfg.format].suffix)
-    claim(pair_set.folder, settings_of(cfg, pairs))
+    claim(pair_set.folder, file_settings(cfg, pairs))
     busy = f"another command is at work on shard={cfg.shard} of {pair_set.folder}: wait for it."
     with locked(pair_set.folder / f".shard-{share.label}.lock", busy):
         # of a command that was killed
@@ -125,12 +125,11 @@ def synthesise(cfg: Config) -> None:
         )
     everything = Share(0, 1)
     files, missing = pair_set.numbers(everything), pair_set.missing(everything)
-    file_count = counted(len(files), "file")
+    file_count = count_text(len(files), "file")
     if missing:
         print(f"{pair_set.folder} holds {len(files) - len(missing)} of its {file_count}.")
     else:
-        pair_count = counted(sum(len(pair_set.pairs(number)) for number in files), "pair")
-        print(f"{pair_set.folder} is complete: {pair_count} in {file_count}.")
+        print(f"{pair_set.folder} is complete: {count_text(cfg.n, 'pair')} in {file_count}.")
 
 
 def _first_five(names: Sequence[str]) -> str:
@@ -141,14 +140,8 @@ def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
     torch.set_num_threads(1)
     try:
-        synthesise(configure(argv))
-    except KeyboardInterrupt:
-        print(
-            "\nInterrupted. Every whole file is kept; the same command continues.", file=sys.stderr
-        )
-        raise SystemExit(130) from None
-    except (ValueError, TypeError, OSError) as error:
-        raise SystemExit(f"error: {sentence(error)}") from None
+        with report_errors("Interrupted. Every whole file is kept; the same command continues."):
+            synthesise(configure(argv))
     except RuntimeError as error:
         if not str(error).startswith("DataLoader worker"):
             raise

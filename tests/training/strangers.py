@@ -1,11 +1,12 @@
 """A run's folder as fit.py leaves it, made without training."""
 
+from dataclasses import asdict
+
 import torch
 from omegaconf import OmegaConf
 
 from tests.training.small import TINY, configured
 from training import reattack
-from training.config.schema import as_values
 from training.data import signs
 from training.models import classifiers as models
 from training.runs.run import Run
@@ -20,7 +21,7 @@ def put(root, *overrides, classes=signs.CLASSES, edit=None):
     cfg = configured("recipe=clean", *TINY, f"runs={root}", *overrides)
     folder = Run(cfg).folder
     folder.mkdir(parents=True)
-    text = OmegaConf.to_yaml(OmegaConf.create(as_values(cfg)))
+    text = OmegaConf.to_yaml(OmegaConf.create(asdict(cfg)))
     (folder / "config.yaml").write_text(edit(text) if edit else text)
     torch.manual_seed(0)
     state = models.as_model(cfg.model, len(classes)).state_dict()

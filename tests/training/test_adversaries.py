@@ -6,7 +6,7 @@ from torch import nn
 
 from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
-from training.classifier.adversaries import Adversaries, passes
+from training.classifier.adversaries import TrainingAdversary, passes
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of
 from training.config.checks import check_adversary
@@ -67,7 +67,7 @@ def test_passes_are_what_the_network_is_asked_for(cfg, cost):
     model = Counting()
     images, labels = batch(8)
     n = round(cfg.share * 8)
-    Adversaries(model, SCENE, cfg)(images[:n], labels[:n])
+    TrainingAdversary(model, SCENE, cfg)(images[:n], labels[:n])
     counted = (model.forwards / 3 + model.backwards * 2 / 3) / 8
     assert 1 + counted == pytest.approx(cost)
 
@@ -118,7 +118,7 @@ def test_a_batch_has_its_parts(recipe, share, natural):
     )
     model = classifier_of(cfg, 16)
     model.model = Seeing()
-    model.adversary = Adversaries(model.model, model.scene, cfg.adversary)
+    model.adversary = TrainingAdversary(model.model, model.scene, cfg.adversary)
     photographed = []
     take = model.adversary.photograph
     model.adversary.photograph = lambda x: photographed.append(x) or take(x)

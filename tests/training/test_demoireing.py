@@ -20,11 +20,11 @@ from tests.training.small import configured, same
 from training.demoireing import fit as demoireing
 from training.demoireing import testing
 from training.demoireing.batches import PairNumbers
+from training.demoireing.clean import clean_codes
 from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.module import Demoireing
 from training.demoireing.pairs import SimulatedPairs, tone_to
 from training.demoireing.starting import start_as_identity
-from training.demoireing.testing import clean_photo
 from training.runs.run import Run
 from training.system.files import read_checkpoint, read_metrics
 
@@ -184,8 +184,8 @@ def test_a_network_learns_to_take_stripes_away(monkeypatch):
 def test_an_esdnet_starts_as_the_identity():
     photo = torch.randint(0, 256, (3, 50, 70), dtype=torch.uint8)
     network = demoire.build("esdnet", width=0.25).eval()
-    assert not torch.equal(clean_photo(network, photo), photo)
-    assert start_as_identity(network) and torch.equal(clean_photo(network, photo), photo)
+    assert not torch.equal(clean_codes(network, photo), photo)
+    assert start_as_identity(network) and torch.equal(clean_codes(network, photo), photo)
     images = torch.rand(2, 3, 64, 96)
     for level, found in enumerate(network.outputs(images)):
         wanted = F.avg_pool2d(images, 2**level)
@@ -196,8 +196,8 @@ def test_an_esdnet_starts_as_the_identity():
 def test_an_amnet_starts_as_the_identity():
     photo = torch.randint(0, 256, (3, 50, 70), dtype=torch.uint8)
     network = demoire.build("amnet", width=0.25).eval()
-    assert not torch.equal(clean_photo(network, photo), photo)
-    assert start_as_identity(network) and torch.equal(clean_photo(network, photo), photo)
+    assert not torch.equal(clean_codes(network, photo), photo)
+    assert start_as_identity(network) and torch.equal(clean_codes(network, photo), photo)
 
 
 def test_ranks_and_epochs_share_the_numbers_out():
@@ -213,7 +213,9 @@ def test_ranks_and_epochs_share_the_numbers_out():
 
 def test_scenes_take_turns_with_the_target_asked_for(tmp_path):
     put(tmp_path)
-    scenes = list(demoireing.scenes_of(configure("scene=[phone_at_phone,screen_photo]")).values())
+    scenes = list(
+        demoireing.training_scenes(configure("scene=[phone_at_phone,screen_photo]")).values()
+    )
     for target in ("twin", "original"):
         pairs = SimulatedPairs(Pictures(tmp_path, 32), scenes, 32, target, seed=3)
         for k in range(3):

@@ -8,7 +8,7 @@ import torch
 
 from moireaug import Scene
 from training.data import drawn_pictures
-from training.demoireing.pairs import SimulatedPairs, TurnedPairs, part_of, saved, shrunk
+from training.demoireing.pairs import SimulatedPairs, TurnedPairs, as_jpeg, part_of, shrink
 from training.demoireing.pictures import DrawnPictures
 
 
@@ -44,11 +44,11 @@ def test_a_clean_target_has_no_noise_and_a_twin_has():
 
 def test_shrunk_photos_alias_and_their_targets_do_not():
     stripes = torch.tensor([0, 255, 0], dtype=torch.uint8).repeat(3, 33, 11)
-    photo, target = (shrunk(stripes, 3, antialias=one).float() for one in (False, True))
+    photo, target = (shrink(stripes, 3, antialias=one).float() for one in (False, True))
     assert photo.shape == target.shape == (3, 11, 11)
     assert photo.min() == 255  # the filterless one hits the middle of each stripe
     assert target[..., 1:-1].max() < 130
-    assert shrunk(stripes, 1, antialias=False) is stripes
+    assert shrink(stripes, 1, antialias=False) is stripes
 
 
 def test_photos_are_saved_as_jpeg_and_targets_are_not():
@@ -59,7 +59,7 @@ def test_photos_are_saved_as_jpeg_and_targets_are_not():
     )
     assert torch.equal(plain[1], rough[1]) and not torch.equal(plain[0], rough[0])
     noise = torch.randint(0, 256, (1, 32, 32), dtype=torch.uint8).repeat(3, 1, 1)
-    worse, better = (saved(noise, quality).float() - noise for quality in (20, 98))
+    worse, better = (as_jpeg(noise, quality).float() - noise for quality in (20, 98))
     assert better.abs().mean() < 3 < 10 < worse.abs().mean()
 
 

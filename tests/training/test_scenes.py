@@ -10,7 +10,7 @@ from moireaug.mixtures import as_scenes
 from tests.training.small import TINY, configured
 from training import fit, reattack
 from training.attack import results, subject
-from training.classifier.adversaries import Adversaries
+from training.classifier.adversaries import TrainingAdversary
 from training.comparison import comparable
 from training.config import scenes
 from training.config.overrides import command_line
@@ -152,7 +152,7 @@ def test_a_batch_is_trained_on_in_all_listed_scenes(kind):
     ]
     attack = {"share": 1.0, "eps": 1e-6, "steps": 1} if kind == "moire_attack" else {}
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 64, 4))
-    adversary = Adversaries(model, as_scenes(bright), Adversary(kind=kind, **attack))
+    adversary = TrainingAdversary(model, as_scenes(bright), Adversary(kind=kind, **attack))
     photos = adversary(torch.full((16, 3, 8, 8), 0.6), torch.zeros(16, dtype=torch.long))
     levels = photos.mean((1, 2, 3))
     # each photo is dark or bright, and both are there

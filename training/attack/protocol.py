@@ -59,12 +59,12 @@ class Protocol(NamedTuple):
         return range(min(len(self.batches), -(-MAX_CHECKED_IMAGES // self.batches.size)))
 
 
-def protocol_of(cfg: Config, splits: Splits) -> Protocol:
+def protocol_of(cfg: Config, splits: Splits, lpips: LPIPS | None = None) -> Protocol:
     """Return the protocol that these settings describe."""
     batches = EvalBatches(
         splits, cfg.reattack, cfg.data.size, machine.device(cfg.trainer.accelerator)
     )
-    return Protocol(batches, as_scenes(cfg.scene), cfg.reattack)
+    return Protocol(batches, as_scenes(cfg.scene), cfg.reattack, lpips)
 
 
 @dataclass(frozen=True)
@@ -206,8 +206,7 @@ def require_all_records(runner: Runner, phases: Iterable[tuple[list[Job], range]
         total += len(indices) * sum(len(job.judges) for job in jobs)
     if missing:
         raise ValueError(
-            f"{missing} of {total} records are missing: other processes did not finish, or "
-            f"write to a folder that "
-            "this one cannot see. Run the same command again, with runs= on a disk that all "
-            "nodes share."
+            f"{missing} of {total} records are missing: other processes did not finish, or write "
+            "to a folder that this one cannot see. Run the same command again, with runs= on a "
+            "disk that all nodes share."
         )

@@ -120,16 +120,23 @@ def publish(
     metrics: RunMetrics,
     results: Mapping[str, AttackResult],
     classes: Mapping[int, str],
+    baseline: PlainMetrics | None = None,
 ) -> RunMetrics:
-    """Write report.html, then metrics.json, and print the summary; return the metrics.
+    """Write report.html, then metrics.json, of a run that was attacked by the ladder, and print the
+    summary; return the metrics.
 
     Args:
         out: folder of the report.
-        metrics: metrics of the run.
-        results: results by name, for the pictures; the run's own come first.
+        metrics: metrics of the run, without those of the attack.
+        results: results of the ladder by recipe: the run's own come first, then its baseline's.
         classes: names of the classes.
+        baseline: metrics of the baseline, without those of the attack; None for none.
     """
     own_result = next(iter(results.values()))
+    time = metrics.time | own_result.seconds
+    metrics = replace(metrics, **ladder_metrics(own_result), time=time)
+    if baseline:
+        metrics = with_baseline(metrics, baseline, ladder_metrics(results[baseline.recipe]))
     runners = {name: result.runner for name, result in results.items()}
     examples = run_examples(runners, main_attack(own_result.tables[0]), classes)
     report.write_run(out / "report.html", metrics.to_dict(), examples)

@@ -59,7 +59,7 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun) -> Subject:
     splits = load(cfg.data)
     run.check_classes(splits, cfg.data)
     model = run.model()
-    protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
+    protocol = protocol_of(cfg, splits, lpips)
     same_data = result_settings(cfg)["data"] == result_settings(run.cfg)["data"]
     name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
     folder = run.folder / "reattack" / name / cfg.suite
@@ -87,7 +87,7 @@ def subject_of_weights(cfg: ReattackConfig) -> Subject:
     check_side(model, cfg.model, cfg.data.size)
     if cfg.data.class_index:
         splits = splits._replace(classes=class_names(cfg.model) or splits.classes)
-    protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
+    protocol = protocol_of(cfg, splits, lpips)
     folder = home / protocol_name(cfg, protocol.batches.n, with_data=True) / cfg.suite
     seconds = {"data": time.perf_counter() - start}
     return Subject(cfg.model, model, splits, protocol, home / "records", folder, seconds)

@@ -139,8 +139,8 @@ def targets_of(
         else:
             raise ValueError(
                 f"targets.{name}={weights!r} is neither a run's folder with best.ckpt nor a "
-                f"model's name with weights. "
-                "Pass targets='{NAME: DIR}', or targets='{resnet18: FILE}'."
+                "model's name with weights. Pass targets='{NAME: DIR}', or "
+                "targets='{resnet18: FILE}'."
             )
     if data.class_index:
         for name in PAPER_TARGETS:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,11 +12,11 @@ import torch
 from moireaug.evaluation.report.page import environment, uri
 from moireaug.scenes import Scene
 from training.calibration.compare import StatisticRow, mean_distance, number_text, span_text
-from training.calibration.crops import Crops
+from training.calibration.crops import Crops, middle_of
 from training.calibration.fit import FittedScene
+from training.system import machine
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
-CROP_SIDE = 300  # pixels of a crop on the page
 MAX_CROPS = 6  # of the page
 
 
@@ -45,15 +43,10 @@ def example_blocks(crops: Crops, simulated: torch.Tensor | None, name: str) -> l
         cells = []
         for heading, pictures in sides.items():
             if pictures is not None:
-                cells.append({"title": heading, "image": _middle(pictures[row])})
+                middle = middle_of(pictures[row]).permute(1, 2, 0).contiguous()
+                cells.append({"title": heading, "image": middle.numpy()})
         examples.append({"label": label, "cells": cells})
     return examples
-
-
-def _middle(picture: torch.Tensor) -> Any:
-    top, left = (max(0, (length - CROP_SIDE) // 2) for length in picture.shape[1:])
-    middle = picture[:, top : top + CROP_SIDE, left : left + CROP_SIDE]
-    return middle.permute(1, 2, 0).contiguous().numpy()
 
 
 def page(
@@ -87,7 +80,7 @@ def page(
         distance = f"{mean_distance(table):.3f} (0.7 is a factor of two)"
         lead = f"{n}. Mean distance of the statistics: {distance}."
     run: dict[str, Any] = dict.fromkeys(("environment", "config", "scene"))
-    run["command"] = shlex.join(["python", *sys.argv])
+    run["command"] = machine.command()
     run["plan"] = str(scene.plan()) if paired else None
     run["scene_name"] = name
     template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
@@ -98,7 +91,6 @@ def page(
         plot=uri(plot, "image/png"),
         rows=rows,
         scene=name,
-        simulated=paired,
         paired=paired,
         fit=None if fitted is None else fitted.report_values(),
         examples=examples,

@@ -15,7 +15,7 @@ from training.config.schema import Adversary
 MIN_STRONG_STEPS = 3  # of the validation's attack, and of training once fewer have failed
 
 
-class Adversaries:
+class TrainingAdversary:
     """Photographs or attacks training images, by the settings `adversary.*`.
 
     Args:

@@ -8,7 +8,7 @@ from typing import Any
 import lightning as L
 from lightning.pytorch.callbacks import WeightAveraging
 
-from training.classifier.module import Classifier, has_collapsed
+from training.classifier.module import Classifier
 from training.system.files import read_checkpoint
 from training.system.processes import say
 
@@ -30,7 +30,7 @@ class Guard(L.Callback):
     def on_train_epoch_start(  # type: ignore[override]
         self, trainer: L.Trainer, module: Classifier
     ) -> None:
-        if not _collapsed_in_last_epoch(module):
+        if not module.collapses(module.history):
             return
         best = read_checkpoint(self.best)
         restore(trainer, module, best)
@@ -41,17 +41,9 @@ class Guard(L.Callback):
     def on_train_end(  # type: ignore[override]
         self, trainer: L.Trainer, module: Classifier
     ) -> None:
-        if _collapsed_in_last_epoch(module):
+        if module.collapses(module.history):
             module.collapsed_at = int(module.history[-1]["epoch"])
             _report(module, "It was the last epoch: an earlier one is kept.")
-
-
-def _collapsed_in_last_epoch(module: Classifier) -> bool:
-    """Return whether the model has collapsed in the last epoch of its history."""
-    history = [row["perturbed"] for row in module.history if "perturbed" in row]
-    if not history or not module.has_few_steps or module.is_hardened:
-        return False
-    return has_collapsed(history)
 
 
 def _report(module: Classifier, consequence: str) -> None:
@@ -65,7 +57,6 @@ def _report(module: Classifier, consequence: str) -> None:
 
 def restore(trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
     """Restore weights, their average and momentum; epoch, learning rate and draws continue."""
-    module.load_state_dict(checkpoint["state_dict"])
     for callback in trainer.callbacks:  # type: ignore[attr-defined]
         if isinstance(callback, WeightAveraging):
             callback.on_load_checkpoint(trainer, module, checkpoint)

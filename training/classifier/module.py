@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import lightning as L
@@ -14,7 +15,7 @@ from moireaug.attacks import NoAnswerError, predicted
 from moireaug.evaluation.statistics import mix_seeds
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
-from training.classifier.adversaries import MIN_STRONG_STEPS, Adversaries, strengthen
+from training.classifier.adversaries import MIN_STRONG_STEPS, TrainingAdversary, strengthen
 from training.classifier.tuning import make_optimizer, tuning_of
 from training.config.schema import Adversary, Train
 from training.data.augmentation import augment
@@ -74,8 +75,8 @@ class Classifier(L.LightningModule):
             self.model.to(memory_format=torch.contiguous_format)
         if train.compile:
             self.model.compile()
-        self.adversary = Adversaries(model, scene, adversary)
-        self.validation_adversary = Adversaries(model, scene, strengthen(adversary))
+        self.adversary = TrainingAdversary(model, scene, adversary)
+        self.validation_adversary = TrainingAdversary(model, scene, strengthen(adversary))
         self.tuning = tuning_of(train, fine=fine)
         self.history: list[dict[str, float]] = []
         self.collapsed_at: int | None = None
@@ -117,7 +118,7 @@ class Classifier(L.LightningModule):
     def harden(self, epoch: int) -> None:
         """Attack in three steps from now on: the model has collapsed in `epoch`."""
         self.collapsed_at = epoch
-        self.adversary = Adversaries(self.model, self.scene, strengthen(self.threat))
+        self.adversary = TrainingAdversary(self.model, self.scene, strengthen(self.threat))
 
     def on_train_epoch_start(self) -> None:
         self._loss, self._epoch_start = [], time.perf_counter()
@@ -191,7 +192,7 @@ class Classifier(L.LightningModule):
         means = {k: torch.cat(v).mean() for k, v in self._hits.items() if v}
         means = {k: self.trainer.strategy.reduce(v, reduce_op="mean") for k, v in means.items()}
         means["score"] = torch.stack(list(means.values())).mean()
-        if self._collapses(means):
+        if self.collapses([*self.history, means]):
             means["score"] = torch.zeros_like(means["score"])  # never the best epoch
         for name, value in means.items():
             self.log(f"val_{name}", value, prog_bar=True, logger=False)
@@ -205,12 +206,11 @@ class Classifier(L.LightningModule):
         }
         self.history.append(row | {k: float(v) for k, v in means.items()})
 
-    def _collapses(self, means: dict[str, Tensor]) -> bool:
-        """Return whether the epoch with these means ends in catastrophic overfitting."""
-        if not self.has_few_steps or self.is_hardened:
+    def collapses(self, history: Sequence[Mapping[str, Any]]) -> bool:
+        """Return whether the last of these epochs ends in catastrophic overfitting."""
+        if not history or not self.has_few_steps or self.is_hardened:
             return False
-        perturbed = [row["perturbed"] for row in self.history]
-        return has_collapsed([*perturbed, float(means["perturbed"])])
+        return has_collapsed([float(row["perturbed"]) for row in history])
 
     def configure_optimizers(self) -> Any:
         momentum = self.settings.momentum
@@ -227,11 +227,6 @@ class Classifier(L.LightningModule):
             base_momentum=max(0.0, momentum - 0.1),
         )
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
-
-    def configure_gradient_clipping(self, optimizer: Any, *_: Any, **__: Any) -> None:
-        self.clip_gradients(
-            optimizer, gradient_clip_val=self.tuning.clip, gradient_clip_algorithm="norm"
-        )
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["history"], checkpoint["collapsed_at"] = list(self.history), self.collapsed_at

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from training.runs.reuse import read_trained
 from training.runs.run import Run, start_of
 from training.system import machine
 from training.system.files import digest, read_checkpoint
-from training.system.messages import counted
+from training.system.messages import count_text
 from training.system.processes import is_first, say
 from training.trainer import ranks
 from training.trainer.checkpoints import Origin, RunCheckpoint
@@ -55,14 +54,14 @@ def try_out(run: Run[Config], splits: Splits) -> None:
 
 
 def train_model(
-    run: Run[Config], splits: Splits, before: TrainCost | None = None
+    run: Run[Config], splits: Splits, start_cost: TrainCost | None = None
 ) -> tuple[Classifier, TrainCost]:
     """Train, and return the averaged weights that did best on validation, and the cost.
 
     Args:
         run: settings and folder of the run.
         splits: images of the run.
-        before: cost of the run whose weights it starts from, for the totals.
+        start_cost: cost of the run whose weights it starts from, for the totals.
 
     Raises:
         ValueError: a checkpoint that is missing or damaged.
@@ -86,10 +85,10 @@ def train_model(
     if is_first():
         run.write_settings()
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
-    say(_plan_line(cfg, epochs, classifier.tuning.lr, before))
+    say(_plan_line(cfg, epochs, classifier.tuning.lr, start_cost))
     history = read_checkpoint(last)["history"] if resumes else []
     if history:
-        say(f"Resuming from {last} after {counted(len(history), 'epoch')}.")
+        say(f"Resuming from {last} after {count_text(len(history), 'epoch')}.")
     batches = Batches(
         splits,
         cfg.train.batch_size,
@@ -100,12 +99,7 @@ def train_model(
     trainer = trainer_of(
         cfg.trainer, classifier.tuning, epochs, out, origin_of(cfg.weights, splits)
     )
-    start_time = time.perf_counter()
-    ranks.fit(trainer, classifier, batches, last if resumes else None)
-    wall_seconds = time.perf_counter() - start_time
-    wall_seconds += sum(epoch["seconds"] + epoch["validation_seconds"] for epoch in history)
-    state = read_checkpoint(best)
-    classifier.load_state_dict(state["state_dict"])
+    best_checkpoint, wall_seconds = ranks.fit(trainer, classifier, batches, out)
     # an incomplete last batch is left out of an epoch
     epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
     images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
@@ -120,20 +114,20 @@ def train_model(
         collapsed_at=classifier.collapsed_at,
         history=classifier.history,
         wall_seconds=wall_seconds,
-        best_epoch=int(state["epoch"]),
-        total_epochs=epochs + (before.epochs if before else 0),
-        total_seconds=seconds + (before.seconds if before else 0.0),
+        best_epoch=int(best_checkpoint["epoch"]),
+        total_epochs=epochs + (start_cost.epochs if start_cost else 0),
+        total_seconds=seconds + (start_cost.seconds if start_cost else 0.0),
     )
     if is_first():
         write_text(train_json, json.dumps(asdict(train)))
     return classifier.eval(), train
 
 
-def _plan_line(cfg: Config, epochs: int, lr: float, before: TrainCost | None) -> str:
+def _plan_line(cfg: Config, epochs: int, lr: float, start_cost: TrainCost | None) -> str:
     """Return a line on the training that begins."""
-    plan = counted(epochs, "epoch")
-    if before:
-        plan += f" after the {before.epochs} of its start"
+    plan = count_text(epochs, "epoch")
+    if start_cost:
+        plan += f" after the {start_cost.epochs} of its start"
     return f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}: {plan}, lr {lr:g}"
 
 
@@ -173,7 +167,7 @@ def trainer_of(
 
     Args:
         settings: settings of Lightning's trainer, passed on except for a precision of null.
-        tuning: tuning, of which the average of the weights is used.
+        tuning: tuning, of which the average of the weights and the clipping are used.
         epochs: number of epochs.
         out: folder of the run.
         origin: origin that is written into the checkpoints.
@@ -188,4 +182,4 @@ def trainer_of(
     trainer_settings = replace(
         settings, precision=machine.precision(settings.precision, settings.accelerator)
     )
-    return make_trainer(trainer_settings, epochs, callbacks)
+    return make_trainer(trainer_settings, epochs, callbacks, tuning.clip)

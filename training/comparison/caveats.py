@@ -9,7 +9,7 @@ from typing import Any
 from training.comparison.comparable import baseline_recipe
 from training.runs.metrics import RunMetrics, SuiteMetrics
 from training.runs.run import PLAIN_RECIPES
-from training.system.messages import counted
+from training.system.messages import count_text
 
 Runs = Mapping[Path, RunMetrics]
 Attacks = Mapping[Path, SuiteMetrics]
@@ -55,7 +55,7 @@ def _machine(environment: Mapping[str, Any], trainer: Mapping[str, Any]) -> str:
     """Return the machine of a run, and its precision if one was set."""
     machine = environment["device"]
     if machine == "cpu":
-        machine = f"{environment['cpu']}, {counted(environment['threads'], 'thread')}"
+        machine = f"{environment['cpu']}, {count_text(environment['threads'], 'thread')}"
     for name, default in (("devices", 1), ("num_nodes", 1), ("precision", None)):
         if trainer[name] != default:
             machine += f", {name}={trainer[name]}"

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from training.config.overrides import literal
 from training.config.schema import Config
 from training.config.settings import settings_of
 from training.runs.metrics import Metrics, RunMetrics, SuiteMetrics
@@ -60,21 +61,16 @@ def shared_values(settings_by_run: Mapping[Path, Settings], noun: str) -> Settin
     shared: Settings = {}
     for key in sorted({key for settings in settings_by_run.values() for key in settings}):
         values = {folder: settings.get(key) for folder, settings in settings_by_run.items()}
-        most_common = Counter(map(_as_text, values.values())).most_common(1)[0][0]
+        most_common = Counter(map(literal, values.values())).most_common(1)[0][0]
         for folder, value in values.items():
-            if _as_text(value) != most_common:
+            if literal(value) != most_common:
                 raise ValueError(
                     f"{noun} with different {key} cannot be compared: {folder} has "
-                    f"{_as_text(value)}, most others have {most_common}. Repeat it with the same, "
+                    f"{literal(value)}, most others have {most_common}. Repeat it with the same, "
                     "or move it to another folder."
                 )
             shared[key] = value
     return shared
-
-
-def _as_text(value: Any) -> str:
-    """Return a value as a command line takes it."""
-    return "null" if value is None else repr(value)
 
 
 def run_settings(metrics: RunMetrics) -> Settings:
@@ -84,9 +80,9 @@ def run_settings(metrics: RunMetrics) -> Settings:
         "weights": metrics.config["weights"],
         "scene": metrics.scene_name,
     }
-    for key, one in settings_of(Config).items():
+    for key, declared in settings_of(Config).items():
         part, _, name = key.partition(".")
-        if part in ("data", "train") and not one.facts.may_differ:
+        if part in ("data", "train") and not declared.facts.may_differ:
             settings[key] = metrics.config[part][name]
     scene = metrics.scene  # or, of a mixture, a list
     for number, one in enumerate(scene if isinstance(scene, list) else [scene], 1):

@@ -22,8 +22,8 @@ def start_seconds(train: TrainCost, folder: Path, trained: Mapping[Path, RunMetr
     if start is None or start.train is None:
         raise ValueError(
             f"{folder} does not say how long its clean start was trained, and there is no finished "
-            f"run in {_twin(folder, 'clean')}: "
-            f"train recipe clean with seed={trained[folder].seed} and the same settings."
+            f"run in {_twin(folder, 'clean')}: train recipe clean with "
+            f"seed={trained[folder].seed} and the same settings."
         )
     return start.train.steady_seconds
 

@@ -16,7 +16,7 @@ from training.system.files import read_metrics
 def run_folders(root: Path) -> list[Path]:
     """Return the folders <recipe>/seed<k> of a folder that hold a finished run."""
     folders = sorted(path.parent for path in root.glob("*/*/metrics.json"))
-    return [folder for folder in folders if re.fullmatch(r"seed-?\d+", folder.name)]
+    return [folder for folder in folders if re.fullmatch(r"seed\d+", folder.name)]
 
 
 def read_classifiers(root: Path) -> dict[Path, RunMetrics]:

@@ -21,6 +21,7 @@ from training.comparison.folders import (
     read_classifiers,
     run_folders,
 )
+from training.config.settings import as_argument
 from training.runs.metrics import RunMetrics, SuiteMetrics
 from training.system.files import read_metrics
 
@@ -116,8 +117,8 @@ def read(root: Path) -> RunTable:
     if not trained:
         raise ValueError(
             f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as "
-            f"training/fit.py writes them. "
-            "Pass the folder given as runs=, or the folder of one data set and model in it."
+            "training/fit.py writes them. Pass the folder given as runs=, or the folder of one "
+            "data set and model in it."
         )
     for folder in run_folders(root):
         if read_metrics(folder) is None:
@@ -168,7 +169,7 @@ def _command(folder: Path, metrics: RunMetrics, protocol: dict[str, Any]) -> str
     overrides = ""
     for key, value in settings.items():
         if run_settings[key.removeprefix("reattack.")] != value:
-            overrides += f" {key}={'null' if value is None else value}"
+            overrides += f" {key}={as_argument(value)}"
     return f"python training/reattack.py run={shlex.quote(str(folder))} suite=recipes{overrides}"
 
 

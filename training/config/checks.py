@@ -39,9 +39,9 @@ def require_used(cfg: Data) -> None:
     Raises:
         ValueError: with what to do.
     """
-    for key, one in settings_of(Data).items():
+    for key, declared in settings_of(Data).items():
         value = getattr(cfg, key)
-        is_used = not one.facts.only_for or cfg.name in one.facts.only_for
+        is_used = not declared.facts.only_for or cfg.name in declared.facts.only_for
         if not is_used and value != getattr(DATA[cfg.name], key):
             raise ValueError(
                 f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "

@@ -29,7 +29,7 @@ def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
     escaped for it stays, and so does what a sweep takes for several values.
     """
     sweep = not SWEEP_FLAGS.isdisjoint(overrides)
-    paths = {key for key, one in settings_of(schema).items() if one.facts.is_path}
+    paths = {key for key, declared in settings_of(schema).items() if declared.facts.is_path}
     quoted = []
     for override in overrides:
         key, _, value = override.partition("=")
@@ -84,9 +84,10 @@ def _check_form(override: str, schema: type[RunConfig]) -> None:
         raise ValueError(f"settings are given as key=value; got {override!r}.")
     if equals and not value and not key.startswith("hydra"):
         raise ValueError(f"{override} has no value: leave it out, or pass one, or null for none.")
-    one = settings_of(schema).get(key)
-    if one and one.is_list and value != "null" and not value.startswith("["):
-        raise ValueError(f"{key} must be a list, as in {key}={one.facts.example}; got {value}.")
+    declared = settings_of(schema).get(key)
+    if declared and declared.is_list and value != "null" and not value.startswith("["):
+        example = declared.facts.example
+        raise ValueError(f"{key} must be a list, as in {key}={example}; got {value}.")
 
 
 def _check_key(key: str, schema: type[RunConfig]) -> None:

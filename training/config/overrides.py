@@ -58,8 +58,8 @@ def check(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
 def _facts_of(key: str) -> list[Facts]:
     """Return the facts on the setting of a key, or on those that start with it."""
     return [
-        one.facts
-        for name, one in settings_of(ReattackConfig).items()
+        declared.facts
+        for name, declared in settings_of(ReattackConfig).items()
         if name == key or name.startswith(f"{key}.")
     ]
 
@@ -92,9 +92,9 @@ def merge_run_settings(
     """
     given_keys = keys(overrides)
     values: dict[str, Any] = {}
-    for key, one in settings_of(Config).items():
+    for key, declared in settings_of(Config).items():
         is_given = any(key == name or key.startswith(f"{name}.") for name in given_keys)
-        if one.facts.from_run and not is_given:
+        if declared.facts.from_run and not is_given:
             values[key] = copy.deepcopy(value_of(run_cfg, key))
     if "data.size" not in given_keys:
         values["data.size"] = run_cfg.data.size  # what the model was trained on, whatever the data

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
 from omegaconf import OmegaConf
@@ -12,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from moireaug.scene.fields import one_of
 from training.config.compose import help_text
 from training.config.settings import check
-from training.system.messages import use_legible_output
+from training.system.messages import sentence, use_legible_output
 
 Schema = TypeVar("Schema")
 
@@ -61,3 +63,22 @@ def parse(
         raise ValueError(str(error).splitlines()[0]) from error
     check(settings)
     return settings
+
+
+@contextlib.contextmanager
+def report_errors(interruption: str) -> Iterator[None]:
+    """Report an error as one sentence and end the command.
+
+    Args:
+        interruption: message after Ctrl-C, on the work that survives it.
+
+    Raises:
+        SystemExit: 130 after an interruption, 1 after an error.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(f"\n{interruption}", file=sys.stderr)
+        raise SystemExit(130) from None
+    except (ValueError, TypeError, OSError) as error:
+        raise SystemExit(f"error: {sentence(error)}") from None

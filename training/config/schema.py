@@ -5,7 +5,7 @@ Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -219,10 +219,3 @@ def as_config(cfg: DictConfig | ListConfig) -> Any:
         omegaconf.errors.MissingMandatoryValue: a setting without a value.
     """
     return OmegaConf.to_object(cfg)
-
-
-def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:
-    """Return the settings as plain values: dictionaries, lists, strings and numbers."""
-    if isinstance(cfg, DictConfig):
-        return OmegaConf.to_container(cfg, resolve=True)  # type: ignore[return-value]
-    return asdict(cfg)

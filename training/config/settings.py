@@ -154,14 +154,14 @@ def check(cfg: Any) -> None:
     Raises:
         ValueError: with what was got and what is allowed.
     """
-    for key, one in settings_of(type(cfg)).items():
+    for key, declared in settings_of(type(cfg)).items():
         value = value_of(cfg, key)
         if value is None:
             continue
-        if one.facts.bounds:
-            _check_number(key, value, *one.facts.bounds)
-        if one.facts.choices:
-            one_of(key, str(value), one.facts.choices)
+        if declared.facts.bounds:
+            _check_number(key, value, *declared.facts.bounds)
+        if declared.facts.choices:
+            one_of(key, str(value), declared.facts.choices)
 
 
 def _check_number(key: str, value: Any, low: float, high: float | None) -> None:
@@ -177,9 +177,9 @@ def with_absolute_paths(cfg: Schema) -> Schema:
     """Return the settings with absolute paths, so that runs of two projects that share a folder of
     runs are not taken for each other."""
     absolute: dict[str, Any] = {}
-    for key, one in settings_of(type(cfg)).items():
+    for key, declared in settings_of(type(cfg)).items():
         path = value_of(cfg, key)
-        if not (one.facts.is_path and one.facts.changes_result and path):
+        if not (declared.facts.is_path and declared.facts.changes_result and path):
             continue
         if key != "weights" or not path.isidentifier():  # torchvision's names of weights are
             absolute[key] = os.path.abspath(path)

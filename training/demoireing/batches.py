@@ -14,7 +14,7 @@ from training.demoireing.pairs import (
     SimulatedPairs,
     TurnedPairs,
     part_of,
-    scenes_of,
+    training_scenes,
 )
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
@@ -59,7 +59,7 @@ class PairBatches(L.LightningDataModule):
         super().__init__()
         self.cfg, self.splits, self.first_epoch = cfg, splits, first_epoch
         share = cfg.data.size / cfg.data.photo
-        self.scenes = [part_of(scene, share) for scene in scenes_of(cfg).values()]
+        self.scenes = [part_of(scene, share) for scene in training_scenes(cfg).values()]
 
     def _pairs(self, pictures: Source, seed: int, count: int) -> TurnedPairs:
         data, target = self.cfg.data, self.cfg.demoire.target
@@ -69,17 +69,14 @@ class PairBatches(L.LightningDataModule):
         return TurnedPairs(pairs, count, data.candidates)
 
     def train_dataloader(self) -> DataLoader:
-        ranks, rank = (
-            (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
-        )
+        ranks, rank = self.trainer.world_size, self.trainer.global_rank  # type: ignore[union-attr]
         train, workers = self.cfg.train, self.cfg.data.workers
-        size = max(1, train.batch_size // ranks)
-        numbers = PairNumbers(train.check_every * size * ranks, ranks, rank)
+        numbers = PairNumbers(train.check_every * train.batch_size, ranks, rank)
         # Lightning starts the workers before it has read from which epoch training resumes
         numbers.set_epoch(self.first_epoch)
         return DataLoader(
             self._pairs(self.splits.train, self.cfg.seed, self.cfg.data.pairs),
-            size,
+            train.batch_size // ranks,
             sampler=numbers,
             num_workers=workers,
             persistent_workers=workers > 0,

@@ -32,9 +32,8 @@ from moireaug.defenses.demoire.tiles import TILE_OVERLAP, TILE_SIDE, tiled
 from moireaug.files import write_bytes
 from moireaug.images import read_picture
 from moireaug.synthesis.pictures import Pictures
-from training.config.plain import parse
+from training.config.plain import parse, report_errors
 from training.config.settings import setting
-from training.system.messages import sentence
 
 EXAMPLE = "python training/demoire.py clean in=DIR out=DIR"
 DEVICES = ("cpu", "cuda", "mps")
@@ -148,15 +147,20 @@ def reason(error: Exception, path: Path) -> str:
     return f"{path} could not be written: {message}"  # of the encoder, which knows no name
 
 
-@torch.inference_mode()
 def clean(network: DemoireNet, photo: Image.Image, tile: int) -> Image.Image:
     """Return a photo, cleaned."""
-    device = next(network.parameters()).device
     codes = torch.from_numpy(np.array(photo)).permute(2, 0, 1)
-    images: Tensor = codes[None].to(device).float() / 255
+    cleaned = clean_codes(network, codes, tile)
+    return Image.fromarray(cleaned.permute(1, 2, 0).contiguous().numpy())
+
+
+@torch.inference_mode()
+def clean_codes(network: DemoireNet, photo: Tensor, tile: int = TILE_SIDE) -> Tensor:
+    """Return a photo (3, H, W) uint8, cleaned, as 8-bit codes."""
+    device = next(network.parameters()).device
+    images = photo[None].to(device).float() / 255
     cleaned = tiled(network, images, tile)[0]
-    pixels = (255 * cleaned).round().to(torch.uint8).permute(1, 2, 0)
-    return Image.fromarray(pixels.cpu().contiguous().numpy())
+    return (255 * cleaned).round().to(torch.uint8).cpu()
 
 
 def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
@@ -178,13 +182,8 @@ def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
 
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
-    try:
+    with report_errors("Interrupted. Every photo that was written is whole."):
         failed = clean_folder(configure(argv))
-    except KeyboardInterrupt:
-        print("\nInterrupted. Every photo that was written is whole.", file=sys.stderr)
-        raise SystemExit(130) from None
-    except (ValueError, TypeError, OSError) as error:
-        raise SystemExit(f"error: {sentence(error)}") from None
     if failed:
         raise SystemExit(
             f"error: not every photo could be cleaned: {len(failed)} failed, see above."

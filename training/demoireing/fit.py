@@ -34,7 +34,7 @@ from training.config.checks import check_run
 from training.config.compose import register
 from training.config.schema import RECIPES, as_config
 from training.demoireing import pictures, report
-from training.demoireing.pairs import scenes_of
+from training.demoireing.pairs import training_scenes
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
 from training.runs.resume import require_resumable
@@ -83,7 +83,7 @@ def check(cfg: DemoireConfig) -> None:
             f"demoire.vgg= has no effect on {cfg.model}, whose published loss compares no "
             "features: leave it out."
         )
-    trained_scenes = scenes_of(cfg)
+    trained_scenes = training_scenes(cfg)
     for name in cfg.test.unseen:
         check_aligned(as_scene(name))
         if name in trained_scenes:
@@ -158,7 +158,7 @@ def test_and_report(
         "train": train,
         "test": summarise(result.scores),
         "time": {"train": train["wall_seconds"], "test": time.perf_counter() - start},
-        "scenes": {name: scene.to_dict() for name, scene in scenes_of(cfg).items()},
+        "scenes": {name: scene.to_dict() for name, scene in training_scenes(cfg).items()},
         "config": run.settings,
         "fingerprint": run.fingerprint,
         "environment": machine.environment(cfg.trainer.accelerator),

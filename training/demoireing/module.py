@@ -110,11 +110,6 @@ class Demoireing(L.LightningModule):
         progress = (step - warmup) / max(1, train.steps - warmup)
         return 0.5 * (1 + math.cos(math.pi * min(1.0, progress)))
 
-    def configure_gradient_clipping(self, optimizer: Any, *_: Any, **__: Any) -> None:
-        self.clip_gradients(
-            optimizer, gradient_clip_val=MAX_GRADIENT_NORM, gradient_clip_algorithm="norm"
-        )
-
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["history"] = list(self.history)
 

@@ -29,7 +29,7 @@ COARSE_SIDE = 4  # pixels over which colour is averaged
 VAL_SEED, TEST_SEED = 4_000_000_001, 4_000_000_002
 
 
-def scenes_of(cfg: DemoireConfig) -> dict[str, Scene]:
+def training_scenes(cfg: DemoireConfig) -> dict[str, Scene]:
     """Return the scenes that a run trains in, by their names.
 
     Raises:
@@ -91,11 +91,11 @@ class SimulatedPairs(Dataset):
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
         factor = 1 + k // len(self.scenes) % self.shrink
         pair = self._make(k, factor, twin=self.target == "twin")
-        photo = shrunk(pair.photo, factor, antialias=False)
+        photo = shrink(pair.photo, factor, antialias=False)
         if self.jpeg is not None:
             quality = np.random.default_rng((self.seed, k)).integers(self.jpeg, 101)
-            photo = saved(photo, int(quality))
-        return photo, shrunk(self._target_of(pair), factor, antialias=True)
+            photo = as_jpeg(photo, int(quality))
+        return photo, shrink(self._target_of(pair), factor, antialias=True)
 
     def _make(self, k: int, factor: int, *, twin: bool) -> Pair:
         scene, size = self.scenes[k % len(self.scenes)], factor * self.size
@@ -142,7 +142,7 @@ def coarse_colour(pair: tuple[Tensor, Tensor]) -> float:
     return F.avg_pool2d(error[::2] - error[1], COARSE_SIDE).abs().mean().item()
 
 
-def shrunk(picture: Tensor, factor: int, *, antialias: bool) -> Tensor:
+def shrink(picture: Tensor, factor: int, *, antialias: bool) -> Tensor:
     """Shrink a picture (3, H, W) uint8 bilinearly, with a filter against moiré or without."""
     if factor == 1:
         return picture
@@ -151,7 +151,7 @@ def shrunk(picture: Tensor, factor: int, *, antialias: bool) -> Tensor:
     return small[0].round().to(torch.uint8)
 
 
-def saved(picture: Tensor, quality: int) -> Tensor:
+def as_jpeg(picture: Tensor, quality: int) -> Tensor:
     """Return a picture (3, H, W) uint8 as a JPEG file of a quality from 1 to 100 holds it."""
     file = io.BytesIO()
     Image.fromarray(picture.permute(1, 2, 0).numpy()).save(file, "JPEG", quality=quality)
@@ -170,7 +170,7 @@ def tone_to(original: Tensor, photo: Tensor) -> Tensor:
 def test_pairs(cfg: DemoireConfig, splits: Splits) -> Mapping[str, SimulatedPairs]:
     """Return the pairs that a trained network is tested on, by the name of their scene: those that
     it was trained in come first."""
-    scenes = scenes_of(cfg) | {name: as_scene(name) for name in cfg.test.unseen}
+    scenes = training_scenes(cfg) | {name: as_scene(name) for name in cfg.test.unseen}
     share = cfg.test.size / cfg.data.photo
     pairs_by_scene = {}
     for name, scene in scenes.items():

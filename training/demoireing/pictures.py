@@ -15,7 +15,7 @@ from training.data import drawn_pictures
 from training.data.splits import has_parts, shuffled_indices
 from training.demoireing.schema import DemoireConfig
 from training.system.files import read_json
-from training.system.messages import counted
+from training.system.messages import count_text
 
 NAMES_FILE = "pictures.json"  # of a run, with the names of each split's pictures
 SPLIT_DIVISOR = 10  # a tenth of the pictures validates, and a tenth tests
@@ -137,8 +137,8 @@ def _parts(pictures: Pictures, parts: int) -> list[Pictures]:
     if total < parts:
         uses = "train and validate" if parts == 2 else "train, validate and test"
         raise ValueError(
-            f"{pictures.folder} holds {counted(total, 'picture')}: at least {parts} are needed, to "
-            f"{uses} on different ones."
+            f"{pictures.folder} holds {count_text(total, 'picture')}: at least {parts} are needed, "
+            f"to {uses} on different ones."
         )
     count = max(1, total // SPLIT_DIVISOR)
     order = shuffled_indices(total, 0)

@@ -9,21 +9,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
-import torch
 from torch import Tensor
 from tqdm import tqdm
 
 from moireaug.defenses.demoire import DemoireNet
-from moireaug.defenses.demoire.tiles import tiled
 from moireaug.evaluation.statistics import t_interval
+from training.calibration.crops import middle_of
 from training.calibration.pairs import find_pairs, read_pairs
+from training.demoireing.clean import clean_codes
 from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.pairs import test_pairs
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 
 MEASURES = ("psnr", "ssim", "mapped_psnr", "mapped_ssim")
-EXAMPLE_SIDE = 300  # pixels, of the pictures of the report
 MAX_REAL_EXAMPLES = 12
 
 
@@ -82,15 +81,6 @@ def real_pairs(source: str) -> Iterator[GroupedPair]:
             yield GroupedPair("real photos", "real", name, photo, original, None)
 
 
-def clean_photo(network: DemoireNet, photo: Tensor) -> Tensor:
-    """Return a photo (3, H, W) uint8, cleaned, as 8-bit codes."""
-    device = next(network.parameters()).device
-    images = photo[None].to(device).float() / 255
-    with torch.inference_mode():
-        cleaned = tiled(network, images)[0]
-    return (255 * cleaned).round().to(torch.uint8).cpu()
-
-
 def test_network(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> CleaningResult:
     """Clean the photos of all pairs, and compare them with their references."""
     pairs = simulated_pairs(cfg, splits)
@@ -100,7 +90,7 @@ def test_network(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> Cle
     examples: list[tuple[GroupedPair, Tensor]] = []
     for pair in tqdm(pairs, desc="Testing", unit="pair", disable=None, leave=False):
         start = time.perf_counter()
-        cleaned = clean_photo(network, pair.photo)
+        cleaned = clean_codes(network, pair.photo)
         seconds = time.perf_counter() - start
         count = sum(pair.group == earlier.group for earlier, _ in examples)
         if count < (MAX_REAL_EXAMPLES if pair.kind == "real" else 1):
@@ -114,13 +104,6 @@ def middle_of_pair(pair: GroupedPair) -> GroupedPair:
     """Return the middle of each of a pair's pictures."""
     twin = None if pair.twin is None else middle_of(pair.twin)
     return pair._replace(photo=middle_of(pair.photo), original=middle_of(pair.original), twin=twin)
-
-
-def middle_of(picture: Tensor) -> Tensor:
-    """Return the middle of a picture (3, H, W), at most `EXAMPLE_SIDE` pixels wide and high, as a
-    copy: a view would keep all of it."""
-    top, left = (max(0, (length - EXAMPLE_SIDE) // 2) for length in picture.shape[1:])
-    return picture[:, top : top + EXAMPLE_SIDE, left : left + EXAMPLE_SIDE].clone()
 
 
 def compare_pair(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from moireaug.defenses.demoire import DemoireNet
 from moireaug.files import write_text
 from training.data.batches import require_even
 from training.demoireing.batches import PairBatches
-from training.demoireing.module import Demoireing
+from training.demoireing.module import MAX_GRADIENT_NORM, Demoireing
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.starting import start_as_identity
@@ -87,15 +86,10 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
         say(f"Resuming from {last} after {history[-1]['steps']:.0f} steps.")
     batches = PairBatches(cfg, splits, first_epoch=len(history))
     trainer = trainer_of(cfg, out)
-    start_time = time.perf_counter()
-    ranks.fit(trainer, module, batches, last if resumes else None)
-    wall_seconds = time.perf_counter() - start_time
-    wall_seconds += sum(row["seconds"] + row["validation_seconds"] for row in history)
-    state = read_checkpoint(best)
-    module.load_state_dict(state["state_dict"])
+    best_checkpoint, wall_seconds = ranks.fit(trainer, module, batches, out)
     train = cost(module.history, cfg.train.batch_size) | {
         "wall_seconds": wall_seconds,
-        "best_steps": int(state["history"][-1]["steps"]),
+        "best_steps": int(best_checkpoint["history"][-1]["steps"]),
         "weights": round(1e6 * millions),
     }
     if is_first():
@@ -110,7 +104,8 @@ def trainer_of(cfg: DemoireConfig, out: Path) -> L.Trainer:
         RunCheckpoint(out, "best", monitor="val_psnr", mode="max"),
         RunCheckpoint(out, "last"),
     ]
-    return make_trainer(cfg.trainer, cfg.train.steps // cfg.train.check_every, callbacks)
+    epochs = cfg.train.steps // cfg.train.check_every
+    return make_trainer(cfg.trainer, epochs, callbacks, MAX_GRADIENT_NORM)
 
 
 def cost(history: list[dict[str, float]], batch_size: int) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import gradio as gr
 
@@ -15,21 +14,18 @@ MAX_FILE_SIZE = "20mb"
 CSS = Path(__file__).with_name("page.css").read_text("utf-8")
 
 
-def serve(
-    run: str = "", port: int | None = None, *, in_browser: bool = False, **launch_options: Any
-) -> Any:
+def serve(run: str, port: int | None, *, in_browser: bool) -> None:
     """Serve the page on 127.0.0.1; return at Ctrl-C.
 
     Args:
         run: folder of the run that the second tab starts with.
         port: number of the port; None is 7860 or the next free one.
         in_browser: whether to open a browser.
-        launch_options: further arguments of `gradio.Blocks.launch`.
 
     Raises:
         OSError: the port is taken.
     """
-    return page(run).launch(
+    page(run).launch(
         server_name=HOST,
         server_port=port,
         inbrowser=in_browser,
@@ -39,7 +35,6 @@ def serve(
         footer_links=[],
         theme=gr.themes.Default(primary_hue="blue"),
         css=CSS,
-        **launch_options,
     )
 
 

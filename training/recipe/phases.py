@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING
 
 from moireaug.evaluation import report
 from training.attack.protocol import attack, attack_run, protocol_of
-from training.attack.results import (
-    ladder_metrics,
-    publish,
-    run_facts,
-    run_metrics,
-    with_baseline,
-)
+from training.attack.results import publish, run_facts, run_metrics
 from training.config.schema import Config
 from training.data.load import load
 from training.data.splits import Splits
@@ -55,10 +49,9 @@ def report_trained(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
     require_same_data(run, splits)
     result = attack_run(read_trained(run), protocol_of(run.config, splits), check=True)
     facts = run_facts(run.config) | {"environment": metrics.environment}  # of its training
-    time = metrics.time | result.seconds
-    metrics = replace(metrics, **facts, **ladder_metrics(result), time=time)
     run.write_settings()
-    return publish(run.folder, metrics, {run.config.recipe: result}, splits.classes)
+    results = {run.config.recipe: result}
+    return publish(run.folder, replace(metrics, **facts), results, splits.classes)
 
 
 def plain_runs(run: Run[Config], splits: Splits) -> tuple[RunMetrics | None, RunMetrics | None]:
@@ -113,7 +106,7 @@ def train_run(
 
     if is_first():
         run.prepare()
-    return train_model(run, splits, before=start.train if start else None)
+    return train_model(run, splits, start_cost=start.train if start else None)
 
 
 def complete(
@@ -133,14 +126,11 @@ def complete(
     if not is_first():
         return None
     recipe, protocol = run.config.recipe, protocol_of(run.config, splits)
-    result = attack(classifier.model, protocol, run.folder / "records", recipe)
-    results = {recipe: result}
+    results = {recipe: attack(classifier.model, protocol, run.folder / "records", recipe)}
     metrics = run_metrics(run.config, train, start.plain() if start else None)
-    seconds = {**seconds, "train": train.wall_seconds, **result.seconds}
-    metrics = replace(metrics, **ladder_metrics(result), time=seconds)
+    metrics = replace(metrics, time={**seconds, "train": train.wall_seconds})
     # also where its records are there: a folder's images may have changed since
     if baseline and (baseline_run := baseline_of(run)):
-        baseline_result = attack_run(read_trained(baseline_run), protocol)
-        results[baseline_run.config.recipe] = baseline_result
-        metrics = with_baseline(metrics, baseline.plain(), ladder_metrics(baseline_result))
-    return publish(run.folder, metrics, results, splits.classes)
+        results[baseline.recipe] = attack_run(read_trained(baseline_run), protocol)
+    plain_baseline = baseline.plain() if baseline else None
+    return publish(run.folder, metrics, results, splits.classes, plain_baseline)

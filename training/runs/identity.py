@@ -7,11 +7,12 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from training.config.data_sets import DEFAULT_DATA
-from training.config.schema import Config, RunConfig, as_values
+from training.config.schema import Config, RunConfig
 from training.config.settings import settings_of
 
 
@@ -32,14 +33,14 @@ def group_of(data: Any, model: str) -> str:
 
 def result_settings(cfg: RunConfig) -> dict[str, Any]:
     """Return the settings that a result depends on, as plain values."""
-    return result_values(as_values(cfg), type(cfg))
+    return result_values(asdict(cfg), type(cfg))
 
 
 def result_values(values: dict[str, Any], schema: type[RunConfig]) -> dict[str, Any]:
     """Return the values that a result depends on, of all plain values of a schema's settings."""
-    for key, one in settings_of(schema).items():
+    for key, declared in settings_of(schema).items():
         *outer, last = key.split(".")
-        if not one.facts.changes_result:
+        if not declared.facts.changes_result:
             inner = values[outer[0]] if outer else values
             inner.pop(last, None)
     return values

@@ -10,7 +10,7 @@ from training.config.schema import Config
 from training.data.splits import Splits
 from training.runs.metrics import RunMetrics
 from training.runs.run import Run
-from training.runs.trained import class_names, read
+from training.runs.trained import read, stored_class_names
 from training.system.files import digest, read_checkpoint
 
 RESTORE_ADVICE = "Restore them (another image may stand in for a damaged file)"
@@ -84,7 +84,7 @@ def data_difference(run: Run[Config], splits: Splits) -> str | None:
     """Return how the data differ from those that the run in the folder was trained on, as a clause;
     None where they do not, or where there is no such run."""
     for checkpoint in _checkpoints(run):
-        if class_names(checkpoint.get("classes")) not in (None, splits.classes):
+        if stored_class_names(checkpoint.get("classes")) not in (None, splits.classes):
             return "it was trained on other classes"
         if checkpoint.get("files") not in (None, splits.files):
             return "the files that it was trained on are not those that are there now"
@@ -106,6 +106,7 @@ def weights_difference(run: Run[Config]) -> str | None:
 
 def _checkpoints(run: Run[Config]) -> Iterator[dict[str, Any]]:
     """Yield the checkpoints of a run in its folder."""
-    for name in ("best.ckpt", "last.ckpt"):
-        if run.stage() in ("begun", "trained", "finished") and (run.folder / name).is_file():
-            yield read_checkpoint(run.folder / name)
+    if run.stage() in ("begun", "trained", "finished"):
+        for path in (run.folder / "best.ckpt", run.folder / "last.ckpt"):
+            if path.is_file():
+                yield read_checkpoint(path)

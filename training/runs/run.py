@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from omegaconf import OmegaConf
 
 from moireaug.files import write_text
-from training.config.schema import RECIPES, Adversary, Config, RunConfig, as_config, as_values
+from training.config.schema import RECIPES, Adversary, Config, RunConfig, as_config
 from training.runs.identity import fingerprint_of, group_of, result_settings, result_values
 from training.system.files import free_name, make_folder, read_json, read_metrics, read_settings
 from training.system.locks import locked
@@ -88,7 +88,7 @@ class Run(Generic[Settings]):
 
     def write_settings(self) -> None:
         """Write config.yaml into the folder."""
-        values = OmegaConf.create(as_values(self.config))
+        values = OmegaConf.create(asdict(self.config))
         write_text(self.folder / "config.yaml", OmegaConf.to_yaml(values))
 
     @contextlib.contextmanager
@@ -107,7 +107,7 @@ class Run(Generic[Settings]):
         """Return the fingerprint of the run in the folder; None for none, "damaged" where it cannot
         be read."""
         try:
-            values = as_values(OmegaConf.create(read_settings(self.folder / "config.yaml")))
+            values = read_settings(self.folder / "config.yaml")
             return fingerprint_of(result_values(values, type(self.config)))
         except FileNotFoundError:
             return None

@@ -73,9 +73,8 @@ class TrainedRun(NamedTuple):
         )
         if splits.num_classes != self.num_classes:
             raise ValueError(
-                f"{self.folder} was trained on {self.num_classes} classes, "
-                f"and the data {data.name} has "
-                f"{splits.num_classes}. {hint}"
+                f"{self.folder} was trained on {self.num_classes} classes, and the data "
+                f"{data.name} has {splits.num_classes}. {hint}"
             )
         # any of the 1000 published classes will do
         among_published = self.cfg.data.class_index and data.class_index
@@ -106,7 +105,7 @@ def read(folder: Path) -> TrainedRun:
     checkpoint = read_checkpoint(best)
     cfg = read_config(config)
     state = {name.removeprefix("model."): value for name, value in checkpoint["state_dict"].items()}
-    trained = TrainedRun(folder, cfg, state, class_names(checkpoint.get("classes")))
+    trained = TrainedRun(folder, cfg, state, stored_class_names(checkpoint.get("classes")))
     if trained.num_classes < 1:
         raise ValueError(f"{best} holds no classifier's weights. Name another run.")
     return trained
@@ -149,7 +148,7 @@ def read_training_cost(folder: Path) -> TrainCost | None:
     return metrics.train if metrics else None
 
 
-def class_names(stored: Any) -> dict[int, str] | None:
+def stored_class_names(stored: Any) -> dict[int, str] | None:
     """Return the names of the classes that are stored in a checkpoint; None where it has none."""
     if not isinstance(stored, dict):
         return None

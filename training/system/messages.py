@@ -43,7 +43,7 @@ def complain(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def counted(n: int, noun: str) -> str:
+def count_text(n: int, noun: str) -> str:
     """Return a number with its noun, in the singular for one."""
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 

@@ -48,7 +48,12 @@ class EpochLines(Checkpoint):
         print(f"Epoch {trainer.current_epoch + 1} of {trainer.max_epochs}: {', '.join(figures)}")
 
 
-def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]) -> L.Trainer:
+def make_trainer(
+    settings: Trainer,
+    epochs: int,
+    callbacks: Sequence[L.Callback],
+    max_gradient_norm: float | None = None,
+) -> L.Trainer:
     """Return a trainer that writes checkpoints whole or not at all, and shows a progress bar, or
     prints a line per epoch if the output is not a terminal.
 
@@ -56,6 +61,7 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         settings: settings of Lightning's trainer; a null precision is "32-true".
         epochs: number of epochs.
         callbacks: callbacks that save and average the weights.
+        max_gradient_norm: norm to which gradients are clipped; None for none.
     """
     silence_lightning()
     options = asdict(settings)
@@ -71,6 +77,7 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
     return L.Trainer(
         **options,
         max_epochs=epochs,
+        gradient_clip_val=max_gradient_norm,
         callbacks=[*callbacks, EndOnSigterm(), progress],
         enable_progress_bar=terminal,
         plugins=plugins,

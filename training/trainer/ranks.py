@@ -17,6 +17,7 @@ from torch.distributed import DistError
 
 from training.config.checks import check_devices
 from training.config.schema import Trainer
+from training.system.files import read_checkpoint
 from training.system.messages import is_expected, sentence, use_legible_output
 from training.system.processes import RANK_VARIABLES
 
@@ -118,22 +119,35 @@ def fit(
     trainer: L.Trainer,
     module: L.LightningModule,
     batches: L.LightningDataModule,
-    checkpoint: Path | None,
-) -> None:
-    """Train.
+    folder: Path,
+) -> tuple[dict[str, Any], float]:
+    """Train, and load the best weights into the module.
 
     Args:
-        checkpoint: to resume training from; None starts it.
+        batches: with the attribute `first_epoch`; above 0, training resumes from last.ckpt.
+        folder: folder of the run, in which last.ckpt and best.ckpt are kept.
+
+    Returns:
+        The best checkpoint, and the seconds of all epochs, those before a resumption included.
 
     Raises:
         ConnectionError: another process was lost.
         KeyboardInterrupt: Ctrl-C or SIGTERM.
     """
+    first_epoch: int = batches.first_epoch  # type: ignore[attr-defined]
+    start_time = time.perf_counter()
     try:
-        trainer.fit(module, batches, ckpt_path=checkpoint)
+        trainer.fit(module, batches, ckpt_path=folder / "last.ckpt" if first_epoch else None)
     except SystemExit:  # what Lightning makes of Ctrl-C
         raise KeyboardInterrupt from None
     except RuntimeError as error:
         if isinstance(error, DistError) or re.search(_LOST_PATTERN, str(error)):
             raise ConnectionError(f"{LOST_PROCESS} ({str(error).splitlines()[0]})") from error
         raise
+    seconds = time.perf_counter() - start_time
+    history: Any = module.history
+    for epoch in history[:first_epoch]:
+        seconds += epoch["seconds"] + epoch["validation_seconds"]
+    best = read_checkpoint(folder / "best.ckpt")
+    module.load_state_dict(best["state_dict"])
+    return best, seconds
