@@ -15,8 +15,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from training.runs import trained
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
 import torch
@@ -32,6 +30,7 @@ from moireaug.evaluation.runner import Batches, Runner, jobs_of
 from moireaug.scenes import Scene
 from training.attack.protocol import protocol_of
 from training.data.load import load
+from training.runs import trained
 
 STEPS = (1, 2, 5, 10, 20, 50)
 FULL: dict[str, Any] = {"steps": STEPS, "n": 96}
