@@ -4,11 +4,11 @@
     python benchmarks/other_libraries.py --pictures DIR --weights resnet18.pth --real DIR DIR
 
 Three measures of each: milliseconds for a picture of 224 px, on one thread; strength of colour and
-luma in the bands of moiré, in codes of 255 (of real photos: docs/reality.md); and the area under
-the ROC curve on collections of real photos, of the detector of examples/detect_screen_photos.py
-with these pictures as positives. Each DIR of --real holds folders named real and screen. Augraphy's
-rows are left out where it is not installed. Writes results/other_libraries.csv, and a picture of
-each beside it.
+luma in the bands of moiré, in codes of 255 (of real photos: docs/appendix/real_photos.md); and the
+area under the ROC curve on collections of real photos, of the detector of
+examples/detect_screen_photos.py with these pictures as positives. Each DIR of --real holds folders
+named real and screen. Augraphy's rows are left out where it is not installed. Writes
+results/other_libraries.csv, and a picture of each beside it.
 """
 
 from __future__ import annotations

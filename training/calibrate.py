@@ -10,11 +10,11 @@ Measures crops of the photos, and photos of the same crops by the scene: strengt
 scale, stripes or lattice, tone, tint, sharpness, noise. With `picture`, each photo is first
 registered to the picture; without originals, only the photos are measured. `fit=true` searches the
 scene's ranges so that the two agree, and writes scene.yaml, which every command takes as
-scene=FILE: the best scene, if it is also better in shots that the search did not see; else the
-scene as it was, or an earlier fit that is there.
+scene=FILE: the fitted scene if it is better on unseen shots; otherwise an earlier fit is kept, or
+the scene is written unchanged.
 
 Writes report.html, statistics.csv, crops.csv (one line per crop) and statistics.png into
-runs/calibrate/<pairs or photos>-<scene>-<digits that change with either>/, or where out=DIR says.
+runs/calibrate/<pairs or photos>-<scene>-<hash>/, or where out=DIR says.
 """
 
 from __future__ import annotations

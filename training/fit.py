@@ -10,8 +10,8 @@ folder is runs/<data>-<model>/<recipe>/seed<k>/.
 
 Most recipes start from the weights of recipe `clean` and are compared with recipe `baseline`, plain
 training that starts from the same weights and takes at least as many epochs. Both are trained
-first, with the same settings, or reused if they were trained before; they are reported once their
-own recipe is asked for. The same command resumes an interrupted run.
+first, with the same settings, or reused if they were trained before; for a report of their own, run
+recipe=baseline. The same command resumes an interrupted run.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-r"""Attack any classifier: a run's best checkpoint, or a torchvision model with given weights on a
-folder of images.
+r"""Attack a run's best checkpoint, or a torchvision model with given weights on a folder of images.
+Any other classifier: `moireaug.evaluation.evaluate` in Python.
 
     python training/reattack.py run=runs/moire_at/seed0
     python training/reattack.py run=runs/moire_at/seed0 scene=dashcam_at_led_sign reattack.n=1600

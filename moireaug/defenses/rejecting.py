@@ -19,7 +19,7 @@ class Rejecting(nn.Module):
     is above the threshold, as in Carlini and Wagner's attack on detectors ("Adversarial examples
     are not easily detected", 2017, section 3). The attribute `rejects` tells attacks and
     evaluations what that column means: an attack succeeds where another class than the label wins
-    and the image is let through, and its loss goes around model and detector together.
+    and the image is let through, and its loss goes through model and detector together.
 
     Args:
         model: [0, 1] images (B, 3, H, W) to logits (B, K); a module becomes a submodule.

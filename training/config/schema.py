@@ -186,9 +186,7 @@ class ReattackConfig(Config):
         "a run's folder; its own settings hold, except for those on the command line",
         is_path=True,
     )
-    suite: str = setting(
-        "ladder", "of evaluation.suites.SUITES, or a group (paper, recipes), or trust"
-    )
+    suite: str = setting("ladder", "ladder, standard, …: docs/evaluation.md, Suites")
     targets: Any = setting(
         None,
         "suite=transfer: name to a file of weights or a run's folder",
