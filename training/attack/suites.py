@@ -216,7 +216,7 @@ def callable_of(name: str, device: torch.device) -> Defence:
     if not callable(defence) or isinstance(defence, type):
         raise ValueError(
             f"demoire={name!r} is a {type(defence).__name__}, not a callable on (B, 3, H, W) in "
-            f"[0, 1]."
+            "[0, 1]."
         )
     require_identity(f"demoire={name!r}", defence)
     return defence.eval().to(device) if isinstance(defence, nn.Module) else defence

@@ -58,7 +58,7 @@ def _report(module: Classifier, consequence: str) -> None:
 def restore(trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
     """Restore weights, their average and momentum; epoch, learning rate and draws continue."""
     for callback in trainer.callbacks:  # type: ignore[attr-defined]
-        if isinstance(callback, WeightAveraging):
+        if isinstance(callback, WeightAveraging):  # it restores the weights, too
             callback.on_load_checkpoint(trainer, module, checkpoint)
     for optimizer, state in zip(trainer.optimizers, checkpoint["optimizer_states"], strict=True):
         rates = [(g["lr"], g["momentum"]) for g in optimizer.param_groups]

@@ -21,7 +21,7 @@ def require_even(batch_size: int, processes: int) -> None:
     if batch_size % processes:
         near = max(1, round(batch_size / processes)) * processes
         raise ValueError(
-            f"train.batch_size is that of all processes together, a multiple of their number, "
+            "train.batch_size is that of all processes together, a multiple of their number, "
             f"{processes}; got {batch_size}. The nearest is {near}."
         )
 

@@ -86,7 +86,7 @@ def _read_folder(cfg: Data) -> ImageSet:
     if not root.is_dir():
         raise ValueError(
             f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ "
-            f"inside it."
+            "inside it."
         )
     if not has_parts(root):  # class folders alone: all of it is test data
         pictures = _read_pictures(root, cfg)

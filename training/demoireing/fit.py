@@ -75,7 +75,7 @@ def check(cfg: DemoireConfig) -> None:
     check_run(cfg)
     if cfg.train.steps % cfg.train.check_every:
         raise ValueError(
-            f"train.steps must be a multiple of train.check_every, so that the last weights are "
+            "train.steps must be a multiple of train.check_every, so that the last weights are "
             f"validated; got {cfg.train.steps} and {cfg.train.check_every}."
         )
     if cfg.demoire.vgg and cfg.model in NETWORKS_WITHOUT_FEATURES:
