@@ -14,8 +14,6 @@ from pathlib import Path
 if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
     sys.path[: not sys.flags.safe_path] = [str(Path(__file__).resolve().parents[1])]
 
-# before torch is loaded, as it sets how torch's threads wait
-import training  # noqa: F401  # isort: skip
 import argparse
 from collections.abc import Sequence
 
