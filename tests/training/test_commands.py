@@ -51,7 +51,6 @@ runpy.run_path(sys.argv[1], run_name="imported")
         ("fit", "77", "77"),
         ("reattack", None, "10000"),
         ("calibrate", None, "10000"),
-        ("explore", None, "10000"),
     ],
 )
 def test_how_threads_wait_is_set_before_torch_is_loaded(command, given, expected):
