@@ -263,7 +263,8 @@ def test_torch_compile_is_told_what_it_cannot_follow():
 def test_points_and_masks_move_where_their_own_scene_moves():
     still = Scene(view=View(roll=30.0))
     moving = with_values(still, {"develop.registered": False})
-    shot = as_scenes([still, moving]).sample(12, SIZE, seeded())
+    mixture = as_scenes([still, moving])
+    shot = mixture.sample(12, SIZE, seeded())
     points = torch.rand(12, 5, 2, generator=seeded()) * 10
     masks = (torch.rand(12, 2, *SIZE, generator=seeded()) > 0.5).to(torch.uint8)
     moved, carried = shot.to_photo(points), shot.to_photo_mask(masks)
@@ -271,7 +272,7 @@ def test_points_and_masks_move_where_their_own_scene_moves():
         assert torch.equal(moved[rows], part.to_photo(points[rows]))
         assert torch.equal(carried[rows], part.to_photo_mask(masks[rows]))
         assert torch.equal(moved[rows], points[rows]) == (part.scene == still)
-    assert shot.moves and not as_scenes([still, "screen_photo"]).sample(1, SIZE).moves
+    assert mixture.moves and not as_scenes([still, "screen_photo"]).moves
 
 
 def test_every_scene_is_changed():
