@@ -11,6 +11,7 @@ from torch import Tensor
 
 from moireaug.draws import check_size, numbers_needed, random_numbers
 from moireaug.mixed_shot import MixedShot
+from moireaug.plan import Plan
 from moireaug.scene.presets import MIXTURES
 from moireaug.scene.record import NOMINAL_SIZE
 from moireaug.scenes import Scene, Shot, as_scene
@@ -42,7 +43,7 @@ class Mixture:
 
     def shot_of(self, u: Tensor, size: tuple[int, int]) -> MixedShot[Shot]:
         """Return the draw that `random_numbers` give of images of `size` (height, width)."""
-        self.plan(size)
+        self.plan(size)  # refuses a scene that cannot be photographed, drawn or not
         which = (u[:, 0] * len(self.scenes)).long()
         shots = []
         for k in range(len(self.scenes)):
@@ -57,11 +58,9 @@ class Mixture:
         scene = self.scenes[k]
         return scene.shot_of(u[:, 1 : 1 + numbers_needed(scene)], size)
 
-    def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> None:
-        """Plan every scene: one that cannot be photographed is refused before it is drawn; see
-        `Scene.plan`."""
-        for scene in self.scenes:
-            scene.plan(size)
+    def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> tuple[Plan, ...]:
+        """Return the plan of each scene; errors as of `Scene.plan`."""
+        return tuple(scene.plan(size) for scene in self.scenes)
 
     @property
     def moves(self) -> bool:
@@ -127,6 +126,6 @@ def sample_one(
     if isinstance(scene, Scene):
         return scene.sample(1, size, generator)
     size = check_size(size)
-    scene.plan(size)
+    scene.plan(size)  # as in a batch
     u = scene.random_numbers(1, generator)
     return scene.shot_in(int(u[0, 0] * len(scene.scenes)), u, size)

@@ -211,6 +211,7 @@ def test_no_image_has_no_photo_with_noise_or_without():
 
 
 SHOT = MIXTURE.sample(4, SIZE, seeded())
+COARSE = as_scenes(["paper", {"panel": {"width": 1.0}}])  # too coarse for a large picture
 REFUSED = {
     "other number": (lambda: capture(pictures(3), SHOT), ValueError, "drawn for 4 images"),
     "other size": (lambda: capture(pictures(4, (8, 8)), SHOT), ValueError, "of 16 x 20; got"),
@@ -240,6 +241,8 @@ REFUSED = {
         ValueError,
         "numbers them from 0 to 2; got",
     ),
+    "coarse": (lambda: COARSE.sample(0, (8192, 8192)), ValueError, "Panel.width must be at least"),
+    "coarse, one": (lambda: sample_one(COARSE, (8192, 8192)), ValueError, "Panel.width must be"),
     "count": (lambda: MIXTURE.sample(2.5, SIZE), ValueError, "a whole number n >= 0"),
     "size": (lambda: MIXTURE.sample(2, (0, 4)), ValueError, "at least 1 x 1"),
     "generator": (lambda: MIXTURE.sample(2, SIZE, 3), TypeError, "must be a torch.Generator"),
