@@ -17,9 +17,9 @@ from torch import Tensor
 from moireaug import pipeline
 from moireaug.engine import dispatch
 from moireaug.engine.program import program_for
-from moireaug.image_checks import check_images, check_shape
+from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot
-from moireaug.numeric import as_float
+from moireaug.numeric import as_float, as_single
 from moireaug.shot import ShotRecord
 from moireaug.shot_checks import (
     check_batch,
@@ -82,12 +82,12 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
         ValueError: a raw reading of another batch or size than the shot's.
     """
     check_raw(raw, shot)
-    return _photo_of_reading(raw, shot)
+    return photo_of_reading(raw, shot)
 
 
-def _photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the photo of a reading that fits its shot; see `develop`."""
-    light = _single(raw)
+def photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
+    """Return the photo of a reading of a shot that has been checked; see `develop`."""
+    light = as_single(raw)
     with torch.autocast(raw.device.type, enabled=False):
         program = program_for(light, shot)
         if program.why_not_develop:
@@ -105,14 +105,13 @@ def photo_of(
     raw = reading_of(image, shot)
     if noise is not None:
         raw = raw + check_noise(noise, raw).to(raw)
-    return _photo_of_reading(raw, shot)
+    return photo_of_reading(raw, shot)
 
 
 def _mixed_photo_of(
     image: Tensor, shot: MixedShot, noise: Tensor | Sequence[Tensor] | None
 ) -> Tensor:
     """Return the photos of a mixture, those of each scene taken together; see `photo_of`."""
-    check_shape(image)
     check_batch(image.shape, shot)
     if noise is not None:
         check_rows_of_noise(noise, shot)
@@ -133,18 +132,12 @@ def _rows_of_noise(noise: Tensor | Sequence[Tensor] | None, rows: Tensor) -> Ten
 
 
 def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the raw reading of images (B, 3, H, W) that are uint8 or have passed `check_images`.
+    """Return the raw reading of images that have passed `check_images` or, in uint8, `check_shape`.
     The engine reads uint8 as it is."""
-    check_shape(image)
     check_shot(image.shape, shot)
-    light = _single(image)
+    light = as_single(image)
     with torch.autocast(image.device.type, enabled=False):
         program = program_for(light, shot)
         if program.why_not_expose:
             return pipeline.expose(as_float(light), shot)
         return dispatch.engine_reading(light, shot, program)
-
-
-def _single(values: Tensor) -> Tensor:
-    """Return float64 and uint8 unchanged, any other dtype as float32."""
-    return values if values.dtype in (torch.float64, torch.uint8) else values.float()

@@ -101,7 +101,7 @@ def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tens
 def numbers_from_dict(
     scene: SceneRecord, values: Mapping[str, Any]
 ) -> tuple[dict[str, Tensor], Tensor]:
-    """Return what `draw_numbers` does, from the plain values of a shot's dict.
+    """Return the fields and seeds of a shot, as `draw_numbers` does, from its dict's plain values.
 
     Raises:
         ValueError, TypeError: an unknown field, fields of different lengths, a number that no scene

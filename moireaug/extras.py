@@ -1,4 +1,4 @@
-"""Optional dependencies: where one is missing, an error that says what to install."""
+"""Optional dependencies: where one is missing, an error with the command that installs it."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def drop_missing_backend() -> None:
         os.environ[BACKEND] = backend
 
 
-def require(extra: str, what: str) -> None:
+def require(extra: str, subject: str) -> None:
     """Raise if a module of an extra is not installed; import none of them.
 
     Args:
         extra: one of `MODULES`.
-        what: what needs the extra, as the subject of the message: "moireaug.evaluation".
+        subject: of the message, the module or file that needs the extra: "moireaug.evaluation".
 
     Raises:
         ModuleNotFoundError: names the missing modules and the command that installs them.
@@ -57,7 +57,7 @@ def require(extra: str, what: str) -> None:
     if not missing:
         return
     raise ModuleNotFoundError(
-        f"{what} needs {', '.join(missing)}, not installed here. "
+        f"{subject} needs {', '.join(missing)}, not installed here. "
         f"Install with: pip install 'moireaug[{extra}]'",
         name=missing[0],
     )

@@ -5,13 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import torch
 from torch import Tensor
 
-from moireaug.scene.by_name import parts_with
-from moireaug.scene.record import SceneRecord
 from moireaug.shot import Draws, ShotRecord
 
 S = TypeVar("S", bound=ShotRecord)
@@ -23,12 +21,12 @@ UNFOLLOWED = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MixedShot(Draws, Generic[S]):
-    """What a `Mixture` draws for a batch: the scene of each image, and its numbers in that scene.
+    """The draw of a `Mixture` for a batch: each image's scene, and its numbers in that scene.
 
     `capture` takes it as it takes a Shot. Index it like a batch; `by_scene` gives it as Shots.
 
     Args:
-        empty: a shot of no image in each scene of the mixture.
+        scenes: the Scenes of the mixture.
         which: (B,) int64, the index of each image's scene.
         size: height and width of the images.
         drawn: the drawn numbers by name, such as "view.yaw", (B,) float64 each: all scenes have the
@@ -36,7 +34,7 @@ class MixedShot(Draws, Generic[S]):
         seed: (B,) int64, the seeds of the sensor noise.
     """
 
-    empty: tuple[S, ...]
+    scenes: tuple[Any, ...]
     which: Tensor
     size: tuple[int, int]
     drawn: dict[str, Tensor]
@@ -44,24 +42,16 @@ class MixedShot(Draws, Generic[S]):
 
     @staticmethod
     def joined(
-        empty: tuple[S, ...], which: Tensor, shots: Sequence[tuple[Tensor, S]]
+        scenes: tuple[Any, ...], which: Tensor, shots: Sequence[tuple[Tensor, S]]
     ) -> MixedShot[S]:
         """Return the inverse of `by_scene`: one or more shots and the rows of each, which together
         are all rows of `which`."""
-        rows = [at for at, _ in shots]
         numbers = [shot.numbers() for _, shot in shots]
-        drawn = {}
-        for name in numbers[0]:
-            drawn[name] = in_order(rows, [one[name] for one in numbers])
-        seed = in_order(rows, [shot.seed for _, shot in shots])
-        size = shots[0][1].size
-        which = which.to(seed.device)
-        return MixedShot(empty=empty, which=which, size=size, drawn=drawn, seed=seed)
-
-    @property
-    def scenes(self) -> tuple[SceneRecord, ...]:
-        """The scenes of the mixture."""
-        return tuple(shot.scene for shot in self.empty)
+        seed = torch.cat([shot.seed for _, shot in shots])
+        order = torch.cat([rows for rows, _ in shots]).argsort().to(seed.device)
+        drawn = {name: torch.cat([one[name] for one in numbers])[order] for name in numbers[0]}
+        which, size = which.to(seed.device), shots[0][1].size
+        return MixedShot(scenes=scenes, which=which, size=size, drawn=drawn, seed=seed[order])
 
     def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
         drawn = {name: f(values) for name, values in self.drawn.items()}
@@ -82,22 +72,21 @@ class MixedShot(Draws, Generic[S]):
         if torch.compiler.is_compiling():
             raise RuntimeError(UNFOLLOWED)
         parts = []
-        for k in range(len(self.empty)):
+        for k in range(len(self.scenes)):
             rows = (self.which == k).nonzero().flatten()
             if len(rows):
                 parts.append((rows, self._in(k, rows)))
         if sum(len(rows) for rows, _ in parts) != len(self):
             raise ValueError(
-                f"a mixture of {len(self.empty)} scenes numbers them from 0 to "
-                f"{len(self.empty) - 1}; got {self.which.tolist()}. Was it drawn by another one?"
+                f"a mixture of {len(self.scenes)} scenes numbers them from 0 to "
+                f"{len(self.scenes) - 1}; got {self.which.tolist()}. Was it drawn by another one?"
             )
         return parts or [(self.which, self._in(0, self.which))]
 
     def _in(self, k: int, rows: Tensor) -> S:
         """Return the shot of some rows in scene k."""
         numbers = {name: values[rows] for name, values in self.drawn.items()}
-        parts = parts_with(self.empty[k], numbers)
-        return dataclasses.replace(self.empty[k], size=self.size, seed=self.seed[rows], **parts)
+        return self.scenes[k].shot_from_numbers(self.size, numbers, self.seed[rows])
 
     def gathered(self, f: Callable[[Tensor, S], Tensor]) -> Tensor:
         """Return f(rows, shot) of each scene's images, (b, ...), in the order of the batch."""
@@ -106,11 +95,6 @@ class MixedShot(Draws, Generic[S]):
             every_rows.append(rows)
             parts.append(f(rows, shot))
         return in_order(every_rows, parts)
-
-    @property
-    def moves(self) -> bool:
-        """Whether points may move from image to photo: in any of the mixture's scenes."""
-        return any(scene.moves for scene in self.scenes)
 
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image lie in the photo; see `Shot.to_photo`."""
@@ -132,7 +116,7 @@ class MixedShot(Draws, Generic[S]):
     def raw_shapes(self) -> set[tuple[int, ...]]:
         """Return the shapes (planes, h, w) of a reading in the mixture's scenes."""
         none = self.which[:0]
-        return {self._in(k, none).raw_shape()[1:] for k in range(len(self.empty))}
+        return {self._in(k, none).raw_shape()[1:] for k in range(len(self.scenes))}
 
     def raw_shape(self) -> tuple[int, ...]:
         """Return the shape of the raw reading, (B, planes, h, w); see `Shot.raw_shape`.

@@ -1,4 +1,4 @@
-"""Several scenes, of which each image is photographed in one: what a list of scenes stands for."""
+"""Several scenes, of which each image is photographed in one: the meaning of a list of scenes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from torch import Tensor
 
 from moireaug.draws import check_size, numbers_needed, random_numbers
 from moireaug.mixed_shot import MixedShot
+from moireaug.plan import Plan
 from moireaug.scene.presets import MIXTURES
+from moireaug.scene.record import NOMINAL_SIZE
 from moireaug.scenes import Scene, Shot, as_scene
 
 
@@ -35,22 +37,30 @@ class Mixture:
         return self.shot_of(self.random_numbers(n, generator), size)
 
     def random_numbers(self, n: int, generator: torch.Generator | None = None) -> Tensor:
-        """Return what `shot_of` draws from: a number that chooses the scene of each of `n` images,
-        and the numbers of the scene that takes most."""
+        """Return the random numbers of `n` images, from which `shot_of` draws: one that chooses the
+        scene, and those of the scene that takes most."""
         return random_numbers(n, 1 + max(map(numbers_needed, self.scenes)), generator)
 
     def shot_of(self, u: Tensor, size: tuple[int, int]) -> MixedShot[Shot]:
         """Return the draw that `random_numbers` give of images of `size` (height, width)."""
+        self.plan(size)  # refuses a scene that cannot be photographed, drawn or not
         which = (u[:, 0] * len(self.scenes)).long()
         shots = []
-        for k, scene in enumerate(self.scenes):
+        for k in range(len(self.scenes)):
             rows = (which == k).nonzero().flatten()
-            shots.append((rows, scene.shot_of(u[rows, 1 : 1 + numbers_needed(scene)], size)))
-        return MixedShot.joined(self.empty_shots(size), which, shots)
+            if len(rows):
+                shots.append((rows, self.shot_in(k, u[rows], size)))
+        return MixedShot.joined(self.scenes, which, shots or [(which, self.shot_in(0, u, size))])
 
-    def empty_shots(self, size: tuple[int, int]) -> tuple[Shot, ...]:
-        """Return a shot of no image of `size` (height, width) in each scene."""
-        return tuple(scene.sample(0, size) for scene in self.scenes)
+    def shot_in(self, k: int, u: Tensor, size: tuple[int, int]) -> Shot:
+        """Return the shot that `random_numbers` give in scene k, of images of `size` (height,
+        width)."""
+        scene = self.scenes[k]
+        return scene.shot_of(u[:, 1 : 1 + numbers_needed(scene)], size)
+
+    def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> tuple[Plan, ...]:
+        """Return the plan of each scene; errors as of `Scene.plan`."""
+        return tuple(scene.plan(size) for scene in self.scenes)
 
     @property
     def moves(self) -> bool:
@@ -64,7 +74,7 @@ class Mixture:
 
 def as_scenes(scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any]) -> Scene | Mixture:
     """Return a Scene from a Scene, a preset's name or a mapping, such as a dict, and a Mixture from
-    a list or tuple of these, or from the name of one: what every public `scene=` argument accepts.
+    a list or tuple of these, or from the name of one, as every public `scene=` argument does.
     A list of one is that scene. "anywhere" is the mixture of every screen in
     `moireaug.scene.presets.MIXTURES`, for whoever does not know which will be photographed.
 
@@ -113,5 +123,9 @@ def sample_one(
     scene: Scene | Mixture, size: tuple[int, int], generator: torch.Generator | None = None
 ) -> Shot:
     """Draw for one image; in a mixture it is in one of the scenes. Arguments as of `sample`."""
-    shot = scene.sample(1, size, generator)
-    return shot if isinstance(shot, Shot) else shot.by_scene()[0][1]
+    if isinstance(scene, Scene):
+        return scene.sample(1, size, generator)
+    size = check_size(size)
+    scene.plan(size)  # as in a batch
+    u = scene.random_numbers(1, generator)
+    return scene.shot_in(int(u[0, 0] * len(scene.scenes)), u, size)

@@ -50,7 +50,7 @@ def walk(root: Any, is_searched: Callable[[Any], bool]) -> Iterator[Any]:
 def parts_of(owner: Any) -> list[Any]:
     """Return the parts that an object, a collection, a class or a function holds."""
     parts: list[Any] = []
-    for kinds, parts_of_kind in PARTS:
+    for kinds, parts_of_kind in PARTS_OF_KINDS:
         if isinstance(owner, kinds):
             parts += parts_of_kind(owner)
     return parts
@@ -148,7 +148,7 @@ def _is_in_library(name: str, file: str | None) -> bool:
 
 
 # how to list the parts of each kind of object; every row that matches applies
-PARTS: tuple[tuple[type | tuple[type, ...], Callable[[Any], Iterable[Any]]], ...] = (
+PARTS_OF_KINDS: tuple[tuple[type | tuple[type, ...], Callable[[Any], Iterable[Any]]], ...] = (
     ((list, tuple, deque, dict, MappingProxyType), _entries_of),
     (functools.partial, lambda call: (call.func, call.args, call.keywords)),
     (MethodType, lambda method: (method.__self__, method.__func__)),

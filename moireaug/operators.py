@@ -1,4 +1,4 @@
-"""What the operators of `engine.torch_operators` do: photograph, as `moireaug.capture` does."""
+"""The operators of `engine.torch_operators`, which photograph as `moireaug.capture` does."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from moireaug.engine.backends import BACKENDS
 from moireaug.engine.switch import reference
 from moireaug.engine.torch_operators import LIBRARY
 from moireaug.scene.by_name import values_of
-from moireaug.scenes import Scene, Shot, shot_of
+from moireaug.scenes import Scene, Shot
 
 
 def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> Shot:
     """Return the shot that an operator's arguments describe; see `torch_operators.SHOT_SCHEMA`."""
     scene = _scene(text)
     drawn = dict(zip(values_of(scene), numbers, strict=True))
-    return shot_of(scene, (size[0], size[1]), drawn, seeds)
+    return scene.shot_from_numbers((size[0], size[1]), drawn, seeds)
 
 
 @functools.lru_cache(maxsize=64)

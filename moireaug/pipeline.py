@@ -3,7 +3,7 @@ a scene calls for."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -31,7 +31,7 @@ from moireaug.shot import ShotRecord
 EXPOSE: tuple[Effect, ...] = (
     Decode(),  # codes to light
     BlackLevel(),
-    Prefilter(),  # what is too far away
+    Prefilter(),  # panel pixels too far away for the exposure's sums
     PanelLayout(),  # the next four are integrated by the exposure
     Pose(),
     LensDistortion(),
@@ -76,26 +76,33 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     return apply(shot.plan.developing, raw, shot)
 
 
-def apply(names: Collection[str], values: Tensor, shot: ShotRecord) -> Tensor:
-    """Apply the effects of these names in turn, on the values' device."""
+def apply(names: Sequence[str], values: Tensor, shot: ShotRecord) -> Tensor:
+    """Apply the effects of these names in turn, on the values' device.
+
+    Raises:
+        KeyError: a name that no effect has.
+    """
+    effects = effects_by_name()
     if names:
         shot = shot.to(values.device)
-    for effect in (*EXPOSE, *DEVELOP):
-        if effect.name in names:
-            values = effect(values, shot)
+    for name in names:
+        values = effects[name](values, shot)
     return values
+
+
+def effects_by_name() -> dict[str, Effect]:
+    """Return every effect by its name, in the order in which light meets them."""
+    return {effect.name: effect for effect in (*EXPOSE, *DEVELOP)}
 
 
 @torch.no_grad()
 def make_plan(scene: SizedScene) -> Plan:
     """Judge every effect by a scene's ranges; see `Scene.plan`."""
-    verdicts = {effect.name: effect.verdict(scene) for effect in (*EXPOSE, *DEVELOP)}
-    steps = []
-    for effect in (*EXPOSE, *DEVELOP):
-        if effect.is_listed:
-            steps.append(Step(effect.name, *verdicts[effect.name]))
+    effects = effects_by_name()
+    verdicts = {name: effect.verdict(scene) for name, effect in effects.items()}
+    listed = [name for name, effect in effects.items() if effect.is_listed]
     return Plan(
-        steps=tuple(steps),
+        steps=tuple(Step(name, *verdicts[name]) for name in listed),
         exposing=tuple(effect.name for effect in EXPOSE if verdicts[effect.name].called),
         developing=tuple(effect.name for effect in DEVELOP if verdicts[effect.name].called),
         method=method_of(scene),

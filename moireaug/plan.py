@@ -1,4 +1,4 @@
-"""What a scene calls for, decided before any picture is seen."""
+"""The effects that a scene calls for, decided before any picture is seen."""
 
 from __future__ import annotations
 

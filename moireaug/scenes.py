@@ -94,7 +94,7 @@ class Scene(SceneRecord):
         return plans[octave]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out of copies and pickles what `plan` keeps: another version may plan otherwise."""
+        """Leave the plans out of copies and pickles: another version may plan otherwise."""
         return {name: value for name, value in vars(self).items() if name not in CACHES}
 
     def sample(
@@ -121,7 +121,14 @@ class Scene(SceneRecord):
 
     def shot_of(self, u: Tensor, size: tuple[int, int]) -> Shot:
         """Return the shot that `random_numbers` give of images of `size` (height, width)."""
-        return shot_of(self, size, *draw_numbers(self, u))
+        return self.shot_from_numbers(size, *draw_numbers(self, u))
+
+    def shot_from_numbers(
+        self, size: tuple[int, int], numbers: Mapping[str, Tensor], seed: Tensor
+    ) -> Shot:
+        """Return the shot of drawn numbers, (B,) each, by names such as "view.yaw", for images of
+        `size` (height, width)."""
+        return Shot(scene=self, size=size, seed=seed, **parts_with(self, numbers))
 
     def capture(self, images: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw a shot for `images` (B, 3, H, W), from `generator` or torch's global one, and return
@@ -165,6 +172,11 @@ def _scene(record: SceneRecord) -> Scene:
 
 
 _PRESETS = {name: _scene(record) for name, record in PRESETS.items()}
+
+
+def preset_name(scene: Scene) -> str:
+    """Return the name of the preset that equals a scene, or an empty string."""
+    return next((name for name, preset in _PRESETS.items() if preset == scene), "")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -224,15 +236,7 @@ class Shot(ShotRecord):
             )
         scene = as_scene(values["scene"])
         numbers, seed = numbers_from_dict(scene, values)
-        return shot_of(scene, check_size(values["size"]), numbers, seed)
-
-
-def shot_of(
-    scene: Scene, size: tuple[int, int], numbers: Mapping[str, Tensor], seed: Tensor
-) -> Shot:
-    """Return the shot of drawn numbers, (B,) each, by names such as "view.yaw", for images of
-    `size` (height, width)."""
-    return Shot(scene=scene, size=size, seed=seed, **parts_with(scene, numbers))
+        return scene.shot_from_numbers(check_size(values["size"]), numbers, seed)
 
 
 def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:

@@ -47,7 +47,7 @@ def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels
 
 
 class Draws(ABC):
-    """What is drawn for a batch, a row for each image; indexed like the batch."""
+    """Numbers drawn for a batch, a row for each image; indexed like the batch."""
 
     seed: Tensor
 
@@ -175,8 +175,8 @@ class ShotRecord(Draws):
         (B, 4, h / 2, w / 2), or three colours (B, 3, h, w); of a binned reading, four planes or
         three colours of the photo's size."""
         rows, cols = self.sampled_pixels()
-        planes = sum(len(site.channels) for site in CFA[self.scene.planes])
-        step = pattern_period(self.scene.planes)
+        planes = sum(len(site.channels) for site in CFA[self.scene.filter_cell])
+        step = pattern_period(self.scene.filter_cell)
         return len(self), planes, len(rows.index) // step, len(cols.index) // step
 
     @property

@@ -12,18 +12,18 @@ from torch import Tensor
 
 from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.attacks.problem import Point, Problem
-from moireaug.capture import develop, expose
+from moireaug.capture import expose, photo_of_reading
 from moireaug.numeric import clip
 from moireaug.scenes import Shot
 from moireaug.shot import ShotRecord
 
 Stage = Callable[[Tensor, ShotRecord], Tensor]
 
-# where noise is added: the stage before it, and the stage after
+# where noise is added: the stage before it, which checks the shot, and the stage after
 NOISE_AT: dict[str, tuple[Stage, Stage]] = {
-    "raw": (expose, develop),
+    "raw": (expose, photo_of_reading),
     "photo": (
-        lambda images, shot: develop(expose(images, shot), shot),
+        lambda images, shot: photo_of_reading(expose(images, shot), shot),
         lambda photo, shot: clip(photo),
     ),
 }

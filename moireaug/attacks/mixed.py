@@ -35,7 +35,7 @@ def joined(
         noise=noise,
         loss=_mean_loss(results),
         eps=results[0].eps,
-        shot=MixedShot.joined(shot.empty, shot.which, scene_shots),
+        shot=MixedShot.joined(shot.scenes, shot.which, scene_shots),
     )
 
 

@@ -1,4 +1,4 @@
-"""What an effect is: a name, a verdict on a scene, and a function of light and shot."""
+"""An effect: a name, a verdict on a scene, and a function of light and shot."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from moireaug.shot import ShotRecord
 
 
 class Verdict(NamedTuple):
-    """Whether a scene calls for an effect, and why or why not: what `print(scene.plan())` shows."""
+    """Whether a scene calls for an effect, and the reason, which `print(scene.plan())` shows."""
 
     called: bool
     reason: str
@@ -30,8 +30,8 @@ def left_out(reason: str) -> Verdict:
 
 
 class Effect(ABC):
-    """One physical step. An effect that moves light is left out at its identity; one that changes
-    light is left out if it changes no value by more than the scene's tolerance."""
+    """One physical step. It is left out at its identity, and also where its verdict can tell that
+    it changes no value by more than the scene's tolerance."""
 
     name: str
     is_listed = True  # in a plan; effects that only clip are not

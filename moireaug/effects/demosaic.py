@@ -26,7 +26,7 @@ class Demosaic(Effect):
     name = "demosaic"
 
     def verdict(self, scene: SizedScene) -> Verdict:
-        if scene.planes == "none":
+        if scene.filter_cell == "none":
             return left_out("every pixel reads all colours")
         if scene.is_binned_bayer:
             return called("the two greens of each cell averaged; its pixels were interpolated")

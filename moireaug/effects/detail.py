@@ -1,5 +1,5 @@
-"""What a camera does to detail before it saves a photo: it smooths colour to reduce noise, and
-sharpens brightness."""
+"""The detail of a photo before a camera saves it: colour smoothed to reduce noise, and brightness
+sharpened."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.exposure.extreme_scales import least_bin_scale
 from moireaug.numeric import clip, per_image, repeat_edges
-from moireaug.scene.fields import Range, bounds, deviation
+from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.record import SceneRecord, SizedScene
 from moireaug.shot import ShotRecord
 
@@ -34,7 +34,7 @@ class ChromaBlur(Effect):
         return called(f"colour smoothed by {format_range(blur)} sensor pixels")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
-        size = kernel_size(photo_sigma(shot.scene, "chroma_blur", shot.size))
+        size = kernel_size(max_photo_sigma(shot.scene, "chroma_blur", shot.size))
         return chroma_blur(photo, in_photo(shot, shot.develop.chroma_blur), size)
 
 
@@ -50,7 +50,7 @@ class Sharpen(Effect):
         return verdict_of(deviation(develop.sharpen, 0), scene, why, "not asked for")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
-        size = kernel_size(photo_sigma(shot.scene, "sharpen_radius", shot.size))
+        size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.size))
         develop = shot.develop
         return sharpen(photo, develop.sharpen, in_photo(shot, develop.sharpen_radius), size)
 
@@ -124,16 +124,16 @@ def kernel_sigma(sigma: Tensor) -> Tensor:
 
 
 @functools.lru_cache(maxsize=256)
-def photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> Range:
-    """Return a range of standard deviations, a field of `Develop` in sensor pixels, in the pixels
-    that are developed."""
-    value = getattr(scene.develop, name)
+def max_photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> float:
+    """Return the greatest standard deviation of a field of `Develop`, which is in sensor pixels, in
+    the pixels that are developed."""
+    sigma = bounds(getattr(scene.develop, name))[1]
     if not scene.is_binned:
-        return value
+        return sigma
     alpha, _ = scene.panel_scales(size)
-    return min(bounds(value)[1] / least_bin_scale(scene, alpha), float(max(size)))
+    return min(sigma / least_bin_scale(scene, alpha), float(max(size)))
 
 
-def kernel_size(sigma: Range) -> int:
-    """Return the odd number of pixels along a kernel that holds a range's widest Gaussian."""
-    return 2 * math.ceil(KERNEL_SIGMAS * bounds(sigma)[1]) + 1
+def kernel_size(sigma: float) -> int:
+    """Return the odd number of pixels along a kernel that holds a Gaussian of sigma pixels."""
+    return 2 * math.ceil(KERNEL_SIGMAS * sigma) + 1

@@ -1,4 +1,4 @@
-"""What a display adds to its picture: light from black pixels, and what its glass reflects."""
+"""The light that a display adds to its picture: of black pixels, and of the room in its glass."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Glare(Effect):
         return verdict_of(in_codes(change, scene), scene, why, "the glass reflects nothing")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
-        share = reflected(*photo_coordinates(shot, raw.device), shot.size, shot.panel)
+        share = reflected(*photo_coordinates(shot), shot.size, shot.panel)
         white = white_readings(shot).to(raw.dtype)[..., None, None]
         return raw + in_planes(share, raw, shot) * white
 
@@ -73,6 +73,6 @@ def white_readings(shot: ShotRecord) -> Tensor:
     light = torch.stack([mean_light(layout, channel, *shares) for channel in range(3)], 1)
     light = (filters_of(shot) @ light[..., None])[..., 0]
     channels: list[int] = []
-    for site in CFA[shot.scene.planes]:
+    for site in CFA[shot.scene.filter_cell]:
         channels.extend(site.channels)
     return light[:, channels]

@@ -1,4 +1,4 @@
-"""The exposure, and what it integrates: subpixels, pose and lens."""
+"""The exposure, and the steps that it integrates: subpixels, pose, lens and crosstalk."""
 
 from __future__ import annotations
 
@@ -34,8 +34,10 @@ class PanelLayout(WithinExposure):
             return called(f"{name}, {pitch} sensor pixels a panel pixel when frontal")
         if not method.harmonics:
             where = "in the photo" if scene.is_binned else "at the sensor"
-            least = f"no contrast above {scene.tolerance:.2g} is left {where}"
-            return left_out(f"{name} gives its mean light alone: {least}")
+            return left_out(
+                f"{name} gives its mean light alone: no contrast above {scene.tolerance:.2g} is "
+                f"left {where}"
+            )
         possible = harmonics_in_bins(scene) if scene.is_binned else harmonics(scene)
         (pair, top), n = possible[0], len(method.harmonics)
         counted = "1 harmonic" if n == 1 else f"{n} harmonics"

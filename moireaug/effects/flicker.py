@@ -11,7 +11,7 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
-ROWS_OF_A_BIN = 8  # whose light a binned reading's flicker is the mean of
+ROWS_OF_A_BIN = 8  # rows sampled within a bin
 BANDS_PER_ROW = 16  # of the photo, between which the engine takes a bin's flicker as linear
 
 
@@ -33,7 +33,7 @@ class Flicker(Effect):
         )
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
-        _, v = photo_coordinates(shot, raw.device)
+        _, v = photo_coordinates(shot)
         light = light_of_rows(v.flatten(-2), shot).unflatten(1, v.shape[-2:])
         return raw * in_planes(light, raw, shot)
 
@@ -90,6 +90,6 @@ def flicker(
         whole = t.floor().detach()
         return whole * duty + torch.minimum(t - whole, duty)
 
-    still = cycles < 1e-9
-    share = (lit(begin + cycles) - lit(begin)) / (duty * torch.where(still, 1.0, cycles))
-    return torch.where(still, torch.ones_like(share), share)
+    is_steady = cycles < 1e-9
+    share = (lit(begin + cycles) - lit(begin)) / (duty * torch.where(is_steady, 1.0, cycles))
+    return torch.where(is_steady, torch.ones_like(share), share)

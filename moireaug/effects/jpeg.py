@@ -87,12 +87,12 @@ def _backward(ctx, gradient):
     photo, quality = ctx.saved_tensors
     if not photo.numel():  # kornia refuses an empty batch
         return gradient, None
-    again = torch.is_grad_enabled()  # the gradient itself is to be differentiated
+    create_graph = torch.is_grad_enabled()  # the gradient itself is to be differentiated
     # autocast may be on where backward is called
     with torch.enable_grad(), torch.autocast(photo.device.type, enabled=False):
-        photo = photo if again else photo.detach().requires_grad_()
+        photo = photo if create_graph else photo.detach().requires_grad_()
         out = jpeg_codec_differentiable(photo, quality)
-        (back,) = torch.autograd.grad(out, photo, gradient, create_graph=again)
+        (back,) = torch.autograd.grad(out, photo, gradient, create_graph=create_graph)
     return back + STRAIGHT_THROUGH_SHARE * gradient, None
 
 

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 INTERVALS = 2048
-PLACES_PER_INTERVAL = 2**21  # in each interval
+PLACES_PER_INTERVAL = 2**21
 MIX_FACTORS = (0x7FEB352D, 0x846CA68B)  # the multipliers of Wellons's lowbias32
 WEYL_STEP = 0x9E3779B9
 

@@ -9,13 +9,13 @@ from moireaug.geometry.lattice import pack
 from moireaug.shot import ShotRecord
 
 
-def photo_coordinates(shot: ShotRecord, device) -> tuple[Tensor, Tensor]:
+def photo_coordinates(shot: ShotRecord) -> tuple[Tensor, Tensor]:
     """Return the photo coordinates u and v of the sensor's pixels, (w,) and (h, 1); of a binned
     reading in the image's frame, (B, h, w) each."""
     if shot.scene.is_rectified:
         u, v = pixels_on_photo(shot)[0].unbind(-1)
         return u, v
-    rows, cols = (pixels.positions(device) for pixels in shot.sampled_pixels())
+    rows, cols = (pixels.positions(shot.device) for pixels in shot.sampled_pixels())
     return cols, rows[:, None]
 
 
@@ -24,4 +24,4 @@ def in_planes(values: Tensor, raw: Tensor, shot: ShotRecord) -> Tensor:
     reading: (B, 4 or 1, ...), of its dtype."""
     rows, cols = (len(pixels.index) for pixels in shot.sampled_pixels())
     values = values.to(raw.dtype).expand(-1, rows, cols)
-    return pack(values) if shot.scene.planes == "rggb" else values[:, None]
+    return pack(values) if shot.scene.filter_cell == "rggb" else values[:, None]

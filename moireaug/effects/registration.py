@@ -8,13 +8,14 @@ from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.geometry import grids
 from moireaug.numeric import bounded
+from moireaug.scene.fields import bounds, varies
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 
 class Register(Effect):
     """Warps the photo back to the image's frame, so that labels, boxes and masks stay valid. Binned
-    readings lie there already; what the photo does not show of the image is blackened."""
+    readings lie there already; parts of the image that the photo does not show are blackened."""
 
     name = "register"
 
@@ -25,7 +26,7 @@ class Register(Effect):
             return left_out("the photo is in the image's frame already")
         if not scene.is_rectified:
             return called("back to the image's frame")
-        if scene.is_shown_whole:
+        if _is_shown_whole(scene):
             return left_out("bins are read in the image's frame")
         return called("black where the photo does not show the image; bins are read in its frame")
 
@@ -33,10 +34,18 @@ class Register(Effect):
         if shot.scene.is_rectified:
             _, on_photo = pixels_on_photo(shot)
             return photo * on_photo.to(photo.dtype)[:, None]
-        return register(photo, shot.matrix(), shot.distortion)
+        return warp_to_image(photo, shot.matrix(), shot.distortion)
 
 
-def register(photo: Tensor, matrix: Tensor, lens: grids.RadialCoefficients | None) -> Tensor:
+def _is_shown_whole(scene: SizedScene) -> bool:
+    """Whether the photo always shows all of the image: one that fits, is not enlarged and not
+    moved."""
+    view = scene.view
+    shifted = varies(view.shift_x) or varies(view.shift_y)
+    return view.fit and bounds(view.zoom)[1] <= 1 and not shifted
+
+
+def warp_to_image(photo: Tensor, matrix: Tensor, lens: grids.RadialCoefficients | None) -> Tensor:
     """Return a photo (B, 3, H, W) in the image's frame, bilinear; black where it does not show the
     image.
 

@@ -1,4 +1,4 @@
-"""What a sensor makes of light: gain, noise, saturation, quantisation."""
+"""The sensor after the exposure: gain, noise, saturation, quantisation."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class Noise(Effect):
 
     def verdict(self, scene: SizedScene) -> Verdict:
         sensor = scene.sensor
-        read, shot = bounds(sensor.read_noise)[1], bounds(sensor.shot_noise)[1]
+        read, photons = bounds(sensor.read_noise)[1], bounds(sensor.shot_noise)[1]
         why = f"standard deviation {format_range(sensor.read_noise)}"
-        if shot:
+        if photons:
             why += f", and {format_range(sensor.shot_noise)} times the root of the reading"
-        change = NOISE_SIGMAS * (read**2 + shot**2) ** 0.5
+        change = NOISE_SIGMAS * (read**2 + photons**2) ** 0.5
         return verdict_of(in_codes(change, scene), scene, why, "read_noise and shot_noise are 0")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
@@ -59,7 +59,7 @@ class ClipReading(Effect):
     """Clips the reading to [0, 1] before an attacker's noise, so that small noise has an effect.
 
     Of a binned reading each sensor pixel was clipped: it gets the mean of the clipped pixels, given
-    the variance of what was averaged.
+    their variance.
     """
 
     name = "full_well"
@@ -113,17 +113,17 @@ class Bits(Effect):
         return raw if bits is None else quantise(raw, bits)
 
 
-def add_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
-    """Add Gaussian noise of variance `read^2 + shot^2 * raw` to `raw` (B, C, h, w), one stream per
-    seed (B,) int64.
+def add_noise(raw: Tensor, read: Tensor, photons: Tensor, seeds: Tensor) -> Tensor:
+    """Add Gaussian noise of variance `read^2 + photons^2 * raw` to `raw` (B, C, h, w), one stream
+    per seed (B,) int64.
 
     Photon noise is Poisson noise in its Gaussian limit; a full well of N electrons has
-    `shot = N^-1/2`. Its variance stops falling at `raw = DARK_LEVEL`. Differentiable in raw, read
-    and shot. Replays bit for bit on any device.
+    `photons = N^-1/2`. Its variance stops falling at `raw = DARK_LEVEL`. Differentiable in raw,
+    read and photons. Replays bit for bit on any device.
     """
     noise = torch.ops.moireaug.normal(raw.shape[1:], seeds).to(raw.dtype)
-    read, shot = per_image(read, raw), per_image(shot, raw)
-    variance = read.square() + shot.square() * raw.clamp(min=DARK_LEVEL)
+    read, photons = per_image(read, raw), per_image(photons, raw)
+    variance = read.square() + photons.square() * raw.clamp(min=DARK_LEVEL)
     some = variance > 0  # the root has no slope at 0
     return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
 

@@ -24,7 +24,7 @@ class Vignetting(Effect):
         )
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
-        u, v = photo_coordinates(shot, raw.device)
+        u, v = photo_coordinates(shot)
         return raw * in_planes(falloff(u, v, shot.size, shot.lens.vignetting), raw, shot)
 
 

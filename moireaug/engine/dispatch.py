@@ -16,6 +16,8 @@ from moireaug.mixed_shot import in_order
 from moireaug.numeric import as_float, saturate
 from moireaug.shot import ShotRecord
 
+DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
+
 
 def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
@@ -40,11 +42,10 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return in_order(
             [rows, others], [raw, pipeline.expose(as_float(light[others]), shot[others])]
         )
-    names = set(shot.plan.exposing)
+    names = shot.plan.exposing
     if varies:
-        decoding = {"decode", "black_level", "prefilter"}
-        light = pipeline.apply(names & decoding, as_float(light), shot)
-        names -= decoding
+        light = pipeline.apply([n for n in names if n in DECODING], as_float(light), shot)
+        names = tuple(name for name in names if name not in DECODING)
     stage = autograd.Stage(
         functools.partial(kernels.launch_expose, exposure=exposure, view=view),
         functools.partial(kernels.launch_expose_back, exposure=exposure, view=view),

@@ -1,4 +1,4 @@
-"""What is left of a harmonic of the panel in a binned reading, in closed form.
+"""The transfer of a harmonic of the panel to a binned reading, in closed form.
 
 A harmonic of frequency f (cycles per sensor pixel, along u and v) is read by the sensor pixels of
 one colour, every second pixel of a row: it is seen at frequencies g = f - m / 2, for every pair m
@@ -11,8 +11,8 @@ coordinates are U reads
                   exp(2 pi i (f . U - m . (U - o) / 2)),
 
 o being where the colour's first pixel lies, 1/2 or 3/2 along each axis. The four m with |g| < 1 are
-summed along each axis: sinc(g) vanishes where one of them gives way to the next; what is farther
-away is the grain of held values, a few hundredths at most.
+summed along each axis: sinc(g) vanishes where one of them gives way to the next; those farther
+away are the grain of held values, a few hundredths at most.
 
 A photo that is shrunk by a triangle filter, twice as wide as a bin (`Develop.resize` "antialias"),
 has the last two factors squared.
@@ -37,13 +37,13 @@ ALIASES = 4  # along each axis, of pixels two apart
 
 
 class Aliases(NamedTuple):
-    """The n aliases of harmonics along an axis, (n, ...) each: their frequencies g; what is left of
-    them by holding values over pixels, and by interpolation between them; their signs for pixels
-    that begin at o = 3/2; and exp(-2 pi i m (U - 1/2) / 2)."""
+    """The n aliases of harmonics along an axis, (n, ...) each: their frequencies g; the transfer of
+    holding values over pixels, and of interpolation between them; their signs for pixels that begin
+    at o = 3/2; and exp(-2 pi i m (U - 1/2) / 2)."""
 
     frequency: Tensor
-    held: Tensor
-    interpolated: Tensor
+    hold: Tensor
+    interpolation: Tensor
     sign: Tensor
     real: Tensor
     imaginary: Tensor
@@ -69,15 +69,16 @@ def aliases(frequency: Tensor, at: Tensor, *, bayer: bool) -> Aliases:
     cycles = m.double() * ((0.5 - at) / 2)
     phase = 2 * math.pi * (cycles - cycles.detach().round()).to(frequency.dtype)
     even = torch.cos(math.pi * frequency).square()
-    interpolated = torch.where(sign > 0, even, 1 - even)
-    return Aliases(g, sinc(g), interpolated, sign, torch.cos(phase), torch.sin(phase))
+    interpolation = torch.where(sign > 0, even, 1 - even)
+    return Aliases(g, sinc(g), interpolation, sign, torch.cos(phase), torch.sin(phase))
 
 
 def plane_waves(
     u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, triangle: Tensor | float, *, bayer: bool
 ) -> list[Wave]:
-    """Return what the planes of red, green and blue read of harmonics, relative to exp(2 pi i f .
-    U), (K, B, h, w) each; without colour filters, one wave for all. Differentiable in all tensors.
+    """Return the waves that the planes of red, green and blue read of harmonics, relative to
+    exp(2 pi i f . U), (K, B, h, w) each; without colour filters, one wave for all. Differentiable
+    in all tensors.
 
     Args:
         u, v: (K, B, h, w), the harmonics' frequencies along both axes.
@@ -89,33 +90,33 @@ def plane_waves(
     b = aliases(v, centre[..., 1], bayer=bayer)
     for i in range(len(along_u.sign)):
         a = along_u.one(i)
-        left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides, triangle)
+        transfer = a.hold * b.hold * _bin_transfer(a.frequency, b.frequency, sides, triangle)
         wave = times((a.real, a.imaginary), (b.real, b.imaginary))
         if not bayer:
-            red = plus(red, weighed(left, wave))
+            red = plus(red, weighed(transfer, wave))
             continue
-        coloured, both = left * a.interpolated * b.interpolated, a.sign * b.sign
-        quincunx = left * (a.interpolated + b.interpolated) * (a.sign + b.sign) / 4
+        coloured, both = transfer * a.interpolation * b.interpolation, a.sign * b.sign
+        quincunx = transfer * (a.interpolation + b.interpolation) * (a.sign + b.sign) / 4
         red = plus(red, weighed(coloured, wave))
         green = plus(green, weighed(quincunx, wave))
         blue = plus(blue, weighed(coloured * both, wave))
     return [red, green, blue] if bayer else [red]
 
 
-def power_left(
+def power_transfer(
     u: Tensor, v: Tensor, sides: Tensor, triangle: Tensor | float, *, bayer: bool
 ) -> list[Tensor]:
-    """Return which share of the power of harmonics of frequencies u and v (K, B) is left in each
-    plane, on average over where a bin lies: (K, B) each. sides: (B, 2, 2); the rest as in
+    """Return the share of the power of harmonics of frequencies u and v (K, B) that each plane
+    reads, on average over where a bin lies: (K, B) each. sides: (B, 2, 2); the rest as in
     `plane_waves`."""
     at = sides.new_zeros(len(sides))
     a, b = (aliases(f, at, bayer=bayer) for f in (u, v))
     a = Aliases(*(values[:, None] for values in a))
-    left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides, triangle)
+    transfer = a.hold * b.hold * _bin_transfer(a.frequency, b.frequency, sides, triangle)
     if not bayer:
-        return [left.square().sum((0, 1))]
-    red = left * a.interpolated * b.interpolated
-    green = left * (a.interpolated + b.interpolated) * (a.sign + b.sign) / 4
+        return [transfer.square().sum((0, 1))]
+    red = transfer * a.interpolation * b.interpolation
+    green = transfer * (a.interpolation + b.interpolation) * (a.sign + b.sign) / 4
     red, green = (share.square().sum((0, 1)) for share in (red, green))
     return [red, green, red]
 
@@ -135,8 +136,8 @@ def weighed(weight: Tensor, a: Wave) -> Wave:
     return (weight * a[0]).sum(0), (weight * a[1]).sum(0)
 
 
-def _mean_over_bin(u: Tensor, v: Tensor, sides: Tensor, triangle: Tensor | float) -> Tensor:
-    """Return what the mean over a bin leaves of frequencies u and v."""
+def _bin_transfer(u: Tensor, v: Tensor, sides: Tensor, triangle: Tensor | float) -> Tensor:
+    """Return the transfer of the mean over a bin at frequencies u and v."""
     cycles = [u * sides[..., 0, side] + v * sides[..., 1, side] for side in (0, 1)]
-    left = sinc(cycles[0]) * sinc(cycles[1])
-    return left * sinc(triangle * cycles[0]) * sinc(triangle * cycles[1])
+    mean = sinc(cycles[0]) * sinc(cycles[1])
+    return mean * sinc(triangle * cycles[0]) * sinc(triangle * cycles[1])

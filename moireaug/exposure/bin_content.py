@@ -85,8 +85,8 @@ def content_of(shot: ShotRecord) -> Content:
 
 
 def gaussian_optics(scene: SceneRecord, optics: Optics) -> Optics:
-    """Return the optics of a sensor pixel with its aperture, and what holding and interpolation add
-    to it, as a Gaussian."""
+    """Return the optics of a sensor pixel with its aperture, and the spread that holding and
+    interpolation add, as a Gaussian."""
     extra = BAYER_HOLD_VARIANCE if scene.is_binned_bayer else HOLD_VARIANCE
     variance = optics.blur.square() + optics.fill.square() / 12 + extra
     return optics._replace(fill=torch.zeros_like(optics.fill), blur=variance.sqrt())

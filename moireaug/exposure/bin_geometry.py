@@ -21,8 +21,8 @@ class Bins(NamedTuple):
         sides: (B, h, w, 2, 2), u and v of a bin's two sides in sensor pixels, the last axis over
             the sides. Bins smaller than a sensor pixel are as large as one: the photo interpolates
             between sensor pixels.
-        triangle: (B, 1, 1), by what the sides are to be multiplied for a second mean over them,
-            which makes a triangle filter of the first; 0 for none.
+        triangle: (B, 1, 1), factor on the sides for a second mean over them, which makes a triangle
+            filter of the first; 0 for none.
     """
 
     position: Tensor

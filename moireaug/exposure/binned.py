@@ -1,6 +1,5 @@
-"""Binned readings: for each photo pixel, the mean of what the sensor pixels of each colour read in
-it. The content of the picture there, times the share that the subpixels fill, by
-`alias_transfer`."""
+"""Binned readings: for each photo pixel, the mean of the sensor pixels of each colour in it. The
+content of the picture there, times the share that the subpixels fill, by `alias_transfer`."""
 
 from __future__ import annotations
 
@@ -9,7 +8,7 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.exposure.alias_transfer import Wave, plane_waves, power_left, times
+from moireaug.exposure.alias_transfer import Wave, plane_waves, power_transfer, times
 from moireaug.exposure.bin_content import Content, content_of
 from moireaug.exposure.bin_geometry import Bins, bins_at, bins_on_image, middle_bins
 from moireaug.exposure.closed_form import ClosedForm, in_bands
@@ -53,17 +52,17 @@ class Binned(ClosedForm):
         content = content_of(shot)
         screen = Screen(light, shot, self.taps, content.scale)
 
-        def read(band: Tensor) -> Tensor:
+        def reading_of(band: Tensor) -> Tensor:
             bins = bins_at(band, cols, inverse, light.dtype, shot)
             return self.read(screen, content, bins, shot)
 
         row_numbers = len(cols) * max(self.taps**2, 16 * len(self.harmonics))
-        planes = in_bands(read, rows, row_numbers, light, shot)
-        (site,) = CFA[shot.scene.planes]
+        planes = in_bands(reading_of, rows, row_numbers, light, shot)
+        (site,) = CFA[shot.scene.filter_cell]
         return planes[:, list(site.channels)]
 
     def read(self, screen: Screen, content: Content, bins: Bins, shot: ShotRecord) -> Tensor:
-        """Return what the pixels of each colour filter read in bins: (B, 3, h, w)."""
+        """Return the readings of the pixels of each colour filter in bins: (B, 3, h, w)."""
         dtype, layout = screen.light.dtype, as_layout(shot.scene.panel.layout)
         width, height = emitting_share(shot.panel)
         filters = filters_of(shot).to(dtype)[..., None, None]
@@ -120,12 +119,12 @@ class Binned(ClosedForm):
         passed = optics.transfer(u, v)
         carrier: Wave = passed * torch.cos(phase), passed * torch.sin(phase)
         bayer = shot.scene.is_binned_bayer
-        read = plane_waves(u, v, bins.centre, bins.sides, bins.triangle, bayer=bayer)
+        plane_wave = plane_waves(u, v, bins.centre, bins.sides, bins.triangle, bayer=bayer)
         parts = amplitudes_of(layout, self.harmonics, shot.panel)
         real, imaginary = (part.to(dtype)[..., None, None] for part in parts)
         modulation = []
         for plane in range(3):
-            cosine, sine = times(carrier, read[plane if bayer else 0])
+            cosine, sine = times(carrier, plane_wave[plane if bayer else 0])
             channels = []
             for channel in range(3):
                 waves = real[channel] * cosine - imaginary[channel] * sine
@@ -154,6 +153,6 @@ class Binned(ClosedForm):
         u, v = (per_x * step[:, 0, axis] + per_y * step[:, 1, axis] for axis in (0, 1))
         power = optics_of(shot).transfer(u, v).square() / 2
         bayer = shot.scene.is_binned_bayer
-        left = power_left(u, v, sides, triangle, bayer=bayer)
-        lost = [power * (1 - left[plane if bayer else 0]).clamp(min=0) for plane in range(3)]
+        transfer = power_transfer(u, v, sides, triangle, bayer=bayer)
+        lost = [power * (1 - transfer[plane if bayer else 0]).clamp(min=0) for plane in range(3)]
         return torch.stack(lost, -1)

@@ -1,4 +1,4 @@
-"""Which exposure method a scene gets, and what it sums."""
+"""The exposure method of a scene, and the harmonics and panel pixels that it sums."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The base of exposures in closed form: the panel pixels around are summed, and what a view sees
-beyond them is blurred before."""
+"""The base of exposures in closed form: the panel pixels around are summed, and the picture is
+blurred before by the rest of a view."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def in_bands(
     readings = []
     for band in rows.chunk(bands):
         if recompute:  # a pose's gradient would keep kilobytes per reading
-            again = checkpoint(read, band, use_reentrant=False, preserve_rng_state=False)
-            readings.append(again)
+            reading = checkpoint(read, band, use_reentrant=False, preserve_rng_state=False)
+            readings.append(reading)
         else:
             readings.append(read(band))
     return torch.cat(readings, 2)

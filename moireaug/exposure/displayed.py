@@ -16,7 +16,7 @@ EDGE_PIXELS = 2  # panel pixels ahead of a picture, and behind it, until all is 
 
 
 class DisplayedPicture:
-    """What panels show of a picture (B, 3, H, W), and its edge pixels past it.
+    """The light of panels that show a picture (B, 3, H, W), and its edge pixels past it.
 
     A panel pixel shows the mean under a triangle, along each axis, which ends one panel pixel or
     one image pixel from its centre, whichever is more. For a panel of at least the picture's
@@ -38,21 +38,20 @@ class DisplayedPicture:
         self.alpha = alpha[:, None, None]
         self.light, self._ratio, self._ahead = light, self.alpha, 0
         if least < 1:
-            # on panels of at most the picture's pixels; finer ones show what lies between these
+            # on panels of at most the picture's pixels; finer ones interpolate between these
             self.light = shrink(light, alpha.clamp(max=1), least, min(most, 1.0))
             self._ratio, self._ahead = self.alpha.clamp(min=1), EDGE_PIXELS
 
     def look_up(self, x: Tensor, y: Tensor, channel: int | None = None) -> Tensor:
-        """Return what is shown at panel coordinates x, y (B, h, w), of all channels or of one:
+        """Return the light at panel coordinates x, y (B, h, w), of all channels or of one:
         (B, 3 or 1, h, w). Between the pixels of a coarse panel, it is interpolated."""
         light = self.light if channel is None else self.light[:, channel, None]
         return grids.look_up(light, x / self._ratio + self._ahead, y / self._ratio + self._ahead)
 
 
 def shrink(light: Tensor, alpha: Tensor, least: float, most: float) -> Tensor:
-    """Return what panels of alpha (B,) pixels per image pixel, from `least` to `most`, at most 1,
-    show of a picture (B, C, H, W): (B, C, h, w), with `EDGE_PIXELS` panel pixels before it.
-    """
+    """Return a picture (B, C, H, W) as panels of alpha (B,) pixels per image pixel show it, from
+    `least` to `most`, at most 1: (B, C, h, w), with `EDGE_PIXELS` panel pixels before it."""
     taps = math.ceil(2 / least)  # image pixels under the widest triangle
     return _shrink_rows(_shrink_rows(light, alpha, taps, most).mT, alpha, taps, most).mT
 

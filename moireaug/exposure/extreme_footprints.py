@@ -56,7 +56,8 @@ def widest_views(scene: SizedScene, alpha: float) -> list[AxisView]:
     on a panel of `alpha` pixels per image pixel."""
     optics = _widest_optics(scene)
     # a blur may be a little short at the far end of a strip
-    image_views = extreme_jacobians(scene, bounds(scene.view.zoom)[0], usual=True)[None, :, None]
+    jacobians = extreme_jacobians(scene, bounds(scene.view.zoom)[0], with_strips=False)
+    image_views = jacobians[None, :, None]
     if not scene.is_binned:
         return axis_views(scene, image_views * (alpha / scene.sensor.scale), optics)
     return _views_of_bins(scene, image_views, alpha, optics)
@@ -77,7 +78,7 @@ def _views_of_bins(
     """Return the views of bins on a panel of at most the picture's pixels; `optics` of a sensor
     pixel."""
     cells = min(alpha, 1.0)
-    per_sensor_pixel = smallest_panel_steps(scene, alpha, usual=True)[None, :, None]
+    per_sensor_pixel = smallest_panel_steps(scene, alpha, with_strips=False)[None, :, None]
     per_sensor_pixel = per_sensor_pixel * (cells / alpha)
     per_bin = image_views * cells
     if scene.is_rectified:

@@ -83,9 +83,9 @@ def harmonics_in_bins(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
         alias = [_slowest_alias(least, most, apart) for least, most in ends]
         # a bin's side may lie along the alias, and the other across it; or both along an axis
         along_sides = [math.hypot(*alias)] if scene.is_rectified else alias
-        left = math.prod(_most_left(frequency, s) for frequency in along_sides)
-        if strength * left > scene.tolerance:
-            strong.append(((k, l), strength * left))
+        transfer = math.prod(_max_transfer(frequency, s) for frequency in along_sides)
+        if strength * transfer > scene.tolerance:
+            strong.append(((k, l), strength * transfer))
     return sorted(strong, key=lambda item: -item[1])
 
 
@@ -101,9 +101,9 @@ def _slowest_alias(low: float, high: float, apart: float) -> float:
     return slowest
 
 
-def _most_left(frequency: float, s: float) -> float:
-    """Return the most that the mean over s sensor pixels leaves of a frequency, by the envelope of
-    sinc(s g)."""
+def _max_transfer(frequency: float, s: float) -> float:
+    """Return the greatest transfer of the mean over s sensor pixels at a frequency, by the envelope
+    of sinc(s g)."""
     return min(1.0, 1 / (math.pi * max(s, 1.0) * frequency)) if frequency else 1.0
 
 
@@ -140,5 +140,5 @@ def _through_aperture(scene: SizedScene, frequency: Tensor) -> Tensor:
 
 
 def _through_lens(scene: SizedScene, squared: Tensor) -> Tensor:
-    """Return what the sharpest lens leaves of a wave of this squared frequency."""
+    """Return the transfer of the sharpest lens at this squared frequency."""
     return torch.exp(-2 * math.pi**2 * bounds(scene.lens.blur)[0] ** 2 * squared)

@@ -19,7 +19,7 @@ from moireaug.scene.record import SceneRecord, SizedScene
 
 
 def extreme_panel_steps(
-    scene: SizedScene, zoom: float, pitch: float, alpha: float, *, usual: bool
+    scene: SizedScene, zoom: float, pitch: float, alpha: float, *, with_strips: bool
 ) -> Tensor:
     """Return panel pixels per sensor pixel, d(x, y) / d(u, v), in the views that a scene allows at
     this zoom: (N, 2, 2) float64. See `extreme_jacobians`.
@@ -29,22 +29,22 @@ def extreme_panel_steps(
         alpha: panel pixels per image pixel, which matters if it does.
     """
     if pitch:
-        return extreme_jacobians(scene, zoom, usual=usual, magnified=True) / pitch
-    return extreme_jacobians(scene, zoom, usual=usual) * (alpha / scene.sensor.scale)
+        return extreme_jacobians(scene, zoom, with_strips=with_strips, magnified=True) / pitch
+    return extreme_jacobians(scene, zoom, with_strips=with_strips) * (alpha / scene.sensor.scale)
 
 
 def largest_panel_steps(scene: SizedScene) -> Tensor:
     """Return `extreme_panel_steps` of the views that show the panel at its largest, where its
     harmonics have their lowest frequencies."""
     zoom, pitch = bounds(scene.view.zoom)[1], bounds(scene.sensor.pitch)[1]
-    return extreme_panel_steps(scene, zoom, pitch, bounds(scene.panel.scale)[0], usual=False)
+    return extreme_panel_steps(scene, zoom, pitch, bounds(scene.panel.scale)[0], with_strips=True)
 
 
-def smallest_panel_steps(scene: SizedScene, alpha: float, *, usual: bool) -> Tensor:
+def smallest_panel_steps(scene: SizedScene, alpha: float, *, with_strips: bool) -> Tensor:
     """Return `extreme_panel_steps` of the views that show the panel at its smallest, for `alpha`
     panel pixels per image pixel."""
     zoom, pitch = bounds(scene.view.zoom)[0], bounds(scene.sensor.pitch)[0]
-    return extreme_panel_steps(scene, zoom, pitch, alpha, usual=usual)
+    return extreme_panel_steps(scene, zoom, pitch, alpha, with_strips=with_strips)
 
 
 def panel_scale_ratio(scene: SizedScene) -> float:
@@ -77,5 +77,5 @@ def least_side(scene: SizedScene, alpha: float) -> float:
     image pixel."""
     if not scene.is_rectified:
         return least_bin_scale(scene, alpha)
-    steps = smallest_panel_steps(scene, alpha, usual=False)
+    steps = smallest_panel_steps(scene, alpha, with_strips=True)
     return alpha / float(torch.linalg.svdvals(steps)[:, 0].max())

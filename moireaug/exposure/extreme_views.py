@@ -15,7 +15,7 @@ from moireaug.scene.fields import Range, bounds
 from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SizedScene
 
-# height and width; what holds for these holds for most images
+# height and width; bounds for these hold for most images
 PHOTO_SHAPES = ((256, 256), (192, 256), (256, 192))
 STRIP_SHAPES = ((16, 256), (256, 16))  # perspective is strongest along a long strip
 # a scene's plan depends neither on torch's default dtype nor on its default device
@@ -31,14 +31,14 @@ def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
 
 
 def extreme_jacobians(
-    scene: SizedScene, zoom: float, *, usual: bool, magnified: bool = False
+    scene: SizedScene, zoom: float, *, with_strips: bool, magnified: bool = False
 ) -> Tensor:
     """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the
     picture, and where it reaches past the photo's corners also as far out as these, for the angles
-    and lenses that a scene allows at this zoom: (N, 2, 2) float64. `usual` leaves out long
-    strips; `magnified` gives them times the photo pixels that an image pixel in the middle takes
-    before it is turned, which no zoom changes."""
-    shapes = PHOTO_SHAPES if usual else PHOTO_SHAPES + STRIP_SHAPES
+    and lenses that a scene allows at this zoom: (N, 2, 2) float64. `with_strips` includes photos
+    that are long strips; `magnified` gives them times the photo pixels that an image pixel in the
+    middle takes before it is turned, which no zoom changes."""
+    shapes = PHOTO_SHAPES + STRIP_SHAPES if with_strips else PHOTO_SHAPES
     return _extreme_jacobians(scene.view, scene.lens, scene.sensor.scale, zoom, shapes, magnified)
 
 

@@ -11,8 +11,8 @@ from moireaug.shot import ShotRecord
 
 
 def crosstalk_matrix(share: Tensor) -> Tensor:
-    """Return what each filter passes of red, green and blue light, (B, 3, 3), rows by filter; each
-    row sums to 1, so that grey stays grey.
+    """Return the shares of red, green and blue light that each filter passes, (B, 3, 3), rows by
+    filter; each row sums to 1, so that grey stays grey.
 
     Red and blue filters take a share (B,) of their light from green, green takes half of it from
     each: neighbours in the spectrum overlap, red and blue do not.
@@ -23,27 +23,27 @@ def crosstalk_matrix(share: Tensor) -> Tensor:
 
 
 def filters_of(shot: ShotRecord) -> Tensor:
-    """Return what each of a shot's colour filters passes of red, green and blue light, (B, 3, 3)
-    float64, rows by filter."""
+    """Return the shares of red, green and blue light that a shot's filters pass, (B, 3, 3) float64,
+    rows by filter."""
     if "crosstalk" in shot.plan:
         return crosstalk_matrix(shot.sensor.crosstalk)
     return torch.eye(3, dtype=torch.float64, device=shot.device).expand(len(shot), 3, 3)
 
 
-def colours_seen(shot: ShotRecord) -> str:
+def filter_cell_seen(shot: ShotRecord) -> str:
     """Return the filter cell, a key of `CFA`, of the colours that pixels see: all three if the
     filters' bands overlap, else their own."""
-    return "none" if "crosstalk" in shot.plan else shot.scene.planes
+    return "none" if "crosstalk" in shot.plan else shot.scene.filter_cell
 
 
 def through_filters(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the readings (B, 4 or 3, h, w) of the light that pixels see, in the cell that
-    `colours_seen` names."""
+    `filter_cell_seen` names."""
     if "crosstalk" not in shot.plan:
         return light
     mixed = mix_colours(filters_of(shot), light)
-    period, planes = pattern_period(shot.scene.planes), []
-    for site in CFA[shot.scene.planes]:
+    period, planes = pattern_period(shot.scene.filter_cell), []
+    for site in CFA[shot.scene.filter_cell]:
         for channel in site.channels:
             planes.append(mixed[:, channel, site.row :: period, site.column :: period])
     return torch.stack(planes, 1)

@@ -3,7 +3,7 @@
 Aperture and point spread, projected on an axis of the panel, are a box and a Gaussian around it; a
 subpixel is a box, too. Their convolution is the share of light from each panel pixel, in closed
 form. Taking each axis alone is exact for an upright view, and for the second moments of any view,
-which are what a picture's detail needs.
+which are all that a picture's detail needs.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
 """Panel light integrated over the aperture: the content of the panel pixels it covers, times the
-share that their subpixels fill. Spectral, box and mean differ only in the second factor."""
+share that their subpixels fill. Spectral and box sum over subpixels and differ in that share alone;
+mean takes the content of whole panel pixels, and their mean share."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ import torch
 from torch import Tensor
 
 from moireaug.exposure.closed_form import ClosedForm, in_bands
-from moireaug.exposure.filters import colours_seen, through_filters
+from moireaug.exposure.filters import filter_cell_seen, through_filters
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.exposure.sight import (
@@ -20,7 +21,7 @@ from moireaug.exposure.sight import (
     Sight,
     along_axis,
     axis_views,
-    covered,
+    covered_share,
     look_at_panel,
     panel_pixels,
     panel_steps,
@@ -47,7 +48,7 @@ class FullReading(ClosedForm):
         self.fine = fine
 
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
-        cfa, screen = colours_seen(shot), Screen(light, shot, self.taps)
+        cfa, screen = filter_cell_seen(shot), Screen(light, shot, self.taps)
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse = torch.linalg.inv(shot.matrix())
         period, planes = pattern_period(cfa), []
@@ -72,17 +73,17 @@ class FullReading(ClosedForm):
         """
         accuracy = torch.float64 if self.fine else screen.light.dtype
 
-        def read(band: Tensor) -> Tensor:
+        def reading_of(band: Tensor) -> Tensor:
             sight = look_at_panel(band, cols, inverse, accuracy, shot)
             colours = [self.read(screen, channel, sight, shot) for channel in site.channels]
             return torch.stack(colours, 1)
 
         row_numbers = len(cols) * max(self.taps**2, len(self.harmonics))
-        return in_bands(read, rows, row_numbers, screen.light, shot)
+        return in_bands(reading_of, rows, row_numbers, screen.light, shot)
 
     @abstractmethod
     def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
-        """Return what sensor pixels read of one channel: (B, h, w)."""
+        """Return the sensor pixels' readings of one channel: (B, h, w)."""
 
     def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:
         matrix = shot.matrix()
@@ -164,7 +165,7 @@ class Box(BySubpixel):
     def transmission(
         self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot: ShotRecord
     ) -> Tensor:
-        return covered(x) * covered(y)
+        return covered_share(x) * covered_share(y)
 
 
 class Mean(FullReading):

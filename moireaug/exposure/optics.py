@@ -1,4 +1,4 @@
-"""What blurs a sensor pixel's view: aperture, point spread and low-pass filter, in space and in
+"""The blur of a sensor pixel's view by aperture, point spread and low-pass filter, in space and in
 frequency."""
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from torch import Tensor
 from moireaug.numeric import sinc
 from moireaug.shot import ShotRecord
 
-GOLDEN = 0.6180339887498949
+GOLDEN_RATIO = 0.6180339887498949
 
 
 class Optics(NamedTuple):
-    """What blurs a sensor pixel's view: (B,) each, in sensor pixels."""
+    """Widths of aperture, point spread, low-pass filter and motion, (B,) each, in sensor pixels."""
 
     fill: Tensor
     blur: Tensor
@@ -65,8 +65,11 @@ class Optics(NamedTuple):
     def offsets(self, n: int) -> Tensor:
         """Return points of equal weight that stand for the whole spread, (B, 2, N) float64, down
         and across in sensor pixels: n * n of them, or n * n for each of n moments of a motion."""
-        order = torch.tensor(golden_points(n), device=self.fill.device)
-        points = self.quantiles(n * n)[:, order.T]
+        along = self.quantiles(n * n)
+        # no two points share a row or a column, and the golden ratio keeps them even whatever
+        # direction an edge cuts them in: two to four times as accurate as a square grid
+        order = sorted(range(n * n), key=lambda i: i * GOLDEN_RATIO % 1)
+        points = torch.stack([along, along[:, order]], 1)
         if not (self.motion_x.any() or self.motion_y.any()):
             return points
         rank = torch.arange(n, dtype=torch.float64, device=self.fill.device)
@@ -74,17 +77,6 @@ class Optics(NamedTuple):
         moments = moments / moments.square().mean().sqrt().clamp(min=1e-9)
         motion = torch.stack([self.motion_y, self.motion_x], 1)[..., None] * moments
         return (points[..., None] + motion[:, :, None]).flatten(2)
-
-
-def golden_points(n: int) -> list[tuple[int, int]]:
-    """Return n * n points of the unit square as ranks (i, k) along both axes: no two share a row or
-    a column.
-
-    The golden ratio keeps them even whatever direction an edge cuts them in: two to four times as
-    accurate as a square grid.
-    """
-    order = sorted(range(n * n), key=lambda i: i * GOLDEN % 1)
-    return list(enumerate(order))
 
 
 def optics_of(shot: ShotRecord) -> Optics:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.displayed import DisplayedPicture
-from moireaug.exposure.filters import colours_seen, through_filters
+from moireaug.exposure.filters import filter_cell_seen, through_filters
 from moireaug.exposure.optics import optics_of
 from moireaug.geometry import grids
 from moireaug.geometry.lattice import CFA, pattern_period
@@ -27,9 +27,9 @@ class Sampled(ExposureMethod):
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         pixels, alpha = shot.sampled_pixels(), shot.panel_scale[:, None, None]
         rows, cols = (axis.positions(light.device) for axis in pixels)
-        shown, offsets = DisplayedPicture(light, shot), self.offsets(shot)
+        picture, offsets = DisplayedPicture(light, shot), self.offsets(shot)
         down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
-        inverse, cfa = torch.linalg.inv(shot.matrix()), colours_seen(shot)
+        inverse, cfa = torch.linalg.inv(shot.matrix()), filter_cell_seen(shot)
         period, planes = pattern_period(cfa), []
         for site in CFA[cfa]:
             total = light.new_zeros(())
@@ -39,7 +39,7 @@ class Sampled(ExposureMethod):
                 points = grids.grid(v, u)
                 points_on_image = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
                 x, y = (points_on_image * alpha[..., None]).unbind(-1)
-                readings = [self.read(shown, x, y, shot, channel) for channel in site.channels]
+                readings = [self.read(picture, x, y, shot, channel) for channel in site.channels]
                 total = total + torch.stack(readings, 1)
             planes.append(total / offsets.shape[2])
         return through_filters(torch.cat(planes, 1), shot)
@@ -51,7 +51,7 @@ class Sampled(ExposureMethod):
 
     @abstractmethod
     def read(
-        self, shown: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
+        self, picture: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
     ) -> Tensor:
         """Return one channel's light at panel positions x, y (B, h, w): (B, h, w)."""
 
@@ -73,19 +73,19 @@ class Point(Sampled):
         return shot.panel_scale.new_zeros(len(shot), 2, 1)
 
     def read(
-        self, shown: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
+        self, picture: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
     ) -> Tensor:
         layout, alpha = as_layout(shot.scene.panel.layout), shot.panel_scale[:, None, None]
         width, height = emitting_share(shot.panel)
         ends: tuple = (None, None)
         if shot.scene.is_dark_around:
             ends = (alpha * shot.size[1], alpha * shot.size[0])
-        plane = torch.zeros_like(x, dtype=shown.light.dtype)
+        plane = torch.zeros_like(x, dtype=picture.light.dtype)
         for s in layout.of(channel):
             left, top, right, bottom = s.box()
             across, px = _raster(x, left, right, layout.raster, s.period[0], ends[0])
             down, py = _raster(y, top, bottom, layout.raster, s.period[1], ends[1])
-            content = shown.look_up(px, py, channel)[:, 0]
+            content = picture.look_up(px, py, channel)[:, 0]
             plane = plane + content * (across * down).to(plane.dtype)
         return plane * (width * height).to(plane.dtype)[:, None, None]
 
@@ -138,23 +138,23 @@ class Supersample(Sampled):
         return optics_of(shot).offsets(self.n)
 
     def read(
-        self, shown: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
+        self, picture: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
     ) -> Tensor:
         width, height = (t[:, None, None] for t in emitting_share(shot.panel))
-        total = torch.zeros_like(x, dtype=shown.light.dtype)
+        total = torch.zeros_like(x, dtype=picture.light.dtype)
         for s in as_layout(shot.scene.panel.layout).of(channel):
             lit = emits(s, x, y, width, height).to(total.dtype)
-            total = total + self._content(shown, s, x, y, shot) * lit
+            total = total + self._content(picture, s, x, y, shot) * lit
         return total
 
     def _content(
-        self, shown: DisplayedPicture, s: Subpixel, x: Tensor, y: Tensor, shot: ShotRecord
+        self, picture: DisplayedPicture, s: Subpixel, x: Tensor, y: Tensor, shot: ShotRecord
     ) -> Tensor:
-        """Return what the nearest copies of a subpixel show, at panel points."""
+        """Return the light of the nearest copies of a subpixel, at panel points."""
         alpha = shot.panel_scale[:, None, None]
         column, row = cell_of(s, x, y)
         px, py = column * s.period[0] + s.pixel[0], row * s.period[1] + s.pixel[1]
-        light = shown.look_up(px, py, s.channel)[:, 0]
+        light = picture.look_up(px, py, s.channel)[:, 0]
         if not shot.scene.is_dark_around:
             return light
         px, py = px / alpha, py / alpha

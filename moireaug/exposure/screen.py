@@ -15,8 +15,8 @@ PANEL_PIXELS_PER_LOOKUP = 1  # the panel is built if it has at most this many pi
 
 
 class Screen:
-    """What the panel's pixels show: the picture (B, 3, H, W) at their centres, and its edge pixels
-    past it.
+    """The pixels of the panel: they show the picture (B, 3, H, W) at their centres, and its edge
+    pixels past it.
 
     The picture is put on the panel once, unless the panel has more pixels than are looked up.
     """
@@ -27,24 +27,24 @@ class Screen:
         """`alpha` (B,) is the number of pixels per image pixel of another panel than the shot's,
         at most 1, whose cells are single pixels."""
         self.light, self.taps = light, taps
-        self.shown = DisplayedPicture(light, shot, alpha)
-        self.alpha = self.shown.alpha
+        self.picture = DisplayedPicture(light, shot, alpha)
+        self.alpha = self.picture.alpha
         px, py = as_layout(shot.scene.panel.layout).period if alpha is None else (1, 1)
         # far enough past the picture for all taps to show its edge pixels
         self.margin = (taps * py, taps * px)
         height, width = shot.size
         self.size = (
-            math.ceil(self.shown.most * height) + 2 * taps * py,
-            math.ceil(self.shown.most * width) + 2 * taps * px,
+            math.ceil(self.picture.most * height) + 2 * taps * py,
+            math.ceil(self.picture.most * width) + 2 * taps * px,
         )
         self.panel = None
         readings = math.prod(shot.raw_shape()[-2:])
         if math.prod(self.size) <= PANEL_PIXELS_PER_LOOKUP * taps**2 * readings:
-            self.panel = on_panel(self.shown, self.size, self.margin).flatten(2).unbind(1)
+            self.panel = on_panel(self.picture, self.size, self.margin).flatten(2).unbind(1)
 
     def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> Tensor:
-        """Return what panel pixels show from (B, h, w) columns and rows on, one per period, `taps`
-        downwards and to the right: (taps, taps, B, h, w)."""
+        """Return the light of panel pixels from (B, h, w) columns and rows on, one per period,
+        `taps` downwards and to the right: (taps, taps, B, h, w)."""
         if self.panel is None:
             return self._on_picture(channel, column, row, period)
         px, py = period
@@ -65,7 +65,7 @@ class Screen:
         x, y = column + (tap * period[0] + 0.5), row + (tap * period[1] + 0.5)
         # one look-up for all taps, as rows of one picture: (B, taps * taps * h, w)
         x, y = (t.movedim(2, 0).flatten(1, 3) for t in torch.broadcast_tensors(x, y[:, None]))
-        found = self.shown.look_up(x, y, channel)[:, 0]
+        found = self.picture.look_up(x, y, channel)[:, 0]
         return found.unflatten(1, (self.taps, self.taps, -1)).movedim(0, 2)
 
 
@@ -102,11 +102,10 @@ class Gather(torch.autograd.Function):
         return along.expand(len(steps), -1, -1).gather(2, first + steps[:, None, None])
 
 
-def on_panel(shown: DisplayedPicture, size: tuple[int, int], margin: tuple[int, int]) -> Tensor:
-    """Return what the panel's pixels show of a picture, (B, 3, h, w), starting a margin before the
-    picture."""
+def on_panel(picture: DisplayedPicture, size: tuple[int, int], margin: tuple[int, int]) -> Tensor:
+    """Return the light of a panel's pixels, (B, 3, h, w), from a margin before the picture on."""
     (height, width), (above, before) = size, margin
-    device = shown.light.device
+    device = picture.light.device
     y = torch.arange(height, dtype=torch.float64, device=device) + (0.5 - above)
     x = torch.arange(width, dtype=torch.float64, device=device) + (0.5 - before)
-    return shown.look_up(*torch.broadcast_tensors(x[None, None], y[None, :, None]))
+    return picture.look_up(*torch.broadcast_tensors(x[None, None], y[None, :, None]))

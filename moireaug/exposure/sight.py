@@ -1,4 +1,4 @@
-"""What sensor pixels see of one kind of subpixel, along each axis of the panel."""
+"""The view of sensor pixels on one kind of subpixel, along each axis of the panel."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def _share_on_picture(at: Tensor, footprint: Footprint, ends: Tensor, period: in
     return share.clamp(min=0)
 
 
-def covered(along: AlongAxis) -> Tensor:
+def covered_share(along: AlongAxis) -> Tensor:
     """Return the share of a view that subpixels fill along one axis, (B, h, w), including the tails
     past the taps."""
     every = 4 * len(along.share) + 1
@@ -192,5 +192,5 @@ def panel_pixels(
         (along.nearest - screen.taps // 2) * period + math.floor(pixel)
         for along, period, pixel in zip((x, y), subpixel.period, subpixel.pixel, strict=True)
     )
-    shown = screen.look(channel, column, row, subpixel.period)
-    return (down * (across * shown).sum(1)).sum(0)
+    light = screen.look(channel, column, row, subpixel.period)
+    return (down * (across * light).sum(1)).sum(0)

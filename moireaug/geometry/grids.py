@@ -42,7 +42,7 @@ def look_up(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
 
 
 def _gathered(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Do the same as `look_up`, by what has forward derivatives, which grid_sample has not."""
+    """Do the same as `look_up`, by steps with forward derivatives, which grid_sample lacks."""
     h, w = picture.shape[-2:]
     x, y = (x - 0.5).clamp(0, w - 1), (y - 0.5).clamp(0, h - 1)
     left, top = x.detach().floor(), y.detach().floor()

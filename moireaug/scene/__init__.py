@@ -1,1 +1,1 @@
-"""What stands in front of the camera, as plain data: five parts, their checked fields, presets."""
+"""Screen and camera as plain data: the five parts of a scene, their checked fields, presets."""

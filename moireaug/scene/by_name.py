@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, TypeVar
 
+import numpy as np
+
 from moireaug.scene.fields import one_of
 from moireaug.scene.parts import PARTS
 
@@ -35,16 +37,16 @@ def parts_with(record: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @functools.cache
-def limits() -> tuple[list[float], list[float]]:
+def limits() -> np.ndarray:
     """Return the least and the greatest value that each field may have, in the order of
-    `values_of`."""
-    low, high = [], []
+    `values_of`: (2, fields, 1) float64. An array: a cached tensor could belong to a fake mode of
+    torch.compile that has ended."""
+    pairs = []
     for part in PARTS.values():
         for name in part.ranged:
             allowed = part.__dataclass_fields__[name].metadata
-            low.append(allowed["low"])
-            high.append(allowed["high"])
-    return low, high
+            pairs.append((allowed["low"], allowed["high"]))
+    return np.array(pairs, np.float64).T[..., None]
 
 
 def by_part(numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

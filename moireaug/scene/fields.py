@@ -1,5 +1,5 @@
 """Fields of a scene: numbers or ranges with bounds, checked at construction, with error messages
-that say what is allowed."""
+that give the bounds."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def ranged(default: Range, low: float, high: float, unit: str = "") -> Any:
 
 
 def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
-    """Return `got` if it is allowed; otherwise raise a ValueError that lists what is and suggests
-    the closest."""
+    """Return `got` if it is allowed; otherwise raise a ValueError that lists the allowed names and
+    suggests the closest."""
     allowed = tuple(allowed)
     if isinstance(got, str) and got in allowed:
         return got
@@ -31,7 +31,7 @@ def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
 
 
 def check_number(
-    name: str, value: object, low: float, high: float, unit: str, what: str = "a number"
+    name: str, value: object, low: float, high: float, unit: str, allowed: str = "a number"
 ) -> float:
     """Return a finite number in [low, high] as a float.
 
@@ -40,7 +40,7 @@ def check_number(
         ValueError: outside [low, high], NaN or infinite.
     """
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be {what}; got {value!r}.{_as_number(value)}")
+        raise TypeError(f"{name} must be {allowed}; got {value!r}.{_as_number(value)}")
     try:
         number = float(value)
     except OverflowError:
@@ -97,14 +97,14 @@ class Part:
                         f"{name} must be a number or a (low, high) pair; got {len(value)} values: "
                         f"{value!r}."
                     )
-                low, high = (check_number(name, v, **bounds, what=RANGE) for v in value)
+                low, high = (check_number(name, v, **bounds, allowed=RANGE) for v in value)
                 if low > high:
                     raise ValueError(
                         f"{name} must be a (low, high) pair with low <= high; got {value!r}."
                     )
                 value = low if low == high else (low, high)
             else:
-                value = check_number(name, value, **bounds, what=RANGE)
+                value = check_number(name, value, **bounds, allowed=RANGE)
             object.__setattr__(self, f.name, value)
 
 

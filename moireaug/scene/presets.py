@@ -240,11 +240,3 @@ MIXTURES: dict[str, tuple[str, ...]] = {
     # A screen that nobody knows: every preset but the paper's.
     "anywhere": tuple(name for name in PRESETS if not name.startswith("paper")),
 }
-
-
-def preset_name(scene: SceneRecord) -> str:
-    """Return the name of the preset that equals a scene, or an empty string."""
-    for name, preset in PRESETS.items():
-        if preset.to_dict() == scene.to_dict():
-            return name
-    return ""

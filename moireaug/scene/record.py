@@ -11,7 +11,7 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
 LEAST_PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata["low"]
-NOMINAL_SIZE = (224, 224)  # that a plan is for where none is given
+NOMINAL_SIZE = (224, 224)  # size of a plan when none is given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +71,8 @@ class SceneRecord:
         return self.is_binned and self.sensor.cfa == "rggb"
 
     @property
-    def planes(self) -> str:
-        """The key of `geometry.lattice.CFA` that says how the reading's planes lie."""
+    def filter_cell(self) -> str:
+        """The key in `geometry.lattice.CFA` of the cell of colour filters that the reading has."""
         return "binned" if self.is_binned_bayer else self.sensor.cfa
 
     @property
@@ -106,20 +106,12 @@ class SceneRecord:
         lens distortion."""
         return self.is_dark_around and (self.is_posed or self.is_bent)
 
-    @property
-    def is_shown_whole(self) -> bool:
-        """Whether the photo always shows all of the image: one that fits, is not enlarged and not
-        moved."""
-        view = self.view
-        shifted = varies(view.shift_x) or varies(view.shift_y)
-        return view.fit and bounds(view.zoom)[1] <= 1 and not shifted
-
     def octave(self, size: tuple[int, int]) -> int:
         """Return the exponent of the greatest power of 2 not above a picture's longer side, by
         which scenes with `Panel.width` are planned; 0 for others, which do not differ by size."""
         octave = 0
         if bounds(self.panel.width)[1]:
-            # compared, so that torch.compile, to which a size may be a symbol, guards what it finds
+            # compared, so that torch.compile, to which a size may be a symbol, guards the result
             while max(size) >= 2 ** (octave + 1):
                 octave += 1
         return octave
@@ -156,12 +148,8 @@ class SceneRecord:
         return SizedScene(**parts)
 
     def _check_reading(self) -> None:
-        """Refuse a full reading of scenes that have no one number of sensor pixels, and what a
-        binned reading has no closed form for.
-
-        Raises:
-            ValueError: with what to do.
-        """
+        """Refuse a full reading of scenes that have no one number of sensor pixels, and fields for
+        which a binned reading has no closed form: ValueError."""
         sensor, develop = self.sensor, self.develop
         if not self.is_binned:
             unfixed = f"Sensor.pitch = {sensor.pitch!r}" if sensor.pitch else ""

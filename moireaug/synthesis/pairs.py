@@ -98,7 +98,7 @@ class Pairs(IterableDataset):
     def __init__(
         self,
         images: str | Path,
-        scene: Scene | str | dict[str, Any] | list | tuple,
+        scene: Scene | Mixture | str | dict[str, Any] | list | tuple,
         size: int,
         *,
         twin: bool = False,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,22 +23,7 @@ MIN_MATCHES = 16  # that agree on the homography
 ECC_ITERATIONS, ECC_TOLERANCE = 60, 1e-6
 ECC_SMOOTHING = 5  # pixels, of the Gaussian before ECC
 MIN_CORRELATION = 0.5  # of the picture and the photo in its frame
-
-
-class Registration(NamedTuple):
-    """A photo's pose.
-
-    Args:
-        matrix: (3, 3) homography from the picture's coordinates to the photo's, pixel centres at
-            half integers.
-        matches: number of features that agree on it.
-        correlation: correlation of the picture and the photo in its frame (ECC), 1 where they agree
-            up to brightness and contrast.
-    """
-
-    matrix: Matrix
-    matches: int
-    correlation: float
+TO_OPENCV = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # whose pixel centres are whole
 
 
 def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[Tensor, Tensor]:
@@ -68,18 +53,18 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
                 f"{title} must be (3, H, W) uint8; got {tuple(image.shape)} {image.dtype}. Convert "
                 "values in [0, 1] with (255 * values).round().to(torch.uint8)."
             )
-    registration = find_pose(photo, picture, name)
+    matrix = find_pose(photo, picture, name)
     height, width = picture.shape[1:]
-    rows, columns = _visible(registration.matrix, (height, width), tuple(photo.shape[1:]))
-    warped = _warp(_interleaved(photo), registration.matrix, (height, width))
+    rows, columns = _visible(matrix, (height, width), tuple(photo.shape[1:]))
+    warped = _warp(_interleaved(photo), matrix, (height, width))
     aligned = torch.from_numpy(warped).permute(2, 0, 1)
     return aligned[:, rows, columns], picture[:, rows, columns]
 
 
-def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Registration:
-    """Return the homography from a picture to a photo of it: SIFT features (Lowe, 2004) and a
-    robust homography (MAGSAC++), refined by the correlation of all pixels (ECC: Evangelidis and
-    Psarakis, 2008).
+def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Matrix:
+    """Return the (3, 3) homography from a picture's coordinates to those of a photo of it, pixel
+    centres at half integers: SIFT features (Lowe, 2004) and a robust homography (MAGSAC++), refined
+    by the correlation of all pixels (ECC: Evangelidis and Psarakis, 2008).
 
     Raises:
         ValueError: too few features agree, they fold the picture, or the refined photo does not
@@ -101,7 +86,7 @@ def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Regist
             f"and must be at least {MIN_CORRELATION}. Is it a photo of this picture, on a flat "
             "screen?"
         )
-    return Registration(matrix, matches, correlation)
+    return matrix
 
 
 def _interleaved(picture: Tensor) -> Grey:
@@ -167,10 +152,10 @@ def _refine(matrix: Matrix, picture: Grey, photo: Grey) -> tuple[Matrix, float]:
     """Return the homography of greatest correlation, and the correlation."""
     small, shrink = _shrink(picture, REFINEMENT_SIDE)
     # the photo as large as the picture: finer detail is moiré and the panel's own pixels
-    longest = round(max(small.shape) * _magnification(matrix, picture, photo))
+    enlargement = _enlargement(matrix, picture.shape)
+    longest = round(max(small.shape) * (max(photo.shape) / max(picture.shape) / enlargement))
     small_photo, shrink_photo = _shrink(photo, longest)
-    index = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's coordinates
-    first = index @ shrink_photo @ matrix @ np.linalg.inv(index @ shrink)
+    first = TO_OPENCV @ shrink_photo @ matrix @ np.linalg.inv(TO_OPENCV @ shrink)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ECC_ITERATIONS, ECC_TOLERANCE)
     start = (first / first[2, 2]).astype(np.float32)
     inside = _inside(first, small.shape, small_photo.shape)
@@ -180,7 +165,8 @@ def _refine(matrix: Matrix, picture: Grey, photo: Grey) -> tuple[Matrix, float]:
         )
     except cv2.error:  # it does not converge
         return matrix, 0.0
-    result = np.linalg.inv(index @ shrink_photo) @ refined.astype(np.float64) @ index @ shrink
+    from_photo = np.linalg.inv(TO_OPENCV @ shrink_photo)
+    result = from_photo @ refined.astype(np.float64) @ TO_OPENCV @ shrink
     return result / result[2, 2], float(correlation)
 
 
@@ -195,21 +181,20 @@ def _inside(matrix: Matrix, picture: tuple[int, ...], photo: tuple[int, ...]) ->
     return cv2.erode(mask, np.ones((margin, margin), np.uint8), borderType=border, borderValue=255)
 
 
-def _magnification(matrix: Matrix, picture: Grey, photo: Grey) -> float:
-    """Return the longest side of the photo in units of the picture's, as it is shown there."""
-    corners = _corners(matrix, picture.shape[0], picture.shape[1])
-    area = cv2.contourArea(corners.astype(np.float32))
-    return max(photo.shape) / max(picture.shape) / (area / picture.size) ** 0.5
+def _enlargement(matrix: Matrix, size: tuple[int, ...]) -> float:
+    """Return the photo pixels along a side of a pixel of a picture of `size` (height, width), on
+    average."""
+    height, width = size
+    area = cv2.contourArea(_corners(matrix, height, width).astype(np.float32))
+    return (area / (height * width)) ** 0.5
 
 
 def _warp(photo: Grey, matrix: Matrix, size: tuple[int, int]) -> Grey:
     """Return the photo in the picture's frame of `size` (height, width), black off the photo."""
-    corners = _corners(matrix, *size)
-    larger = (cv2.contourArea(corners.astype(np.float32)) / (size[0] * size[1])) ** 0.5
-    if larger > 1:  # a pixel of the picture is several of the photo: their mean
-        photo = cv2.GaussianBlur(photo, (0, 0), 0.5 * (larger**2 - 1) ** 0.5)
-    index = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
-    to_photo = index @ matrix @ np.linalg.inv(index)
+    enlargement = _enlargement(matrix, size)
+    if enlargement > 1:  # a pixel of the picture is several of the photo: their mean
+        photo = cv2.GaussianBlur(photo, (0, 0), 0.5 * (enlargement**2 - 1) ** 0.5)
+    to_photo = TO_OPENCV @ matrix @ np.linalg.inv(TO_OPENCV)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return cv2.warpPerspective(photo, to_photo, (size[1], size[0]), flags=flags)
 

@@ -59,9 +59,11 @@ def apply_to_all(
     if not len(images):
         return np.asarray(images)
     pictures = torch.cat([planes(image) for image in images])
+    size = (pictures.shape[-2], pictures.shape[-1])
     if noise is not None:
-        _check_size(shot, (pictures.shape[-2], pictures.shape[-1]))
-    photos = photograph(pictures, shot_of_frames(shot, [len(images)] * len(shot)), noise)
+        _check_size(shot, size)
+    frames = shot_of_frames(at_size(shot, size), [len(images)] * len(shot))
+    photos = photograph(pictures, frames, noise)
     stacked = photos.permute(0, 2, 3, 1).reshape(len(images), *images[0].shape).numpy()
     return stacked.astype(images[0].dtype, copy=False)
 

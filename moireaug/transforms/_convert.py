@@ -12,13 +12,13 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.capture import photo_of
-from moireaug.image_checks import channels_last_hint, check_images
+from moireaug.image_checks import channels_last_hint, check_images, check_shape
 from moireaug.mixed_shot import MixedShot
-from moireaug.mixtures import Mixture, as_scenes, scenes_of
+from moireaug.mixtures import Mixture, as_scenes
 from moireaug.networks import in_evaluation_mode
 from moireaug.numeric import as_float
-from moireaug.scene.presets import MIXTURES, preset_name
-from moireaug.scenes import Scene, Shot
+from moireaug.scene.presets import MIXTURES
+from moireaug.scenes import Scene, Shot, preset_name
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
 
@@ -33,23 +33,11 @@ def check_probability(p: float) -> float:
     return float(p)
 
 
-def check_adversary(model: object, eps: object) -> None:
-    """Refuse a model that cannot be called, and an `eps` of several bounds: TypeError or
-    ValueError."""
-    if not callable(model):
-        raise TypeError(
-            f"model must be a module or a function of images; got {type(model).__name__}."
-        )
-    if isinstance(eps, (list, tuple)):
-        raise ValueError(f"eps must be one number here; got {eps!r}.")
-
-
 def planned_scenes(scene: Scene | str | dict | list | tuple) -> Scene | Mixture:
     """Return `as_scenes(scene)`, planned: a scene that cannot be photographed is refused when a
     transform is made."""
     scenes = as_scenes(scene)
-    for one in scenes_of(scenes):
-        one.plan()
+    scenes.plan()
     return scenes
 
 
@@ -63,6 +51,8 @@ def at_size(shot: AnyShot, size: tuple[int, int]) -> AnyShot:
 def shot_of_frames(shot: AnyShot, counts: Sequence[int]) -> AnyShot:
     """Return row i of a shot for counts[i] frames of one scene, (sum of counts,): they share the
     draw and differ in sensor noise, frame k having the row's seed + k."""
+    if list(counts) == [1] * len(shot):
+        return shot
     rows = [row for row, count in enumerate(counts) for _ in range(count)]
     frames = [frame for count in counts for frame in range(count)]
     chosen = shot[torch.tensor(rows, dtype=torch.int64, device=shot.device)]
@@ -177,7 +167,7 @@ def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = No
         images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned
             as the photo's luma; uint8, or floating point in [0, 1], where values a little
             outside are clipped, see `moireaug.image_checks`. Not modified.
-        shot: one draw for B images, of a scene or a mixture.
+        shot: one draw for B images of this size, of a scene or a mixture.
         noise: an attacker's, on the raw reading; see `capture`.
 
     Returns:
@@ -185,12 +175,13 @@ def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = No
 
     Raises:
         TypeError, ValueError: another dtype or number of channels; a float image that cannot be a
-            picture in [0, 1]; a shot or noise of another batch.
+            picture in [0, 1]; a shot or noise of another batch or size.
     """
     check_format(images)
-    shot = at_size(shot, (images.shape[-2], images.shape[-1]))
     rgb = images.expand(-1, 3, -1, -1)
-    if images.dtype != torch.uint8:
+    if images.dtype == torch.uint8:
+        check_shape(rgb)
+    else:
         rgb = check_images(rgb)
     return as_input(photo_of(rgb, shot, noise), images)
 

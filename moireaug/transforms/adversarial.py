@@ -24,7 +24,6 @@ from moireaug.transforms._convert import (
     as_float_rgb,
     as_input,
     as_model_takes,
-    check_adversary,
     check_probability,
     describe,
     model_of_photos,
@@ -90,7 +89,6 @@ class AdversarialMoire(v2.Transform):
         p: float = 1.0,
     ) -> None:
         super().__init__()
-        check_adversary(model, eps)
         self.p = check_probability(p)
         self.attack = MoireAttack(
             model=model,

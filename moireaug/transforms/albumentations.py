@@ -39,7 +39,6 @@ from moireaug.transforms._convert import (
     as_float_rgb,
     as_model_takes,
     at_size,
-    check_adversary,
     check_probability,
     describe,
     model_of_photos,
@@ -213,7 +212,6 @@ class AdversarialMoire(RandomMoire):
         p: float = 0.5,
     ) -> None:
         super().__init__(scene, p)
-        check_adversary(model, eps)
         self.label_key, self.name = label_key, name
         self._available_keys.add(label_key)  # or Compose(strict=True) refuses it
         self.attack = MoireAttack(
@@ -269,7 +267,8 @@ class AdversarialMoire(RandomMoire):
         images = [planes(picture) for picture in itertools.chain(*pictures.values())]
         model = self.attack.model
         rgb = torch.cat([as_float_rgb(picture) for picture in images]).to(device_of(model))
-        example = max(images, key=lambda picture: picture.shape[1])  # if any is
+        # a colour picture, if there is one
+        example = max(images, key=lambda picture: picture.shape[1])
         attack = replace(self.attack, model=model_of_photos(model, example.to(rgb.device)))
         result = attack(
             as_model_takes(rgb, model),

@@ -12,7 +12,7 @@ from torch import Tensor
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture, scenes_of
 from moireaug.scene.by_name import values_of
-from moireaug.scenes import Scene, Shot, shot_of
+from moireaug.scenes import Scene, Shot
 from moireaug.transforms._convert import (
     check_format,
     check_probability,
@@ -179,9 +179,9 @@ def from_params(
     drawn = {name: params[_key(name)] for name in values_of(scenes_of(scene)[0])}
     seed = params["seed"]
     if isinstance(scene, Mixture):
-        empty = scene.empty_shots(size)
-        return MixedShot(empty=empty, which=params["scene"], size=size, drawn=drawn, seed=seed)
-    return shot_of(scene, size, drawn, seed)
+        which, scenes = params["scene"], scene.scenes
+        return MixedShot(scenes=scenes, which=which, size=size, drawn=drawn, seed=seed)
+    return scene.shot_from_numbers(size, drawn, seed)
 
 
 def _key(name: str) -> str:

@@ -61,11 +61,10 @@ class RandomMoire(v2.Transform):
 
     Labels, masks, boxes and key points are returned as the same objects, unless the scene, or one
     of a list, leaves the photo in the camera's frame (`Develop(registered=False)` with a pose or a
-    lens): then masks,
-    boxes, key points and a PIL image's alpha move with the picture. Boxes become those that enclose
-    the moved ones, clamped to the canvas unless their `clamping_mode` is None; key points may leave
-    the photo; both are in continuous coordinates, with pixel centres at half integers. Integer ones
-    are rounded.
+    lens): then masks, boxes, key points and a PIL image's alpha move with the picture. Boxes become
+    those that enclose the moved ones, clamped to the canvas unless their `clamping_mode` is None;
+    key points may leave the photo; both are in continuous coordinates, with pixel centres at half
+    integers. Integer ones are rounded.
 
     Raises:
         TypeError, ValueError: an unknown scene, a p out of range, another number of channels, dtype
@@ -88,7 +87,9 @@ class RandomMoire(v2.Transform):
         leaves = [x for x, needed in zip(flat_inputs, needs_transform, strict=True) if needed]
         images = [x for x in leaves if not isinstance(x, ANNOTATION_TYPES)]
         _refuse_arrays(flat_inputs, images)
-        counts = sorted({_count(x) for x in images})
+        for image in images:
+            _check_image(image)
+        counts = sorted({_count(image) for image in images})
         if len(counts) > 1:
             raise ValueError(
                 "images of one sample must have one batch size; got "
@@ -110,10 +111,8 @@ class RandomMoire(v2.Transform):
         shot = self.scene.shot_of(u[chosen], (height, width))
         if len(chosen) == len(u):
             return apply_shot(inpt, shot)
-        rows = chosen.to(inpt.device)
-        plain = inpt.as_subclass(Tensor)
-        photos = apply_shot(wrap(plain[rows], inpt), shot)
-        return wrap(with_rows(plain, rows, photos.as_subclass(Tensor)), inpt)
+        plain, rows = inpt.as_subclass(Tensor), chosen.to(inpt.device)
+        return wrap(with_rows(plain, rows, _apply_to_tensor(plain[rows], inpt, shot)), inpt)
 
     def extra_repr(self) -> str:
         return f"p={self.p}, scene={describe(self.scene)}"
@@ -128,19 +127,23 @@ def apply_shot(inpt: Any, shot: Shot | MixedShot) -> Any:
     """
     if isinstance(inpt, PIL.Image.Image):
         return _apply_to_pil(inpt, shot)
-    plain = inpt.as_subclass(Tensor)
-    if isinstance(inpt, BoundingBoxes):
-        return wrap(_apply_to_boxes(plain, inpt, shot), inpt)
-    if isinstance(inpt, KeyPoints):
+    return wrap(_apply_to_tensor(inpt.as_subclass(Tensor), inpt, shot), inpt)
+
+
+def _apply_to_tensor(plain: Tensor, leaf: Tensor, shot: Shot | MixedShot) -> Tensor:
+    """Return plain values of a leaf's kind as in the shot's photo; see `apply_shot`."""
+    if isinstance(leaf, BoundingBoxes):
+        return _apply_to_boxes(plain, leaf, shot)
+    if isinstance(leaf, KeyPoints):
         moved = shot.to_photo(plain.double().reshape(len(shot), -1, 2))
-        return wrap(as_dtype(moved, plain.dtype).reshape(plain.shape), inpt)
-    if isinstance(inpt, Mask):
+        return as_dtype(moved, plain.dtype).reshape(plain.shape)
+    if isinstance(leaf, Mask):
         flat = plain.reshape(len(shot), -1, *plain.shape[-2:])
-        return wrap(shot.to_photo_mask(flat).reshape(plain.shape), inpt)
-    if isinstance(inpt, Video):
+        return shot.to_photo_mask(flat).reshape(plain.shape)
+    if isinstance(leaf, Video):
         shot = shot_of_frames(shot, [plain.shape[-4]] * len(shot))
     batch = plain.reshape(math.prod(plain.shape[:-3]), *plain.shape[-3:])
-    return wrap(photograph(batch, shot).reshape(plain.shape), inpt)
+    return photograph(batch, shot).reshape(plain.shape)
 
 
 def _apply_to_pil(image: PIL.Image.Image, shot: Shot | MixedShot) -> PIL.Image.Image:
@@ -186,6 +189,13 @@ def _refuse_arrays(leaves: list[Any], images: list[Any]) -> None:
 def _count(image: Any) -> int:
     """Return the number of draws of an image leaf: one, or one for each row of a batch."""
     if isinstance(image, PIL.Image.Image):
+        return 1
+    return image.shape[0] if image.ndim - isinstance(image, Video) == 4 else 1
+
+
+def _check_image(image: Any) -> None:
+    """Refuse an image leaf of another PIL mode, shape or dtype than `RandomMoire` takes."""
+    if isinstance(image, PIL.Image.Image):
         if image.mode not in PIL_MODES:
             advice = "Convert with v2.RGB()"
             if image.mode.startswith(("I", "F")):  # PIL would cut off their values at 255
@@ -194,7 +204,7 @@ def _count(image: Any) -> int:
                 f"PIL images must be of mode {', '.join(PIL_MODES)}; got {image.mode}. {advice} "
                 "before this transform, or wrap a segmentation map as tv_tensors.Mask."
             )
-        return 1
+        return
     video = isinstance(image, Video)
     shape = "(T, C, H, W) or (B, T, C, H, W)" if video else "(C, H, W) or (B, C, H, W)"
     if image.ndim - video not in (3, 4):
@@ -208,7 +218,6 @@ def _count(image: Any) -> int:
             f"{tuple(image.shape)}.{hint}"
         )
     check_format(image)
-    return image.shape[0] if image.ndim - video == 4 else 1
 
 
 def _check_annotation(leaf: Tensor, n: int = 1) -> None:

@@ -13,7 +13,7 @@ from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop
 from moireaug.effects.demosaic import DEMOSAICS, demosaic_bilinear, demosaic_malvar
 from moireaug.geometry import grids
 from moireaug.geometry.lattice import pack, unpack
-from moireaug.scene.parts import POSES
+from moireaug.scene.view import POSES
 from tests.closed_forms.common import CLOSE, COLOUR, EVEN, read, sinc
 
 # -- geometry

@@ -148,7 +148,7 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (camera.check_balance, "moireaug.effects.tone.balance", argument("red", times(1.01))),
     (camera.check_balance, "moireaug.effects.srgb.rgb_to_linear_rgb", instead(lambda x: x**2.2)),
     (camera.check_noise_variance, NOISE, argument("raw", times(1.01))),
-    (camera.check_noise_variance, NOISE, argument("shot", times(1.05))),
+    (camera.check_noise_variance, NOISE, argument("photons", times(1.05))),
     (camera.check_noise_variance, NOISE, argument("read", times(1.05))),
 ]
 

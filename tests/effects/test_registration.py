@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
-from moireaug.effects.registration import register
+from moireaug.effects.registration import warp_to_image
 from moireaug.geometry import grids
 
 EYE = torch.eye(3, dtype=torch.float64)
@@ -21,13 +21,13 @@ def shifted(dx, dy):
 
 def test_nothing_moved_stays_as_it_is():
     photo = torch.rand(1, 3, 5, 6, dtype=torch.float64)
-    assert torch.allclose(register(photo, EYE[None], None), photo, atol=1e-12)
+    assert torch.allclose(warp_to_image(photo, EYE[None], None), photo, atol=1e-12)
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(2, 0), (-1, 1), (0, -3)])
 def test_whole_pixels_move_whole_and_the_unseen_is_black(dx, dy):
     photo = torch.rand(1, 3, 5, 6, dtype=torch.float64) + 0.0
-    out = register(photo, shifted(dx, dy), None)
+    out = warp_to_image(photo, shifted(dx, dy), None)
     for y in range(5):
         for x in range(6):
             seen = 0 <= x + dx < 6 and 0 <= y + dy < 5
@@ -51,7 +51,10 @@ def test_registration_is_differentiable_in_photo_and_pose():
     photo = torch.rand(1, 3, 4, 5, dtype=torch.float64) * 0.8 + 0.1
     matrix = shifted(0.3, 0.2).requires_grad_()
     assert torch.autograd.gradcheck(
-        lambda p, m: register(p, m, None), (photo.requires_grad_(), matrix), eps=1e-7, atol=1e-4
+        lambda p, m: warp_to_image(p, m, None),
+        (photo.requires_grad_(), matrix),
+        eps=1e-7,
+        atol=1e-4,
     )
     centre = grids.pixel_centres((4, 5), photo.device)
     assert centre.shape == (1, 4, 5, 2)

@@ -75,6 +75,11 @@ def test_an_effect_without_a_kernel_is_not_dropped(stage, first, monkeypatch):
         torch.testing.assert_close(photo, capture(IMAGES, shot), atol=1 / 512, rtol=0)
 
 
+def test_an_effect_that_nobody_knows_is_not_skipped():
+    with pytest.raises(KeyError, match="vigneting"):
+        pipeline.apply(("decode", "vigneting"), IMAGES, SHOT)
+
+
 def test_a_reading_of_nan_has_no_jpeg():
     how = dataclasses.replace(SHOT.scene.develop, jpeg=90.0)
     shot = dataclasses.replace(SHOT, scene=dataclasses.replace(SHOT.scene, develop=how))

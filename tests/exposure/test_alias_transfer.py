@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moireaug.effects.demosaic import demosaic_bilinear
-from moireaug.exposure.alias_transfer import plane_waves, power_left
+from moireaug.exposure.alias_transfer import plane_waves, power_transfer
 
 PIXELS = 6  # photo pixels along each axis, of which the outermost are not looked at
 # what is farther away than four aliases: the fewer sensor pixels a photo pixel has, the more
@@ -150,14 +150,14 @@ def test_a_triangle_filter_is_a_mean_of_bins_around(frequency):
         assert found.abs() <= plain.abs() + 1e-9
 
 
-def test_the_power_left_is_that_of_bins_anywhere():
+def test_the_power_transfer_is_that_of_bins_anywhere():
     frequency, sides = (0.46, 0.02), turned(20, 4.0, 3.0)
     draw = torch.Generator().manual_seed(0)
     centre = 40 * torch.rand(1, 60, 60, 2, dtype=torch.float64, generator=draw)
     f = [torch.full((1, 1, 60, 60), x, dtype=torch.float64) for x in frequency]
     for bayer in (True, False):
         waves = plane_waves(*f, centre, sides, 0.0, bayer=bayer)
-        left = power_left(f[0][:, :, 0, 0], f[1][:, :, 0, 0], sides[None], 0.0, bayer=bayer)
+        left = power_transfer(f[0][:, :, 0, 0], f[1][:, :, 0, 0], sides[None], 0.0, bayer=bayer)
         for (real, imaginary), share in zip(waves, left, strict=True):
             mean = (real.square() + imaginary.square()).mean()
             assert float(mean) == pytest.approx(float(share), abs=0.02)

@@ -211,6 +211,7 @@ def test_no_image_has_no_photo_with_noise_or_without():
 
 
 SHOT = MIXTURE.sample(4, SIZE, seeded())
+COARSE = as_scenes(["paper", {"panel": {"width": 1.0}}])  # too coarse for a large picture
 REFUSED = {
     "other number": (lambda: capture(pictures(3), SHOT), ValueError, "drawn for 4 images"),
     "other size": (lambda: capture(pictures(4, (8, 8)), SHOT), ValueError, "of 16 x 20; got"),
@@ -240,6 +241,8 @@ REFUSED = {
         ValueError,
         "numbers them from 0 to 2; got",
     ),
+    "coarse": (lambda: COARSE.sample(0, (8192, 8192)), ValueError, "Panel.width must be at least"),
+    "coarse, one": (lambda: sample_one(COARSE, (8192, 8192)), ValueError, "Panel.width must be"),
     "count": (lambda: MIXTURE.sample(2.5, SIZE), ValueError, "a whole number n >= 0"),
     "size": (lambda: MIXTURE.sample(2, (0, 4)), ValueError, "at least 1 x 1"),
     "generator": (lambda: MIXTURE.sample(2, SIZE, 3), TypeError, "must be a torch.Generator"),
@@ -263,7 +266,8 @@ def test_torch_compile_is_told_what_it_cannot_follow():
 def test_points_and_masks_move_where_their_own_scene_moves():
     still = Scene(view=View(roll=30.0))
     moving = with_values(still, {"develop.registered": False})
-    shot = as_scenes([still, moving]).sample(12, SIZE, seeded())
+    mixture = as_scenes([still, moving])
+    shot = mixture.sample(12, SIZE, seeded())
     points = torch.rand(12, 5, 2, generator=seeded()) * 10
     masks = (torch.rand(12, 2, *SIZE, generator=seeded()) > 0.5).to(torch.uint8)
     moved, carried = shot.to_photo(points), shot.to_photo_mask(masks)
@@ -271,7 +275,7 @@ def test_points_and_masks_move_where_their_own_scene_moves():
         assert torch.equal(moved[rows], part.to_photo(points[rows]))
         assert torch.equal(carried[rows], part.to_photo_mask(masks[rows]))
         assert torch.equal(moved[rows], points[rows]) == (part.scene == still)
-    assert shot.moves and not as_scenes([still, "screen_photo"]).sample(1, SIZE).moves
+    assert mixture.moves and not as_scenes([still, "screen_photo"]).moves
 
 
 def test_every_scene_is_changed():

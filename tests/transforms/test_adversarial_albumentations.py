@@ -127,9 +127,9 @@ def test_it_is_written_as_lambda_is(model, registered):
 
 
 def test_no_model_and_several_bounds_are_refused(model, registered):
-    with pytest.raises(TypeError, match="model must be a module or a function of images; got str"):
+    with pytest.raises(TypeError, match="model must be a function or a torch module"):
         moire.AdversarialMoire("resnet18", registered)
-    with pytest.raises(ValueError, match="eps must be one number"):
+    with pytest.raises(ValueError, match="Make one attack per value"):
         moire.AdversarialMoire(model, registered, eps=[0.1, 0.2])
 
 

@@ -197,6 +197,11 @@ def test_arrays_beside_an_image_pass(registered):
     assert RandomMoire(registered, p=1)({"label": np.array(3)}) == {"label": np.array(3)}
 
 
+def test_a_shot_of_another_size_is_refused(registered):
+    with pytest.raises(ValueError, match="1 images of 9 x 13; got 1 of 9 x 12"):
+        apply_shot(torch.rand(3, 9, 12), registered.sample(1, (9, 13)))
+
+
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16], ids=str)
 def test_a_scene_without_effects_keeps_grey_in_half_precision(dtype):
     scene = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))

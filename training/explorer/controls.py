@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from moireaug.scene import parts
+from moireaug.scene import develop, sensor, view
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import LAYOUTS
 from moireaug.scene.parts import PARTS
@@ -57,14 +57,14 @@ SLIDER_LIMITS: dict[str, tuple[float, float]] = {
 }
 CHOICES: dict[str, tuple[Any, ...]] = {
     "panel.layout": tuple(LAYOUTS),
-    "view.pose": parts.POSES,
-    "sensor.reading": parts.READINGS,
-    "sensor.cfa": parts.CFAS,
-    "sensor.exposure": parts.EXPOSURES,
+    "view.pose": view.POSES,
+    "sensor.reading": sensor.READINGS,
+    "sensor.cfa": sensor.CFAS,
+    "sensor.exposure": sensor.EXPOSURES,
     "sensor.bits": (None, *range(1, 17)),
-    "develop.demosaic": parts.DEMOSAIC_NAMES,
-    "develop.denoise": (None, *parts.DENOISER_NAMES),
-    "develop.resize": parts.RESIZES,
+    "develop.demosaic": develop.DEMOSAIC_NAMES,
+    "develop.denoise": (None, *develop.DENOISER_NAMES),
+    "develop.resize": develop.RESIZES,
 }
 # fields that exclude each other: a scene that states the first has no control of the second
 ALTERNATIVES = {"panel.width": "panel.scale", "sensor.pitch": "sensor.scale"}

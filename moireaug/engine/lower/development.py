@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from moireaug.effects.demosaic import DEMOSAICS
-from moireaug.effects.detail import kernel_sigma, kernel_size, photo_sigma
+from moireaug.effects.detail import kernel_sigma, kernel_size, max_photo_sigma
 from moireaug.effects.tone import colour_matrix
 from moireaug.engine.lower.development_records import (
     Codes,
@@ -57,7 +57,7 @@ def lower_development(shot: ShotRecord) -> Development:
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
     codes = Codes(
-        mosaic=shot.scene.planes == "rggb",
+        mosaic=shot.scene.filter_cell == "rggb",
         demosaic=demosaic,
         rows=rows,
         cols=cols,
@@ -102,10 +102,10 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
     chroma, sharp = drawn["develop.chroma_blur"], drawn["develop.sharpen_radius"]
     if "chroma_blur" in plan:
-        chroma_size = kernel_size(photo_sigma(shot.scene, "chroma_blur", shot.size))
+        chroma_size = kernel_size(max_photo_sigma(shot.scene, "chroma_blur", shot.size))
     if "sharpen" in plan:
         amount[:] = drawn["develop.sharpen"]
-        sharp_size = kernel_size(photo_sigma(shot.scene, "sharpen_radius", shot.size))
+        sharp_size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.size))
     if shot.scene.is_binned and max(chroma_size, sharp_size) > 1:
         both = torch.from_numpy(np.minimum(np.stack([chroma, sharp]) / scale, max(shot.size)))
         chroma, sharp = kernel_sigma(both).numpy()
@@ -127,7 +127,7 @@ def _resampling(
 ) -> tuple[np.ndarray, Resize, Resize]:
     """Return the demosaic's weights, and the resize along rows and columns; whether effects that
     need whole sensor pixels come before the resize."""
-    how, mosaic = scene.develop, scene.planes == "rggb"
+    how, mosaic = scene.develop, scene.filter_cell == "rggb"
     rows, cols = sampled_by(scene, size)
     demosaic, reach = np.zeros((4, 3, 4, 3, 3), np.float32), 0
     if mosaic:

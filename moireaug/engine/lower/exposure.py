@@ -89,7 +89,8 @@ def _flicker_of(shot: ShotRecord) -> np.ndarray:
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
     rows, cols = (pixels.positions().numpy() for pixels in sampled_by(scene, size))
-    cfa = CFA[scene.planes]  # (row, column, channels) of each site of a cell, in the planes' order
+    # (row, column, channels) of each site of a cell, in the planes' order
+    cfa = CFA[scene.filter_cell]
     planes = [(r, c, channel) for r, c, channels in cfa for channel in channels]
     row, col, channel = (np.array(values, np.int64) for values in zip(*planes, strict=True))
     step = math.isqrt(len(cfa))

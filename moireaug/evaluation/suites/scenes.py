@@ -11,8 +11,8 @@ from moireaug.evaluation.suites.threat_scenes import (
 )
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, undefended_row
 from moireaug.mixtures import Mixture, scenes_of
-from moireaug.scene.presets import PRESETS, preset_name
-from moireaug.scenes import Scene
+from moireaug.scene.presets import PRESETS
+from moireaug.scenes import Scene, preset_name
 
 OWN_SCENE_ROW = "own_scene"
 
