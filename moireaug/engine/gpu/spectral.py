@@ -48,9 +48,10 @@ def subpixels_of(e: Exposure, view: FullView) -> Subpixels:
     middle, kinds = view.coefficients.shape[3] // 2, len(e.cell.period)
     amplitude = view.coefficients.copy()
     amplitude[:, :, 0, middle] = 0
-    gain = e.cameras[:, Camera._fields.index("gain")].max(initial=1)
-    strongest = np.abs(amplitude).max(0, initial=0)
-    kind, k, l = np.nonzero(strongest > e.budget.harmonic_amplitude / gain)
+    # each image's by itself, so that its reading does not depend on the rest of the batch
+    gain = np.maximum(e.cameras[:, Camera._fields.index("gain")], 1)[:, None, None, None]
+    amplitude[np.abs(amplitude) <= e.budget.harmonic_amplitude / gain] = 0
+    kind, k, l = np.nonzero(amplitude.any(0))
     return Subpixels(
         cells=1 / e.cell.period,
         width=view.widths,
@@ -69,9 +70,8 @@ def span_of(e: Exposure) -> tuple[int, int]:
     """Return how many columns and rows of pixels shown a pixel's cells take their light from, at
     most: a finer panel's pixels from two each."""
     alpha = np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1)
-    least, most = alpha.min(initial=1), alpha.max(initial=1)
-    from_first_to_last = 2 * e.cell.radius * e.cell.period.max(0) / int(least)
-    columns, rows = np.ceil(from_first_to_last).astype(int) + (2 if most > 1 else 1)
+    from_first_to_last = 2 * e.cell.radius * e.cell.period.max(0) / int(alpha.min())
+    columns, rows = np.ceil(from_first_to_last).astype(int) + (2 if alpha.max() > 1 else 1)
     return int(columns), int(rows)
 
 
