@@ -12,7 +12,6 @@ from moireaug.engine.cpu.binned import expose_binned_image
 from moireaug.engine.cpu.compiling import kernel, loop, part
 from moireaug.engine.cpu.full import expose_full_image
 from moireaug.engine.cpu.point import expose_point_image
-from moireaug.engine.cpu.random_numbers import keys
 from moireaug.engine.cpu.records import BinnedImage, FullImage, Pattern, PointImage, Readout
 from moireaug.engine.lower.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
 from moireaug.engine.lower.exposure_records import Camera, Cell
@@ -99,7 +98,8 @@ def _nodes(camera, cell, e, view, i):
 def _readout(camera, e, i):
     """Return the Readout of image i."""
     dark, photons = np.float32(camera.dark_noise), np.float32(camera.photon_noise)
-    return Readout(e.noisy, dark, photons, keys(e.seeds[i]), e.clips)
+    keys = np.uint32(e.keys[i, 0]), np.uint32(e.keys[i, 1])
+    return Readout(e.noisy, dark, photons, keys, e.clips)
 
 
 @part
