@@ -22,6 +22,7 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     does for float32; differentiable in float32 images."""
     if torch.compiler.is_compiling():
         return torch_operators.operator_reading(light, shot)
+    # with the first photo: importing the package would take a tenth longer
     from moireaug.engine.lower.exposure import lower_exposure
 
     kernels = trial.kernels_of(program.backend)
