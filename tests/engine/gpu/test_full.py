@@ -8,7 +8,7 @@ import torch
 
 pytest.importorskip("triton")
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
-from moireaug.engine.gpu import full
+from moireaug.engine.gpu import full, spectral
 from moireaug.engine.lower.exposure import lower_exposure
 from tests.engine.readings import assert_equal
 from tests.engine.scenes import DELTA, TURNED
@@ -109,6 +109,14 @@ def test_a_reading_does_not_depend_on_the_rest_of_the_batch():
         view.coefficients[:, :, 1:] = exposure.budget.harmonic_amplitude / 2
         readings.append(full.expose(images[:n], exposure, view)[0])
     assert torch.equal(*readings)
+
+
+def test_pixels_of_a_fine_panel_lie_in_fewer_pixels_of_the_picture():
+    spans = []
+    for scale in (1.5, 3.5):
+        shot = Scene(panel=Panel(scale=scale), sensor=Sensor(scale=8.0)).sample(1, (4, 5))
+        spans.append(spectral.span_of(lower_exposure(shot, decoded=False)[0]))
+    assert spans[1] < spans[0]
 
 
 @pytest.mark.parametrize("name", ["fine and sharp", "paper"])
