@@ -130,11 +130,8 @@ def loop_lengths(development: Development) -> dict[str, tuple[int, ...]]:
     """Return `Case.loop_lengths`. Loops of length 1 are not compiled."""
     codes, detail = development.codes, development.detail
     blur = max(detail.chroma_size, detail.sharp_size)
-    taps = [axis.taps.shape[1] for axis in (detail.rows, detail.cols, codes.rows, codes.cols)]
-    photo_pixels = [
-        int((axis.last - axis.first).max()) + 1
-        for axis in (detail.rows, detail.cols, codes.rows, codes.cols)
-    ]
+    axes = detail.rows, detail.cols, codes.rows, codes.cols
+    taps, photo_pixels = [axis.tap_count for axis in axes], [axis.target_count for axis in axes]
     lengths = {
         "develop_kernel": taps[2:],
         "blur_rows_kernel": [blur],

@@ -24,12 +24,13 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     does for float32; differentiable in float32 images."""
     if torch.compiler.is_compiling():
         return torch_operators.operator_reading(light, shot)
+    # with the first photo: importing the package would take a tenth longer
     from moireaug.engine.lower.exposure import lower_exposure
 
     kernels = trial.kernels_of(program.backend)
     if kernels is None:
         return pipeline.expose(as_float(light), shot)
-    # over the image: the reference does that blur
+    # the blur differs from place to place: the reference does it
     varies = shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
     exposure, view = lower_exposure(shot.to("cpu"), decoded=varies)
     fits = kernels.fits(exposure, view)
@@ -52,7 +53,8 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         lambda light: pipeline.apply(names, light, shot),
         kernels.SUMS_IN_ORDER,
     )
-    kind = f"exposing, {shot.scene.sensor.reading} {shot.plan.method.name}"
+    reading = "binned" if shot.scene.is_binned else "full"
+    kind = f"exposing, {reading} {shot.plan.method.name}"
     if not trial.agrees(stage, kind, light):
         return stage.reference(as_float(light))
     return autograd.apply(stage, light)

@@ -80,10 +80,11 @@ def explain(scene: SceneRecord) -> str:
     """Return who computes a scene's photos on each type of device that has kernels, and why: a line
     for exposing and one for developing. float64 and gradients in the shot are the reference's.
 
-    Some views are exposed by the reference all the same, which is decided for each image of a shot:
-    near the horizon, the more so for a tight tolerance, of far more panel than sensor pixels, of
-    motion that vanishes somewhere in a sharp photo, and, in the camera's frame, from so far away
-    that a pixel sees too many cells.
+    Some views are left to the reference all the same, which is decided for each image of a shot.
+    numba's kernels leave those near the horizon, the more so for a tight tolerance, of far more
+    panel than sensor pixels, of motion that vanishes somewhere in a sharp photo, and, in the
+    camera's frame, from so far away that a pixel sees too many cells. Triton's leave those near the
+    horizon, in binned readings.
 
     Raises:
         TypeError: not a scene.
@@ -106,7 +107,7 @@ def explain(scene: SceneRecord) -> str:
 
 def _why_not_take(values: Tensor) -> str:
     if type(values) not in (Tensor, torch.nn.Parameter):
-        return "a subclass of Tensor may do as it likes"
+        return "tensor subclasses are not supported"
     if not values.numel():
         return "there is nothing to compute"
     if values.dtype not in ENGINE_DTYPES:

@@ -14,7 +14,6 @@ from moireaug.shot import ShotRecord
 
 # a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and size
 SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
-STAGES = ("expose", "develop")
 
 
 def operator_reading(light: Tensor, shot: ShotRecord) -> Tensor:
@@ -53,9 +52,9 @@ def _fake_back(grad, values, numbers, seeds, scene, size):
     return values.new_empty(values.shape)
 
 
-# by hand, as in `effects.sensor`: `custom_op` imports the compiler
+# by hand, as in `effects.random_numbers`: `custom_op` imports the compiler
 LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
-for stage in STAGES:
+for stage in ("expose", "develop"):
     LIBRARY.define(f"{stage}(Tensor values, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
     LIBRARY.define(f"{stage}_back(Tensor grad, Tensor values, {SHOT_SCHEMA}) -> Tensor")
     torch.library.register_fake(f"moireaug::{stage}", _fake, lib=LIBRARY)

@@ -37,7 +37,8 @@ def kernels_of(backend: Backend | None) -> ModuleType | None:
 
 def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
     """Return whether a stage's kernels give the reference's results on the device of `values`, and
-    a gradient if one is asked for. Tried once a process, device and kind of kernels.
+    a gradient if one is asked for. Tried once a process, device and kind of kernels; again if the
+    first batch was too large to compare.
 
     Args:
         kind: name of the kernels, such as "developing, demosaic, encode".
@@ -49,6 +50,8 @@ def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
     key = kind, values.device, back
     if key not in _agreements:
         failure = why_not(stage, values.detach(), back=back)
+        if failure is None:
+            return True
         _agreements[key] = not failure
         if failure:
             _report(f"GPU kernels ({kind}) {failure} on {values.device}")
@@ -56,8 +59,9 @@ def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
 
 
 @torch.no_grad()
-def why_not(stage: Stage, values: Tensor, *, back: bool) -> str:
-    """Return how a stage's kernels fail, or an empty string.
+def why_not(stage: Stage, values: Tensor, *, back: bool) -> str | None:
+    """Return how a stage's kernels fail, an empty string if they do not, or None if a batch is too
+    large for the reference, which takes more memory.
 
     back: also call those of the gradient. Its numbers are not compared: the reference's takes many
     times the memory of the batch.
@@ -70,7 +74,11 @@ def why_not(stage: Stage, values: Tensor, *, back: bool) -> str:
         raise  # the batch's fault, not the kernels'
     except Exception as error:  # of a compiler, a driver or a launch
         return f"do not run ({_summary(error)})"
-    difference = (results - stage.reference(as_float(values))).square().mean().sqrt().item()
+    try:
+        expected = stage.reference(as_float(values))
+    except torch.OutOfMemoryError:
+        return None
+    difference = (results - expected).square().mean().sqrt().item()
     if not difference <= MAX_RMS:
         return f"differ from the reference by {difference:.1g} RMS"
     return "" if finite else "give a gradient that is not finite"

@@ -1,18 +1,30 @@
 """Which photos the engine takes, and what it leaves to the reference."""
 
 import dataclasses
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 import torch
 from torch.autograd import forward_ad
 
 from moireaug import Develop, Scene, Sensor, View, capture, develop, expose, pipeline
 from moireaug.effects.base import Effect, called
-from moireaug.engine import explain, program, reference, switch
+from moireaug.engine import explain, program, reference, switch, trial
 from moireaug.engine.backends import BACKENDS
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
+
+
+def test_full_and_binned_kernels_are_tried_apart(monkeypatch):
+    kinds = []
+    kernels = Mock(fits=lambda exposure, view: np.ones(len(exposure.cameras), bool))
+    monkeypatch.setattr(trial, "kernels_of", lambda backend: kernels)
+    monkeypatch.setattr(trial, "agrees", lambda stage, kind, light: kinds.append(kind))
+    for shot in (SHOT, Scene().sample(4, (16, 20))):
+        expose(IMAGES, shot)
+    assert kinds == ["exposing, binned spectral", "exposing, full spectral"]
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])

@@ -69,6 +69,18 @@ def said(monkeypatch):
     return told
 
 
+def test_a_batch_too_large_for_the_reference_is_not_compared(monkeypatch):
+    def lacks_memory(values):
+        raise torch.OutOfMemoryError("CUDA out of memory")
+
+    monkeypatch.setattr(trial, "_agreements", {})
+    stage = stage_of("equal")._replace(reference=lacks_memory)
+    assert trial.why_not(stage, torch.rand(2, 3, 4, 5), back=True) is None
+    monkeypatch.setattr(trial, "why_not", lambda *_, back: None)
+    assert trial.agrees(stage, "developing", torch.empty(1, 3, 2, 2, device="meta"))
+    assert not trial._agreements
+
+
 @pytest.mark.parametrize("failure", ["", "do not run"])
 def test_a_failure_is_reported_once(failure, said, monkeypatch):
     monkeypatch.setattr(trial, "_agreements", {})

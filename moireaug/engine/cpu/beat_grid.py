@@ -30,21 +30,19 @@ class BeatGrid(NamedTuple):
 
 
 @loop
-def grid_at(us, vs, camera, enlargement, triangle, period, orders):
-    """Return the BeatGrid at points of a reading about its centre.
+def grid_at(us, vs, camera, b, i, orders):
+    """Return the BeatGrid of image i and some orders at points of a reading about its centre.
 
-    Args:
-        camera: of sensor pixels. enlargement, triangle, period, orders: of an image, see
-            `exposure_records.Beats`.
+    camera: of its sensor pixels. b: see `exposure_records.Beats`.
     """
-    n = len(orders)
+    n, enlargement = len(orders), b.enlargement[i]
     frequency = np.empty((len(vs), len(us), n, 2), np.float64)
     sides = np.empty((len(vs), len(us), 4), np.float64)
     for r in range(len(vs)):
         for c in range(len(us)):
             xu, xv, yu, yv = jacobian(us[c], vs[r], camera)
             for h in range(n):
-                k, l = orders[h, 0] / period[0], orders[h, 1] / period[1]
+                k, l = orders[h, 0] / b.period[0], orders[h, 1] / b.period[1]
                 frequency[r, c, h, 0] = k * xu + l * yu
                 frequency[r, c, h, 1] = k * xv + l * yv
             side = sides[r, c]
@@ -54,16 +52,16 @@ def grid_at(us, vs, camera, enlargement, triangle, period, orders):
                 # one pixel of the image, from panel pixels to sensor pixels
                 by = camera.alpha * enlargement / (xu * yv - xv * yu)
                 side[0], side[1], side[2], side[3] = by * yv, -by * yu, -by * xv, by * xu
-    return BeatGrid(frequency, sides, triangle)
+    return BeatGrid(frequency, sides, b.triangle[i])
 
 
 @loop
-def sampled_grid(sites, camera, enlargement, triangle, period, orders):
+def sampled_grid(sites, camera, b, i):
     """Return the BeatGrid at a few points over the reading; arguments as in `grid_at`."""
     us, vs = np.empty(VIEW_SAMPLES, np.float64), np.empty(VIEW_SAMPLES, np.float64)
-    for i in range(VIEW_SAMPLES):
-        us[i], vs[i] = sample(sites.cols, i, VIEW_SAMPLES), sample(sites.rows, i, VIEW_SAMPLES)
-    return grid_at(us, vs, camera, enlargement, triangle, period, orders)
+    for k in range(VIEW_SAMPLES):
+        us[k], vs[k] = sample(sites.cols, k, VIEW_SAMPLES), sample(sites.rows, k, VIEW_SAMPLES)
+    return grid_at(us, vs, camera, b, i, b.orders)
 
 
 @loop

@@ -22,10 +22,10 @@ def _fill_power_shares(out, fu, fv, bayer, side, triangle):
         m_u = math.floor(2 * fu) - 1 + j
         for k in range(4):
             m_v = math.floor(2 * fv) - 1 + k
-            left = alias_transfer(fu, fv, m_u, m_v, side, triangle)
+            transfer = alias_transfer(fu, fv, m_u, m_v, side, triangle)
             coloured, green = plane_transfers(even_u, even_v, m_u, m_v, bayer)
-            out[0] += (left * coloured) ** 2
-            out[1] += (left * green) ** 2
+            out[0] += (transfer * coloured) ** 2
+            out[1] += (transfer * green) ** 2
 
 
 @inner
@@ -46,14 +46,14 @@ def lost_pattern_variance(b, i, filters, camera, table, steps):
     b: see `exposure_records.Beats`. table, steps: from `beat_grid.transfer_of`.
     """
     middle = np.zeros(1, np.float64)
-    grid = grid_at(middle, middle, camera, b.enlargement[i], b.triangle[i], b.period, b.orders)
-    power, left = np.zeros(3, np.float64), np.empty(2, np.float64)
+    grid = grid_at(middle, middle, camera, b, i, b.orders)
+    power, shares = np.zeros(3, np.float64), np.empty(2, np.float64)
     for h in range(len(b.orders)):
         fu, fv = grid.frequency[0, 0, h]
         passed = transfer_at(fu, fv, table, steps, camera)
-        _fill_power_shares(left, fu, fv, b.bayer, grid.sides[0, 0], grid.triangle)
+        _fill_power_shares(shares, fu, fv, b.bayer, grid.sides[0, 0], grid.triangle)
         for plane in range(3):
-            lost = 1 - min(left[1 if plane == 1 else 0], 1.0)
+            lost = 1 - min(shares[1 if plane == 1 else 0], 1.0)
             power[plane] += passed * passed / 2 * lost * _power_of(b, i, h, filters, plane)
     out = np.empty(3, np.float32)
     for plane in range(3):

@@ -1,7 +1,7 @@
 """The terms of beats: which aliases of which harmonics a binned reading shows, and how strong they
 are at nodes of the photo.
 
-A term is a harmonic (k, l) and an alias (m_u, m_v); see `exposure.binned`.
+A term is a harmonic (k, l) and an alias (m_u, m_v); see `exposure.alias_transfer`.
 """
 
 from __future__ import annotations
@@ -14,15 +14,10 @@ from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.compiling import inner, loop
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES
-from moireaug.engine.lower.budget import (
-    MAX_BEAT_NODES,
-    MAX_BEAT_TERMS,
-    SINC_LOBES,
-    STEPS_PER_LOBE,
-    TRANSFER_MARGIN,
-)
+from moireaug.engine.lower.budget import MAX_BEAT_NODES, MAX_BEAT_TERMS, TRANSFER_MARGIN
 
 UNKNOWN_TRANSFER = 2.0  # above any transfer
+SINC_LOBES, STEPS_PER_LOBE = 64, 32
 SINC_TABLE = np.sinc(np.arange(SINC_LOBES * STEPS_PER_LOBE + 2) / STEPS_PER_LOBE)
 ZERO = np.float32(0)
 
@@ -47,12 +42,12 @@ def max_amplitudes(grid, strength, table, steps, camera):
 
 
 @loop
-def can_follow_beats(sites, camera, enlargement, triangle, period, orders, strength, budget):
-    """Return whether the kernels can follow a view: not if its beats change too fast or are too
-    many."""
-    grid = sampled_grid(sites, camera, enlargement, triangle, period, orders)
+def can_follow_beats(sites, camera, b, i, budget):
+    """Return whether the kernels can follow the view of image i: not if its beats change too fast,
+    or are too many; b: see `exposure_records.Beats`."""
+    grid = sampled_grid(sites, camera, b, i)
     table, steps = transfer_of(grid, camera)
-    amplitude = max_amplitudes(grid, strength, table, steps, camera)
+    amplitude = max_amplitudes(grid, b.strength[i], table, steps, camera)
     across, down = node_counts(grid, amplitude, sites, camera, budget)
     few = len(candidate_terms(grid, amplitude, budget.beat_amplitude)) < MAX_BEAT_TERMS
     return few and max(across, down) <= MAX_BEAT_NODES
@@ -158,10 +153,10 @@ def candidate_terms(grid, amplitude, least):
             if transfer_u <= least_transfer:
                 continue
             for m_v in range(math.floor(2 * low_v) - 1, math.floor(2 * high_v) + 3):
-                left = transfer_u * _max_interpolation_transfer(low_v, high_v, m_v)
-                left *= _max_side_transfer(ranges[2], side[0], side[1], m_u, m_v)
-                left *= _max_side_transfer(ranges[3], side[2], side[3], m_u, m_v)
-                if left <= least_transfer:
+                transfer = transfer_u * _max_interpolation_transfer(low_v, high_v, m_v)
+                transfer *= _max_side_transfer(ranges[2], side[0], side[1], m_u, m_v)
+                transfer *= _max_side_transfer(ranges[3], side[2], side[3], m_u, m_v)
+                if transfer <= least_transfer:
                     continue
                 if count == MAX_BEAT_TERMS:
                     return out
@@ -195,10 +190,10 @@ def alias_transfer(fu, fv, m_u, m_v, side, triangle):
     if abs(u) >= 1 or abs(v) >= 1:
         return 0.0
     first, second = u * side[0] + v * side[1], u * side[2] + v * side[3]
-    left = sinc(u) * sinc(v) * sinc(first) * sinc(second)
+    transfer = sinc(u) * sinc(v) * sinc(first) * sinc(second)
     if triangle != 0:
-        left *= sinc(triangle * first) * sinc(triangle * second)
-    return left
+        transfer *= sinc(triangle * first) * sinc(triangle * second)
+    return transfer
 
 
 @inner
@@ -235,14 +230,15 @@ def amplitudes(grid, terms, least, table, steps, camera, bayer):
                     last, passed = h, UNKNOWN_TRANSFER
                 fu, fv = grid.frequency[r, c, h, 0], grid.frequency[r, c, h, 1]
                 out[r, c, t, 0] = out[r, c, t, 1] = ZERO
-                left = alias_transfer(fu, fv, m_u, m_v, side, grid.triangle)
-                if abs(left) < least[h]:
+                transfer = alias_transfer(fu, fv, m_u, m_v, side, grid.triangle)
+                if abs(transfer) < least[h]:
                     continue
                 if passed == UNKNOWN_TRANSFER:
                     passed = optics.transfer_at(fu, fv, table, steps, camera)
                     even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
                 coloured, green = plane_transfers(even_u, even_v, m_u, m_v, bayer)
-                out[r, c, t, 0], out[r, c, t, 1] = passed * left * coloured, passed * left * green
+                transfer *= passed
+                out[r, c, t, 0], out[r, c, t, 1] = transfer * coloured, transfer * green
     return out
 
 

@@ -10,21 +10,14 @@ import math
 
 import numpy as np
 
-from moireaug.engine.cpu import harmonics
+from moireaug.engine.cpu import beat_terms, harmonics
 from moireaug.engine.cpu.beat_grid import grid_at, node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.beat_pattern import lost_pattern_variance
-from moireaug.engine.cpu.beat_terms import (
-    amplitudes,
-    candidate_terms,
-    max_amplitudes,
-    number_harmonics,
-    strong_terms,
-)
 from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.nodes import bracket, fill_cubics, node_line
 from moireaug.engine.cpu.records import Terms
 from moireaug.engine.cpu.rows import U, V, X, Y
-from moireaug.engine.cpu.vectors import add, peek, poke
+from moireaug.engine.cpu.vectors import peek, poke
 
 ONE, ZERO = np.float32(1), np.float32(0)
 
@@ -38,15 +31,10 @@ def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
         for t in range(len(strong)):
             peak[r, t] = ZERO
             for plane in range(2):
-                start = (2 * t + plane) * w
-                line = lines[r, start : start + w]
-                fill(line, ZERO)
-                for j in range(len(ends) - 1):
-                    low, high = ends[j], ends[j + 1]
-                    for i in range(4):
-                        value = amplitude[r, j + i, strong[t], plane]
-                        peak[r, t] = max(peak[r, t], abs(value) * strength[t])
-                        add(line[low:high], weight[i, low:high], value)
+                start, values = (2 * t + plane) * w, amplitude[r, :, strong[t], plane]
+                harmonics.interpolate_line(lines[r, start : start + w], values, ends, weight)
+                for c in range(len(values)):
+                    peak[r, t] = max(peak[r, t], abs(values[c]) * strength[t])
 
 
 @inner
@@ -65,30 +53,28 @@ def _fill_waves(wave, sign, terms, strong, cycles, scale, size):
 
 
 @part
-def terms_of(b, i, camera, filters, size, sites, budget):
+def beat_terms_of(b, i, camera, filters, size, sites, budget):
     """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor.
     budget: an `ErrorBudget`."""
-    period, orders, enlargement = b.period, b.orders, b.enlargement[i]
-    triangle = b.triangle[i]
-    rough = sampled_grid(sites, camera, enlargement, triangle, period, orders)
+    rough = sampled_grid(sites, camera, b, i)
     table, steps = transfer_of(rough, camera)
-    most = max_amplitudes(rough, b.strength[i], table, steps, camera)
-    terms = candidate_terms(rough, most, budget.beat_amplitude)
-    used = number_harmonics(terms)
+    most = beat_terms.max_amplitudes(rough, b.strength[i], table, steps, camera)
+    terms = beat_terms.candidate_terms(rough, most, budget.beat_amplitude)
+    used = beat_terms.number_harmonics(terms)
     own, strength = np.empty((len(used), 2), np.int64), np.empty(len(used), np.float64)
     least, cycles = np.empty(len(used), np.float64), np.empty((len(used), 2), np.float64)
     for h in range(len(used)):
         for axis in range(2):
-            own[h, axis] = orders[used[h], axis]
-            cycles[h, axis] = own[h, axis] / period[axis] * b.ratio[i]
+            own[h, axis] = b.orders[used[h], axis]
+            cycles[h, axis] = own[h, axis] / b.period[axis] * b.ratio[i]
         strength[h] = b.strength[i, used[h]] * max(camera.gain, 1.0)
         least[h] = budget.beat_amplitude / 8 / strength[h]
     n_u, n_v = node_counts(rough, most, sites, camera, budget)
     us, step_u = node_line(sites.cols, n_u)
     vs, step_v = node_line(sites.rows, n_v)
-    grid = grid_at(us, vs, camera, enlargement, triangle, period, own)
-    amplitude = amplitudes(grid, terms, least, table, steps, camera, b.bayer)
-    strong = strong_terms(amplitude, terms, strength, budget.beat_amplitude)
+    grid = grid_at(us, vs, camera, b, i, own)
+    amplitude = beat_terms.amplitudes(grid, terms, least, table, steps, camera, b.bayer)
+    strong = beat_terms.strong_terms(amplitude, terms, strength, budget.beat_amplitude)
     w = len(sites.cols)
     ends, weight = np.empty(n_u - 2, np.int64), np.empty((4, w), np.float32)
     fill_cubics(ends, weight, sites.cols, us[0], step_u)
@@ -136,7 +122,7 @@ def modulate(out, work, terms, pattern, passes, position, v, first_row):
 
     Args:
         work: (5, w) float32, workspace.
-        terms: from `terms_of`. pattern: see `records.Pattern`.
+        terms: from `beat_terms_of`. pattern: see `records.Pattern`.
         passes: (3, 3) bool, which channels a filter passes.
         position: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of
             the first nodes.
@@ -147,11 +133,8 @@ def modulate(out, work, terms, pattern, passes, position, v, first_row):
     four = harmonics.cubic_weights32(t)
     d, cos, sin, coloured, green = work[0], work[1], work[2], work[3], work[4]
     for i in range(len(terms.harmonic)):
-        most = max(
-            max(terms.peak[node, i], terms.peak[node + 1, i]),
-            max(terms.peak[node + 2, i], terms.peak[node + 3, i]),
-        )
-        if most < terms.least_amplitude:
+        peak = terms.peak[node : node + 4, i]
+        if max(peak[0], peak[1], peak[2], peak[3]) < terms.least_amplitude:
             continue
         wave = terms.wave[i]
         _phase(d, position, (wave[0], wave[1], wave[2], wave[3], wave[4]))

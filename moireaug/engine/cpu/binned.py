@@ -7,24 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.cpu import beats, stencil
+from moireaug.engine.cpu import beats, rows, stencil
 from moireaug.engine.cpu.compiling import copy, fill, inner, once, part
 from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance
 from moireaug.engine.cpu.register import photo_row, undistortion
-from moireaug.engine.cpu.rows import (
-    LIGHT,
-    NOISE,
-    NOISE_BITS,
-    Places,
-    Row,
-    U,
-    V,
-    X,
-    Y,
-    places_of,
-    row_of,
-)
+from moireaug.engine.cpu.rows import LIGHT, Places, Row, U, V, X, Y, places_of, row_of
 from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, reflect
 from moireaug.engine.cpu.view import inverse
 
@@ -53,7 +41,7 @@ class _Work(NamedTuple):
 
 
 @part
-def work_of(w, planes, image):
+def work_of_bins(w, planes, image):
     """Return the _Work of a reading w wide."""
     forward, passes = np.empty((3, 3), np.float64), np.empty((3, 3), np.bool_)
     back = inverse(image.sensor)
@@ -77,7 +65,7 @@ def work_of(w, planes, image):
 
 
 @inner
-def locate(work, r, v, sensor, size):
+def locate_bins(work, r, v, sensor, size):
     """Fill where row r of the bins, v about the centre, lies on the photo."""
     at = work.row.position
     if sensor.rectified != 0:
@@ -113,10 +101,10 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
     pattern, sites = image.pattern, image.sites
     row, passes, modulation = work.row, work.passes, work.modulation
     position, first_row = row.position, sites.rows[0]
-    light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
+    light, noise, bits = row.floats[LIGHT], row.floats[rows.NOISE], row.ints[rows.NOISE_BITS]
     for r in range(top, bottom):
         v = sites.rows[r]
-        locate(work, r, v, image.sensor, (h, w))
+        locate_bins(work, r, v, image.sensor, (h, w))
         if image.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
             line = work.lines[0]
@@ -157,4 +145,4 @@ def expose_binned_image(raw, slope, panel, image, top, bottom):
         image: see `records.BinnedImage`.
     """
     planes, _, w = raw.shape
-    _expose_rows(raw, slope, panel, image, work_of(w, planes, image), top, bottom)
+    _expose_rows(raw, slope, panel, image, work_of_bins(w, planes, image), top, bottom)

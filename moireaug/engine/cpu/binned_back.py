@@ -6,39 +6,15 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.cpu import beats, stencil
-from moireaug.engine.cpu.binned import add_modulated, flicker, locate, work_of
-from moireaug.engine.cpu.compiling import fill, inner, once, part
+from moireaug.engine.cpu.binned import add_modulated, flicker, locate_bins, work_of_bins
+from moireaug.engine.cpu.compiling import fill, once, part
 from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import BackWork, panel_irradiance_back
-from moireaug.engine.cpu.nodes import bracket
-from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.rows import LIGHT, U, V, X, Y
 from moireaug.engine.cpu.sensor import attenuate, read_back
 from moireaug.engine.cpu.view import look
 
 ZERO = np.float32(0)
-
-
-@inner
-def _stencil_back(panel_grad, grad, line, bins, cell, sites, row):
-    """Add the gradient in the panel, of its shape, from that in the content of a row of bins, grad
-    (3, w); the rest as in `stencil.content`."""
-    v, first, w = sites.rows[row], sites.rows[0], grad.shape[1]
-    node, t = bracket(v, first, bins.step_v, len(bins.lines), 1)
-    before, behind, past = bins.lines[node], bins.lines[node + 1], np.float32(t)
-    taps, stride = bins.taps, panel_grad.shape[2]
-    flat = panel_grad.reshape(3, panel_grad.shape[1] * stride)
-    start = (margin(cell, 1) + row - taps // 2) * stride + margin(cell, 0) - taps // 2
-    for colour in range(3):
-        offset = colour * 2 * taps * w
-        for j in range(taps):
-            fill(line, ZERO)
-            a, b = offset + (taps + j) * w, offset + (taps + j + 1) * w
-            stencil.add_weighed(line, before[a:b], behind[a:b], past, grad[colour], 0)
-            for i in range(taps):
-                a, b, at = offset + i * w, offset + (i + 1) * w, start + j * stride + i
-                pixels = flat[colour, at : at + w]
-                stencil.add_weighed(pixels, before[a:b], behind[a:b], past, line, 0)
 
 
 @once
@@ -50,7 +26,7 @@ def _expose_rows_back(panel_grad, grad, slope, image, bins, work):
     modulation, lines = bins.modulation, bins.lines
     for r in range(h):
         v = sites.rows[r]
-        locate(bins, r, v, image.sensor, (h, w))
+        locate_bins(bins, r, v, image.sensor, (h, w))
         if image.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
         else:
@@ -71,7 +47,7 @@ def _expose_rows_back(panel_grad, grad, slope, image, bins, work):
                     add_modulated(content, light, beat, np.float32(passed), np.float32(mean))
         if image.stencil.taps > 0:
             content, line = row.irradiance, lines[0]
-            _stencil_back(panel_grad, content, line, image.stencil, image.cell, sites, r)
+            stencil.content_back(panel_grad, content, line, image.stencil, image.cell, sites, r)
         else:
             panel_irradiance_back(work, panel_grad, image, 0, v)
 
@@ -81,6 +57,6 @@ def expose_binned_image_back(panel_grad, grad, slope, image):
     """Add the gradient in the panel, of its shape, from that in a binned reading (planes, h, w);
     slope and image as in `binned.expose_binned_image`."""
     planes, _, w = grad.shape
-    bins = work_of(w, planes, image)
+    bins = work_of_bins(w, planes, image)
     work = BackWork(bins.places, bins.row, np.empty(len(bins.row.weights_y), np.float32))
     _expose_rows_back(panel_grad, grad, slope, image, bins, work)

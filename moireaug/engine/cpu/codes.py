@@ -8,7 +8,7 @@ import numpy as np
 
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop
 from moireaug.engine.cpu.srgb import encode
-from moireaug.engine.cpu.vectors import LANES, add_sum
+from moireaug.engine.cpu.vectors import LANES, add_sum, padded_width
 
 ZERO, ONE = np.float32(0), np.float32(1)
 TWO = np.float32(2)
@@ -56,7 +56,7 @@ class Workspace(NamedTuple):
 @loop
 def workspace(codes, image, raw_width, photo_width):
     """Return the Workspace of a reading `raw_width` pixels wide; image: index in the batch."""
-    lanes = (raw_width + LANES - 1) // LANES * LANES
+    lanes = padded_width(raw_width)
     tone = Tone(
         codes.coded,
         codes.toned,

@@ -10,7 +10,7 @@ import numpy as np
 
 from moireaug.effects.detail import LEAST_SIGMA
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop, once
-from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum
+from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum, padded_width
 from moireaug.engine.lower.budget import GAUSSIAN_REACH_SIGMAS
 
 BLOCK_ROWS = SUMS_AT_ONCE  # rows that are blurred vertically at once
@@ -72,7 +72,7 @@ def filter_of(detail, image, back):
     amount = detail.amount[image]
     # a single 1 where nothing is sharpened
     sharp = _gaussian(detail.sharp[image], detail.sharp_size if amount != 0 else 1)
-    size, lanes = max(len(chroma), len(sharp)), (w + LANES - 1) // LANES * LANES
+    size, lanes = max(len(chroma), len(sharp)), padded_width(w)
     rows = size + BLOCK_ROWS - 1
     steps, place = np.empty(size, np.int64), np.empty(h, np.int64)
     for k in range(size):
@@ -125,7 +125,7 @@ def _blur_row_back(out, padded, kernel, f, w):
     """Apply the transpose of `_blur_row`: what falls into the padding is added to the end pixels.
     The row begins a whole kernel, less one, into `padded`, which is 0 elsewhere."""
     size, half = len(kernel), len(kernel) // 2
-    lanes = (w + size - 1 + LANES - 1) // LANES * LANES
+    lanes = padded_width(w + size - 1)
     fill(f.full, ZERO)
     add_sum(f.full[:lanes], kernel, padded, f.steps[:size])
     copy(out[:w], f.full[half : half + w])

@@ -50,6 +50,24 @@ def resize_along_row(line, work, r, channel, cols):
 
 
 @inner
+def add_to_photo_rows(photo, line, row, rows, top, bottom):
+    """Add a line (W,) of a sensor row, weighed, to rows `top` to `bottom` of one colour of a photo
+    (H, W)."""
+    for i in range(rows.first[row], rows.last[row] + 1):
+        if top <= i < bottom:
+            add(photo[i], line, rows.taps[i, row - rows.start[i]])
+
+
+@inner
+def sum_photo_rows(line, grad, row, rows):
+    """Fill a line (W,) with the gradient in that of a sensor row, from that in a colour of a photo
+    (H, W)."""
+    fill(line, ZERO)
+    for i in range(rows.first[row], rows.last[row] + 1):
+        add(line, grad[i], rows.taps[i, row - rows.start[i]])
+
+
+@inner
 def clear(photo, top, bottom):
     """Fill rows `top` to `bottom` of photo (3, H, W) with zeros."""
     for c in range(3):
@@ -81,9 +99,7 @@ def _develop_rows(photo, raw, codes, work, top, bottom):
                 continue
             for channel in range(3):
                 resize_along_row(line, work, r, channel, codes.cols)
-                for i in range(rows.first[row], rows.last[row] + 1):
-                    if top <= i < bottom:
-                        add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
+                add_to_photo_rows(photo[channel], line, row, rows, top, bottom)
     clip(photo, top, bottom)
 
 

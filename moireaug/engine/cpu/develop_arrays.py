@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.cpu.vectors import LANES
-from moireaug.engine.lower.development_records import Codes, Detail, Development, Resize
+from moireaug.engine.cpu.vectors import LANES, padded_width
+from moireaug.engine.lower.development_records import Development, Resize
 
 
 class Demosaic(NamedTuple):
@@ -48,26 +48,20 @@ class Columns(NamedTuple):
     halves: bool
 
 
-def develop_arrays(d: Development[np.ndarray, Resize]) -> Development[Demosaic, Columns]:
+def develop_arrays(d: Development) -> Development:
     """Return a Development as kernels take it."""
-    parity, read = (2 if d.codes.mosaic else 1), len(d.codes.cols.first)
-    demosaic = _demosaic(d.codes.demosaic.tobytes(), read // 2)
-    columns, photo_columns = _columns_of(d.codes.cols, parity), _columns_of(d.detail.cols, 1)
-    codes = Codes(**d.codes._asdict() | {"demosaic": demosaic, "cols": columns})
-    detail = Detail(**d.detail._asdict() | {"cols": photo_columns})
-    return Development(**d._asdict() | {"codes": codes, "detail": detail})
-
-
-def _lanes(n: int) -> int:
-    """Return how many lanes a row of n values takes."""
-    return -(-n // LANES) * LANES
+    columns = _columns_of(d.codes.cols, 2 if d.codes.mosaic else 1)
+    demosaic = _demosaic(d.codes.demosaic.tobytes(), d.codes.cols.size // 2)
+    codes = d.codes._replace(demosaic=demosaic, cols=columns)
+    detail = d.detail._replace(cols=_columns_of(d.detail.cols, 1))
+    return d._replace(codes=codes, detail=detail)
 
 
 @functools.lru_cache(maxsize=64)
 def _demosaic(data: bytes, cells: int) -> Demosaic:
     """Return the Demosaic of `Codes.demosaic`, by its bytes; cells: in a row."""
     weight = np.frombuffer(data, np.float32).reshape(4, 3, 4, 3, 3)
-    wide = _lanes(cells) + LANES
+    wide = padded_width.py_func(cells) + LANES
     weights: list[float] = []
     offsets: list[int] = []
     first, count = np.zeros((4, 3, 3), np.int64), np.zeros((4, 3, 3), np.int64)
@@ -85,7 +79,7 @@ def _demosaic(data: bytes, cells: int) -> Demosaic:
 def _columns_of(resize: Resize, parity: int) -> Columns:
     """Return a resize's Columns; parity: 2 if even and odd columns are held apart, else 1."""
     table = resize.start.tobytes(), resize.taps.tobytes()
-    index, weight, back_index, back_weight = _places(*table, len(resize.first), parity)
+    index, weight, back_index, back_weight = _places(*table, resize.size, parity)
     return Columns(index, weight, back_index, back_weight, resize.is_identity, resize.halves)
 
 
@@ -107,7 +101,7 @@ def _gathered(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return where each tap's pixel is in a row of colours, and its weight, (T, m) each."""
     # a colour of the odd columns lies the three colours of the even ones further on
-    lanes = _lanes(-(-read // parity))
+    lanes = padded_width.py_func(-(-read // parity))
     index = pixel % parity * 3 * lanes + pixel // parity
     weight = np.where(used, taps, 0.0)
     return index.T.astype(np.int32, "C"), weight.T.astype(np.float32, "C")

@@ -9,6 +9,7 @@ import numpy as np
 
 from moireaug.engine.cpu.codes import SITES_PER_CELL, is_read, light_of_row, mix_row, workspace
 from moireaug.engine.cpu.compiling import fill, inner, part
+from moireaug.engine.cpu.develop import sum_photo_rows
 from moireaug.engine.cpu.srgb import encode_and_slope
 from moireaug.engine.cpu.vectors import add, gather
 
@@ -115,9 +116,7 @@ def _light_back(gradients, photo_grad, y, codes, work):
             mix_row(work.colours, r, step, w, matrix)
         for channel in range(3):
             gain = ONE if codes.mixes else matrix[channel, channel]
-            fill(line, ZERO)
-            for i in range(codes.rows.first[row], codes.rows.last[row] + 1):
-                add(line, photo_grad[channel, i], codes.rows.taps[i, row - codes.rows.start[i]])
+            sum_photo_rows(line, photo_grad[channel], row, codes.rows)
             even, odd = grads[2 * r, channel], grads[2 * r + 1, channel]
             _resize_along_row_back(even, odd, line, step, w, codes.cols)
             for site in range(2 * r, 2 * r + step):

@@ -16,7 +16,7 @@ ZERO = np.float32(0)
 @part
 def _way_back(registration, i):
     """Return the homography, k1 and k2 of image i."""
-    k1, k2 = registration.lens[i]
+    k1, k2 = registration.lenses[i]
     return registration.forward[i], k1, k2
 
 

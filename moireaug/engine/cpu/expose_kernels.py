@@ -12,7 +12,6 @@ from moireaug.engine.cpu.binned import expose_binned_image
 from moireaug.engine.cpu.compiling import kernel, loop, part
 from moireaug.engine.cpu.full import expose_full_image
 from moireaug.engine.cpu.point import expose_point_image
-from moireaug.engine.cpu.random_numbers import keys
 from moireaug.engine.cpu.records import BinnedImage, FullImage, Pattern, PointImage, Readout
 from moireaug.engine.lower.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
 from moireaug.engine.lower.exposure_records import Camera, Cell
@@ -57,12 +56,6 @@ def views_fit(e, view):
 
 
 @part
-def _fill_light(light, pictures, e, i):
-    """Fill light (3, H, W) float32 from picture i."""
-    picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
-
-
-@part
 def panel_of(shown, alpha, e):
     """Return the part of shown that a picture takes as the panel shows it, (3, h, w)."""
     h, w = panel.shape(e.size, alpha, e.cell)
@@ -88,7 +81,7 @@ def show_kernel(shown, light, pictures, e, first, last):
     """
     for i in range(first, last):
         alpha = camera_of(e.cameras[i]).alpha
-        _fill_light(light, pictures, e, i)
+        picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
         panel.fill_panel(panel_of(shown[i - first], alpha, e), light, alpha, e.cell, e.dark)
 
 
@@ -105,7 +98,8 @@ def _nodes(camera, cell, e, view, i):
 def _readout(camera, e, i):
     """Return the Readout of image i."""
     dark, photons = np.float32(camera.dark_noise), np.float32(camera.photon_noise)
-    return Readout(e.noisy, dark, photons, keys(e.seeds[i]), e.clips)
+    keys = np.uint32(e.keys[i, 0]), np.uint32(e.keys[i, 1])
+    return Readout(e.noisy, dark, photons, keys, e.clips)
 
 
 @part
@@ -165,10 +159,7 @@ def beats_fit(e, b):
     out = np.empty(len(b.cameras), np.bool_)
     for i in range(len(out)):
         camera = camera_of(b.cameras[i])
-        out[i] = beat_terms.can_follow_beats(
-            e.sites, camera, b.enlargement[i], b.triangle[i], b.period, b.orders, b.strength[i],
-            e.budget,
-        )  # fmt: skip
+        out[i] = beat_terms.can_follow_beats(e.sites, camera, b, i, e.budget)
     return out
 
 
@@ -180,7 +171,7 @@ def binned_image(e, view, i):
     sensor = camera_of(b.cameras[i])
     pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer)
     content = _content(camera, sensor, cell, e, view.picture, i)
-    terms = beats.terms_of(b, i, sensor, e.filters[i], e.size, e.sites, e.budget)
+    terms = beats.beat_terms_of(b, i, sensor, e.filters[i], e.size, e.sites, e.budget)
     return BinnedImage(
         camera, sensor, _size_on_panel(camera.alpha, e), cell, content[0], content[1], e.sites,
         terms, pattern,
@@ -215,5 +206,5 @@ def expose_point_kernel(raw, slopes, pictures, e, view, first, last):
     `expose_full_kernel`."""
     light = np.empty((3, e.size[0], e.size[1]), np.float32)
     for i in range(first, last):
-        _fill_light(light, pictures, e, i)
+        picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
         expose_point_image(raw[i], slopes[i], light, point_image(e, view, i))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu.codes import Workspace, codes_of_row, workspace
-from moireaug.engine.cpu.compiling import copy, fill, inner, part
+from moireaug.engine.cpu.compiling import copy, inner, part
 from moireaug.engine.cpu.detail import (
     BLOCK_ROWS,
     Filter,
@@ -21,8 +21,15 @@ from moireaug.engine.cpu.detail import (
     rows_at_once,
     rows_needed,
 )
-from moireaug.engine.cpu.develop import clear, clip, resize_along_row, source_rows
-from moireaug.engine.cpu.vectors import add, gather
+from moireaug.engine.cpu.develop import (
+    add_to_photo_rows,
+    clear,
+    clip,
+    resize_along_row,
+    source_rows,
+    sum_photo_rows,
+)
+from moireaug.engine.cpu.vectors import gather
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
@@ -76,9 +83,7 @@ def _resize_row(out, row, y, line, rows, cols, top, bottom):
             _pairs(line, row[c])
         else:
             gather(line, row[c], cols.index, cols.weight)
-        for i in range(rows.first[y], rows.last[y] + 1):
-            if top <= i < bottom:
-                add(out[c, i], line, rows.taps[i, y - rows.start[i]])
+        add_to_photo_rows(out[c], line, y, rows, top, bottom)
 
 
 @inner
@@ -86,9 +91,7 @@ def _resize_row_back(photo_grad, unclipped, grad, y, line, rows, cols):
     """Fill row y of photo_grad (3, h, w) from grad (3, H, W); arguments as in `_resize_row`, and
     `unclipped` as in `_fill_unclipped`."""
     for c in range(3):
-        fill(line, ZERO)
-        for i in range(rows.first[y], rows.last[y] + 1):
-            add(line, grad[c, i], rows.taps[i, y - rows.start[i]])
+        sum_photo_rows(line, grad[c], y, rows)
         if cols.halves:
             _pairs_back(photo_grad[c, y], line)
         else:

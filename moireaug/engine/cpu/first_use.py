@@ -42,7 +42,6 @@ def announce(message: str) -> None:
     logging.getLogger("moireaug").warning(message)
 
 
-@functools.lru_cache(maxsize=1)
 def prepare() -> None:
     """Announce, on a machine's first call, that kernels are being compiled, and start on those that
     come later."""

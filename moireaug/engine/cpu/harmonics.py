@@ -60,7 +60,7 @@ def fold(amplitude):
 
 
 @loop
-def terms_of(amplitude, least):
+def harmonic_terms(amplitude, least):
     """Return the terms (T, 4) int64 that exceed `least` at any node, in order, of folded amplitudes
     (rows, cols, kinds, n, m)."""
     rows, cols, kinds, n, m = amplitude.shape
@@ -82,26 +82,35 @@ def terms_of(amplitude, least):
 
 
 @inner
+def interpolate_line(line, values, ends, weight):
+    """Fill a line of n pixels with values at nodes (cols,), interpolated.
+
+    Args:
+        ends: (cols - 2,) int64, of the pixels on the cubics through nodes 0 to 3, 1 to 4, and so
+            on: the first pixel of each, and n. weight: (4, n) float32, of the cubics' nodes.
+    """
+    fill(line, ZERO)
+    for j in range(len(ends) - 1):
+        low, high = ends[j], ends[j + 1]
+        for i in range(4):
+            add(line[low:high], weight[i, low:high], values[j + i])
+
+
+@inner
 def interpolate_to_pixels(out, amplitude, terms, ends, weight):
     """Fill out (rows, T * n) float32 with each term's amplitude at n pixels of each row of nodes.
 
     Args:
-        amplitude: folded, at nodes (rows, cols, kinds, K + 1, 2 L + 1). terms: from `terms_of`.
-        ends: (cols - 2,) int64, of the pixels on the cubics through nodes 0 to 3, 1 to 4, and so
-            on: the first pixel of each, and n. weight: (4, n) float32, of the cubics' nodes.
+        amplitude: folded, at nodes (rows, cols, kinds, K + 1, 2 L + 1).
+        terms: from `harmonic_terms`. ends, weight: as in `interpolate_line`.
     """
     n, half = weight.shape[1], amplitude.shape[4] // 2
     for r in range(len(amplitude)):
         for t in range(len(terms)):
             kind, k = terms[t, KIND], terms[t, K]
             l = terms[t, L] + half * terms[t, SINE]
-            line = out[r, t * n : (t + 1) * n]
-            fill(line, ZERO)
-            for j in range(len(ends) - 1):
-                low, high = ends[j], ends[j + 1]
-                for i in range(4):
-                    value = amplitude[r, j + i, kind, k, l]
-                    add(line[low:high], weight[i, low:high], value)
+            line, values = out[r, t * n : (t + 1) * n], amplitude[r, :, kind, k, l]
+            interpolate_line(line, values, ends, weight)
 
 
 @inner

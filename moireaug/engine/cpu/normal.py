@@ -9,8 +9,8 @@ import numpy as np
 
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.engine.lower.budget import TAIL_END_SIGMAS, TAIL_STEPS
 
+TAIL_STEPS, TAIL_END_SIGMAS = 256, 7  # of the tables; steps per standard deviation
 ONE32 = np.int32(1)
 
 _normal = NormalDist()

@@ -59,8 +59,8 @@ def _empty_axis_light(n):
 
 @inner
 def _axis(size, alpha, raster, dark):
-    """Return the _Axis of `size` picture pixels, as in `exposure.shown.Shown` on a panel of at most
-    the picture's pixels."""
+    """Return the _Axis of `size` picture pixels, on a panel of at most its pixels, as in
+    `exposure.displayed.DisplayedPicture`."""
     if alpha < 1:
         count = math.ceil(alpha * size) + 2 * EDGE_PIXELS
         return _Axis(1.0, EDGE_PIXELS, count, alpha * size, raster, dark)
@@ -170,7 +170,7 @@ class _Work(NamedTuple):
 
 
 @part
-def work_of(w, size, image):
+def work_of_points(w, size, image):
     """Return the _Work of a reading w wide of a picture of `size`."""
     raster, alpha = float(image.point.raster), image.camera.alpha
     return _Work(
@@ -189,7 +189,7 @@ def work_of(w, size, image):
 
 
 @inner
-def locate(work, image, plane, v):
+def locate_points(work, image, plane, v):
     """Fill where a plane's pixels on row v lie, and where they look."""
     sites = image.sites
     for i in range(len(work.u)):
@@ -213,7 +213,7 @@ def expose_point_image(raw, slope, light, image):
     float32; image: see `records.PointImage`, slope: see `full.expose_full_image`."""
     planes, h, w = raw.shape
     camera, sites = image.camera, image.sites
-    work = work_of(w, light.shape[1:], image)
+    work = work_of_points(w, light.shape[1:], image)
     line, width = work.light, np.int32(work.columns.size)
     shown = _shown(light, camera.alpha, work.rows.size, work.columns.size)
     step = sites.step
@@ -222,7 +222,7 @@ def expose_point_image(raw, slope, light, image):
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
-            locate(work, image, plane, sites.rows[r])
+            locate_points(work, image, plane, sites.rows[r])
             fill(line, ZERO)
             for i in range(len(image.point.rectangles)):
                 colour = image.cell.channel[i]

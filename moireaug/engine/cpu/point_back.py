@@ -7,7 +7,7 @@ import numpy as np
 
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop
 from moireaug.engine.cpu.panel_back import shrink_back
-from moireaug.engine.cpu.point import locate, see, work_of
+from moireaug.engine.cpu.point import locate_points, see, work_of_points
 from moireaug.engine.cpu.sensor import attenuate, read_back
 from moireaug.exposure.displayed import EDGE_PIXELS
 
@@ -51,7 +51,7 @@ def expose_point_image_back(light_grad, grad, slope, image):
     (planes, h, w); slope and image as in `point.expose_point_image`."""
     planes, h, w = grad.shape
     camera, sites = image.camera, image.sites
-    work = work_of(w, light_grad.shape[1:], image)
+    work = work_of_points(w, light_grad.shape[1:], image)
     line, height, width = work.light, work.rows.size, np.int32(work.columns.size)
     shown = np.zeros((3, height * width + width + 1), np.float32)
     step = sites.step
@@ -60,7 +60,7 @@ def expose_point_image_back(light_grad, grad, slope, image):
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
-            locate(work, image, plane, sites.rows[r])
+            locate_points(work, image, plane, sites.rows[r])
             read_back(line, grad[plane, r // step], slope[plane, r // step])
             attenuate(line, work.u, work.v, camera)
             for i in range(len(image.point.rectangles)):

@@ -8,7 +8,6 @@ from moireaug.effects.random_numbers import (
     INTERVALS,
     MIX_FACTORS,
     PLACES_PER_INTERVAL,
-    WEYL_STEP,
     quantiles,
 )
 from moireaug.engine.cpu.compiling import exact, inner
@@ -21,8 +20,6 @@ FIRST_FACTOR, SECOND_FACTOR = np.uint32(MIX_FACTORS[0]), np.uint32(MIX_FACTORS[1
 INTERVAL_SHIFT = np.uint32(PLACES_PER_INTERVAL.bit_length() - 1)
 PLACE_MASK = np.uint32(PLACES_PER_INTERVAL - 1)
 INTERVAL_MASK = np.uint32(INTERVALS - 1)
-KEY_OFFSET = np.uint32(WEYL_STEP)
-UINT32_MASK = 2**32 - 1
 
 
 @inner
@@ -33,14 +30,6 @@ def mix(x):
     x = np.uint32(x ^ (x >> np.uint32(15)))
     x = np.uint32(x * SECOND_FACTOR)
     return np.uint32(x ^ (x >> np.uint32(16)))
-
-
-@inner
-def keys(seed):
-    """Return the two keys, uint32, of an image's seed, int64."""
-    first = mix(np.uint32(seed & UINT32_MASK))
-    high = np.uint32((seed >> 32) & UINT32_MASK)
-    return first, mix(np.uint32(np.uint32(high ^ first) ^ KEY_OFFSET))
 
 
 @inner

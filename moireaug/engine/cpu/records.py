@@ -57,7 +57,7 @@ class Readout(NamedTuple):
     Args:
         noisy: whether readings have noise. dark_noise: float32, its standard deviation in the dark.
             photon_noise: float32, that of photon noise at full scale.
-        keys: of the noise, two uint32 from `random_numbers.keys`.
+        keys: of the noise, two uint32.
         clips: readings are clipped to [0, 1].
     """
 
@@ -108,7 +108,7 @@ class PointImage(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """The waves of one image's beats, T of them, from `beats.terms_of`.
+    """The waves of one image's beats, T of them, from `beats.beat_terms_of`.
 
     Args:
         harmonic: (T,) int64. wave: (T, 5) float64 and sign: (T, 2) float32, see

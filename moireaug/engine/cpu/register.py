@@ -10,9 +10,9 @@ import numpy as np
 from moireaug.engine.cpu.compiling import inner, loop, part
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import undistorted
-from moireaug.engine.lower.budget import UNDISTORTION_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
 
+UNDISTORTION_STEPS = 1024  # of a table
 ONE = np.float32(1)
 ONE32 = np.int32(1)
 # rows of a _Row's arrays

@@ -10,8 +10,8 @@ from numpy.polynomial import Polynomial
 from numpy.polynomial.chebyshev import chebpts2
 
 from moireaug.engine.cpu.compiling import inner
-from moireaug.engine.lower.budget import DECODE_STEPS
 
+DECODE_STEPS = 1024  # of a table
 HALF = np.float32(0.5)
 
 

@@ -160,8 +160,8 @@ def _three_by_three(out, low, high, past, pixels, start, stride):
     """Fill out (w,) with the content of 3 x 3 pixels.
 
     Args:
-        low, high: (6 * w,), their weights on the rows of nodes before and behind, which are `past`
-            of the way mixed.
+        low, high: (6 * w,), their weights on the rows of nodes above and below, mixed `past` of the
+            way.
         pixels: flat. start: of the first bin's first. stride: from a row of them to the next.
     """
     w, second, third = len(out), start + stride, start + 2 * stride
@@ -182,7 +182,7 @@ def _three_by_three(out, low, high, past, pixels, start, stride):
 
 
 @inner
-def add_weighed(out, low, high, past, values, start):
+def _add_weighed(out, low, high, past, values, start):
     """Add values (n,) from `start` on to out (w,), weighed as in `_three_by_three`."""
     for i in range(len(out)):
         weight = _interpolated(peek(low, i), peek(high, i), past)
@@ -199,9 +199,19 @@ def _square(out, line, low, high, past, pixels, start, stride):
         fill(line, ZERO)
         for i in range(taps):
             a, b = i * w, (i + 1) * w
-            add_weighed(line, low[a:b], high[a:b], past, pixels, start + j * stride + i)
+            _add_weighed(line, low[a:b], high[a:b], past, pixels, start + j * stride + i)
         a, b = (taps + j) * w, (taps + j + 1) * w
-        add_weighed(out, low[a:b], high[a:b], past, line, 0)
+        _add_weighed(out, low[a:b], high[a:b], past, line, 0)
+
+
+@inner
+def _locate(stencil, cell, sites, row, stride):
+    """Return the row of nodes above a row of bins, how far these are towards the next one, float32,
+    and the index of their first pixel on a flattened panel, whose rows lie `stride` apart."""
+    node, t = bracket(sites.rows[row], sites.rows[0], stencil.step_v, len(stencil.lines), 1)
+    reach = stencil.taps // 2
+    start = (margin(cell, 1) + row - reach) * stride + margin(cell, 0) - reach
+    return node, np.float32(t), start
 
 
 @inner
@@ -211,20 +221,36 @@ def content(out, line, stencil, panel, cell, sites, row):
     Args:
         line: (w,) float32, workspace. panel: (3, ...) float32, from `panel.fill_panel`.
     """
-    v, first = sites.rows[row], sites.rows[0]
-    node, t = bracket(v, first, stencil.step_v, len(stencil.lines), 1)
-    before, behind, past = stencil.lines[node], stencil.lines[node + 1], np.float32(t)
-    stride, size, reach = panel.shape[2], 2 * stencil.taps * out.shape[1], stencil.taps // 2
+    stride, size = panel.shape[2], 2 * stencil.taps * out.shape[1]
+    node, past, start = _locate(stencil, cell, sites, row, stride)
+    above, below = stencil.lines[node], stencil.lines[node + 1]
     flat = panel.reshape(3, panel.shape[1] * stride)
-    start = (margin(cell, 1) + row - reach) * stride + margin(cell, 0) - reach
     for colour in range(3):
         a, b = colour * size, (colour + 1) * size
         if stencil.taps == FUSED_TAPS:
-            _three_by_three(
-                out[colour], before[a:b], behind[a:b], past, flat[colour], start, stride
-            )
+            _three_by_three(out[colour], above[a:b], below[a:b], past, flat[colour], start, stride)
         else:
-            _square(out[colour], line, before[a:b], behind[a:b], past, flat[colour], start, stride)
+            _square(out[colour], line, above[a:b], below[a:b], past, flat[colour], start, stride)
+
+
+@inner
+def content_back(panel_grad, grad, line, stencil, cell, sites, row):
+    """Add the gradient in the panel, of its shape, from that in the content of a row of bins, grad
+    (3, w); the rest as in `content`."""
+    w, taps, stride = grad.shape[1], stencil.taps, panel_grad.shape[2]
+    node, past, start = _locate(stencil, cell, sites, row, stride)
+    above, below = stencil.lines[node], stencil.lines[node + 1]
+    flat = panel_grad.reshape(3, panel_grad.shape[1] * stride)
+    for colour in range(3):
+        offset = colour * 2 * taps * w
+        for j in range(taps):
+            fill(line, ZERO)
+            a, b = offset + (taps + j) * w, offset + (taps + j + 1) * w
+            _add_weighed(line, above[a:b], below[a:b], past, grad[colour], 0)
+            for i in range(taps):
+                a, b, at = offset + i * w, offset + (i + 1) * w, start + j * stride + i
+                pixels = flat[colour, at : at + w]
+                _add_weighed(pixels, above[a:b], below[a:b], past, line, 0)
 
 
 @inner

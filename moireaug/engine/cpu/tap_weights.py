@@ -15,9 +15,9 @@ from moireaug.engine.cpu.compiling import fill, inner, loop
 from moireaug.engine.cpu.footprint import SubpixelSize, fill_blurs, light_from
 from moireaug.engine.cpu.harmonics import cubic_weights
 from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
-from moireaug.engine.cpu.normal import integrals
+from moireaug.engine.cpu.normal import TAIL_END_SIGMAS, integrals
 from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.engine.lower.budget import MAX_PHASES, MAX_PHASES_OF_FEW_NODES, TAIL_END_SIGMAS
+from moireaug.engine.lower.budget import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
 
 PHASE_MULTIPLE = 16  # of which the number of phases is a multiple

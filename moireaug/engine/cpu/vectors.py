@@ -214,6 +214,12 @@ def add_four_sums(out, coefficients, rows, offsets):
 
 
 @inner
+def padded_width(n):
+    """Return the length of a row of n values, padded to whole LANES."""
+    return (n + LANES - 1) // LANES * LANES
+
+
+@inner
 def add(out, row, factor):
     """Add factor * row to out, (n,) each."""
     for i in range(len(out)):

@@ -54,13 +54,13 @@ def beat_terms(exposure: Exposure, beats: Beats) -> BeatTerms:
     image, harmonic, u, v = image[fitting], harmonic[fitting], u[fitting], v[fitting]
     along_u, along_v = _aliases(u, beats.bayer), _aliases(v, beats.bayer)
     m_u, m_v = along_u.m[:, :, None], along_v.m[:, None]
-    left = along_u.passed[:, :, None] * along_v.passed[:, None]
+    transfer = along_u.passed[:, :, None] * along_v.passed[:, None]
     for side in _sides(step, camera, beats):
-        left = left * _max_mean(u, v, side[:, image], m_u, m_v)
+        transfer *= _max_mean(u, v, side[:, image], m_u, m_v)
     even_u, even_v = along_u.interpolated[:, :, None], along_v.interpolated[:, None]
     both = even_u * even_v
-    left = left * np.where((m_u + m_v) % 2 == 0, np.maximum(both, (even_u + even_v) / 2), both)
-    chosen = left * strength[image, harmonic][:, None, None] > least
+    transfer *= np.where((m_u + m_v) % 2 == 0, np.maximum(both, (even_u + even_v) / 2), both)
+    chosen = transfer * strength[image, harmonic][:, None, None] > least
     h, i, j = np.nonzero(chosen)
     some = chosen.any((1, 2))
     return BeatTerms(

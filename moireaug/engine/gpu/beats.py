@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import triton
 import triton.language as tl
+from triton.language.standard import _sum_combine
 
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.bins import along, bins_at
@@ -36,12 +37,12 @@ def mean_over_bin(g, bins, triangle):
     """Return what the mean over bins leaves of frequencies along u and v, in cycles per sensor
     pixel; triangle: see `exposure_records.Beats`."""
     first, second = along(g, bins.first), along(g, bins.second)
-    left = sinc(first) * sinc(second)
+    passed = sinc(first) * sinc(second)
     if triangle == 1.0:
-        left *= left
+        passed *= passed
     else:
-        left *= sinc(triangle * first) * sinc(triangle * second)
-    return left
+        passed *= sinc(triangle * first) * sinc(triangle * second)
+    return passed
 
 
 @triton.jit
@@ -60,16 +61,16 @@ def alias_planes(f, m, even, bins, triangle, BAYER: tl.constexpr):
         f: the frequency along u and v. even: from `even_transfer`.
     """
     g = f[0] - 0.5 * m[0], f[1] - 0.5 * m[1]
-    left = sinc_within(g[0]) * sinc_within(g[1]) * mean_over_bin(g, bins, triangle)
-    left = tl.where((tl.abs(g[0]) < 1.0) & (tl.abs(g[1]) < 1.0), left, 0.0)
+    passed = sinc_within(g[0]) * sinc_within(g[1]) * mean_over_bin(g, bins, triangle)
+    passed = tl.where((tl.abs(g[0]) < 1.0) & (tl.abs(g[1]) < 1.0), passed, 0.0)
     odd_u, odd_v = m[0] % 2 != 0, m[1] % 2 != 0
     if BAYER:
         even_u, even_v = even
         in_u, in_v = tl.where(odd_u, 1.0 - even_u, even_u), tl.where(odd_v, 1.0 - even_v, even_v)
-        red, mean = left * in_u * in_v, 0.5 * left * (in_u + in_v)
+        red, mean = passed * in_u * in_v, 0.5 * passed * (in_u + in_v)
         green = tl.where(odd_u == odd_v, tl.where(odd_u, -mean, mean), 0.0)
         return red, green, tl.where(odd_u == odd_v, red, -red)
-    whole = tl.where(odd_u | odd_v, 0.0, left)
+    whole = tl.where(odd_u | odd_v, 0.0, passed)
     return whole, whole, whole
 
 
@@ -133,11 +134,6 @@ def responses(bins, batch, variant: tl.constexpr):
 
 
 @triton.jit
-def _add(a, b):
-    return a + b
-
-
-@triton.jit
 def pattern_variance(out, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Fill out (B, 3) with the variance of the panel's pattern that bins in the middle average
     away, as a share of the squared mean light, by colour filter: a program an image.
@@ -154,14 +150,14 @@ def pattern_variance(out, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     (xu, xv), (yu, yv) = bins.step_x, bins.step_y
     fu, fv = k * xu + l * yu, k * xv + l * yv
     first_u, first_v = tl.floor(2.0 * fu).to(tl.int32) - 1, tl.floor(2.0 * fv).to(tl.int32) - 1
-    triangle, left = tl.load(batch.beats.triangle + image), (none, none, none)
+    triangle, shares = tl.load(batch.beats.triangle + image), (none, none, none)
     even = even_transfer(fu, fv)
     for i in range(16):
         m = first_u + i // 4, first_v + i % 4
-        shares, added = alias_planes((fu, fv), m, even, bins, triangle, variant.bayer), ()
+        planes, added = alias_planes((fu, fv), m, even, bins, triangle, variant.bayer), ()
         for plane in tl.static_range(3):
-            added = added + (left[plane] + shares[plane] * shares[plane],)
-        left = added
+            added = added + (shares[plane] + planes[plane] * planes[plane],)
+        shares = added
     passed = transfer(fu, fv, batch.beats.cameras + image * CAMERA_FIELDS)
     for plane in tl.static_range(3):
         real, imaginary, mean = none, none, 0.0
@@ -171,6 +167,6 @@ def pattern_variance(out, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
             real += share * tl.load(wave_of, mask=valid, other=0.0)
             imaginary += share * tl.load(wave_of + 1, mask=valid, other=0.0)
             mean += share * tl.load(batch.beats.mean + image * 3 + channel)
-        lost = 0.5 * passed * passed * tl.maximum(1.0 - left[plane], 0.0)
-        power = tl.reduce(lost * (real * real + imaginary * imaginary), 0, _add)
+        lost = 0.5 * passed * passed * tl.maximum(1.0 - shares[plane], 0.0)
+        power = tl.reduce(lost * (real * real + imaginary * imaginary), 0, _sum_combine)
         tl.store(out + image * 3 + plane, power / tl.maximum(mean * mean, 1e-12))

@@ -14,7 +14,7 @@ from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.gpu.beats import pattern_variance, responses
 from moireaug.engine.gpu.bins import BinnedBatch, BinnedVariant, bins_at, patch_of
 from moireaug.engine.gpu.host_view import cameras_of, forward
-from moireaug.engine.gpu.panel import panel_numbers, show, show_back
+from moireaug.engine.gpu.panel import pixel_scale_of, show, show_back
 from moireaug.engine.gpu.patch import add_content_back, channel_of, content
 from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor import clipped_mean, flicker, reading
@@ -39,13 +39,13 @@ def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure, view: BinnedV
     batch, variant = prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, variant, BLOCK=BLOCK)
-    return show_back(light_grad, picture, exposure, batch.panel)
+    return show_back(light_grad, picture, exposure, batch)
 
 
 _terms: tuple[Exposure, Beats, BeatTerms] | None = None
 
 
-def terms_of(exposure: Exposure, beats: Beats) -> BeatTerms:
+def beat_terms_of(exposure: Exposure, beats: Beats) -> BeatTerms:
     """Return the BeatTerms of records, chosen once for those of the last call: `fits`, `expose` and
     `expose_back` ask for the same."""
     global _terms
@@ -57,7 +57,7 @@ def terms_of(exposure: Exposure, beats: Beats) -> BeatTerms:
 
 def fits(exposure: Exposure, view: BinnedView) -> np.ndarray:
     """Return for each image whether `expose` can follow its view, (B,) bool."""
-    return terms_of(exposure, view.beats).fits
+    return beat_terms_of(exposure, view.beats).fits
 
 
 def prepare(
@@ -70,15 +70,15 @@ def prepare(
         exposure._replace(budget=NOTHING),
         view.picture._replace(coefficients=NOTHING),
         beats,
-        terms_of(exposure, beats),
-        panel_numbers(exposure),
+        beat_terms_of(exposure, beats),
+        pixel_scale_of(exposure),
         forward(cameras),
         np.zeros((len(beats.cameras), 3)),
         harmonics,
         exposure.flicker.shape[1],
     )
     batch = upload(batch, picture.device)
-    screen = show(picture, exposure, batch.panel)
+    screen = show(picture, exposure, batch)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     variant = BinnedVariant(
         period_x=int(beats.period[0]),
@@ -157,7 +157,7 @@ def plane_reading(seen, bins, index, batch, PLANE: tl.constexpr, variant: tl.con
         shares = shares + (share,)
     camera = exposure.cameras + image * CAMERA_FIELDS
     white = tl.load(exposure.white + image * planes + PLANE)
-    noise = index, tl.load(exposure.seeds + image), batch.quantiles
+    noise = index, exposure.keys + 2 * image, batch.quantiles
     value, slope = reading(light, pulse, bins.u, bins.v, white, camera, noise, variant.noisy)
     if variant.clips:
         lost = batch.beats.lost_noise_variance + image * 2

@@ -48,7 +48,7 @@ def _taps(data: bytes) -> tuple[Tap, ...]:
 
 
 @triton.jit
-def reading(raw, plane, pixels, coding: tl.constexpr):
+def packed_reading(raw, plane, pixels, coding: tl.constexpr):
     """Return readings of a plane: saturated, and rounded as by the converter."""
     at = address(raw, pixels, coding.planes) + plane * raw.height * raw.width
     value = tl.load(at, mask=pixels.exist, other=0.0)
@@ -62,7 +62,7 @@ def reading(raw, plane, pixels, coding: tl.constexpr):
 
 @triton.jit
 def store_reading_grad(raw_grad, raw, plane, pixels, grad, coding: tl.constexpr):
-    """Store the gradient in readings of a plane, from that in what `reading` returns of them."""
+    """Store the gradient in readings of a plane, from that in `packed_reading`."""
     offset = plane * raw.height * raw.width
     if coding.saturates:
         value = tl.load(address(raw, pixels, coding.planes) + offset, mask=pixels.exist, other=0.0)
@@ -86,9 +86,9 @@ def sensor_colours(raw, pixels, coding: tl.constexpr):
     cells are repeated."""
     if coding.planes == 3:
         return (
-            reading(raw, 0, pixels, coding),
-            reading(raw, 1, pixels, coding),
-            reading(raw, 2, pixels, coding),
+            packed_reading(raw, 0, pixels, coding),
+            packed_reading(raw, 1, pixels, coding),
+            packed_reading(raw, 2, pixels, coding),
         )
     odd_row, odd_col, colours = pixels.row % 2 == 1, pixels.col % 2 == 1, black(pixels.exist)
     for k in tl.static_range(len(coding.taps)):
@@ -96,7 +96,7 @@ def sensor_colours(raw, pixels, coding: tl.constexpr):
         cell_row = tl.minimum(tl.maximum(y >> 1, 0), raw.height - 1)
         cell_col = tl.minimum(tl.maximum(x >> 1, 0), raw.width - 1)
         cell = Pixels(pixels.image, cell_row, cell_col, pixels.exist)
-        value, total = reading(raw, (y & 1) * 2 + (x & 1), cell, coding), ()
+        value, total = packed_reading(raw, (y & 1) * 2 + (x & 1), cell, coding), ()
         for colour in tl.static_range(3):
             weight = coding.taps[k][2][colour]
             if len(weight) > 0:

@@ -42,7 +42,7 @@ def source_weight(weight, before, at, last, TRANSPOSED: tl.constexpr):
 
 
 @triton.jit
-def blurred(images, pixels, detail, ALONG_ROWS: tl.constexpr, TRANSPOSED: tl.constexpr):
+def blurred_detail(images, pixels, detail, ALONG_ROWS: tl.constexpr, TRANSPOSED: tl.constexpr):
     """Return what `split` does, blurred along rows, or along columns of images that have been."""
     at, last = pixels.row, images.height - 1
     if ALONG_ROWS:
@@ -73,7 +73,7 @@ def blurred(images, pixels, detail, ALONG_ROWS: tl.constexpr, TRANSPOSED: tl.con
 def blur_rows_kernel(soft, images, detail, TRANSPOSED: tl.constexpr, TILE: tl.constexpr):
     """Fill soft (B, 3, h, w) with what `split` makes of images, blurred along rows."""
     pixels = tile(soft, TILE)
-    store(soft, pixels, blurred(images, pixels, detail, True, TRANSPOSED))
+    store(soft, pixels, blurred_detail(images, pixels, detail, True, TRANSPOSED))
 
 
 @triton.jit
@@ -81,7 +81,7 @@ def filtered(source, pixels, TRANSPOSED: tl.constexpr):
     """Return the filtered colours of pixels; source: images, what `blur_rows_kernel` made of them,
     and the detail."""
     images, soft, detail = source
-    red, blue, grey = blurred(soft, pixels, detail, False, TRANSPOSED)
+    red, blue, grey = blurred_detail(soft, pixels, detail, False, TRANSPOSED)
     _, _, mean = split(load(images, pixels))
     bright = mean + tl.load(detail.amount + pixels.image) * (mean - grey)
     return bright + red, bright - red - blue, bright + blue

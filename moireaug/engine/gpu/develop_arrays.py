@@ -36,25 +36,6 @@ class Coding(NamedTuple):
     toned: bool
 
 
-class ResizeArrays(NamedTuple):
-    """A linear resize along one axis, see `development_records.Resize`.
-
-    Args:
-        start: (m,) int32. taps: (m, T) float32. first, last: (n,) int32.
-        size: n. photo_size: m. tap_count: T. target_count: the most photo pixels that a sensor
-            pixel contributes to.
-    """
-
-    start: Any
-    taps: Any
-    first: Any
-    last: Any
-    size: int
-    photo_size: int
-    tap_count: int
-    target_count: int
-
-
 class CodesArrays(NamedTuple):
     """What makes codes of readings, see `development_records.Codes`.
 
@@ -64,8 +45,8 @@ class CodesArrays(NamedTuple):
     """
 
     looks: Any
-    rows: ResizeArrays
-    cols: ResizeArrays
+    rows: Resize
+    cols: Resize
 
 
 class DetailArrays(NamedTuple):
@@ -80,23 +61,8 @@ class DetailArrays(NamedTuple):
     gaussians: Any
     taps: int
     amount: Any
-    rows: ResizeArrays
-    cols: ResizeArrays
-
-
-class RegistrationArrays(NamedTuple):
-    """What brings photos back to the image's frame.
-
-    Args:
-        forward: (B, 9) float64, homography from image to ideal photo coordinates, both about their
-            centres. inverses: (B, 9) float64, its inverse.
-        lenses: (B, 2) float64, k1 and k2. bends: whether any is not 0.
-    """
-
-    forward: Any
-    inverses: Any
-    lenses: Any
-    bends: bool
+    rows: Resize
+    cols: Resize
 
 
 class DevelopArrays(NamedTuple):
@@ -104,14 +70,14 @@ class DevelopArrays(NamedTuple):
 
     codes: CodesArrays
     detail: DetailArrays | None
-    registration: RegistrationArrays | None
+    registration: Registration | None
 
 
 def develop_arrays(d: Development, device: torch.device) -> tuple[DevelopArrays, Coding]:
     """Return a Development on a device, and the Coding of its codes."""
-    codes = CodesArrays(_looks(d.codes), _resize_arrays(d.codes.rows), _resize_arrays(d.codes.cols))
+    codes = CodesArrays(_looks(d.codes), d.codes.rows, d.codes.cols)
     detail = _detail_arrays(d.detail) if d.finishes else None
-    registration = _registration_arrays(d.registration) if d.registers else None
+    registration = d.registration if d.registers else None
     return upload(DevelopArrays(codes, detail, registration), device), _coding(d.codes)
 
 
@@ -125,13 +91,6 @@ def _looks(c: Codes) -> np.ndarray:
     return np.concatenate([c.matrix.reshape(-1, 9), tone], 1)
 
 
-def _resize_arrays(resize: Resize) -> ResizeArrays:
-    start, taps, first, last = resize[:4]
-    target_count = max(int((last - first).max()) + 1, 0)
-    photo_size, tap_count = taps.shape
-    return ResizeArrays(start, taps, first, last, len(first), photo_size, tap_count, target_count)
-
-
 def _detail_arrays(detail: Detail) -> DetailArrays:
     half = max(detail.chroma_size, detail.sharp_size) // 2
     at = np.arange(-half, half + 1)
@@ -140,11 +99,4 @@ def _detail_arrays(detail: Detail) -> DetailArrays:
         sigma = np.maximum(sigma, LEAST_SIGMA)[:, None]
         weight = np.where(abs(at) <= size // 2, np.exp(-(at**2) / (2 * sigma**2)), 0.0)
         gaussians.append(weight / weight.sum(1, keepdims=True))
-    rows, cols = _resize_arrays(detail.rows), _resize_arrays(detail.cols)
-    return DetailArrays(np.stack(gaussians, 1), len(at), detail.amount, rows, cols)
-
-
-def _registration_arrays(registration: Registration) -> RegistrationArrays:
-    forward, lens = registration
-    inverses = np.linalg.inv(forward).reshape(-1, 9)
-    return RegistrationArrays(forward.reshape(-1, 9), inverses, lens, bool(lens.any()))
+    return DetailArrays(np.stack(gaussians, 1), len(at), detail.amount, detail.rows, detail.cols)

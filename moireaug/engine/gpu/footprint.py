@@ -16,14 +16,13 @@ import triton
 import triton.language as tl
 from numpy.polynomial import Polynomial
 
-from moireaug.engine.gpu.optics import FILL, blur_variance
+from moireaug.engine.gpu.optics import FILL, MIN_EXPONENT, blur_variance
 from moireaug.engine.gpu.view import load32
 from moireaug.exposure import footprint as reference
 
 MIN_BLUR_VARIANCE = tl.constexpr(reference.MIN_BLUR_VARIANCE)
 TAIL_SIGMAS = tl.constexpr(reference.TAIL_SIGMAS)
 NEAREST_GUARD_SHARE = tl.constexpr(reference.NEAREST_GUARD_SHARE)
-MIN_EXPONENT = tl.constexpr(reference.MIN_EXPONENT)
 FAR_SIGMAS = tl.constexpr(8.0)  # beyond which no light is
 
 
@@ -42,33 +41,34 @@ TAIL_SCALE = tl.constexpr(_scale)
 T0, T1, T2, T3, T4, T5, T6 = (tl.constexpr(float(c)) for c in _fitted.convert().coef)
 
 
-class View(NamedTuple):
-    """A view along one axis: its box and the standard deviation of its Gaussian, in cells."""
+class Footprint(NamedTuple):
+    """The view of a sensor pixel along one axis: a box, and a Gaussian's standard deviation, in
+    cells."""
 
     box: Any
     sigma: Any
 
 
 @triton.jit
-def footprint(by_u, by_v, period, slant_variance, camera):
-    """Return the View along one axis.
+def footprint_of(by_u, by_v, period, added_variance, camera):
+    """Return the Footprint along one axis.
 
     Args:
         by_u, by_v: panel pixels per sensor pixel along u and v. period: of the cells, panel pixels.
-        slant_variance: of the subpixels, squared cells.
+        added_variance: see `exposure_records.FullView`.
     """
     fill, across, down = load32(camera, FILL), tl.abs(by_u), tl.abs(by_v)
     box, short = tl.maximum(across, down) * fill / period, tl.minimum(across, down) * fill
     variance = short * short / 12.0 + blur_variance(by_u, by_v, camera)
-    variance = variance / (period * period) + slant_variance + MIN_BLUR_VARIANCE
-    return View(box, tl.sqrt(variance))
+    variance = variance / (period * period) + added_variance + MIN_BLUR_VARIANCE
+    return Footprint(box, tl.sqrt(variance))
 
 
 @triton.jit
-def narrowing(view, width, TAPS: tl.constexpr):
+def narrowing(footprint, width, TAPS: tl.constexpr):
     """Return the factor that narrows a view to TAPS cells, as `Footprint.fitted` does."""
     room = tl.maximum(0.5 * TAPS - 0.5 * width, MIN_BLUR_VARIANCE)
-    return tl.minimum(room / (0.5 * view.box + TAIL_SIGMAS * view.sigma), 1.0)
+    return tl.minimum(room / (0.5 * footprint.box + TAIL_SIGMAS * footprint.sigma), 1.0)
 
 
 @triton.jit
@@ -81,24 +81,25 @@ def _tail(z):
 
 
 @triton.jit
-def share_beyond(edge, view):
+def share_beyond(edge, footprint):
     """Return the share of a view that lies beyond an edge, at a distance from its middle."""
-    near, far, inverse = edge - 0.5 * view.box, edge + 0.5 * view.box, 1.0 / view.sigma
+    near, far = edge - 0.5 * footprint.box, edge + 0.5 * footprint.box
+    inverse = 1.0 / footprint.sigma
     ramp = tl.maximum(-near, 0.0) - tl.maximum(-far, 0.0)
     tails = _tail(tl.abs(near) * inverse) - _tail(tl.abs(far) * inverse)
-    return (ramp + view.sigma * tails) / view.box
+    return (ramp + footprint.sigma * tails) / footprint.box
 
 
 @triton.jit
-def share_between(distance, half, view):
+def share_between(distance, half, footprint):
     """Return the share of a view within `half` of a point at a distance from its middle."""
     apart = tl.abs(distance)  # where what lies beyond is small, it has more digits
-    share = share_beyond(apart - half, view) - share_beyond(apart + half, view)
+    share = share_beyond(apart - half, footprint) - share_beyond(apart + half, footprint)
     return tl.maximum(share, 0.0)
 
 
 @triton.jit
-def tap_shares(offset, view, width, TAPS: tl.constexpr):
+def tap_shares(offset, footprint, width, TAPS: tl.constexpr):
     """Return the share of each of TAPS subpixels in the light of all of them, a tuple.
 
     Args:
@@ -107,7 +108,7 @@ def tap_shares(offset, view, width, TAPS: tl.constexpr):
     """
     shares, total = (), NEAREST_GUARD_SHARE + 0.0 * offset
     for tap in tl.static_range(TAPS):
-        share = share_between(tap - TAPS // 2 - offset, 0.5 * width, view)
+        share = share_between(tap - TAPS // 2 - offset, 0.5 * width, footprint)
         total += share
         if tap == TAPS // 2:
             share += NEAREST_GUARD_SHARE
@@ -119,16 +120,16 @@ def tap_shares(offset, view, width, TAPS: tl.constexpr):
 
 
 @triton.jit
-def share_on_picture(position, end, view):
+def share_on_picture(position, end, footprint):
     """Return the share of a view that is on the picture, from 0 to `end`; float64, cells."""
-    far = 0.5 * view.box + FAR_SIGMAS * view.sigma
+    far = 0.5 * footprint.box + FAR_SIGMAS * footprint.sigma
     to_start, to_end = position.to(tl.float32), (position - end).to(tl.float32)
-    past_start = share_beyond(-tl.minimum(tl.maximum(to_start, -far), far), view)
-    return past_start - share_beyond(-tl.minimum(tl.maximum(to_end, -far), far), view)
+    past_start = share_beyond(-tl.minimum(tl.maximum(to_start, -far), far), footprint)
+    return past_start - share_beyond(-tl.minimum(tl.maximum(to_end, -far), far), footprint)
 
 
 @triton.jit
-def lit_shares(place, view, width, picture, TAPS: tl.constexpr, DARK: tl.constexpr):
+def lit_shares(place, footprint, width, picture, TAPS: tl.constexpr, DARK: tl.constexpr):
     """Return the nearest cell, float64, how far past the middle of its light a view's is, and the
     shares of TAPS cells around it, of which those beside the picture are DARK.
 
@@ -138,11 +139,12 @@ def lit_shares(place, view, width, picture, TAPS: tl.constexpr, DARK: tl.constex
             picture's start, and the picture's end, in cells.
     """
     nearest = tl.floor(place + 0.5)
-    offset, narrowed = (place - nearest).to(tl.float32), narrowing(view, width, TAPS)
-    shares = tap_shares(offset, View(view.box * narrowed, view.sigma * narrowed), width, TAPS)
+    offset, narrowed = (place - nearest).to(tl.float32), narrowing(footprint, width, TAPS)
+    fitted = Footprint(footprint.box * narrowed, footprint.sigma * narrowed)
+    shares = tap_shares(offset, fitted, width, TAPS)
     if DARK:
         position, pixel, end = picture
-        whole, lit = share_on_picture(position, end, view), ()
+        whole, lit = share_on_picture(position, end, footprint), ()
         for tap in tl.static_range(TAPS):
             at = nearest + (tap - TAPS // 2) + pixel
             alone = tl.where((at >= 0.0) & (at < end), 1.0, 0.0)

@@ -17,10 +17,10 @@ from torch import Tensor
 
 from moireaug.engine.gpu import point, spectral
 from moireaug.engine.gpu.arrays import NOTHING, upload
-from moireaug.engine.gpu.panel import PanelNumbers, panel_numbers, show, show_back
+from moireaug.engine.gpu.panel import pixel_scale_of, show, show_back
 from moireaug.engine.gpu.patch import add_content_back, channel_of, content
 from moireaug.engine.gpu.random_numbers import quantiles
-from moireaug.engine.gpu.sensor_sites import address, light_passed, look_at_panel, read, site_of
+from moireaug.engine.gpu.sensor_sites import light_passed, look_at_panel, pointers, read, site_of
 from moireaug.engine.lower.exposure_records import Camera, Exposure, FullView, PointView
 
 BLOCK = 128  # pixels of a plane, that one program computes
@@ -31,14 +31,15 @@ class FullBatch(NamedTuple):
 
     Args:
         subpixels: what the exposure's method reads of them, and subpixel_count.
-        shown_scale: (B,) float64, pixels shown per panel pixel. raw_shape: planes, height and width
-            of a reading. quantiles: see `random_numbers.quantiles`.
+        pixel_scale: (B,) float32, see `panel.pixel_scale_of`. shown_scale: (B,) float64, pixels
+            shown per panel pixel. raw_shape: planes, height and width of a reading. quantiles: see
+            `random_numbers.quantiles`.
     """
 
     exposure: Exposure
     subpixels: Any
     subpixel_count: int
-    panel: PanelNumbers
+    pixel_scale: Any
     shown_scale: Any
     raw_shape: tuple[int, int, int]
     screen: Any = None
@@ -66,8 +67,7 @@ def expose(picture: Tensor, exposure: Exposure, view: FullView | PointView) -> T
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
     batch, constants = _prepare(picture, exposure, view)
     raw = picture.new_empty(len(picture), *batch.raw_shape, dtype=torch.float32)
-    if raw.numel():
-        _expose[_grid(raw)](raw, batch, **constants)
+    _expose[_grid(raw)](raw, batch, **constants)
     return raw
 
 
@@ -75,12 +75,10 @@ def expose_back(
     grad: Tensor, picture: Tensor, exposure: Exposure, view: FullView | PointView
 ) -> Tensor:
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings."""
-    if not grad.numel():
-        return torch.zeros_like(picture)
     batch, constants = _prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
-    return show_back(light_grad, picture, exposure, batch.panel)
+    return show_back(light_grad, picture, exposure, batch)
 
 
 def _prepare(
@@ -92,7 +90,7 @@ def _prepare(
         e._replace(budget=NOTHING),
         method.subpixels_of(e, view),
         len(e.cell.channel),
-        panel_numbers(e),
+        pixel_scale_of(e),
         1 / np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1),
         (
             len(e.sites.channel),
@@ -101,7 +99,7 @@ def _prepare(
         ),
     )
     batch = upload(batch, picture.device)
-    screen = show(picture, e, batch.panel)
+    screen = show(picture, e, batch)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     flickers, taps = e.flicker.shape[1] > 0, 2 * e.cell.radius + 1
     variant = FullVariant(method.span_of(e), taps, e.dark, flickers, e.noisy, e.clips)
@@ -121,11 +119,11 @@ def _expose(raw, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.cons
     for i in range(batch.subpixel_count):
         colour, passed = light_passed(i, site, batch.exposure)
         if passed != 0.0:
-            white, patch = SEE(i, sight, site, batch, variant)
+            subpixel_light, patch = SEE(i, sight, site, batch, variant)
             channel = channel_of(batch.screen.light, site.image, colour, batch.screen)
-            light += passed * white * content(channel, patch, batch.screen)
+            light += passed * subpixel_light * content(channel, patch, batch.screen)
     value, _ = read(light, site, batch, variant)
-    tl.store(address(raw, site, batch), value, mask=site.inside)
+    tl.store(pointers(raw, site, batch), value, mask=site.inside)
 
 
 @triton.jit
@@ -140,16 +138,16 @@ def _expose_back(
     for turn in range(0 if variant.noisy or variant.clips else 1, 2):
         if turn == 1:
             _, slope = read(light, site, batch, variant)
-            back = slope * tl.load(address(grad, site, batch))
+            back = slope * tl.load(pointers(grad, site, batch))
         for i in range(batch.subpixel_count):
             colour, passed = light_passed(i, site, batch.exposure)
             if passed != 0.0:
-                white, patch = SEE(i, sight, site, batch, variant)
-                white *= passed
+                subpixel_light, patch = SEE(i, sight, site, batch, variant)
+                subpixel_light *= passed
                 if turn == 0:
                     channel = channel_of(batch.screen.light, site.image, colour, batch.screen)
-                    light += white * content(channel, patch, batch.screen)
+                    light += subpixel_light * content(channel, patch, batch.screen)
                 else:
                     channel = channel_of(light_grad, site.image, colour, batch.screen)
-                    seen = back * white
+                    seen = back * subpixel_light
                     add_content_back(channel, seen, patch, site.inside, batch.screen)

@@ -11,13 +11,14 @@ from numpy.polynomial import Polynomial
 
 from moireaug.engine.gpu.arrays import camera_field
 from moireaug.engine.gpu.view import load32
+from moireaug.exposure import footprint
 
 FILL, BLUR, OLPF = camera_field("fill"), camera_field("blur"), camera_field("olpf")
 MOTION_X, MOTION_Y = camera_field("motion_x"), camera_field("motion_y")
 
 PI_SQUARED = tl.constexpr(math.pi**2)
 TWO_PI_SQUARED = tl.constexpr(2 * math.pi**2)
-MIN_EXPONENT = tl.constexpr(-80.0)  # whose exponential is below any error
+MIN_EXPONENT = tl.constexpr(footprint.MIN_EXPONENT)
 # sin and cos at t = pi d / 2, d in [-1/2, 1/2], by Taylor's series
 S0, S1, S2, S3, S4 = (
     tl.constexpr((math.pi / 2) ** (2 * i + 1) * (-1) ** i / math.factorial(2 * i + 1))

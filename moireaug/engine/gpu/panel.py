@@ -38,19 +38,6 @@ class Screen(NamedTuple):
     size: tuple[int, int]
 
 
-class PanelNumbers(NamedTuple):
-    """Numbers that `show` reads, (B,) float32 each.
-
-    Args:
-        black, neighbour_share: see `exposure_records.Exposure`. pixel_scale: pixels, per picture
-            pixel, of the panel of at most the picture's.
-    """
-
-    black: Any
-    neighbour_share: Any
-    pixel_scale: Any
-
-
 class Shrinking(NamedTuple):
     """Sizes that `_shrink` reads: of both arrays along the axis, of the lines of an image and of
     the values beside each other, and how many pixels make one."""
@@ -62,50 +49,50 @@ class Shrinking(NamedTuple):
     taps: int
 
 
-def panel_numbers(exposure: Exposure) -> PanelNumbers:
-    """Return the PanelNumbers of an exposure, to be uploaded."""
-    return PanelNumbers(exposure.black, exposure.neighbour_share, _pixel_scale(exposure))
-
-
-def show(picture: Tensor, exposure: Exposure, numbers: PanelNumbers) -> Screen:
-    """Return what panels show of pictures (B, 3, H, W), float32 or uint8; numbers: uploaded."""
-    n, _, h, w = picture.shape
-    light = torch.empty(n, 3, h, w, dtype=torch.float32, device=picture.device)
-    _launch(_light, light, exposure, picture.contiguous(), numbers)
-    scale = _pixel_scale(exposure)
-    if not len(scale) or scale.min() >= 1:
-        return Screen(light, (w, h), 0, (w, h))
-    rows, cols = (math.ceil(scale.max() * size) + 2 * EDGE_PIXELS for size in (h, w))
-    narrow, short = light.new_empty(n, 3, h, cols), light.new_empty(n, 3, rows, cols)
-    _shrink_axis(narrow, light, 3, scale, numbers, back=False)
-    _shrink_axis(short, narrow, 2, scale, numbers, back=False)
-    return Screen(short, (cols, rows), EDGE_PIXELS, (w, h))
-
-
-def show_back(grad: Tensor, picture: Tensor, exposure: Exposure, numbers: PanelNumbers) -> Tensor:
-    """Return the gradient in the picture, from that in `Screen.light`."""
-    n, _, h, w = picture.shape
-    scale = _pixel_scale(exposure)
-    if len(scale) and scale.min() < 1:
-        narrow, light = grad.new_zeros(n, 3, h, grad.shape[3]), grad.new_zeros(n, 3, h, w)
-        _shrink_axis(grad, narrow, 2, scale, numbers, back=True)
-        _shrink_axis(narrow, light, 3, scale, numbers, back=True)
-        grad = light
-    out = torch.empty_like(picture, memory_format=torch.contiguous_format)
-    _launch(_light_back, out, exposure, grad, picture.contiguous(), numbers)
-    return out
-
-
-def _pixel_scale(exposure: Exposure) -> np.ndarray:
-    """Return `PanelNumbers.pixel_scale`."""
+def pixel_scale_of(exposure: Exposure) -> np.ndarray:
+    """Return pixels per picture pixel of panels of at most the picture's, (B,)."""
     return np.minimum(exposure.cameras[:, Camera._fields.index("alpha")], 1)
 
 
-def _launch(kernel: Any, out: Tensor, exposure: Exposure, *arguments: Any) -> None:
-    """Run a kernel that fills out (B, 3, H, W)."""
+def show(picture: Tensor, exposure: Exposure, batch: Any) -> Screen:
+    """Return what panels show of pictures (B, 3, H, W), float32 or uint8.
+
+    batch: a record of the exposure and of `pixel_scale`, see `pixel_scale_of`, uploaded.
+    """
+    n, _, h, w = picture.shape
+    light = torch.empty(n, 3, h, w, dtype=torch.float32, device=picture.device)
+    _launch(_light, light, exposure, batch.exposure, picture.contiguous())
+    scale = pixel_scale_of(exposure)
+    if scale.min() >= 1:
+        return Screen(light, (w, h), 0, (w, h))
+    rows, cols = (math.ceil(scale.max() * size) + 2 * EDGE_PIXELS for size in (h, w))
+    narrow, short = light.new_empty(n, 3, h, cols), light.new_empty(n, 3, rows, cols)
+    _shrink_axis(narrow, light, 3, scale, batch.pixel_scale, back=False)
+    _shrink_axis(short, narrow, 2, scale, batch.pixel_scale, back=False)
+    return Screen(short, (cols, rows), EDGE_PIXELS, (w, h))
+
+
+def show_back(grad: Tensor, picture: Tensor, exposure: Exposure, batch: Any) -> Tensor:
+    """Return the gradient in the picture, from that in `Screen.light`; arguments as in `show`."""
+    n, _, h, w = picture.shape
+    scale = pixel_scale_of(exposure)
+    if scale.min() < 1:
+        narrow, light = grad.new_zeros(n, 3, h, grad.shape[3]), grad.new_zeros(n, 3, h, w)
+        _shrink_axis(grad, narrow, 2, scale, batch.pixel_scale, back=True)
+        _shrink_axis(narrow, light, 3, scale, batch.pixel_scale, back=True)
+        grad = light
+    out = torch.empty_like(picture, memory_format=torch.contiguous_format)
+    _launch(_light_back, out, exposure, batch.exposure, grad, picture.contiguous())
+    return out
+
+
+def _launch(
+    kernel: Any, out: Tensor, exposure: Exposure, uploaded: Exposure, *images: Tensor
+) -> None:
+    """Run a kernel that fills out (B, 3, H, W) from images."""
     n, channels, h, w = out.shape
     kernel[(n * channels * triton.cdiv(h * w, BLOCK),)](
-        out, *arguments, (w, h),
+        out, *images, uploaded.black, uploaded.neighbour_share, (w, h),
         CODED=exposure.coded, BLURS=bool(exposure.neighbour_share.any()), BLOCK=BLOCK,
     )  # fmt: skip
 
@@ -115,16 +102,17 @@ def _shrink_axis(
     long: Tensor,
     axis: int,
     scale: np.ndarray,
-    numbers: PanelNumbers,
+    pixel_scale: Tensor,
     *,
     back: bool,
 ) -> None:
-    """Launch `_shrink` along an axis of (B, 3, h, w); scale: from `_pixel_scale`."""
+    """Launch `_shrink` along an axis of (B, 3, h, w); scale: from `pixel_scale_of`, and
+    uploaded."""
     lines, inner = math.prod(long.shape[1:axis]), math.prod(long.shape[axis + 1 :])
     taps, n = math.ceil(2 / scale.min()), short.numel()
     sizes = Shrinking(long.shape[axis], short.shape[axis], lines, inner, taps)
     programs = (triton.cdiv(n, BLOCK),)
-    _shrink[programs](short, long, numbers.pixel_scale, n, sizes, BACK=back, BLOCK=BLOCK)
+    _shrink[programs](short, long, pixel_scale, n, sizes, BACK=back, BLOCK=BLOCK)
 
 
 @triton.jit
@@ -149,7 +137,7 @@ def light_at(pixels, at, valid, black, CODED: tl.constexpr):
 
 
 @triton.jit
-def blurred(pixels, pixel, size, black, share, CODED: tl.constexpr, BLURS: tl.constexpr):
+def blurred_light(pixels, pixel, size, black, share, CODED: tl.constexpr, BLURS: tl.constexpr):
     """Return the light of the pixels (n,) of one channel of a picture, of which a share comes from
     a pixel's neighbours along each axis, as in `prefilter.blur_by_neighbours`. It is its own
     transpose."""
@@ -170,26 +158,34 @@ def blurred(pixels, pixel, size, black, share, CODED: tl.constexpr, BLURS: tl.co
 
 @triton.jit
 def _light(
-    out, picture, numbers, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
+    out, picture, black, share, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
 ):
     """Fill out (B, 3, H, W) with the light of pictures: a program for BLOCK pixels of a channel."""
     plane, pixel = block(size[0] * size[1], BLOCK)
     start, image = plane.to(tl.int64) * size[0] * size[1], plane // 3
-    black, share = tl.load(numbers.black + image), tl.load(numbers.neighbour_share + image)
-    light = blurred(picture + start, pixel, size, black, share, CODED, BLURS)
+    black, share = tl.load(black + image), tl.load(share + image)
+    light = blurred_light(picture + start, pixel, size, black, share, CODED, BLURS)
     tl.store(out + start + pixel, light, mask=pixel < size[0] * size[1])
 
 
 @triton.jit
 def _light_back(
-    out, grad, picture, numbers, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
+    out,
+    grad,
+    picture,
+    black,
+    share,
+    size,
+    CODED: tl.constexpr,
+    BLURS: tl.constexpr,
+    BLOCK: tl.constexpr,
 ):
     """Fill out (B, 3, H, W) with the gradient in pictures, from that in their light."""
     plane, pixel = block(size[0] * size[1], BLOCK)
     start, valid = plane.to(tl.int64) * size[0] * size[1], pixel < size[0] * size[1]
-    share = tl.load(numbers.neighbour_share + plane // 3)
-    back = blurred(grad + start, pixel, size, 0.0, share, False, BLURS)
-    back *= 1.0 - tl.load(numbers.black + plane // 3)
+    share = tl.load(share + plane // 3)
+    back = blurred_light(grad + start, pixel, size, 0.0, share, False, BLURS)
+    back *= 1.0 - tl.load(black + plane // 3)
     if CODED:
         back *= decode(tl.load(picture + start + pixel, mask=valid, other=0.0))[1]
     tl.store(out + start + pixel, back, mask=valid)

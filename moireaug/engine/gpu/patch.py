@@ -32,7 +32,7 @@ def place_on_shown(position, shown_scale, screen):
 
 
 @triton.jit
-def split(place, count):
+def split_place(place, count):
     """Return the pixel before a place, of `count`, int32, and how far it is to the next one,
     float32. Places past the edges count as on them."""
     place = tl.minimum(tl.maximum(place, 0.0), count - 1.0)

@@ -9,7 +9,7 @@ import numpy as np
 import triton
 import triton.language as tl
 
-from moireaug.engine.gpu.patch import Patch, place_on_shown, split
+from moireaug.engine.gpu.patch import Patch, place_on_shown, split_place
 from moireaug.engine.gpu.view import ALPHA
 from moireaug.engine.lower.exposure_records import Exposure, PointView
 
@@ -85,7 +85,7 @@ def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr
     share = second / tl.maximum(light, MIN_LIGHT)
     panel_pixel = here + ((there - here) * share + 0.5).to(tl.float64)
     scale = tl.load(batch.shown_scale + site.image)
-    pixel, to_next = split(place_on_shown(panel_pixel, scale, screen), screen.pixels[AXIS])
+    pixel, to_next = split_place(place_on_shown(panel_pixel, scale, screen), screen.pixels[AXIS])
     return light, pixel, (1.0 - to_next, to_next)
 
 

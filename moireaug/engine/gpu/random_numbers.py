@@ -13,7 +13,6 @@ from moireaug.effects import random_numbers as numbers
 
 FIRST_FACTOR = tl.constexpr(numbers.MIX_FACTORS[0])
 SECOND_FACTOR = tl.constexpr(numbers.MIX_FACTORS[1])
-WEYL_STEP = tl.constexpr(numbers.WEYL_STEP)
 INTERVAL_SHIFT = tl.constexpr(numbers.PLACES_PER_INTERVAL.bit_length() - 1)
 INTERVAL_MASK = tl.constexpr(numbers.INTERVALS - 1)
 PLACE_MASK = tl.constexpr(numbers.PLACES_PER_INTERVAL - 1)
@@ -36,14 +35,14 @@ def mix(x):
 
 
 @triton.jit
-def normal(index, seed, quantiles):
+def normal(index, keys, quantiles):
     """Return the standard normal numbers of these indices of an image, float32.
 
     Args:
-        index: int32. seed: int64, of the image. quantiles: (2048, 2) float32, see there.
+        index: int32. keys: (2,) int32, of the image. quantiles: (2048, 2) float32, see there.
     """
-    first = mix(seed.to(tl.uint32))
-    second = mix((seed >> 32).to(tl.uint32) ^ first ^ WEYL_STEP)
+    first = tl.load(keys).to(tl.uint32, bitcast=True)
+    second = tl.load(keys + 1).to(tl.uint32, bitcast=True)
     bits = mix(mix(index.to(tl.uint32) + first) ^ second)
     interval = (bits >> INTERVAL_SHIFT) & INTERVAL_MASK
     place = (bits & PLACE_MASK).to(tl.float32)

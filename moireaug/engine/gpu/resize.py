@@ -1,5 +1,5 @@
 """A linear resize along both axes, and the gradient on the way back. `rows` and `cols` are each a
-`develop_arrays.ResizeArrays`."""
+`development_records.Resize`."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ import triton.language as tl
 
 from moireaug.effects import binned_statistics, sensor
 from moireaug.engine.gpu.arrays import camera_field
+from moireaug.engine.gpu.optics import MIN_EXPONENT
 from moireaug.engine.gpu.random_numbers import normal
 from moireaug.engine.gpu.view import BEND, load32
 
@@ -23,7 +24,6 @@ DARK_LEVEL = tl.constexpr(sensor.DARK_LEVEL)
 LEAST_VARIANCE = tl.constexpr(binned_statistics.LEAST_VARIANCE)
 ROOT_HALF = tl.constexpr(0.5**0.5)
 PEAK = tl.constexpr((2 * math.pi) ** -0.5)  # of the standard normal density
-MIN_EXPONENT = tl.constexpr(-80.0)
 
 
 @triton.jit
@@ -52,14 +52,14 @@ def attenuation(u, v, camera):
 
 
 @triton.jit
-def noise_of(light, index, seed, camera, quantiles):
+def noise_of(light, index, keys, camera, quantiles):
     """Return the noise of a reading, and its derivative in the light; for quantiles, see
     `random_numbers.normal`."""
     dark, photons = load32(camera, DARK_NOISE), load32(camera, PHOTON_NOISE)
     variance = dark * dark + photons * photons * tl.maximum(light, DARK_LEVEL)
     some = variance > 0.0
     sigma = tl.where(some, tl.sqrt(tl.where(some, variance, 1.0)), 0.0)
-    number = normal(index, seed, quantiles)
+    number = normal(index, keys, quantiles)
     grows = some & (light > DARK_LEVEL)
     slope = tl.where(grows, 0.5 * photons * photons / tl.where(some, sigma, 1.0), 0.0)
     return number * sigma, number * slope
@@ -71,15 +71,15 @@ def reading(light, pulse, u, v, white, camera, noise, NOISY: tl.constexpr):
 
     Args:
         light: of the panel, without flicker, through a plane's filter. pulse: of the flicker.
-        white: what the plane reads of a white screen. noise: indices, seed and quantiles, see
+        white: what the plane reads of a white screen. noise: indices, keys and quantiles, see
             `random_numbers.normal`. NOISY: whether there is any.
     """
     u, v = u.to(tl.float32), v.to(tl.float32)
     factor = attenuation(u, v, camera)
     value, slope = factor * (light * pulse + white * reflected(u, v, camera)), factor * pulse
     if NOISY:
-        index, seed, quantiles = noise
-        added, by_light = noise_of(value, index, seed, camera, quantiles)
+        index, keys, quantiles = noise
+        added, by_light = noise_of(value, index, keys, camera, quantiles)
         value, slope = value + added, slope * (1.0 + by_light)
     return value, slope
 

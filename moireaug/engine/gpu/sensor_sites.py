@@ -48,7 +48,7 @@ def site_of(batch, BLOCK: tl.constexpr):
 
 
 @triton.jit
-def address(raw, site, batch):
+def pointers(raw, site, batch):
     """Return pointers to the pixels of a Site in raw (B, planes, h, w)."""
     planes, height, width = batch.raw_shape
     return raw + (site.image * planes + site.plane) * height * width + site.pixel
@@ -73,7 +73,7 @@ def read(light, site, batch, variant: tl.constexpr):
         pulse = tl.load(exposure.flicker + site.image * rows + site.row)
     white = tl.load(exposure.white + site.image * planes + site.plane)
     index = site.plane * height * width + site.pixel
-    noise = index, tl.load(exposure.seeds + site.image), batch.quantiles
+    noise = index, exposure.keys + 2 * site.image, batch.quantiles
     value, slope = reading(light, pulse, site.u, site.v, white, site.camera, noise, variant.noisy)
     if variant.clips:
         slope = tl.where((value < 0.0) | (value > 1.0), 0.0, slope)

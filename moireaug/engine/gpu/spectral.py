@@ -13,7 +13,7 @@ import numpy as np
 import triton
 import triton.language as tl
 
-from moireaug.engine.gpu.footprint import footprint, lit_shares
+from moireaug.engine.gpu.footprint import footprint_of, lit_shares
 from moireaug.engine.gpu.optics import transfer, wave
 from moireaug.engine.gpu.patch import Patch, place_on_shown, weights_on_shown
 from moireaug.engine.gpu.view import ALPHA
@@ -24,7 +24,7 @@ class Subpixels(NamedTuple):
     """What the method reads of a panel's subpixels, of some kinds; see `exposure_records.Cell`.
 
     Args:
-        cells: (kinds, 2) float64, per panel pixel. width, slant_variance: (B, kinds, 2) float32,
+        cells: (kinds, 2) float64, per panel pixel. width, added_variance: (B, kinds, 2) float32,
             see `exposure_records.FullView`.
         k, l: (terms,) float32, of harmonics, those of each kind together. first_term: (kinds + 1,)
             int32. amplitude: (B, terms) float32. mean: (B, kinds) float32.
@@ -33,7 +33,7 @@ class Subpixels(NamedTuple):
 
     cells: Any
     width: Any
-    slant_variance: Any
+    added_variance: Any
     k: Any
     l: Any
     first_term: Any
@@ -48,13 +48,14 @@ def subpixels_of(e: Exposure, view: FullView) -> Subpixels:
     middle, kinds = view.coefficients.shape[3] // 2, len(e.cell.period)
     amplitude = view.coefficients.copy()
     amplitude[:, :, 0, middle] = 0
-    gain = e.cameras[:, Camera._fields.index("gain")].max(initial=1)
-    strongest = np.abs(amplitude).max(0, initial=0)
-    kind, k, l = np.nonzero(strongest > e.budget.harmonic_amplitude / gain)
+    # each image's by itself, so that its reading does not depend on the rest of the batch
+    gain = np.maximum(e.cameras[:, Camera._fields.index("gain")], 1)[:, None, None, None]
+    amplitude[np.abs(amplitude) <= e.budget.harmonic_amplitude / gain] = 0
+    kind, k, l = np.nonzero(amplitude.any(0))
     return Subpixels(
         cells=1 / e.cell.period,
         width=view.widths,
-        slant_variance=view.added_variance,
+        added_variance=view.added_variance,
         k=k.astype(np.float32),
         l=(l - middle).astype(np.float32),
         first_term=np.searchsorted(kind, np.arange(kinds + 1)),
@@ -69,9 +70,8 @@ def span_of(e: Exposure) -> tuple[int, int]:
     """Return how many columns and rows of pixels shown a pixel's cells take their light from, at
     most: a finer panel's pixels from two each."""
     alpha = np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1)
-    least, most = alpha.min(initial=1), alpha.max(initial=1)
-    from_first_to_last = 2 * e.cell.radius * e.cell.period.max(0) / int(least)
-    columns, rows = np.ceil(from_first_to_last).astype(int) + (2 if most > 1 else 1)
+    from_first_to_last = 2 * e.cell.radius * e.cell.period.max(0) / int(alpha.min())
+    columns, rows = np.ceil(from_first_to_last).astype(int) + (2 if alpha.max() > 1 else 1)
     return int(columns), int(rows)
 
 
@@ -88,14 +88,14 @@ def _along_axis(i, sight, site, batch, AXIS: tl.constexpr, variant: tl.constexpr
     period = tl.load(exposure.cell.period + 2 * kind + AXIS).to(tl.float32)
     cells = tl.load(subpixels.cells + 2 * kind + AXIS)
     shape = (site.image * subpixels.kinds + kind) * 2 + AXIS
-    width, slant_variance = subpixels.width + shape, tl.load(subpixels.slant_variance + shape)
-    view = footprint(by_u, by_v, period, slant_variance, site.camera)
+    width, added_variance = subpixels.width + shape, tl.load(subpixels.added_variance + shape)
+    footprint = footprint_of(by_u, by_v, period, added_variance, site.camera)
     place = (position - tl.load(exposure.cell.centre + index)) * cells
     pixel = tl.load(exposure.cell.pixel + index) + 0.5
     end = tl.load(site.camera + ALPHA) * screen.size[AXIS]
     picture = position * cells, pixel * cells, end * cells
     nearest, offset, shares = lit_shares(
-        place, view, tl.load(width), picture, variant.taps, variant.dark
+        place, footprint, tl.load(width), picture, variant.taps, variant.dark
     )
     scale = tl.load(batch.shown_scale + site.image)
     first = place_on_shown((nearest - variant.taps // 2) * period + pixel, scale, screen)
@@ -131,5 +131,5 @@ def see(i, sight, site, batch, variant: tl.constexpr):
     pixels shown that it comes from; sight: from `sensor_sites.look_at_panel`."""
     x, left, across = _along_axis(i, sight[0], site, batch, 0, variant)
     y, top, down = _along_axis(i, sight[1], site, batch, 1, variant)
-    white = _modulation(i, x, y, (sight[0][1], sight[1][1]), site, batch)
-    return white, Patch(left, top, across, down)
+    light = _modulation(i, x, y, (sight[0][1], sight[1][1]), site, batch)
+    return light, Patch(left, top, across, down)

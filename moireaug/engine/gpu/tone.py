@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
 import triton
 import triton.language as tl
 
@@ -12,7 +13,7 @@ SRGB_KNEE = tl.constexpr(0.0031308)
 SRGB_LINEAR_GAIN = tl.constexpr(12.92)
 # a digit of float32 less than 1.055: the code of light 1 must not be above 1, where a clip has no
 # slope
-SRGB_GAIN = tl.constexpr(1.0549999)
+SRGB_GAIN = tl.constexpr(float(np.nextafter(np.float32(1.055), np.float32(0))))
 SRGB_OFFSET = tl.constexpr(0.055)
 SRGB_POWER = tl.constexpr(1 / 2.4)
 
@@ -32,16 +33,11 @@ class Look(NamedTuple):
 
 
 @triton.jit
-def root(light):
-    """Return light^(1 / 2.4), of light above the straight part of sRGB."""
-    return tl.exp2(tl.log2(tl.maximum(light, SRGB_KNEE)) * SRGB_POWER)
-
-
-@triton.jit
 def encode(light):
     """Return the sRGB code of light, whose straight part goes on below 0, and its derivative."""
-    bent, power = light > SRGB_KNEE, SRGB_GAIN * root(light)
-    slope = SRGB_POWER * power / tl.maximum(light, SRGB_KNEE)
+    bent, bright = light > SRGB_KNEE, tl.maximum(light, SRGB_KNEE)
+    power = SRGB_GAIN * tl.exp2(tl.log2(bright) * SRGB_POWER)
+    slope = SRGB_POWER * power / bright
     code = tl.where(bent, power - SRGB_OFFSET, light * SRGB_LINEAR_GAIN)
     return code, tl.where(bent, slope, SRGB_LINEAR_GAIN)
 

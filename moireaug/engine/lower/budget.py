@@ -11,7 +11,7 @@ from moireaug.scene.record import SceneRecord
 # depends on the grids of nodes hardly gets faster
 MIN_TOLERANCE, MAX_TOLERANCE = SceneRecord.tolerance / 64, SceneRecord.tolerance * 8
 
-# Limits of what kernels take on; the reference exposes what is beyond them.
+# Limits of what numba's kernels take on; the reference exposes what is beyond them.
 MAX_NODES = 65  # of amplitudes and tap weights, along each axis of the photo
 MAX_BEAT_NODES = 192  # along each axis of the photo
 MAX_BEAT_TERMS = 1024
@@ -30,13 +30,6 @@ UNCLIPPED_SIGMAS = 5.0  # a mean is clipped by noise only if it is this close to
 TRANSFER_MARGIN = 1.2  # by how much a transfer may be higher between samples of it
 REFERENCE_AMPLITUDE = 0.3  # of a beat's harmonic, for which `ErrorBudget` states `beat_cycles`
 MIN_BANDS = 224  # of a photo, if it has the rows; those of a band share their tap weights
-
-# Of tables, whose errors are below any budget: at most 2e-6. A table's size is compiled in.
-MIN_TRANSFER_STEPS, TRANSFER_STEPS_PER_CYCLE, MAX_TRANSFER_STEPS = 512, 64, 2**16
-SINC_LOBES, STEPS_PER_LOBE = 64, 32
-UNDISTORTION_STEPS = 1024
-TAIL_STEPS, TAIL_END_SIGMAS = 256, 7  # steps per standard deviation of the normal distribution
-DECODE_STEPS = 1024
 
 
 class ErrorBudget(NamedTuple):

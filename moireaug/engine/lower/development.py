@@ -90,8 +90,10 @@ def _registration_of(
     shot: ShotRecord, drawn: dict[str, np.ndarray], homography: np.ndarray
 ) -> Registration:
     if not _warps(shot):
-        return Registration(np.empty((0, 3, 3)), np.empty((0, 2)))
-    return Registration(homography, np.stack(distortion_of(shot, drawn), 1))
+        none = np.empty((0, 3, 3))
+        return Registration(none, none, np.empty((0, 2)), False)
+    lenses = np.stack(distortion_of(shot, drawn), 1)
+    return Registration(homography, np.linalg.inv(homography), lenses, bool(lenses.any()))
 
 
 def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray) -> Detail:

@@ -1,14 +1,11 @@
-"""The records that the kernels of developing take, of plain numbers and arrays."""
+"""The records that the kernels of developing take, of plain numbers and arrays. For those of the
+CPU, `cpu.develop_arrays` replaces `demosaic` and `cols`."""
 
 from __future__ import annotations
 
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
-
-# an array and a Resize as lowered; CPU kernels take what `cpu.develop_arrays` makes of them
-DemosaicT = TypeVar("DemosaicT")
-ColumnsT = TypeVar("ColumnsT")
 
 
 class Resize(NamedTuple):
@@ -19,6 +16,8 @@ class Resize(NamedTuple):
         taps: (m, T) float32, the weights from there on.
         first, last: (n,) int64, the photo pixels that each sensor pixel contributes to; none where
             last < first.
+        size: n. photo_size: m. tap_count: T. target_count: the most photo pixels that a sensor
+            pixel contributes to.
         is_identity: each photo pixel is a sensor pixel. halves: each is the mean of two.
     """
 
@@ -26,6 +25,10 @@ class Resize(NamedTuple):
     taps: np.ndarray
     first: np.ndarray
     last: np.ndarray
+    size: int
+    photo_size: int
+    tap_count: int
+    target_count: int
     is_identity: bool
     halves: bool
 
@@ -34,15 +37,18 @@ class Registration(NamedTuple):
     """What brings a batch's photos back to the image's frame; of length 0 if nothing does.
 
     Args:
-        forward: (B, 3, 3) float64, see `register.register`.
-        lens: (B, 2) float64, k1 and k2.
+        forward: (B, 3, 3) float64, homographies from image to ideal photo coordinates, both about
+            their centres. inverses: (B, 3, 3) float64, of these.
+        lenses: (B, 2) float64, k1 and k2. bends: whether any is not 0.
     """
 
     forward: np.ndarray
-    lens: np.ndarray
+    inverses: np.ndarray
+    lenses: np.ndarray
+    bends: bool
 
 
-class Detail(NamedTuple, Generic[ColumnsT]):
+class Detail(NamedTuple):
     """What makes photos of a batch's codes of sensor pixels: filters, neutral if none is planned,
     and a resize.
 
@@ -55,7 +61,7 @@ class Detail(NamedTuple, Generic[ColumnsT]):
 
     size: tuple[int, int]
     rows: Resize
-    cols: ColumnsT
+    cols: Any
     chroma: np.ndarray
     chroma_size: int
     sharp: np.ndarray
@@ -63,7 +69,7 @@ class Detail(NamedTuple, Generic[ColumnsT]):
     amount: np.ndarray
 
 
-class Codes(NamedTuple, Generic[DemosaicT, ColumnsT]):
+class Codes(NamedTuple):
     """What makes codes of a batch's readings, and resizes them.
 
     Args:
@@ -80,9 +86,9 @@ class Codes(NamedTuple, Generic[DemosaicT, ColumnsT]):
     """
 
     mosaic: bool
-    demosaic: DemosaicT
+    demosaic: Any
     rows: Resize
-    cols: ColumnsT
+    cols: Any
     saturates: bool
     levels: np.float32
     matrix: np.ndarray
@@ -94,7 +100,7 @@ class Codes(NamedTuple, Generic[DemosaicT, ColumnsT]):
     brighten: np.ndarray
 
 
-class Development(NamedTuple, Generic[DemosaicT, ColumnsT]):
+class Development(NamedTuple):
     """A batch's development, as kernels take it.
 
     Args:
@@ -104,8 +110,8 @@ class Development(NamedTuple, Generic[DemosaicT, ColumnsT]):
     """
 
     size: tuple[int, int]
-    codes: Codes[DemosaicT, ColumnsT]
+    codes: Codes
     finishes: bool
-    detail: Detail[ColumnsT]
+    detail: Detail
     registers: bool
     registration: Registration

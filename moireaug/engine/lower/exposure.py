@@ -9,7 +9,7 @@ import math
 import numpy as np
 import torch
 
-from moireaug.effects import prefilter
+from moireaug.effects import prefilter, random_numbers
 from moireaug.effects.flicker import BANDS_PER_ROW, light_of_rows
 from moireaug.engine.lower.binned import binned_view
 from moireaug.engine.lower.budget import ErrorBudget
@@ -53,7 +53,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelV
         cell=cell,
         sites=_sites(shot.scene, shot.size),
         flicker=_flicker_of(shot),
-        seeds=np.ascontiguousarray(shot.seed.numpy()),  # kernels are compiled for each layout
+        keys=torch.stack(random_numbers.keys(shot.seed), 1).numpy(),
         noisy="noise" in plan,
         coded="decode" in plan and not decoded,
         neighbour_share=share,

@@ -22,6 +22,7 @@ class Camera(NamedTuple):
 
     h00 ... h22 is the homography from ideal photo coordinates about the photo's centre to image
     coordinates; `bend` is 4 / (H^2 + W^2), which scales squared radii for the lens's k1 and k2.
+    `alpha` is panel pixels per image pixel, of the panel that is looked at.
     """
 
     h00: float
@@ -110,7 +111,7 @@ class Exposure(NamedTuple):
         white: (B, planes) float64, what each plane reads of a white screen on average.
         black: (B,) float32, light of a black pixel as a share of a white one's.
         flicker: (B, rows) float64, each sensor row's light relative to the mean; or (B, 0).
-        seeds: (B,) int64, of the noise. noisy: whether there is any.
+        keys: (B, 2) int32, of the noise, see `random_numbers.keys`. noisy: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
         neighbour_share: (B,) float32, share of a picture pixel's light that comes from its
             neighbours; see `picture.fill_light`.
@@ -127,7 +128,7 @@ class Exposure(NamedTuple):
     cell: Cell
     sites: Sites
     flicker: np.ndarray
-    seeds: np.ndarray
+    keys: np.ndarray
     noisy: bool
     coded: bool
     neighbour_share: np.ndarray

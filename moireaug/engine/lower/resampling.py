@@ -63,8 +63,8 @@ def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
 def _resize(start: np.ndarray, taps: np.ndarray, read: int) -> Resize:
     """Return the Resize of photo pixels with weights `taps` (m, T) from sensor pixels `start` (m,)
     on."""
-    size, most = taps.shape
-    pixel = start[:, None] + np.arange(most)
+    size, tap_count = taps.shape
+    pixel = start[:, None] + np.arange(tap_count)
     used = (pixel < read) & (taps != 0)
     pixel = np.minimum(pixel, read - 1)
     first, last = _contributions(pixel, used, read)
@@ -73,8 +73,12 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int) -> Resize:
         taps=taps.astype(np.float32),
         first=first,
         last=last,
-        is_identity=most == 1 and bool((start == np.arange(size)).all()),
-        halves=read == 2 * size and most == 2 and bool((taps == 0.5).all()),
+        size=read,
+        photo_size=size,
+        tap_count=tap_count,
+        target_count=max(int((last - first).max()) + 1, 0),
+        is_identity=tap_count == 1 and bool((start == np.arange(size)).all()),
+        halves=read == 2 * size and tap_count == 2 and bool((taps == 0.5).all()),
     )
 
 

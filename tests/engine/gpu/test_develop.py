@@ -2,13 +2,14 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 
 pytest.importorskip("triton")
 from moireaug import Develop, Scene, Sensor, View, pipeline
 from moireaug.engine.gpu import develop as gpu
-from moireaug.engine.gpu import tile
+from moireaug.engine.gpu import tile, tone
 from moireaug.engine.lower.development import lower_development
 from moireaug.engine.program import program_of
 from tests.engine.test_develop import SCENES
@@ -49,6 +50,10 @@ def test_equals_the_reference_and_its_gradient(name):
 def test_several_images_and_tiles(monkeypatch):
     monkeypatch.setattr(tile, "TILE", (4, 8))
     assert_equal(SEVERAL_TILES, (5, 10), n=2)
+
+
+def test_the_code_of_full_light_has_a_digit_to_spare():
+    assert np.float32(tone.SRGB_GAIN.value) < np.float32(1.055)
 
 
 def test_one_pixel():

@@ -8,7 +8,7 @@ import torch
 
 pytest.importorskip("triton")
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
-from moireaug.engine.gpu import full
+from moireaug.engine.gpu import full, spectral
 from moireaug.engine.lower.exposure import lower_exposure
 from tests.engine.readings import assert_equal
 from tests.engine.scenes import DELTA, TURNED
@@ -97,12 +97,26 @@ def test_gradient_equals_the_reference(name):
     assert (grad - expected).norm() < 1e-4 * expected.norm()
 
 
-def test_a_batch_of_none():
-    shot = SCENES["paper"].sample(0, (4, 5))
-    records, images = lower_exposure(shot, decoded=False), torch.rand(0, 3, 4, 5)
-    raw = full.expose(images, *records)
-    assert raw.shape == shot.raw_shape()
-    assert full.expose_back(raw, images, *records).shape == images.shape
+def test_a_reading_does_not_depend_on_the_rest_of_the_batch():
+    """Its neighbour's gain shows harmonics that are too faint in its own."""
+    scene = Scene(lens=Lens(blur=0.5), sensor=Sensor(scale=2.0, gain=(1.0, 100.0), cfa="none"))
+    shot, images = scene.sample(2, (3, 4)), torch.rand(2, 3, 3, 4)
+    gain = torch.tensor([1.0, 100.0], dtype=torch.float64)
+    shot = dataclasses.replace(shot, sensor=dataclasses.replace(shot.sensor, gain=gain))
+    readings = []
+    for n in (1, 2):
+        exposure, view = lower_exposure(shot[:n], decoded=False)
+        view.coefficients[:, :, 1:] = exposure.budget.harmonic_amplitude / 2
+        readings.append(full.expose(images[:n], exposure, view)[0])
+    assert torch.equal(*readings)
+
+
+def test_pixels_of_a_fine_panel_lie_in_fewer_pixels_of_the_picture():
+    spans = []
+    for scale in (1.5, 3.5):
+        shot = Scene(panel=Panel(scale=scale), sensor=Sensor(scale=8.0)).sample(1, (4, 5))
+        spans.append(spectral.span_of(lower_exposure(shot, decoded=False)[0]))
+    assert spans[1] < spans[0]
 
 
 @pytest.mark.parametrize("name", ["fine and sharp", "paper"])

@@ -17,7 +17,7 @@ from moireaug.effects.binned_statistics import expected_clip
 from moireaug.engine.dispatch import DECODING
 from moireaug.engine.gpu import optics, panel, sensor, tile, view
 from moireaug.engine.gpu import random_numbers as gpu_random_numbers
-from moireaug.engine.gpu.arrays import upload
+from moireaug.engine.gpu.arrays import NOTHING, upload
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.displayed import EDGE_PIXELS, shrink
 from moireaug.exposure.optics import optics_of
@@ -34,9 +34,9 @@ def _fill_blocks(out, count, BLOCK: tl.constexpr):
 
 
 @triton.jit
-def _normal(out, seeds, quantiles, N: tl.constexpr):
+def _normal(out, keys, quantiles, N: tl.constexpr):
     i = tl.arange(0, N)
-    tl.store(out + i, gpu_random_numbers.normal(i, tl.load(seeds), quantiles))
+    tl.store(out + i, gpu_random_numbers.normal(i, keys, quantiles))
 
 
 @triton.jit
@@ -78,7 +78,8 @@ def test_blocks_cover_each_group():
 
 def test_noise_is_the_references_bit_for_bit():
     seeds, out = torch.tensor([-(2**62) + 12345]), torch.empty(1024)
-    _normal[(1,)](out, seeds, gpu_random_numbers.quantiles(CPU), N=1024)
+    keys = torch.cat(random_numbers.keys(seeds))
+    _normal[(1,)](out, keys, gpu_random_numbers.quantiles(CPU), N=1024)
     assert torch.equal(out, random_numbers.normal((1024,), seeds)[0])
 
 
@@ -155,10 +156,16 @@ SHOWN = {
 }
 
 
+class Batch(NamedTuple):
+    exposure: Any
+    pixel_scale: Any
+
+
 def lowered(shot):
-    """A shot's exposure, and the numbers that `panel.show` reads of it."""
+    """A shot's exposure, and what `panel.show` reads of it."""
     exposure = lower_exposure(shot, decoded=False)[0]
-    return exposure, upload(panel.panel_numbers(exposure), CPU)
+    batch = Batch(exposure._replace(budget=NOTHING), panel.pixel_scale_of(exposure))
+    return exposure, upload(batch, CPU)
 
 
 @pytest.mark.parametrize("name", SHOWN)
@@ -166,22 +173,22 @@ def test_the_pictures_light_and_its_gradient(name):
     shot = SHOWN[name].sample(2, (9, 12))
     assert ("prefilter" in shot.plan) == (name == "prefiltered")
     picture = torch.rand(2, 3, 9, 12, requires_grad=True)
-    exposure, numbers = lowered(shot)
-    got = panel.show(picture, exposure, numbers)
+    exposure, batch = lowered(shot)
+    got = panel.show(picture, exposure, batch)
     named = [name for name in shot.plan.exposing if name in DECODING]
     expected = pipeline.apply(named, picture.double(), shot)
     assert got.lead == 0
     assert (got.light - expected).abs().max() < 1e-6
     grad = torch.randn_like(picture)
     (expected,) = torch.autograd.grad(expected, picture, grad.double())
-    assert (panel.show_back(grad, picture, exposure, numbers) - expected).abs().max() < 1e-5
+    assert (panel.show_back(grad, picture, exposure, batch) - expected).abs().max() < 1e-5
 
 
 def test_bytes_are_read_as_they_are():
     shot = SHOWN["codes"].sample(1, (9, 12))
     codes = torch.randint(0, 256, (1, 3, 9, 12), dtype=torch.uint8)
-    exposure, numbers = lowered(shot)
-    read = [panel.show(picture, exposure, numbers).light for picture in (codes, codes / 255)]
+    exposure, batch = lowered(shot)
+    read = [panel.show(picture, exposure, batch).light for picture in (codes, codes / 255)]
     assert (read[0] - read[1]).abs().max() < 1e-6
 
 
@@ -189,12 +196,12 @@ def test_what_a_coarse_panel_shows_and_the_gradient():
     scene = Scene(panel=Panel(scale=(0.3, 0.9)), develop=Develop(linear_light=False))
     shot = scene.sample(2, (9, 12), torch.Generator().manual_seed(1))
     picture = torch.rand(2, 3, 9, 12, requires_grad=True)
-    exposure, numbers = lowered(shot)
-    got = panel.show(picture, exposure, numbers)
+    exposure, batch = lowered(shot)
+    got = panel.show(picture, exposure, batch)
     scale = shot.panel_scale
     expected = shrink(picture, scale, float(scale.min()), float(scale.max()))
     assert got.lead == EDGE_PIXELS
     assert (got.light - expected).abs().max() < 1e-5
     grad = torch.randn_like(got.light)
     (expected,) = torch.autograd.grad(expected, picture, grad)
-    assert (panel.show_back(grad, picture, exposure, numbers) - expected).abs().max() < 1e-5
+    assert (panel.show_back(grad, picture, exposure, batch) - expected).abs().max() < 1e-5
