@@ -9,6 +9,7 @@ from torch import nn
 
 from moireaug.defenses import Compose, Defended, demoire
 from moireaug.defenses.demoire import losses
+from moireaug.evaluation.judges import DEFENCE_DRAWS, averaged
 
 NETWORKS = sorted(demoire.NETWORKS)
 # millions of parameters, as published: of the whole network, and of parts of it
@@ -235,3 +236,10 @@ def test_ones_own_network_is_a_defence_too():
     assert torch.equal(images.grad, torch.ones_like(images))
     with pytest.raises(ValueError, match=r"must keep the images' shape .* mean_of gave"):
         demoire.Demoire(mean_of)(images)
+
+
+def test_a_randomised_network_is_a_randomised_defence():
+    network = small("amnet")
+    network.randomised = True
+    assert averaged("noisy", demoire.Demoire(network)).draws == DEFENCE_DRAWS
+    assert Compose((demoire.Demoire(network),)).randomised

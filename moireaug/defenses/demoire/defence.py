@@ -18,8 +18,8 @@ class Demoire(Defence):
         network: from `demoire.build` or `demoire.load`, or any callable from images (B, 3, H, W) in
             [0, 1] to images of the same shape, clipped here. A module is called in the mode that it
             is in; attacks and `evaluate` put it into evaluation, as they do the model. Images are
-            computed in the dtype of its parameters. It may name itself in tables by an attribute
-            `title`.
+            computed in the dtype of its parameters. A randomised one says so by an attribute
+            `randomised = True`; it may name itself in tables by an attribute `title`.
 
     Backward: the network's own gradient; where its output is clipped, that of the unclipped one.
 
@@ -32,6 +32,8 @@ class Demoire(Defence):
 
     def __post_init__(self) -> None:
         check_callable("network", self.network, " Is it demoire.load(FILE)?")
+        randomised = bool(getattr(self.network, "randomised", False))
+        object.__setattr__(self, "randomised", randomised)
 
     @property
     def title(self) -> str:
