@@ -69,7 +69,7 @@ class MultiTargeted:
         right."""
         best = search.problem.clean_point()
         images, logits = search.photo(best)
-        check_classes(search.labels, logits, 1)
+        check_classes(search.labels, logits)
         check_answers(logits, self.attack.model, search.problem.images)
         stops = search.repeats(images, search.labels, logits)
         is_fooled = reaches(logits, search.labels, None) & stops

@@ -110,7 +110,7 @@ class Search:
         """Return the model's logits (b, K) of images (b, 3, H, W) with labels (b,)."""
         logits = self.model(images.clone())  # a model may work in place
         if getattr(self.model, "rejects", False):
-            check_classes(labels, logits, 1)
+            check_classes(labels, logits, rejects=True)
             return rejection_as_label(logits, labels)
         return logits
 
@@ -128,7 +128,7 @@ class Search:
         """Refuse the first logits of the active images where they do not match the classes, or
         where neither they nor those of the clean images are finite."""
         labels, targets = self.goals(self.loss_targets)
-        check_classes(labels if targets is None else torch.maximum(labels, targets), logits, 1)
+        check_classes(labels if targets is None else torch.maximum(labels, targets), logits)
         # in a later restart, the images that go on may well be those without an answer
         if len(self.rows) == len(self.labels):
             check_answers(logits, self.model, self.problem.images)

@@ -63,8 +63,9 @@ class Judge:
         model = self.defended(batch.model if self.model is None else self.model)
         with evaluating(model, images), torch.no_grad():
             logits = model(images.clone())  # it may work in place
-        check_classes(batch.labels, logits, 1)
-        return predicted(logits, rejects=getattr(model, "rejects", False))
+        rejects = getattr(model, "rejects", False)
+        check_classes(batch.labels, logits, rejects=rejects)
+        return predicted(logits, rejects=rejects)
 
     @cached_property
     def identity(self) -> str:

@@ -148,8 +148,9 @@ class Runner:
     def _goals(self, images: Tensor, labels: Tensor, index: int) -> Goals:
         with evaluating(self.model, images), torch.no_grad():
             logits = self.model(images[:1].clone())
-        check_classes(labels[:1], logits, 1)
-        classes = logits.shape[1] - getattr(self.model, "rejects", False)
+        rejects = getattr(self.model, "rejects", False)
+        check_classes(labels[:1], logits, rejects=rejects)
+        classes = logits.shape[1] - rejects
         return Goals(labels, Draws(self.seed, index).targets(labels, classes))
 
     def _scene_batches(
