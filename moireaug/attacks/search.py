@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import has_prediction, rejection_as_label
+from moireaug.attacks.answers import has_prediction, is_same_answer, rejection_as_label
 from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.losses import margin, mean_cross_entropy
 from moireaug.attacks.problem import Point, Problem
@@ -115,14 +115,11 @@ class Search:
         return logits
 
     def repeats(self, images: Tensor, labels: Tensor, logits: Tensor) -> bool:
-        """Return whether the model, asked again, gives its logits for these images again, but for a
-        thousandth of them."""
+        """Return whether the model, asked again, answers every image the same, see
+        `is_same_answer`."""
         with torch.no_grad():
             second_logits = self.ask(images, labels)
-        if not len(logits):
-            return True
-        size = logits.abs().float().nan_to_num(0, 0, 0).median().item()
-        return torch.allclose(logits, second_logits, rtol=1e-3, atol=1e-3 * size, equal_nan=True)
+        return bool(is_same_answer(logits, second_logits).all())
 
     def check(self, logits: Tensor) -> None:
         """Refuse the first logits of the active images where they do not match the classes, or
