@@ -9,9 +9,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import has_prediction, is_same_answer, rejection_as_label
+from moireaug.attacks.answers import is_same_answer, rejection_as_label
 from moireaug.attacks.checks import check_answers, check_classes
-from moireaug.attacks.losses import margin, mean_cross_entropy
+from moireaug.attacks.losses import attack_margin, mean_cross_entropy
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.rules import choose
 
@@ -149,11 +149,7 @@ class Search:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
         of the active images, and drop fooled images where they stop."""
         labels, targets = self.goals(self.targets)
-        margins = margin(logits.float(), labels, targets)
-        # no answer is a wrong one, and never the target
-        undecided_margin = math.inf if targets is None else -math.inf
-        margins = torch.where(has_prediction(logits), margins, undecided_margin)
-        margins = margins.view(self.active.views, -1).mean(0)
+        margins = attack_margin(logits, labels, targets).view(self.active.views, -1).mean(0)
         better = torch.zeros_like(self.margins, dtype=torch.bool)
         better[self.rows] = margins > self.margins[self.rows]
         self.margins = torch.where(better, self.scatter(margins), self.margins)
