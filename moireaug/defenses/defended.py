@@ -9,9 +9,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, check_callable, check_whole, title_of
+from moireaug.defenses.base import (
+    Defence,
+    check_callable,
+    check_whole,
+    straight_through,
+    title_of,
+)
 from moireaug.image_checks import check_images
-from moireaug.numeric import clip
 
 
 @dataclass(frozen=True)
@@ -26,7 +31,7 @@ class Compose(Defence):
 
     Between two, the images have the dtype they came with.
 
-    Backward: through each in turn; pixels on the bounds keep their gradient.
+    Backward: through each in turn; where an output is clipped, that of the unclipped one.
 
     Raises:
         TypeError: anything but a tuple of callables.
@@ -76,7 +81,7 @@ class Compose(Defence):
                         f"a defence must keep the images' shape {tuple(images.shape)}; "
                         f"{type(defence).__name__} gave {tuple(out.shape)}."
                     )
-                out = clip(out).to(images.dtype)
+                out = straight_through(out, out.clamp(0, 1)).to(images.dtype)
             images = out
         return images
 

@@ -186,7 +186,8 @@ class Gain(Defence):
     Args:
         mean: above 0, at most 1, in units of sRGB codes; by default near that of natural images.
 
-    Backward: exact, except that pixels on the bounds keep their gradient.
+    Backward: exact before the clipping, whose own gradient, 0 in clipped highlights, would hide
+    them from an attack: it is the identity's.
 
     Raises:
         TypeError, ValueError: another mean.
@@ -203,7 +204,8 @@ class Gain(Defence):
 
     def apply(self, images: Tensor) -> Tensor:
         mean = images.mean((1, 2, 3), keepdim=True).clamp(min=MIN_MEAN)
-        return clip(images * (self.mean / mean))
+        scaled = images * (self.mean / mean)
+        return straight_through(scaled, scaled.clamp(0, 1))
 
 
 def restore_mean(images: Tensor, clean: Tensor) -> Tensor:

@@ -55,6 +55,16 @@ def test_shape_type_range_input_and_gradient(name, kind):
         assert gradient.isfinite().all() and (gradient.flatten(1).abs().amax(1) > 0).all(), size
 
 
+@pytest.mark.parametrize("defence", [Gain(0.9), Compose((lambda x: 3 * x,))])
+def test_what_is_clipped_keeps_its_gradient(defence, photos):
+    """Or it would hide from an attack."""
+    images = (0.5 + 0.5 * photos()).requires_grad_()
+    out = defence(images)
+    is_clipped = out.detach() == 1
+    (gradient,) = torch.autograd.grad(out[is_clipped].sum(), images)
+    assert is_clipped.any() and (gradient[is_clipped] != 0).all()
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_half_precision_is_computed_in_float32(name, photos):
     defence, half = ALL[name](), photos(b=2, h=9, w=12).half()
