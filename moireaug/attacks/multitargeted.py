@@ -59,8 +59,7 @@ class MultiTargeted:
         """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
 
         Photos that are wrong without an attack are returned unchanged, where they are so each time.
-        `loss` in the Result is of
-        the last class that was tried, over the images that were left.
+        `loss` in the Result is of the last class that was tried, over the images that were left.
         """
         return self.attack.attack_batch(self._best_result, images, labels, None, shot, generator)
 

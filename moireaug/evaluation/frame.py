@@ -115,7 +115,8 @@ def rates(frame: pd.DataFrame) -> pd.DataFrame:
     Columns: those of `images_frame` up to `judge`; `accuracy`, `accuracy_low`, `accuracy_high` of
     all images; `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are
     none; `n`, `counted`, `rejected`, `undecided`, `seconds`; the measures, over images that got
-    noise; `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, the paper's figure.
+    noise; `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, the paper's figure,
+    which `with_paper` fills in.
     """
     lines = []
     for (table, row, column), cell in frame.groupby(CELL_COLUMNS, sort=False):

@@ -115,8 +115,8 @@ def psnr(changed: Tensor, original: Tensor) -> Tensor:
 
 def ssim(changed: Tensor, original: Tensor) -> Tensor:
     """Return the structural similarity of each of (B, 3, H, W) in [0, 1], (B,): the mean over
-    pixels and channels, in windows of `WINDOW` pixels, or of as many as smaller images have when
-    mirrored."""
+    pixels and channels, in windows of `SSIM_WINDOW` pixels, or of as many as smaller images have
+    when mirrored."""
     window = min(SSIM_WINDOW, 2 * min(changed.shape[-2:]) - 1)
     return ssim_map(changed, original, window).mean((1, 2, 3))
 
