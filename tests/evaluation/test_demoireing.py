@@ -9,8 +9,8 @@ from torchvision.transforms.functional import gaussian_blur
 from moireaug import Scene
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation import SuiteConfig, evaluate, images_frame, rates, tables_of
-from moireaug.evaluation.frame import with_paper
 from tests.evaluation.haze import cell_of, ran
+from training.report.published import with_paper
 
 SCENE = Scene.preset("screen_photo")
 

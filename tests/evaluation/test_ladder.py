@@ -9,13 +9,15 @@ import torch
 from torch import nn
 
 from moireaug import Scene, capture
-from moireaug.evaluation import SuiteConfig, images_frame, rates, report
-from moireaug.evaluation.examples import run_examples
+from moireaug.evaluation import SuiteConfig, images_frame, rates
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.suites.ladder import ladder, main_attack
 from moireaug.evaluation.tables import Table
 from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
+from training import report
+from training.report.examples import run_examples
+from training.report.terminal import plain
 
 from .conftest import classifier
 from .haze import ran
@@ -151,7 +153,7 @@ def test_images_without_an_answer_are_wrong_and_counted(known):
     assert 0 < rows["clean"]["undecided"] < 16
     assert all(r["accuracy"] <= 1 - r["undecided"] / 16 for r in rows.values())
     told = [{"name": name, "n": r["n"], "undecided": r["undecided"]} for name, r in rows.items()]
-    said = report.run_summary({"reattack": told, "model": "silent"})
+    said = plain(report.run_parts({"reattack": told, "model": "silent"}))
     assert "(silent, clean image)" in said.splitlines()[-1] and "NaN or infinite" in said
 
 

@@ -15,20 +15,20 @@ from moireaug.evaluation import (
     SuiteConfig,
     images_frame,
     rates,
-    report,
     tables_of,
 )
 from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
-from moireaug.evaluation.frame import read_published, with_paper
 from moireaug.evaluation.judges import UNDEFENDED
-from moireaug.evaluation.report.page import environment, render
-from moireaug.evaluation.report.suite_view import suite_view
 from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.suites.threat_scenes import DISPLAY_CAMERA_PAIRS, threat_scene
 from moireaug.scene.presets import PRESETS
 from tests.evaluation.haze import cell_of, ran
+from training import report
+from training.report.page import environment, render
+from training.report.published import read_published, with_paper
+from training.report.suite_view import suite_view
 
 SCENE = Scene.preset("screen_photo")
 WORST_CASE_COLUMNS = ("moire", "ma", "apgd")

@@ -11,11 +11,11 @@ from typing import Any
 import pandas as pd
 import torch
 
-from moireaug.evaluation.report.page import environment, uri
 from moireaug.scenes import Scene
 from training.calibration.compare import StatisticRow, mean_distance, number_text, span_text
 from training.calibration.crops import Crops
 from training.calibration.fit import FittedScene
+from training.report.page import environment, uri
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
 CROP_SIDE = 300  # pixels of a crop on the page

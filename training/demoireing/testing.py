@@ -14,13 +14,13 @@ from torch import Tensor
 from tqdm import tqdm
 
 from moireaug.defenses.demoire import DemoireNet
-from moireaug.defenses.demoire.tiles import tiled
 from moireaug.evaluation.statistics import t_interval
 from training.calibration.pairs import find_pairs, read_pairs
 from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.pairs import test_pairs
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
+from training.demoireing.tiles import tiled
 
 MEASURES = ("psnr", "ssim", "mapped_psnr", "mapped_ssim")
 EXAMPLE_SIDE = 300  # pixels, of the pictures of the report

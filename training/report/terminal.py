@@ -13,11 +13,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from moireaug.evaluation.report.metrics import Metrics, Rate
-from moireaug.evaluation.report.numbers import codes, duration, number, percent, points, short
-from moireaug.evaluation.report.page import render, title_of
-from moireaug.evaluation.report.run_view import run_view
 from moireaug.printing import printable
+from training.report.metrics import Metrics, Rate
+from training.report.numbers import codes, duration, number, percent, points, short
+from training.report.page import render, title_of
+from training.report.run_view import run_view
 
 TITLE_WIDTH, NAME_WIDTH = 27, 10
 

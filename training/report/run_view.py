@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from moireaug.evaluation.report.metrics import (
+from training.report.metrics import (
     Metrics,
     Rate,
     gain_of,
@@ -15,8 +15,8 @@ from moireaug.evaluation.report.metrics import (
     row_of,
     total_seconds,
 )
-from moireaug.evaluation.report.numbers import finite
-from moireaug.evaluation.report.page import title_of
+from training.report.numbers import finite
+from training.report.page import title_of
 
 MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
 

@@ -4,10 +4,10 @@ import re
 
 import pytest
 
-from moireaug.evaluation import report
-from moireaug.evaluation.report.numbers import duration, points, tied
-from moireaug.evaluation.report.page import environment, title_of
-from moireaug.evaluation.report.run_view import run_view
+from training import report
+from training.report.numbers import duration, points, tied
+from training.report.page import environment, title_of
+from training.report.run_view import run_view
 
 
 def headline(metrics):

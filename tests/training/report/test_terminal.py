@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from moireaug.evaluation import report
-from moireaug.evaluation.report.terminal import Grid, plain, show
+from training import report
+from training.report.terminal import Grid, plain, show
 
 GRID = Grid([["shown", "a [b]"], ["[bold]x[/bold]", "1.0"], ["y", "−20.5"]], "A title", rule=1)
 PARTS = ["A sentence with [brackets].", GRID, "", "The end."]

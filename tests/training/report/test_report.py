@@ -10,10 +10,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from moireaug.evaluation import report
-from moireaug.evaluation.report import plots
-
-from .elements import Elements
+from tests.training.report.elements import Elements
+from training import report
+from training.report import plots
 
 
 def read(tmp_path, metrics, pictures=None):

@@ -8,10 +8,10 @@ from typing import Any
 import pandas as pd
 
 from moireaug.evaluation.frame import MEASURES
-from moireaug.evaluation.report.metrics import Metrics, Rate, name_of
-from moireaug.evaluation.report.numbers import finite
-from moireaug.evaluation.report.page import render, title_of
 from moireaug.evaluation.tables import Table
+from training.report.metrics import Metrics, Rate, name_of
+from training.report.numbers import finite
+from training.report.page import render, title_of
 
 ATTACK_COLUMNS = ("worst", "ma")  # columns of a table, the strongest first
 # columns with and without moiré of the tables without an attacker
