@@ -14,7 +14,7 @@ from moireaug.image_checks import check_images
 
 class Defence(ABC):
     """A defence is called on images and returns images; subclasses are frozen dataclasses with
-    `apply` and `title`.
+    `apply`.
 
     Forward is the real operation. Backward is what each one documents: its own gradient where it
     has a useful one, otherwise an approximation (BPDA; Athalye, Carlini and Wagner 2018), so that
@@ -24,11 +24,6 @@ class Defence(ABC):
     """
 
     randomised = False
-
-    @property
-    @abstractmethod
-    def title(self) -> str:
-        """The defence's name in tables."""
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:
@@ -86,13 +81,6 @@ def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor
     """
     index = torch.arange(-before, size + after, device=device) % (2 * size)
     return torch.where(index < size, index, 2 * size - 1 - index)
-
-
-def title_of(part: object) -> str:
-    """Return the title that a callable gives itself in tables, else a function's name, else its
-    class's."""
-    title = getattr(part, "title", None)
-    return str(title or getattr(part, "__name__", type(part).__name__))
 
 
 def check_callable(name: str, part: object, advice: str = "") -> None:

@@ -9,13 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from moireaug.defenses.base import (
-    Defence,
-    check_callable,
-    check_whole,
-    straight_through,
-    title_of,
-)
+from moireaug.defenses.base import Defence, check_callable, check_whole, straight_through
 from moireaug.image_checks import check_images
 
 
@@ -26,8 +20,7 @@ class Compose(Defence):
     Args:
         defences: a tuple of defences, or of any callables from images to images of the same shape,
             such as a demoiréing network, whose output is clipped to [0, 1]. A randomised one says
-            so by an attribute `randomised = True`; any may name itself in tables by an attribute
-            `title`. An empty tuple is the identity.
+            so by an attribute `randomised = True`. An empty tuple is the identity.
 
     Between two, the images have the dtype they came with.
 
@@ -50,10 +43,6 @@ class Compose(Defence):
         object.__setattr__(self, "defences", tuple(self.defences))
         randomised = [d for d in self.defences if getattr(d, "randomised", False)]
         object.__setattr__(self, "randomised", bool(randomised))
-
-    @property
-    def title(self) -> str:
-        return " + ".join(map(title_of, self.defences)) or "none"
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:

@@ -13,14 +13,13 @@ MAX_WIDTH = 4.0
 
 
 class DemoireNet(nn.Module, ABC):
-    """A demoiréing network: a subclass sets `name`, `title` and `multiple`, and computes
-    `predict`.
+    """A demoiréing network: a subclass sets `name` and `multiple`, and computes `predict`.
 
     Args:
         width: factor on the published numbers of channels, in (0, 4].
 
     Attributes:
-        name: of `demoire.NETWORKS`. title: in tables.
+        name: of `demoire.NETWORKS`.
         multiple: the sides of the images given to `predict` are multiples of this, in pixels.
 
     Raises:
@@ -28,7 +27,6 @@ class DemoireNet(nn.Module, ABC):
     """
 
     name: str
-    title: str
     multiple: int
 
     def __init__(self, width: float = 1.0) -> None:

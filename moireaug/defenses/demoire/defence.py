@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, check_callable, straight_through, title_of
+from moireaug.defenses.base import Defence, check_callable, straight_through
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Demoire(Defence):
             [0, 1] to images of the same shape, clipped here. A module is called in the mode that it
             is in; attacks and `evaluate` put it into evaluation, as they do the model. Images are
             computed in the dtype of its parameters. A randomised one says so by an attribute
-            `randomised = True`; it may name itself in tables by an attribute `title`.
+            `randomised = True`.
 
     Backward: the network's own gradient; where its output is clipped, that of the unclipped one.
 
@@ -36,10 +36,6 @@ class Demoire(Defence):
         object.__setattr__(self, "randomised", randomised)
 
     @property
-    def title(self) -> str:
-        return title_of(self.network)
-
-    @property
     def networks(self) -> tuple[nn.Module, ...]:
         return (self.network,) if isinstance(self.network, nn.Module) else ()
 
@@ -49,8 +45,9 @@ class Demoire(Defence):
             x = images.to(next(self.network.parameters(), images).dtype)
         out = self.network(x)
         if out.shape != images.shape:
+            name = getattr(self.network, "__name__", type(self.network).__name__)
             raise ValueError(
-                f"a demoiréing network must keep the images' shape {tuple(images.shape)}; "
-                f"{self.title} gave {tuple(out.shape)}."
+                f"a demoiréing network must keep the images' shape {tuple(images.shape)}; {name} "
+                f"gave {tuple(out.shape)}."
             )
         return straight_through(out, out.clamp(0, 1)).to(images.dtype)
