@@ -103,7 +103,11 @@ def check_whole(name: str, value: object, low: int, high: int | None = None) -> 
 
 def check_real(name: str, value: object, low: float, high: float = math.inf) -> None:
     """Refuse anything but a finite number in (low, high]; TypeError or ValueError."""
-    allowed = f"a finite number above {low:g}" + (f", at most {high:g}" if high < math.inf else "")
+    allowed = "a finite number"
+    if low > -math.inf:
+        allowed += f" above {low:g}"
+    if high < math.inf:
+        allowed += f", at most {high:g}"
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")
     number = float(value)

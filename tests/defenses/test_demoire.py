@@ -183,7 +183,7 @@ def test_files_that_hold_no_network_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("ask", "error", "message"),
     [
-        (lambda: demoire.build("esdnt"), ValueError, "no network 'esdnt'. Closest: esdnet"),
+        (lambda: demoire.build("esdnt"), ValueError, "'esdnt'. Did you mean 'esdnet'"),
         (lambda: demoire.build("amnet", width=0), ValueError, "width must be .*; got 0"),
         (lambda: demoire.build("amnet", width=float("nan")), ValueError, "width must be"),
         (lambda: demoire.build("amnet", width="1"), TypeError, "width must be"),
@@ -193,6 +193,7 @@ def test_files_that_hold_no_network_are_refused(tmp_path):
         (lambda: small("amnet")(torch.zeros(2, 3, 8)), ValueError, r"shape \(B, 3, H, W\)"),
         (lambda: small("amnet")(torch.zeros(1, 8, 8, 3)), ValueError, "channels seem to be last"),
         (lambda: small("amnet")(torch.zeros(1, 3, 0, 8)), ValueError, "H, W >= 1"),
+        (lambda: small("esdnet")(torch.zeros(0, 3, 8, 8)), ValueError, "one or more"),
         (lambda: small("amnet")(torch.zeros(1, 3, 8, 8).byte()), TypeError, "Divide uint8"),
     ],
 )

@@ -96,7 +96,10 @@ def test_rejecting_is_no_class(grey):
     [
         (lambda: Rejecting(None, red, 0.5), "model must be callable"),
         (lambda: Rejecting(Bright(), Rejecting, 0.5), "detector must be callable"),
-        (lambda: Rejecting(Bright(), red, float("nan")), "threshold must be a finite number"),
+        (
+            lambda: Rejecting(Bright(), red, float("nan")),
+            "must be a finite number; got nan",
+        ),
         (lambda: Rejecting(Bright(), Bright(), 0.5)(torch.rand(2, 3, 8, 8)), r"scores \(2,\)"),
     ],
 )
