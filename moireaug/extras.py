@@ -11,7 +11,7 @@ import sys
 # the modules that the package needs from each extra of pyproject.toml
 MODULES = {
     "eval": ("pandas", "pywt", "skimage", "torchmetrics", "tqdm"),
-    "train": ("cma", "hydra", "jinja2", "lightning", "matplotlib", "omegaconf", "rich", "yaml"),
+    "train": ("cma", "hydra", "jinja2", "lightning", "matplotlib", "omegaconf", "yaml"),
     "explore": ("gradio",),
     "safetensors": ("safetensors",),
 }

@@ -15,9 +15,9 @@ from training.report.metrics import name_of
 from training.report.numbers import finite
 from training.report.run_view import run_view
 from training.report.suite_view import suite_view
-from training.report.terminal import Part, run_parts, run_summary, show, suite_parts
+from training.report.terminal import Part, run_parts, show, suite_parts
 
-__all__ = ["run_parts", "run_summary", "show", "suite_parts", "write_run", "write_suite"]
+__all__ = ["run_parts", "show", "suite_parts", "write_run", "write_suite"]
 
 Examples = list[dict[str, Any]]
 

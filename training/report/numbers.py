@@ -59,11 +59,6 @@ def duration(seconds: Any) -> str:
     return f"{minutes // 60} h {minutes % 60} min"
 
 
-def pc(rate: float) -> str:
-    """Return a rate in percent for a style sheet."""
-    return f"{100 * rate:.2f}"
-
-
 def capital(text: str) -> str:
     """Return a text with its first letter as a capital."""
     return text[:1].upper() + text[1:]

@@ -17,7 +17,7 @@ from PIL import Image
 import training.report.numbers as numbers
 
 PICTURE_SIDE = 165  # pixels, to which small pictures are enlarged by a whole factor
-NUMBER_FILTERS = ("percent", "points", "codes", "number", "duration", "pc", "capital", "tied")
+NUMBER_FILTERS = ("percent", "points", "codes", "number", "duration", "capital", "tied")
 
 
 def render(template: str, **context: Any) -> str:

@@ -8,6 +8,7 @@ from training import report
 from training.report.numbers import duration, points, tied
 from training.report.page import environment, title_of
 from training.report.run_view import run_view
+from training.report.terminal import plain
 
 
 def headline(metrics):
@@ -71,7 +72,7 @@ def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, baseline):
     metrics["reattack"][0]["name"] = "t" * 80
     if not baseline:
         metrics["baseline"] = None
-    lines = report.run_summary(metrics).splitlines()
+    lines = plain(report.run_parts(metrics)).splitlines()
     assert max(map(len, lines)) <= 100
     assert len({len(line) for line in lines[1 : 2 + len(metrics["reattack"])]}) == 1
     assert "n = 200" in lines[0]
