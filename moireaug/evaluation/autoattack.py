@@ -87,8 +87,5 @@ class SquareAttacker(Attacker):
     kind = "square"
 
     def perturb(self, batch: EvalBatch) -> Tensor:
-        scene = batch.shot.scene
-        attack = SquareMoire(
-            model=batch.model, scene=scene, eps=self.eps, steps=self.steps, until_fooled=True
-        )
+        attack = self.moire_attack(batch, SquareMoire, until_fooled=True)
         return attack_shot(attack, batch, *self.goals(batch)).images
