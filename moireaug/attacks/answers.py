@@ -53,7 +53,7 @@ def rejection_as_label(logits: Tensor, labels: Tensor) -> Tensor:
     return classes.scatter(1, labels[:, None], labelled)
 
 
-def reaches(logits: Tensor, labels: Tensor, targets: Tensor | None) -> Tensor:
+def is_success(logits: Tensor, labels: Tensor, targets: Tensor | None) -> Tensor:
     """Return whether each row of logits (B, K) is a success of an attack, (B,) bool: it does not
     predict the label or, with targets, it predicts the target."""
     predictions = predicted(logits)

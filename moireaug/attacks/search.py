@@ -50,7 +50,7 @@ class Search:
         margins: (n,) greatest margins.
         scales: (n,) greatest size of the two logits whose difference is a margin.
         losses: mean cross-entropy before each step of the last restart.
-        stops_fooled: whether fooled images take no further steps.
+        drops_fooled: whether fooled images take no further steps.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Search:
         self.margins = torch.full_like(labels, -math.inf, dtype=torch.float32)
         self.scales = torch.zeros_like(self.margins)
         self.losses: list[Tensor] = []
-        self.stops_fooled = False
+        self.drops_fooled = False
 
     def toward(self, loss_targets: Tensor, rows: Tensor) -> Search:
         """Return a new search on the images at indices (b,), by steps toward one class each,
@@ -81,7 +81,7 @@ class Search:
     @property
     def is_over(self) -> bool:
         """Whether no image takes a further step."""
-        return self.stops_fooled and not len(self.rows)
+        return self.drops_fooled and not len(self.rows)
 
     def active_rows(self, values: Tensor) -> Tensor:
         """Return the rows (b, ...) of values (n, ...) of the images that still take steps."""
@@ -114,7 +114,7 @@ class Search:
             return rejection_as_label(logits, labels)
         return logits
 
-    def repeats(self, images: Tensor, labels: Tensor, logits: Tensor) -> bool:
+    def is_deterministic(self, images: Tensor, labels: Tensor, logits: Tensor) -> bool:
         """Return whether the model, asked again, answers every image the same, see
         `is_same_answer`."""
         with torch.no_grad():
@@ -147,7 +147,7 @@ class Search:
 
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
-        of the active images, and drop fooled images where they stop."""
+        of the active images, and drop fooled images where `drops_fooled`."""
         labels, targets = self.goals(self.targets)
         margins = attack_margin(logits, labels, targets).view(self.active.views, -1).mean(0)
         better = torch.zeros_like(self.margins, dtype=torch.bool)
@@ -156,7 +156,7 @@ class Search:
         best = self.best or point
         self.best = {name: choose(better, x, best[name]) for name, x in point.items()}
         self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
-        if self.stops_fooled:
+        if self.drops_fooled:
             self._drop_fooled(margins, logits)
 
     def _drop_fooled(self, margins: Tensor, logits: Tensor) -> None:

@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug.attacks import evaluating, predicted
 from moireaug.attacks.checks import check_classes
 from moireaug.defenses import Defended, restore_mean
-from moireaug.evaluation.conditions import Defence, EvalBatch, Model
+from moireaug.evaluation.conditions import EvalBatch, ImageTransform, Model
 from moireaug.evaluation.identity import identity
 
 DEFENCE_DRAWS = 20  # of a randomised defence, as many as AutoAttack's version "rand" averages over
@@ -32,7 +32,7 @@ class Judge:
     """
 
     name: str
-    defence: Defence | None = None
+    defence: ImageTransform | None = None
     model: Model | None = None
     restores_mean: bool = False
     draws: int = 1
@@ -83,7 +83,7 @@ class Judge:
 UNDEFENDED = Judge("model")
 
 
-def averaged(name: str, defence: Defence) -> Judge:
+def averaged(name: str, defence: ImageTransform) -> Judge:
     """Return the attacked model behind a defence, by the mean of many draws where it is randomised:
     of single draws, a worst case over several conditions would pick the unlucky ones."""
     if not getattr(defence, "randomised", False):

@@ -19,8 +19,8 @@ from moireaug.evaluation import (
     tables_of,
 )
 from moireaug.evaluation.conditions import Photo
+from moireaug.evaluation.draws import mix_seeds
 from moireaug.evaluation.records import RecordFolder
-from moireaug.evaluation.statistics import mix_seeds
 from moireaug.evaluation.tables import paper_defences
 from moireaug.scenes import Scene
 from tests.evaluation.haze import ran
