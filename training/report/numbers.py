@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from typing import Any
 
 DASH = "–"
@@ -38,6 +39,11 @@ def codes(value: Any) -> str:
     """Return a change in [0, 1] units in units of 1/255."""
     known = finite(value)
     return DASH if known is None else f"{255 * known:.3g}"
+
+
+def distinct(counts: Iterable[Any]) -> str:
+    """Return the different ones of some counts, joined by slashes; those not known are left out."""
+    return " / ".join(dict.fromkeys(str(count) for count in counts if count is not None))
 
 
 def number(value: Any, digits: int = 1) -> str:
