@@ -41,6 +41,12 @@ def test_headline_of_a_loss(metrics):
     assert "fell from 76 % to 8 % (−68 points, 95 % interval −74 to −62" in lead
 
 
+def test_images_without_an_answer_are_told(metrics):
+    metrics["reattack"][0]["undecided"] = 3
+    last = plain(report.run_parts(metrics)).splitlines()[-1]
+    assert "NaN or infinite" in last and "3 of 200 (moire_at, clean image)" in last
+
+
 @pytest.mark.parametrize("interval", [[-0.01, 0.05], [0.0, 0.04], [-0.03, 0.0]])
 def test_headline_of_a_difference_that_may_be_none(metrics, interval):
     metrics["gain"]["ma_4"], metrics["gain_interval"]["ma_4"] = 0.02, interval
