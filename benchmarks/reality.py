@@ -41,7 +41,6 @@ from torch import Tensor
 
 from benchmarks import agreement, cleaned, measure, told_apart
 from moireaug import Scene
-from moireaug.evaluation.report.terminal import plain
 from moireaug.synthesis.tone import ColourMap
 from training.calibration.compare import (
     compare_statistics,
@@ -52,6 +51,7 @@ from training.calibration.compare import (
 from training.calibration.crops import Crops, cut_crops, photograph_crops
 from training.calibration.pairs import find_pairs, read_pairs
 from training.config import scenes
+from training.report.terminal import plain
 
 FULL: dict[str, Any] = {
     "side": 384,

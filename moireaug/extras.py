@@ -10,8 +10,8 @@ import sys
 
 # the modules that the package needs from each extra of pyproject.toml
 MODULES = {
-    "eval": ("jinja2", "matplotlib", "pandas", "pywt", "rich", "skimage", "torchmetrics", "tqdm"),
-    "train": ("cma", "hydra", "lightning", "omegaconf", "yaml"),
+    "eval": ("pandas", "pywt", "skimage", "torchmetrics", "tqdm"),
+    "train": ("cma", "hydra", "jinja2", "lightning", "matplotlib", "omegaconf", "yaml"),
     "explore": ("gradio",),
     "safetensors": ("safetensors",),
 }
@@ -24,12 +24,14 @@ BACKEND = "MPLBACKEND"  # matplotlib's variable
 
 def drop_missing_backend() -> None:
     """Drop a backend of matplotlib that is unknown from the environment: with it, matplotlib cannot
-    be imported.
+    be imported, nor what imports it where it is installed, such as torchmetrics.
 
     A notebook's commands inherit the notebook's backend, which their own Python may not have.
     Figures are drawn into files here, and need none.
     """
     if "matplotlib" in sys.modules or not os.environ.get(BACKEND):
+        return
+    if importlib.util.find_spec("matplotlib") is None:
         return
     backend = os.environ.pop(BACKEND)
     parameters = importlib.import_module("matplotlib").rcParams

@@ -18,7 +18,6 @@ from torchvision import tv_tensors
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, attacks, capture
 from moireaug.defenses import DEFENSES, Quilting, restore_mean
-from moireaug.defenses.demoire.tiles import tiled
 from moireaug.engine import switch
 from moireaug.evaluation import evaluate
 from moireaug.evaluation.corruptions import CORRUPTIONS
@@ -32,6 +31,7 @@ from moireaug.transforms import kornia as for_kornia
 from tests.defaults import DTYPES, defaults
 from training.attack import results
 from training.data import signs, splits
+from training.demoireing.tiles import tiled
 from training.models import classifiers as models
 
 SIZE = (16, 20)

@@ -28,7 +28,7 @@ LIBRARY = (
     ("evaluation",),
 )
 APPLICATION = (
-    ("system",),
+    ("system", "report"),
     ("config",),
     ("data", "models"),
     ("runs",),

@@ -28,7 +28,7 @@ sys.settrace(lambda *given: None)
 
 import torch
 from moireaug import attacks
-from moireaug.evaluation import report
+from training import report
 from moireaug.transforms import RandomMoire
 
 scene = "screen_photo"

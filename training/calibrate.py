@@ -35,7 +35,6 @@ import pandas as pd
 import yaml
 
 from moireaug import Scene
-from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
 from moireaug.synthesis.pairs import check_aligned
 from moireaug.synthesis.statistics import MIN_CROP_SIDE
@@ -60,6 +59,7 @@ from training.calibration.plot import draw
 from training.config import scenes
 from training.config.plain import parse, report_errors
 from training.config.settings import setting
+from training.report.terminal import show
 from training.runs.identity import fingerprint_of
 from training.system.files import free_name, make_folder
 

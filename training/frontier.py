@@ -22,12 +22,12 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
 from training.comparison.plot import draw
 from training.comparison.points import read
 from training.comparison.summaries import RecipeSummary, summarise
 from training.comparison.table import caption, markdown, plain_values, terminal_parts
+from training.report.terminal import show
 from training.system.messages import use_legible_output
 
 

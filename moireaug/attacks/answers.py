@@ -35,6 +35,15 @@ def predicted(logits: Tensor, *, rejects: bool = False) -> Tensor:
     return torch.where(has_prediction(logits), classes, UNDECIDED)
 
 
+def is_same_answer(logits: Tensor, other: Tensor) -> Tensor:
+    """Return whether two answers to each image, logits (B, K), are the same but for a thousandth of
+    the logits, (B,) bool: rounding is no other answer."""
+    if not len(logits):
+        return torch.ones(0, dtype=torch.bool, device=logits.device)
+    size = logits.abs().float().nan_to_num(0, 0, 0).median().item()
+    return torch.isclose(logits, other, rtol=1e-3, atol=1e-3 * size, equal_nan=True).all(1)
+
+
 def rejection_as_label(logits: Tensor, labels: Tensor) -> Tensor:
     """Return the logits (B, K) of a model whose last logit (B, K + 1) rejects the image, with the
     greater of that and the label's in the label's place: to an attack, a rejected image is no
@@ -44,7 +53,7 @@ def rejection_as_label(logits: Tensor, labels: Tensor) -> Tensor:
     return classes.scatter(1, labels[:, None], labelled)
 
 
-def reaches(logits: Tensor, labels: Tensor, targets: Tensor | None) -> Tensor:
+def is_success(logits: Tensor, labels: Tensor, targets: Tensor | None) -> Tensor:
     """Return whether each row of logits (B, K) is a success of an attack, (B,) bool: it does not
     predict the label or, with targets, it predicts the target."""
     predictions = predicted(logits)

@@ -14,6 +14,7 @@ from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.attacks.problem import Point, Problem
 from moireaug.capture import expose, photo_of_reading
 from moireaug.numeric import clip
+from moireaug.plan import Plan
 from moireaug.scenes import Shot
 from moireaug.shot import ShotRecord
 
@@ -27,6 +28,9 @@ NOISE_AT: dict[str, tuple[Stage, Stage]] = {
         lambda photo, shot: clip(photo),
     ),
 }
+
+# effects that mix a reading with others, scale it or shift it
+MIXING_EFFECTS = ("demosaic", "balance", "colour_matrix", "brighten")
 
 
 @dataclass(eq=False)
@@ -58,11 +62,7 @@ class CameraProblem(Problem):
         elif self.eot == 1:
             self.base = self.clean
         self.noise_frozen = "noise" not in self.optimise
-        if self.noise_at == "photo":
-            self.effective_range = 0.0, 1.0
-        elif "saturate" in self.shot.plan:
-            # a reading below 0 still counts, as demosaicing mixes it with others
-            self.effective_range = -math.inf, 1.0
+        self.effective_range = _effective_range(self.noise_at, self.shot.plan)
 
     def render(self, point: Point) -> Tensor:
         shot, clean = self.shot, self.clean
@@ -93,3 +93,15 @@ class CameraProblem(Problem):
 
     def shot_of(self, point: Point) -> Shot:
         return shot_at_pose(self.shot, self.fields, point["pose"]) if self.fields else self.shot
+
+
+def _effective_range(noise_at: str, plan: Plan) -> tuple[float, float]:
+    """Return the range of a reading or photo with noise, beyond which more noise changes nothing.
+
+    A reading outside [0, 1] counts where an effect can bring it back before codes are clipped,
+    unless the converter's bits or, above 1, the full well clip it first.
+    """
+    is_brought_back = any(effect in plan for effect in MIXING_EFFECTS) and "bits" not in plan
+    if noise_at == "photo" or not is_brought_back:
+        return 0.0, 1.0
+    return -math.inf, 1.0 if "saturate" in plan else math.inf

@@ -137,31 +137,36 @@ def check_goals(
     return labels, targets
 
 
-def check_classes(labels: Tensor, logits: Any, views: int) -> None:
-    """Refuse anything but logits (views * n, K) of two classes or more, and labels that are not
-    below K."""
+def check_classes(labels: Tensor, logits: Any, *, rejects: bool = False) -> None:
+    """Refuse anything but logits (n, K) of two classes or more, and labels (n,) that are not below
+    K: ValueError.
+
+    Args:
+        rejects: whether the logits have one more column, that of rejecting the image.
+    """
     if not isinstance(logits, Tensor):
         raise ValueError(
             f"the model must return a tensor of logits (B, K); got {_describe_output(logits)}"
         )
-    if logits.ndim != 2 or len(logits) != len(labels) * views:
+    if logits.ndim != 2 or len(logits) != len(labels):
         raise ValueError(
             f"the model must return logits (B, K); got {tuple(logits.shape)} for {len(labels)} "
             "images."
         )
-    if logits.shape[1] < 2:
+    n_classes = logits.shape[1] - rejects
+    if n_classes < 2:
         raise ValueError(
-            f"the model must return the logits of at least two classes; got {logits.shape[1]}. For "
-            "a single logit z of a binary classifier, return (0, z)."
+            f"the model must return the logits of at least two classes; got {n_classes}. For a "
+            "single logit z of a binary classifier, return (0, z)."
         )
     if not logits.is_floating_point():
         raise ValueError(
             f"the model must return logits in floating point; got {logits.dtype}. Convert them: "
             "lambda images: model(images).float()."
         )
-    if len(labels) and labels.max() >= logits.shape[1]:
+    if len(labels) and labels.max() >= n_classes:
         raise ValueError(
-            f"labels and targets must lie in [0, {logits.shape[1] - 1}], the model's classes; got "
+            f"labels and targets must lie in [0, {n_classes - 1}], the model's classes; got "
             f"{int(labels.max())}. A class_index file maps a folder's classes to a pretrained "
             "model's."
         )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import has_prediction, reaches
+from moireaug.attacks.answers import has_prediction, is_success
 from moireaug.attacks.checks import (
     check_count,
     check_goals,
@@ -94,7 +94,7 @@ class CW:
             search.check(logits)  # without steps, nothing was checked yet
         noise = pixels - problem.base
         eps = noise.abs().max().item() if noise.numel() else 0.0
-        success = reaches(logits, labels, targets)
+        success = is_success(logits, labels, targets)
         return Result(photo, success, noise, loss_curve(losses), eps)
 
     def _nearest(self, search: Search, x: Tensor) -> tuple[Tensor, list[Tensor]]:
@@ -109,9 +109,9 @@ class CW:
             is_nearer = distance < nearest_distance
             nearest = choose(is_nearer, image, nearest)
             nearest_distance = torch.minimum(distance, nearest_distance)
-            is_success = distance.isfinite()
-            reached = torch.where(is_success, torch.minimum(reached, c), reached)
-            failed = torch.where(is_success, failed, torch.maximum(failed, c))
+            success = distance.isfinite()
+            reached = torch.where(success, torch.minimum(reached, c), reached)
+            failed = torch.where(success, failed, torch.maximum(failed, c))
             c = torch.where(reached.isfinite(), (failed + reached) / 2, 10 * c)
         return nearest, losses
 
@@ -139,8 +139,8 @@ class CW:
             adam.step()
             losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
             is_enough = (lead >= self.confidence) | ~has_prediction(logits)
-            is_success = reaches(logits, labels, targets) & is_enough
-            is_nearer = is_success & (distance < nearest_distance)
+            success = is_success(logits, labels, targets) & is_enough
+            is_nearer = success & (distance < nearest_distance)
             nearest_distance = torch.where(is_nearer, distance, nearest_distance).detach()
             nearest = choose(is_nearer, candidate.detach(), nearest)
         return nearest, nearest_distance, losses

@@ -12,7 +12,7 @@ from typing import TypeVar
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import reaches
+from moireaug.attacks.answers import is_success
 from moireaug.attacks.checks import (
     check_count,
     check_eps,
@@ -170,7 +170,9 @@ class Attack(ABC):
                 if images is None or logits is None:
                     logits = search.logits(point)
                 elif self.until_fooled and not search.losses:
-                    search.stops_fooled = search.repeats(images, search.goals(None)[0], logits)
+                    search.drops_fooled = search.is_deterministic(
+                        images, search.goals(None)[0], logits
+                    )
                 search.keep(point, logits)
         return search.best
 
@@ -228,6 +230,6 @@ class Attack(ABC):
     def result(self, search: Search, point: Point) -> Result:
         """Return the Result of a point."""
         images, logits = search.photo(point)
-        success = reaches(logits, search.labels, search.targets)
+        success = is_success(logits, search.labels, search.targets)
         shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
         return Result(images, success, point["noise"], losses, self.eps, shot)

@@ -3,11 +3,14 @@ to its goal."""
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+
+from moireaug.attacks.answers import has_prediction
 
 
 class Loss(Protocol):
@@ -96,6 +99,14 @@ LOSSES: dict[str, Loss] = {
     "margin": margin,
     "dlr": difference_of_logits_ratio,
 }
+
+
+def attack_margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
+    """Return the margin (B,) float32 of an attack; without an answer, infinite: no answer is a
+    wrong one, and never the target."""
+    undecided_margin = math.inf if targets is None else -math.inf
+    margins = margin(logits.float(), labels, targets)
+    return torch.where(has_prediction(logits), margins, undecided_margin)
 
 
 def mean_cross_entropy(logits: Tensor, labels: Tensor) -> Tensor:

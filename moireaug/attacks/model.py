@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import torch
 from torch import Tensor, nn
 
+from moireaug.attacks.answers import is_same_answer
 from moireaug.networks import in_evaluation_mode, networks_of
 
 # messages of torch where weights and images differ in precision or device, or in channels
@@ -105,6 +106,14 @@ def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) 
         if message := _mismatch_message(_first_weight(model), images, reason):
             raise TypeError(message) from error
         raise
+
+
+def repeats_answers(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
+    """Return whether a model, asked twice, answers each image (B, 3, H, W) the same, (B,) bool; see
+    `is_same_answer`. Its state is restored."""
+    with evaluating(model, images), torch.no_grad():
+        logits, second_logits = model(images.clone()), model(images.clone())  # it may work in place
+    return is_same_answer(logits, second_logits)
 
 
 def _first_weight(model: object) -> Tensor | None:

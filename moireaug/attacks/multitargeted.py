@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import reaches
+from moireaug.attacks.answers import is_success
 from moireaug.attacks.checks import check_answers, check_classes, check_count
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest_wrong_classes, margin
@@ -59,8 +59,7 @@ class MultiTargeted:
         """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
 
         Photos that are wrong without an attack are returned unchanged, where they are so each time.
-        `loss` in the Result is of
-        the last class that was tried, over the images that were left.
+        `loss` in the Result is of the last class that was tried, over the images that were left.
         """
         return self.attack.attack_batch(self._best_result, images, labels, None, shot, generator)
 
@@ -69,10 +68,10 @@ class MultiTargeted:
         right."""
         best = search.problem.clean_point()
         images, logits = search.photo(best)
-        check_classes(search.labels, logits, 1)
+        check_classes(search.labels, logits)
         check_answers(logits, self.attack.model, search.problem.images)
-        stops = search.repeats(images, search.labels, logits)
-        is_fooled = reaches(logits, search.labels, None) & stops
+        is_deterministic = search.is_deterministic(images, search.labels, logits)
+        is_fooled = is_success(logits, search.labels, None) & is_deterministic
         margins = margin(logits.float(), search.labels)
         values, classes = likeliest_wrong_classes(logits, search.labels, self.targets)
         for value, targets in zip(values.T, classes.T, strict=True):
@@ -83,11 +82,11 @@ class MultiTargeted:
             toward = search.toward(targets[rows], rows)
             point = self.attack.best(toward)
             _, logits = toward.photo(point)
-            is_success = reaches(logits, toward.labels, None) & stops
+            success = is_success(logits, toward.labels, None) & is_deterministic
             new_margins = margin(logits.float(), toward.labels)
-            is_better = is_success | (new_margins > margins[rows])
+            is_better = success | (new_margins > margins[rows])
             better_rows = rows[is_better]
-            is_fooled[better_rows] = is_success[is_better]
+            is_fooled[better_rows] = success[is_better]
             margins[better_rows] = new_margins[is_better]
             for name, x in point.items():
                 best[name] = best[name].index_copy(0, better_rows, x[is_better])

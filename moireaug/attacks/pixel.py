@@ -57,7 +57,6 @@ class PGD(Attack):
         self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
     ) -> Problem:
         refuse_shot(shot)
-
         return PixelProblem(images)
 
 

@@ -25,9 +25,9 @@ class Result:
         loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of
             the last restart; with `until_fooled`, over the images that took it, and shorter where
             none was left. In a mixture, the mean of the scenes' own, weighted by their images.
-        eps: the L-infinity bound of the noise. Under the rule "printed" it bounds delta, and
-            `noise` may exceed it; see `rules.Printed`. For `CW`, which has no bound, the largest
-            absolute noise.
+        eps: L-infinity bound of the noise. Two attacks exceed it: the rule "printed", see
+            `rules.Printed`, and N-FGSM, a `random_start` above 1. For `CW`, which has no bound, the
+            largest absolute noise.
         shot: the Shot of the photos, in a mixture a `MixedShot`; where a pose was searched, the
             shot at the best pose; None for pixel attacks. `capture(images, shot, noise)` takes all
             of these.

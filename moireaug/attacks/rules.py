@@ -112,8 +112,8 @@ class APGD(Rule):
         - After a search goes back, its momentum points from the point before the checkpoint to the
           best one, as in both the paper and the code; and the next loss is compared with the best
           one, as in the paper.
-        - Noise on a raw reading is bounded by eps and, above, by the full well: a reading may go
-          below 0, where it still changes the photo.
+        - Noise on a raw reading is bounded by eps and by the range in which it changes the photo,
+          which may go beyond [0, 1]; see `camera`.
         - The best point here is that of the greatest loss; an attack returns that of the greatest
           margin.
     """

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import has_prediction, rejection_as_label
+from moireaug.attacks.answers import is_same_answer, rejection_as_label
 from moireaug.attacks.checks import check_answers, check_classes
-from moireaug.attacks.losses import margin, mean_cross_entropy
+from moireaug.attacks.losses import attack_margin, mean_cross_entropy
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.rules import choose
 
@@ -50,7 +50,7 @@ class Search:
         margins: (n,) greatest margins.
         scales: (n,) greatest size of the two logits whose difference is a margin.
         losses: mean cross-entropy before each step of the last restart.
-        stops_fooled: whether fooled images take no further steps.
+        drops_fooled: whether fooled images take no further steps.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Search:
         self.margins = torch.full_like(labels, -math.inf, dtype=torch.float32)
         self.scales = torch.zeros_like(self.margins)
         self.losses: list[Tensor] = []
-        self.stops_fooled = False
+        self.drops_fooled = False
 
     def toward(self, loss_targets: Tensor, rows: Tensor) -> Search:
         """Return a new search on the images at indices (b,), by steps toward one class each,
@@ -81,7 +81,7 @@ class Search:
     @property
     def is_over(self) -> bool:
         """Whether no image takes a further step."""
-        return self.stops_fooled and not len(self.rows)
+        return self.drops_fooled and not len(self.rows)
 
     def active_rows(self, values: Tensor) -> Tensor:
         """Return the rows (b, ...) of values (n, ...) of the images that still take steps."""
@@ -110,25 +110,22 @@ class Search:
         """Return the model's logits (b, K) of images (b, 3, H, W) with labels (b,)."""
         logits = self.model(images.clone())  # a model may work in place
         if getattr(self.model, "rejects", False):
-            check_classes(labels, logits, 1)
+            check_classes(labels, logits, rejects=True)
             return rejection_as_label(logits, labels)
         return logits
 
-    def repeats(self, images: Tensor, labels: Tensor, logits: Tensor) -> bool:
-        """Return whether the model, asked again, gives its logits for these images again, but for a
-        thousandth of them."""
+    def is_deterministic(self, images: Tensor, labels: Tensor, logits: Tensor) -> bool:
+        """Return whether the model, asked again, answers every image the same, see
+        `is_same_answer`."""
         with torch.no_grad():
             second_logits = self.ask(images, labels)
-        if not len(logits):
-            return True
-        size = logits.abs().float().nan_to_num(0, 0, 0).median().item()
-        return torch.allclose(logits, second_logits, rtol=1e-3, atol=1e-3 * size, equal_nan=True)
+        return bool(is_same_answer(logits, second_logits).all())
 
     def check(self, logits: Tensor) -> None:
         """Refuse the first logits of the active images where they do not match the classes, or
         where neither they nor those of the clean images are finite."""
         labels, targets = self.goals(self.loss_targets)
-        check_classes(labels if targets is None else torch.maximum(labels, targets), logits, 1)
+        check_classes(labels if targets is None else torch.maximum(labels, targets), logits)
         # in a later restart, the images that go on may well be those without an answer
         if len(self.rows) == len(self.labels):
             check_answers(logits, self.model, self.problem.images)
@@ -150,20 +147,16 @@ class Search:
 
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
-        of the active images, and drop fooled images where they stop."""
+        of the active images, and drop fooled images where `drops_fooled`."""
         labels, targets = self.goals(self.targets)
-        margins = margin(logits.float(), labels, targets)
-        # no answer is a wrong one, and never the target
-        undecided_margin = math.inf if targets is None else -math.inf
-        margins = torch.where(has_prediction(logits), margins, undecided_margin)
-        margins = margins.view(self.active.views, -1).mean(0)
+        margins = attack_margin(logits, labels, targets).view(self.active.views, -1).mean(0)
         better = torch.zeros_like(self.margins, dtype=torch.bool)
         better[self.rows] = margins > self.margins[self.rows]
         self.margins = torch.where(better, self.scatter(margins), self.margins)
         best = self.best or point
         self.best = {name: choose(better, x, best[name]) for name, x in point.items()}
         self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
-        if self.stops_fooled:
+        if self.drops_fooled:
             self._drop_fooled(margins, logits)
 
     def _drop_fooled(self, margins: Tensor, logits: Tensor) -> None:

@@ -30,7 +30,9 @@ class SquareMoire(MoireAttack):
     model needs no gradient.
 
     Args:
-        steps: queries of the model per restart: one for the stripes, one for each window.
+        steps: queries per restart that try noise: one for the stripes, one for each window. One
+            more follows on the noise that is kept, and with `until_fooled` another, which asks
+            whether the model repeats its answer.
         loss: a key of `attacks.LOSSES`, by which a window is judged.
         others: see `MoireAttack`. Settings that only gradients use keep their defaults: step_size,
             rule, random_start, optimise and eot.

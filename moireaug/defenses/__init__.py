@@ -1,7 +1,7 @@
 """Defences: transformations of the image before the model, differentiable for attacks that know
 them.
 
-Each is a frozen dataclass, called on images (B, 3, H, W) in [0, 1], with a `title` for tables and
+Each is a frozen dataclass, called on images (B, 3, H, W) in [0, 1], that says whether it is
 `randomised`. Demoiréing networks, and the defence made of one, are in `defenses.demoire`; a model
 that rejects what a detector flags is `Rejecting`.
 """

@@ -14,7 +14,7 @@ from moireaug.image_checks import check_images
 
 class Defence(ABC):
     """A defence is called on images and returns images; subclasses are frozen dataclasses with
-    `apply` and `title`.
+    `apply`.
 
     Forward is the real operation. Backward is what each one documents: its own gradient where it
     has a useful one, otherwise an approximation (BPDA; Athalye, Carlini and Wagner 2018), so that
@@ -24,11 +24,6 @@ class Defence(ABC):
     """
 
     randomised = False
-
-    @property
-    @abstractmethod
-    def title(self) -> str:
-        """The defence's name in tables."""
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:
@@ -88,13 +83,6 @@ def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor
     return torch.where(index < size, index, 2 * size - 1 - index)
 
 
-def title_of(part: object) -> str:
-    """Return the title that a callable gives itself in tables, else a function's name, else its
-    class's."""
-    title = getattr(part, "title", None)
-    return str(title or getattr(part, "__name__", type(part).__name__))
-
-
 def check_callable(name: str, part: object, advice: str = "") -> None:
     """Refuse what cannot be called, and a class in place of an instance: TypeError."""
     if not callable(part) or isinstance(part, type):
@@ -115,7 +103,11 @@ def check_whole(name: str, value: object, low: int, high: int | None = None) -> 
 
 def check_real(name: str, value: object, low: float, high: float = math.inf) -> None:
     """Refuse anything but a finite number in (low, high]; TypeError or ValueError."""
-    allowed = f"a finite number above {low:g}" + (f", at most {high:g}" if high < math.inf else "")
+    allowed = "a finite number"
+    if low > -math.inf:
+        allowed += f" above {low:g}"
+    if high < math.inf:
+        allowed += f", at most {high:g}"
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")
     number = float(value)

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, check_callable, check_whole, title_of
+from moireaug.defenses.base import Defence, check_callable, check_whole, straight_through
 from moireaug.image_checks import check_images
-from moireaug.numeric import clip
 
 
 @dataclass(frozen=True)
@@ -21,12 +20,11 @@ class Compose(Defence):
     Args:
         defences: a tuple of defences, or of any callables from images to images of the same shape,
             such as a demoiréing network, whose output is clipped to [0, 1]. A randomised one says
-            so by an attribute `randomised = True`; any may name itself in tables by an attribute
-            `title`. An empty tuple is the identity.
+            so by an attribute `randomised = True`. An empty tuple is the identity.
 
     Between two, the images have the dtype they came with.
 
-    Backward: through each in turn; pixels on the bounds keep their gradient.
+    Backward: through each in turn; where an output is clipped, that of the unclipped one.
 
     Raises:
         TypeError: anything but a tuple of callables.
@@ -45,10 +43,6 @@ class Compose(Defence):
         object.__setattr__(self, "defences", tuple(self.defences))
         randomised = [d for d in self.defences if getattr(d, "randomised", False)]
         object.__setattr__(self, "randomised", bool(randomised))
-
-    @property
-    def title(self) -> str:
-        return " + ".join(map(title_of, self.defences)) or "none"
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:
@@ -76,7 +70,7 @@ class Compose(Defence):
                         f"a defence must keep the images' shape {tuple(images.shape)}; "
                         f"{type(defence).__name__} gave {tuple(out.shape)}."
                     )
-                out = clip(out).to(images.dtype)
+                out = straight_through(out, out.clamp(0, 1)).to(images.dtype)
             images = out
         return images
 

@@ -48,10 +48,6 @@ class PixelDeflection(Defence):
         check_whole("PixelDeflection.window", self.window, 1)
         check_real("PixelDeflection.sigma", self.sigma, 0)
 
-    @property
-    def title(self) -> str:
-        return "pixel deflection"
-
     def apply(self, images: Tensor) -> Tensor:
         b, _, h, w = images.shape
         source = torch.from_numpy(self.sources(b, h, w)).to(images.device)

@@ -34,10 +34,6 @@ class JPEG(Defence):
     def __post_init__(self) -> None:
         check_whole("JPEG.quality", self.quality, 1, 100)
 
-    @property
-    def title(self) -> str:
-        return f"JPEG {self.quality}"
-
     def apply(self, images: Tensor) -> Tensor:
         return jpeg(images, images.new_full((len(images),), self.quality))
 
@@ -60,10 +56,6 @@ class BitDepth(Defence):
 
     def __post_init__(self) -> None:
         check_whole("BitDepth.bits", self.bits, 1, 8)
-
-    @property
-    def title(self) -> str:
-        return f"bit depth {self.bits}"
 
     def apply(self, images: Tensor) -> Tensor:
         top = 2**self.bits - 1
@@ -92,10 +84,6 @@ class Median(Defence):
 
     def __post_init__(self) -> None:
         check_whole("Median.size", self.size, 2, 7)
-
-    @property
-    def title(self) -> str:
-        return f"median {self.size} × {self.size}"
 
     def apply(self, images: Tensor) -> Tensor:
         return _Median.apply(images, self.size)
@@ -186,7 +174,8 @@ class Gain(Defence):
     Args:
         mean: above 0, at most 1, in units of sRGB codes; by default near that of natural images.
 
-    Backward: exact, except that pixels on the bounds keep their gradient.
+    Backward: exact before the clipping, whose own gradient, 0 in clipped highlights, would hide
+    them from an attack: it is the identity's.
 
     Raises:
         TypeError, ValueError: another mean.
@@ -197,13 +186,10 @@ class Gain(Defence):
     def __post_init__(self) -> None:
         check_real("Gain.mean", self.mean, 0, 1)
 
-    @property
-    def title(self) -> str:
-        return "gain"
-
     def apply(self, images: Tensor) -> Tensor:
         mean = images.mean((1, 2, 3), keepdim=True).clamp(min=MIN_MEAN)
-        return clip(images * (self.mean / mean))
+        scaled = images * (self.mean / mean)
+        return straight_through(scaled, scaled.clamp(0, 1))
 
 
 def restore_mean(images: Tensor, clean: Tensor) -> Tensor:

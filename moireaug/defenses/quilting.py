@@ -86,10 +86,6 @@ class Quilting(Defence):
         bank = draw_bank(images, patches, patch=patch, seed=seed, cache=cache, progress=progress)
         return cls(bank, patch, overlap)
 
-    @property
-    def title(self) -> str:
-        return "quilting"
-
     def apply(self, images: Tensor) -> Tensor:
         b, _, h, w = images.shape
         side, stride = self.patch, self.patch - self.overlap

@@ -59,10 +59,6 @@ class TotalVariation(Defence):
         check_real("TotalVariation.weight", self.weight, 0)
         check_whole("TotalVariation.iterations", self.iterations, 1)
 
-    @property
-    def title(self) -> str:
-        return "TVM"
-
     def apply(self, images: Tensor) -> Tensor:
         mask = (torch.rand(images.shape, dtype=torch.float32, device="cpu") < self.keep).to(images)
         step = max(1, MAX_NUMBERS_PER_PASS // images[0].numel())

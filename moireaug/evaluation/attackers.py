@@ -80,10 +80,12 @@ class Attacker(Condition):
         """Return the images without an attack."""
         return capture(batch.images, batch.shot) if self.on_screen else batch.images
 
-    def moire_attack(self, batch: EvalBatch, **settings: Any) -> MoireAttack:
-        """Return a Moiré Attack on the batch's model, in the scene of its shots."""
+    def moire_attack(
+        self, batch: EvalBatch, kind: type[MoireAttack] = MoireAttack, **settings: Any
+    ) -> MoireAttack:
+        """Return a Moiré Attack of that class on the batch's model, in the scene of its shots."""
         scene = batch.shot.scene
-        return MoireAttack(batch.model, scene=scene, eps=self.eps, steps=self.steps, **settings)
+        return kind(batch.model, scene=scene, eps=self.eps, steps=self.steps, **settings)
 
     def goals(self, batch: EvalBatch) -> tuple[Tensor, Tensor | None]:
         """Return the labels, and the targets of a targeted attack."""

@@ -24,7 +24,7 @@ from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.twins import without_moire
 
 Model = nn.Module | Callable[[Tensor], Tensor]
-Defence = Callable[[Tensor], Tensor]
+ImageTransform = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.evaluation.statistics import mix_seeds
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene, Shot
@@ -21,8 +20,8 @@ SHOT_STREAM, TARGET_STREAM, CONDITION_STREAM, SHOW_STREAM, JUDGE_STREAM = range(
 
 
 @dataclass(frozen=True)
-class Draws:
-    """The draws for one batch.
+class BatchDraws:
+    """The random numbers of one batch.
 
     Args:
         seed: seed of the evaluation.
@@ -73,3 +72,11 @@ class Draws:
     def _seed(self, stream: int, *names: str) -> int:
         numbers = (zlib.crc32(name.encode()) for name in names)  # the same on every machine
         return mix_seeds(self.seed, self.index, stream, *numbers)
+
+
+def mix_seeds(*parts: int) -> int:
+    """Return one seed from several integers, the same on every machine."""
+    seed = 0
+    for part in parts:
+        seed = (seed * 1_000_003 + part + 12_289) % (2**63 - 1)
+    return seed

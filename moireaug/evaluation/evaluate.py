@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from tqdm import tqdm
 
 from moireaug.attacks.checks import as_tensor, check_bounds, check_count, check_model
 from moireaug.defenses.demoire import Demoire
-from moireaug.evaluation.conditions import Defence, Model
+from moireaug.evaluation.conditions import ImageTransform, Model
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity as identity_of
 from moireaug.evaluation.identity import require_identity
@@ -41,8 +40,8 @@ def evaluate(
     n: int | None = None,
     seed: int = 0,
     targets: Mapping[str, Model] | None = None,
-    defences: Mapping[str, Defence] | None = None,
-    networks: Mapping[str, Defence] | None = None,
+    defences: Mapping[str, ImageTransform] | None = None,
+    networks: Mapping[str, ImageTransform] | None = None,
     folder: str | Path | None = None,
     identity: str | bytes | None = None,
     lpips: str | Path | None = None,
@@ -95,8 +94,8 @@ def evaluate(
     for name, one in {"model": model, **(targets or {})}.items():
         check_model(one, name)
     if eps is not None:
-        check_bounds(eps if isinstance(eps, Real) else np.atleast_1d(eps).tolist())
         eps = tuple(np.atleast_1d(eps).tolist())
+        check_bounds(eps)
     check_count("steps", steps, 0)
     check_count("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records

@@ -4,7 +4,6 @@ else is a pivot."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib import resources
 
 import numpy as np
 import pandas as pd
@@ -115,7 +114,8 @@ def rates(frame: pd.DataFrame) -> pd.DataFrame:
     Columns: those of `images_frame` up to `judge`; `accuracy`, `accuracy_low`, `accuracy_high` of
     all images; `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are
     none; `n`, `counted`, `rejected`, `undecided`, `seconds`; the measures, over images that got
-    noise; `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, the paper's figure.
+    noise; `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, empty, for
+    published figures.
     """
     lines = []
     for (table, row, column), cell in frame.groupby(CELL_COLUMNS, sort=False):
@@ -168,23 +168,3 @@ def _measures(cell: pd.DataFrame) -> dict[str, float]:
         if name in cell and cell[name].notna().any():
             means[name] = float(cell[name].mean())
     return means
-
-
-def with_paper(lines: pd.DataFrame, tables: Sequence[Table]) -> pd.DataFrame:
-    """Fill in the paper's figures, where a table's cells are at the paper's bound."""
-    own_tables = {table.name for table in tables if table.published}
-    published = read_published()
-    published = published[published["table"].isin(own_tables)]
-    return lines.drop(columns="paper").merge(published, "left", on=CELL_COLUMNS)
-
-
-def read_published() -> pd.DataFrame:
-    """Return the paper's figures: success rates on Inception-V3, of 5000 ImageNet images that it
-    classifies correctly.
-
-    The paper's table 3 calls C&W an L-infinity and MI-FGSM an L2 attack; its text says the reverse,
-    which is right for both.
-    """
-    path = resources.files("moireaug.evaluation").joinpath("published.csv")
-    with path.open(encoding="utf-8") as file:
-        return pd.read_csv(file)

@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug.attacks import evaluating, predicted
 from moireaug.attacks.checks import check_classes
 from moireaug.defenses import Defended, restore_mean
-from moireaug.evaluation.conditions import Defence, EvalBatch, Model
+from moireaug.evaluation.conditions import EvalBatch, ImageTransform, Model
 from moireaug.evaluation.identity import identity
 
 DEFENCE_DRAWS = 20  # of a randomised defence, as many as AutoAttack's version "rand" averages over
@@ -32,7 +32,7 @@ class Judge:
     """
 
     name: str
-    defence: Defence | None = None
+    defence: ImageTransform | None = None
     model: Model | None = None
     restores_mean: bool = False
     draws: int = 1
@@ -63,8 +63,9 @@ class Judge:
         model = self.defended(batch.model if self.model is None else self.model)
         with evaluating(model, images), torch.no_grad():
             logits = model(images.clone())  # it may work in place
-        check_classes(batch.labels, logits, 1)
-        return predicted(logits, rejects=getattr(model, "rejects", False))
+        rejects = getattr(model, "rejects", False)
+        check_classes(batch.labels, logits, rejects=rejects)
+        return predicted(logits, rejects=rejects)
 
     @cached_property
     def identity(self) -> str:
@@ -82,7 +83,7 @@ class Judge:
 UNDEFENDED = Judge("model")
 
 
-def averaged(name: str, defence: Defence) -> Judge:
+def averaged(name: str, defence: ImageTransform) -> Judge:
     """Return the attacked model behind a defence, by the mean of many draws where it is randomised:
     of single draws, a worst case over several conditions would pick the unlucky ones."""
     if not getattr(defence, "randomised", False):

@@ -42,8 +42,8 @@ class InParts(nn.Module):
 
 def within_memory(compute: Callable[[EvalBatch], T], batch: EvalBatch) -> T:
     """Return what `compute` makes of a batch; where that does not fit the device's memory, with a
-    model that takes its images in halves, in quarters and so on. All random numbers are still drawn
-    for the whole batch, so that no figure depends on the memory.
+    model that takes its images in halves, in quarters and so on. Random numbers are still drawn for
+    the whole batch, so that no figure depends on the memory, unless the model itself is randomised.
 
     Raises:
         torch.OutOfMemoryError: not even single images fit, or it is not the model that is too

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from moireaug.attacks import evaluating
 from moireaug.attacks.checks import check_classes, check_labels
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
-from moireaug.evaluation.draws import Draws
+from moireaug.evaluation.draws import BatchDraws
 from moireaug.evaluation.identity import identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.keys import Batches, RecordKeys
@@ -74,7 +74,7 @@ class Runner:
         batches: test images.
         scene: scene, or mixture of scenes, of which one shot is drawn per image.
         records: finished records, looked up before anything is computed.
-        seed: seed of shots, targets, random starts and randomised judges, see `Draws`.
+        seed: seed of shots, targets, random starts and randomised judges, see `BatchDraws`.
         name: identity of the model in records; None is its `identity`.
         lpips: `visibility.LPIPS` to measure every attack with, or None.
     """
@@ -148,15 +148,16 @@ class Runner:
     def _goals(self, images: Tensor, labels: Tensor, index: int) -> Goals:
         with evaluating(self.model, images), torch.no_grad():
             logits = self.model(images[:1].clone())
-        check_classes(labels[:1], logits, 1)
-        classes = logits.shape[1] - getattr(self.model, "rejects", False)
-        return Goals(labels, Draws(self.seed, index).targets(labels, classes))
+        rejects = getattr(self.model, "rejects", False)
+        check_classes(labels[:1], logits, rejects=rejects)
+        classes = logits.shape[1] - rejects
+        return Goals(labels, BatchDraws(self.seed, index).targets(labels, classes))
 
     def _scene_batches(
         self, condition: Condition, images: Tensor, goals: Goals, index: int
     ) -> SceneBatches:
         """Return the images with their shots, a batch for each scene of a mixture."""
-        draws = Draws(self.seed, index)
+        draws = BatchDraws(self.seed, index)
         generator = draws.condition_generator(condition.name)
         scene = self.scene if condition.scene is None else condition.scene
         all_rows, batches = [], []
@@ -177,7 +178,7 @@ class Runner:
         index: int,
     ) -> list[Record]:
         """Show the images of a condition to judges; return a record of each."""
-        draws = Draws(self.seed, index)
+        draws = BatchDraws(self.seed, index)
         with draws.global_generators(goals.labels.device), torch.no_grad():
             draws.seed_showing(condition.name)
             start = time.perf_counter()

@@ -30,7 +30,8 @@ class SceneBatches:
         """Return a judge's predicted classes (B,) of the images of a condition."""
         classes = []
         for rows, batch in zip(self.rows, self.batches, strict=True):
-            classes.append(judge.predictions(batch, images[rows]))
+            predict = partial(judge.predictions, images=images[rows])
+            classes.append(within_memory(predict, batch))
         return in_order(self.rows, classes)
 
     def measure(self, condition: Condition, images: Tensor) -> dict[str, list[float]]:

@@ -1,4 +1,4 @@
-"""Confidence intervals, and seeds."""
+"""Confidence intervals."""
 
 from __future__ import annotations
 
@@ -70,14 +70,6 @@ def paired_gain(ours: Tensor, theirs: Tensor) -> tuple[float, float, float]:
     centre = (a - b) / m
     half = Z95 * math.sqrt(max(0.0, (a + b) - (a - b) ** 2 / m)) / m
     return (n_won - n_lost) / n, max(-1.0, centre - half), min(1.0, centre + half)
-
-
-def mix_seeds(*parts: int) -> int:
-    """Return one seed from several integers, the same on every machine."""
-    seed = 0
-    for part in parts:
-        seed = (seed * 1_000_003 + part + 12_289) % (2**63 - 1)
-    return seed
 
 
 def bootstrap(outcomes: np.ndarray, draws: int = 4000) -> tuple[float, float]:

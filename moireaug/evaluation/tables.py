@@ -10,7 +10,7 @@ from typing import Any
 
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import Attacker
-from moireaug.evaluation.conditions import Condition, Defence, Model, Photo, in_255ths
+from moireaug.evaluation.conditions import Condition, ImageTransform, Model, Photo, in_255ths
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
@@ -99,8 +99,8 @@ class SuiteConfig:
     eps: tuple[float, ...] | None = None
     steps: int = 20
     targets: Mapping[str, Model | None] = field(default_factory=dict)
-    defences: Mapping[str, Defence] = field(default_factory=lambda: paper_defences())
-    networks: Mapping[str, Defence] = field(default_factory=dict)
+    defences: Mapping[str, ImageTransform] = field(default_factory=lambda: paper_defences())
+    networks: Mapping[str, ImageTransform] = field(default_factory=dict)
     without: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -138,7 +138,7 @@ def _exact(eps: float) -> float:
     return whole / 255 if math.isclose(255 * eps, whole, rel_tol=1e-6) else eps
 
 
-def paper_defences() -> dict[str, Defence]:
+def paper_defences() -> dict[str, ImageTransform]:
     """Return the paper's defences by name, except image quilting, which needs a bank of patches."""
     return {name: make() for name, make in DEFENSES.items()}
 

@@ -71,49 +71,50 @@ def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> li
 def _rate_checks(config: SuiteConfig, lines: pd.DataFrame, error: float) -> list[CheckResult]:
     """Return the checks that compare success rates, each of them known up to `error`."""
     success = lines[lines["column"] == MODEL_COLUMN].set_index("row")["success"]
-    said = success.map(_percent)
-    attack, attack_said = success[eps_row(config.middle)], said[eps_row(config.middle)]
+    percent_text = success.map(_percent)
+    attack = success[eps_row(config.middle)]
+    attack_text = percent_text[eps_row(config.middle)]
     random, one_step = success["random"], success["one_step"]
-    growth, growth_said = [], []
+    growth, growth_texts = [], []
     for eps in growing_eps(config):
         growth.append(success[eps_row(eps)])
-        growth_said.append(f"{said[eps_row(eps)]} at {in_255ths(eps)}/255")
+        growth_texts.append(f"{percent_text[eps_row(eps)]} at {in_255ths(eps)}/255")
     steps = config.steps
     steps_fool = "1 step fools" if steps == 1 else f"{steps} steps fool"
     return [
         check(
             "more steps and restarts change nothing",
-            f"{steps_fool} {attack_said}, {LONGER_FACTOR * steps} steps and 2 restarts "
-            f"{said['longer']}",
+            f"{steps_fool} {attack_text}, {LONGER_FACTOR * steps} steps and 2 restarts "
+            f"{percent_text['longer']}",
             fails=success["longer"] - attack > error,
         ),
         check(
             "success grows with eps, to all images at eps 1",
-            ", ".join(growth_said),
+            ", ".join(growth_texts),
             fails=growth[-1] < 1 or any(a - b > error for a, b in pairwise(growth)),
         ),
         _transfer_check(config, lines, attack, random, error),
         check(
             "many steps beat one",
-            f"one {said['one_step']}, {steps} {attack_said}",
+            f"one {percent_text['one_step']}, {steps} {attack_text}",
             fails=one_step - attack > error,
             warns=one_step >= attack and attack < 1,
         ),
         check(
             "a search without gradients does not win",
-            f"{QUERIES_PER_STEP * steps} queries without gradients {said['queries']}, gradients "
-            f"{attack_said}",
+            f"{QUERIES_PER_STEP * steps} queries without gradients {percent_text['queries']}, "
+            f"gradients {attack_text}",
             fails=success["queries"] - attack > error,
         ),
         check(
             "a defence that only hides gradients is broken",
-            f"behind a rounding without gradient, attacked through it, {said['shattered']}; "
-            f"without it {attack_said}",
+            "behind a rounding without gradient, attacked through it, "
+            f"{percent_text['shattered']}; without it {attack_text}",
             fails=attack - success["shattered"] > error,
         ),
         check(
             "the photo leaves something to attack",
-            f"the photo alone fools {said['moire']}",
+            f"the photo alone fools {percent_text['moire']}",
             warns=success["moire"] > LITTLE_ROOM,
         ),
     ]

@@ -38,7 +38,7 @@ class LPIPS(nn.Module):
 
     Attributes:
         network: torchvision's name of the network.
-        least: side of the smallest image that it takes, in pixels.
+        min_side: side of the smallest image that it takes, in pixels.
 
     Raises:
         ValueError: a file that is missing, damaged or of another network.
@@ -50,7 +50,7 @@ class LPIPS(nn.Module):
         super().__init__()
         features = _features_in(path)
         self.network = _network_of(features, path)
-        name, self.least = LPIPS_NETWORKS[self.network]
+        name, self.min_side = LPIPS_NETWORKS[self.network]
         # the network's random weights are replaced
         with torch.random.fork_rng(devices=[]), float32_on_cpu():
             self.model = _LPIPS(net=name, pnet_rand=True)
@@ -69,9 +69,9 @@ class LPIPS(nn.Module):
 
     def require_side(self, side: int) -> None:
         """Refuse images whose shorter side, in pixels, is too small for the network: ValueError."""
-        if side < self.least:
+        if side < self.min_side:
             raise ValueError(
-                f"lpips: {self.network} takes images of at least {self.least} x {self.least} "
+                f"lpips: {self.network} takes images of at least {self.min_side} x {self.min_side} "
                 f"pixels; got a side of {side}. Use vgg16, which takes 16, or leave lpips out."
             )
 
@@ -115,8 +115,8 @@ def psnr(changed: Tensor, original: Tensor) -> Tensor:
 
 def ssim(changed: Tensor, original: Tensor) -> Tensor:
     """Return the structural similarity of each of (B, 3, H, W) in [0, 1], (B,): the mean over
-    pixels and channels, in windows of `WINDOW` pixels, or of as many as smaller images have when
-    mirrored."""
+    pixels and channels, in windows of `SSIM_WINDOW` pixels, or of as many as smaller images have
+    when mirrored."""
     window = min(SSIM_WINDOW, 2 * min(changed.shape[-2:]) - 1)
     return ssim_map(changed, original, window).mean((1, 2, 3))
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from moireaug import Lens, Scene, Sensor, attacks, capture, expose
+from moireaug import Lens, Panel, Scene, Sensor, attacks, capture, expose
 from moireaug.attacks import PGD, MoireAttack, Normalized
 from moireaug.numeric import clip
 from moireaug.transforms import AdversarialMoire
@@ -189,6 +189,24 @@ def test_saturated_and_black_pixels_are_reached(model):
         inward = result.noise if level == 0 else -result.noise
         assert (inward > 0).float().mean() > 0.2
         assert not torch.equal(result.images, capture(images, result.shot))
+
+
+@pytest.mark.parametrize(
+    ("settings", "is_bounded"),
+    [({"cfa": "none"}, True), ({"bits": 3}, True), ({}, False)],
+)
+def test_noise_on_a_reading_stays_where_it_changes_the_photo(settings, is_bounded):
+    """A dark reading that is made darker goes below 0 only where demosaicing mixes it: elsewhere it
+    would have no gradient to come back by."""
+
+    def darkness(x):
+        return torch.stack([x.mean((1, 2, 3)), 0 * x[:, 0, 0, 0] + 0.5], 1)
+
+    scene = Scene(panel=Panel(layout="even"), sensor=Sensor(scale=2.0, **settings))
+    images = torch.full((1, 3, 8, 8), 0.08)
+    result = MoireAttack(darkness, scene=scene, eps=0.1, steps=1)(images, torch.tensor([0]))
+    lowest = (expose(images, result.shot) + result.noise).min()
+    assert result.noise.min() < -0.05 and (lowest >= 0) == is_bounded
 
 
 def test_half_precision_models_are_attacked(model, batch):

@@ -9,6 +9,7 @@ from torch import nn
 
 from moireaug.defenses import Compose, Defended, demoire
 from moireaug.defenses.demoire import losses
+from moireaug.evaluation.judges import DEFENCE_DRAWS, averaged
 
 NETWORKS = sorted(demoire.NETWORKS)
 # millions of parameters, as published: of the whole network, and of parts of it
@@ -182,7 +183,7 @@ def test_files_that_hold_no_network_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("ask", "error", "message"),
     [
-        (lambda: demoire.build("esdnt"), ValueError, "no network 'esdnt'. Closest: esdnet"),
+        (lambda: demoire.build("esdnt"), ValueError, "'esdnt'. Did you mean 'esdnet'"),
         (lambda: demoire.build("amnet", width=0), ValueError, "width must be .*; got 0"),
         (lambda: demoire.build("amnet", width=float("nan")), ValueError, "width must be"),
         (lambda: demoire.build("amnet", width="1"), TypeError, "width must be"),
@@ -192,6 +193,7 @@ def test_files_that_hold_no_network_are_refused(tmp_path):
         (lambda: small("amnet")(torch.zeros(2, 3, 8)), ValueError, r"shape \(B, 3, H, W\)"),
         (lambda: small("amnet")(torch.zeros(1, 8, 8, 3)), ValueError, "channels seem to be last"),
         (lambda: small("amnet")(torch.zeros(1, 3, 0, 8)), ValueError, "H, W >= 1"),
+        (lambda: small("esdnet")(torch.zeros(0, 3, 8, 8)), ValueError, "one or more"),
         (lambda: small("amnet")(torch.zeros(1, 3, 8, 8).byte()), TypeError, "Divide uint8"),
     ],
 )
@@ -207,7 +209,7 @@ def mean_of(images):
 def test_a_network_is_a_defence():
     network = small("amnet")
     defence = demoire.Demoire(network)
-    assert (defence.title, defence.randomised, network.training) == ("AMNet", False, True)
+    assert not defence.randomised and network.training
     images = pictures(2, 3, 12, 12)
     assert torch.equal(defence(images), network(images))
     defended = Defended(mean_of, defence)
@@ -230,8 +232,15 @@ def test_ones_own_network_is_a_defence_too():
     defence = demoire.Demoire(brighter)
     images = pictures(1, 3, 4, 4).requires_grad_()
     shown = defence(images)
-    assert defence.title == "brighter" and torch.equal(shown, (images + 0.7).clamp(0, 1))
+    assert torch.equal(shown, (images + 0.7).clamp(0, 1))
     shown.sum().backward()
     assert torch.equal(images.grad, torch.ones_like(images))
     with pytest.raises(ValueError, match=r"must keep the images' shape .* mean_of gave"):
         demoire.Demoire(mean_of)(images)
+
+
+def test_a_randomised_network_is_a_randomised_defence():
+    network = small("amnet")
+    network.randomised = True
+    assert averaged("noisy", demoire.Demoire(network)).draws == DEFENCE_DRAWS
+    assert Compose((demoire.Demoire(network),)).randomised

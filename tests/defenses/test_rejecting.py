@@ -78,12 +78,28 @@ def test_an_evaluation_tells_rejected_images_from_fooled_ones(grey):
     assert cells.loc["clean", "counted"] == 4 and (frame["target"].dropna() < 3).all()
 
 
+def test_rejecting_is_no_class(grey):
+    """A label that equals the rejection's column is refused, and a single class beside it."""
+    images, labels = grey
+    rejecting, settings = Rejecting(Bright(), red, 0.5), {"eps": 0.1, "steps": 1}
+    with pytest.raises(ValueError, match=r"must lie in \[0, 2\]"):
+        attacks.PGD(rejecting, **settings)(images, labels + 3)
+    with pytest.raises(ValueError, match=r"must lie in \[0, 2\]"):
+        evaluation.evaluate(rejecting, [(images, labels + 3)], "unseen", progress=False)
+    single = Rejecting(lambda x: Bright()(x)[:, :1], red, 0.5)
+    with pytest.raises(ValueError, match="at least two classes; got 1"):
+        attacks.PGD(single, **settings)(images, labels)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: Rejecting(None, red, 0.5), "model must be callable"),
         (lambda: Rejecting(Bright(), Rejecting, 0.5), "detector must be callable"),
-        (lambda: Rejecting(Bright(), red, float("nan")), "threshold must be a finite number"),
+        (
+            lambda: Rejecting(Bright(), red, float("nan")),
+            "must be a finite number; got nan",
+        ),
         (lambda: Rejecting(Bright(), Bright(), 0.5)(torch.rand(2, 3, 8, 8)), r"scores \(2,\)"),
     ],
 )

@@ -41,7 +41,7 @@ def test_apgd_keeps_what_the_cross_entropy_fools_and_attacks_the_rest_by_apgd_t(
 
 def test_images_that_are_all_fooled_are_not_attacked_again(batch):
     """Nor does one that is wrong take a step: it is looked at twice, to see that the model answers
-    the same, and then the photo that is kept."""
+    the same, then the photo that is kept, and the images twice, for the same question."""
     asked = []
 
     def model(images):
@@ -50,7 +50,23 @@ def test_images_that_are_all_fooled_are_not_attacked_again(batch):
 
     wrong = dataclasses.replace(batch, model=model, labels=batch.targets)
     images = APGDAttacker(**SETTINGS).show(wrong)
-    assert images.shape == batch.images.shape and asked == [8] * 3
+    assert images.shape == batch.images.shape and asked == [8] * 5
+
+
+def test_a_model_that_answers_at_random_keeps_the_greater_margin(batch, monkeypatch):
+    """Whatever a single answer said: APGD-T's noise in even rows, the cross-entropy's in odd ones,
+    where the other's is no better."""
+
+    def model(images):
+        lead = 10 * images.mean((1, 2, 3)) + 0.1 * torch.rand(len(images))
+        return torch.stack([0 * lead, lead], 1)
+
+    even = (torch.arange(8) % 2 == 0)[:, None, None, None]
+    extremes = even * torch.ones_like(batch.images)
+    monkeypatch.setattr(APGDTAttacker, "perturb", lambda self, batch: extremes)
+    random = dataclasses.replace(batch, model=model, labels=torch.zeros_like(batch.labels))
+    images = APGDAttacker(**SETTINGS).show(random)
+    assert torch.equal(images[::2], extremes[::2]) and (images[1::2].mean((1, 2, 3)) > 0).all()
 
 
 def test_an_attack_through_a_defence_is_another_one(batch):

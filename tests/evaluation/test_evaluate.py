@@ -9,10 +9,19 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from moireaug import capture, evaluation
 from moireaug.attacks import MoireAttack
-from moireaug.evaluation import Cell, SuiteConfig, Table, evaluate, images_frame, rates
+from moireaug.evaluation import (
+    Cell,
+    SuiteConfig,
+    Table,
+    evaluate,
+    images_frame,
+    rates,
+    tables_of,
+)
 from moireaug.evaluation.conditions import Photo
+from moireaug.evaluation.draws import mix_seeds
 from moireaug.evaluation.records import RecordFolder
-from moireaug.evaluation.statistics import mix_seeds
+from moireaug.evaluation.tables import paper_defences
 from moireaug.scenes import Scene
 from tests.evaluation.haze import ran
 
@@ -95,6 +104,25 @@ def test_a_defence_stands_beside_the_papers(known, loader, suite):
     settings = {"suite": suite, "steps": 1, "n": 2, "progress": False}
     frame = evaluate(known[0], loader, defences={"mine": torch.relu}, **settings)
     assert ("mine" in set(frame["row"])) == (suite == "adaptive")  # the others lay out their own
+
+
+class Rounded(torch.nn.Module):
+    """A defence that hides its gradient, in steps that the noise crosses."""
+
+    def forward(self, images):
+        return (8 * images).round() / 8
+
+
+def test_a_defence_that_hides_its_gradient_is_searched_without(known):
+    defences = paper_defences() | {"mine": Rounded()}
+    config = SuiteConfig(scene=SCENE, eps=(24 / 255,), steps=1, defences=defences)
+    (table,) = tables_of("adaptive", config)
+    assert table.columns[-2:] == ["square", "worst"]
+    assert [cell.row for cell in table.cells if cell.column == "square"] == ["mine"]
+    own = Table("mine", tuple(cell for cell in table.cells if cell.row == "mine"))
+    frame = images_frame([own], ran(known, own, (0,)), (0,))
+    fooled = frame.groupby("column")["fooled"].sum()
+    assert fooled["adaptive"] == fooled["moire"] < fooled["square"] <= fooled["worst"]
 
 
 class Tinted(torch.nn.Module):

@@ -10,7 +10,9 @@ import torch
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown
 from moireaug.evaluation.autoattack import SquareAttacker
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
+from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.memory import within_memory
+from moireaug.evaluation.scene_batches import SceneBatches
 from tests.evaluation.haze import EPS, SCENE
 
 CONDITIONS = {
@@ -32,18 +34,32 @@ def batch(known):
     return EvalBatch(model, images, labels[:6], labels[:6], shot, torch.Generator())
 
 
-@pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
-def test_the_images_do_not_depend_on_the_memory(condition, batch):
+def limited(model):
+    """The model on a device that holds few images."""
+
     def small(images):
         if len(images) > MAX_IMAGES:
             raise torch.OutOfMemoryError("too much")
-        return batch.model(images)
+        return model(images)
 
+    return small
+
+
+@pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
+def test_the_images_do_not_depend_on_the_memory(condition, batch):
     shown = []
-    for model in (batch.model, small):
+    for model in (batch.model, limited(batch.model)):
         batch.generator.manual_seed(2)
         shown.append(within_memory(condition.show, dataclasses.replace(batch, model=model)))
     assert torch.allclose(*shown, atol=1e-6)
+
+
+def test_nor_do_the_answers(batch):
+    answers = []
+    for model in (batch.model, limited(batch.model)):
+        whole = SceneBatches([torch.arange(6)], [dataclasses.replace(batch, model=model)])
+        answers.append(whole.predictions(UNDEFENDED, batch.images))
+    assert torch.equal(*answers)
 
 
 def test_a_randomised_model_draws_as_if_the_failed_attempt_had_not_been(batch):

@@ -8,8 +8,8 @@ from moireaug import Scene, capture
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation import SUITES, SuiteConfig, evaluate, rates, tables_of
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
+from moireaug.evaluation.draws import mix_seeds
 from moireaug.evaluation.judges import UNDEFENDED
-from moireaug.evaluation.statistics import mix_seeds
 from moireaug.evaluation.suites.scenes import other_scenes
 from moireaug.evaluation.visibility import visibility
 from moireaug.mixtures import as_scenes

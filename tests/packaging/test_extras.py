@@ -45,8 +45,8 @@ for package, names in packages.items():
 
 def test_the_core_works_without_an_extra_and_names_it():
     cases = [
-        ("moireaug.defenses", "matplotlib,pandas,skimage,tqdm", "eval"),
-        ("training", "hydra,omegaconf", "train"),
+        ("moireaug.defenses", "pandas,skimage,tqdm", "eval"),
+        ("training", "hydra,matplotlib,omegaconf", "train"),
     ]
     given = [f"{package}={hidden}" for package, hidden, _ in cases]
     program = [sys.executable, "-c", WITHOUT, *given]

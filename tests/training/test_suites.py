@@ -9,8 +9,6 @@ import pytest
 
 from moireaug import Scene
 from moireaug.evaluation import GROUPS
-from moireaug.evaluation.frame import read_published
-from moireaug.evaluation.report.suite_view import CONTROL_COLUMNS
 from moireaug.evaluation.suites.scenes import other_scenes
 from tests.training.tiny_suites import cells, configured, folder_of, records_of, suite
 from training.attack import protocol as attacking
@@ -18,6 +16,8 @@ from training.attack.protocol import SuiteAttack, protocol_of
 from training.attack.subject import subject_of_weights
 from training.data.load import load
 from training.models import classifiers as models
+from training.report.published import read_published
+from training.report.suite_view import CONTROL_COLUMNS
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 

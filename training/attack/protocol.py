@@ -14,7 +14,7 @@ from torch import nn
 
 from moireaug.evaluation import SuiteConfig, Table, tables_of
 from moireaug.evaluation.evaluate import show_progress
-from moireaug.evaluation.frame import images_frame, rates, with_paper
+from moireaug.evaluation.frame import images_frame, rates
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.suites.trust import trust
@@ -25,6 +25,7 @@ from moireaug.scenes import Scene
 from training.config.schema import Config, Reattack
 from training.data.eval_batches import EvalBatches
 from training.data.splits import Splits
+from training.report.published import with_paper
 from training.runs.trained import TrainedRun
 from training.system import machine
 

@@ -11,14 +11,15 @@ from typing import Any
 import pandas as pd
 import torch
 
-from moireaug.evaluation import paired_gain, report
-from moireaug.evaluation.examples import run_examples, table_examples
+from moireaug.evaluation import paired_gain
 from moireaug.evaluation.frame import MEASURES
 from moireaug.evaluation.suites.ladder import main_attack
 from moireaug.mixtures import as_scenes, scenes_of
+from training import report
 from training.attack.protocol import AttackResult
 from training.attack.subject import Subject
 from training.config.schema import Config, ReattackConfig
+from training.report.examples import run_examples, table_examples
 from training.runs.identity import fingerprint_of, result_settings
 from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
 from training.system import machine

@@ -20,7 +20,7 @@ from torch.utils.data import Subset
 from moireaug.defenses import Quilting, demoire
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation import SuiteConfig
-from moireaug.evaluation.conditions import Defence
+from moireaug.evaluation.conditions import ImageTransform
 from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.suites import OPTION_SUITES
 from training.attack.protocol import AttackResult, SuiteAttack
@@ -88,7 +88,7 @@ def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> Suite
     config = dataclasses.replace(protocol.config(), targets=targets)
     defences = dict(config.defences)
     without = {}
-    networks: dict[str, Defence] = {}
+    networks: dict[str, ImageTransform] = {}
     if cfg.networks:  # before a patch bank is made
         networks = networks_of(cfg.networks, fabric.device)
     if cfg.demoire:
@@ -158,7 +158,7 @@ def quilting(images: Subset, cache: Path) -> Quilting:
     return Quilting.from_images(pixels, patches=BANK_PATCHES, seed=0, cache=cache)
 
 
-def networks_of(networks: Any, device: torch.device) -> dict[str, Defence]:
+def networks_of(networks: Any, device: torch.device) -> dict[str, ImageTransform]:
     """Return demoiréing networks by name.
 
     Args:
@@ -178,7 +178,7 @@ def networks_of(networks: Any, device: torch.device) -> dict[str, Defence]:
             f"networks={networks!r} has no weights of demoiréing networks. Pass a folder with "
             "files of demoire.save, such as mopnet.pt, or networks='{mopnet: FILE}'."
         )
-    defences: dict[str, Defence] = {}
+    defences: dict[str, ImageTransform] = {}
     for name, place in places.items():
         file = Path(place) / RUN_WEIGHTS if Path(place).is_dir() else Path(place)
         network = demoire.load(file)
@@ -193,7 +193,7 @@ def networks_of(networks: Any, device: torch.device) -> dict[str, Defence]:
     return defences
 
 
-def callable_of(name: str, device: torch.device) -> Defence:
+def callable_of(name: str, device: torch.device) -> ImageTransform:
     """Import the callable `package.module:name`, as `python -c` in the working folder would.
 
     The working folder stays the first that is searched: a function may import more once it is

@@ -8,8 +8,8 @@ from statistics import fmean
 
 from torch import Tensor
 
-from moireaug.evaluation.report.terminal import Grid, Part
 from moireaug.synthesis.statistics import STATISTICS, Statistic, compare, measure, span
+from training.report.terminal import Grid, Part
 
 Rows = Sequence[Mapping[str, float]]
 Span = tuple[float, float, float]

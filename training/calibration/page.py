@@ -9,11 +9,11 @@ from typing import Any
 import pandas as pd
 import torch
 
-from moireaug.evaluation.report.page import environment, uri
 from moireaug.scenes import Scene
 from training.calibration.compare import StatisticRow, mean_distance, number_text, span_text
 from training.calibration.crops import Crops, middle_of
 from training.calibration.fit import FittedScene
+from training.report.page import environment, uri
 from training.system import machine
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from moireaug.evaluation.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR
 from training.calibration.compare import Span, StatisticRow
+from training.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR
 
 SIZE_INCHES, DPI = (10.4, 6.4), 100
 MAIN_UNIT = "codes RMS"  # of most statistics, on the left

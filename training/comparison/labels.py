@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 
-from moireaug.evaluation.report.plots import TEXT_COLOUR
+from training.report.plots import TEXT_COLOUR
 
 LEADER_COLOUR = "#777777"  # of the lines that join points and names
 MAX_GAP_PIXELS = 20  # from a point to its name, beyond which a line joins them

@@ -14,9 +14,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 
-from moireaug.evaluation.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR
 from training.comparison.labels import LEADER_COLOUR, Place, label_points
 from training.comparison.summaries import RecipeSummary, pareto
+from training.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR
 
 SIZE_INCHES, DPI = (10.0, 4.9), 100  # 1000 x 490 pixels
 PANELS = {"worst_4": "noise up to 4/255", "worst_8": "noise up to 8/255"}

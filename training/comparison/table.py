@@ -8,11 +8,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from moireaug.evaluation.report.numbers import percent, points
-from moireaug.evaluation.report.page import environment
-from moireaug.evaluation.report.terminal import Grid, Part
 from training.comparison.points import RunTable
 from training.comparison.summaries import RecipeSummary
+from training.report.numbers import percent, points
+from training.report.page import environment
+from training.report.terminal import Grid, Part
 
 TERMINAL_WIDTH = 100  # characters
 MAX_NAME_WIDTH = 26  # characters of a recipe's name in the terminal

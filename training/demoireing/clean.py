@@ -28,12 +28,12 @@ from tqdm import tqdm
 
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
-from moireaug.defenses.demoire.tiles import TILE_OVERLAP, TILE_SIDE, tiled
 from moireaug.files import write_bytes
 from moireaug.images import read_picture
 from moireaug.synthesis.pictures import Pictures
 from training.config.plain import parse, report_errors
 from training.config.settings import setting
+from training.demoireing.tiles import TILE_OVERLAP, TILE_SIDE, tiled
 
 EXAMPLE = "python training/demoire.py clean in=DIR out=DIR"
 DEVICES = ("cpu", "cuda", "mps")

@@ -23,7 +23,6 @@ from omegaconf import DictConfig
 
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire.losses import NETWORKS_WITHOUT_FEATURES
-from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scenes import as_scene
@@ -37,6 +36,7 @@ from training.demoireing import pictures, report
 from training.demoireing.pairs import training_scenes
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
+from training.report.terminal import show
 from training.runs.resume import require_resumable
 from training.runs.run import Run
 from training.system import machine

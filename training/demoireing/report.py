@@ -9,9 +9,11 @@ from typing import Any
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from moireaug.evaluation.report.numbers import number
-from moireaug.evaluation.report.page import environment, uri
-from moireaug.evaluation.report.plots import (
+from moireaug.evaluation.visibility import SSIM_WINDOW
+from training.demoireing.testing import GroupedPair
+from training.report.numbers import number
+from training.report.page import environment, uri
+from training.report.plots import (
     BASELINE_COLOUR,
     FIGURE_INCHES,
     GRID_COLOUR,
@@ -19,9 +21,7 @@ from moireaug.evaluation.report.plots import (
     finish,
     svg,
 )
-from moireaug.evaluation.report.terminal import Grid, Part
-from moireaug.evaluation.visibility import SSIM_WINDOW
-from training.demoireing.testing import GroupedPair
+from training.report.terminal import Grid, Part
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
 REMOVED_AMPLIFICATION = 4  # factor of the removed part in a picture

@@ -12,12 +12,12 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.evaluation.conditions import EvalBatch
-from moireaug.evaluation.report.page import embedded_picture, title_of
 from moireaug.evaluation.suites.ladder import ladder_conditions
 from moireaug.evaluation.tables import SuiteConfig
 from moireaug.scenes import Scene
 from training.data import load as data
 from training.explorer.photo import Picture, as_picture
+from training.report.page import embedded_picture, title_of
 from training.runs.trained import read
 
 MAX_IMAGES = 24  # of a run's test images, to choose from

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from moireaug.evaluation import report
+from training import report
 from training.attack.protocol import attack, attack_run, protocol_of
 from training.attack.results import publish, run_facts, run_metrics
 from training.config.schema import Config

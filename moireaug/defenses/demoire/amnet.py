@@ -26,7 +26,6 @@ class AMNet(DemoireNet):
     """
 
     name = "amnet"
-    title = "AMNet"
     multiple = 4
 
     def __init__(self, width: float = 1.0) -> None:

@@ -7,20 +7,19 @@ from abc import ABC, abstractmethod
 from torch import Tensor, nn
 
 from moireaug.defenses.base import check_real, mirrored, straight_through
-from moireaug.image_checks import channels_last_hint
+from moireaug.image_checks import check_shape
 
 MAX_WIDTH = 4.0
 
 
 class DemoireNet(nn.Module, ABC):
-    """A demoiréing network: a subclass sets `name`, `title` and `multiple`, and computes
-    `predict`.
+    """A demoiréing network: a subclass sets `name` and `multiple`, and computes `predict`.
 
     Args:
         width: factor on the published numbers of channels, in (0, 4].
 
     Attributes:
-        name: of `demoire.NETWORKS`. title: in tables.
+        name: of `demoire.NETWORKS`.
         multiple: the sides of the images given to `predict` are multiples of this, in pixels.
 
     Raises:
@@ -28,7 +27,6 @@ class DemoireNet(nn.Module, ABC):
     """
 
     name: str
-    title: str
     multiple: int
 
     def __init__(self, width: float = 1.0) -> None:
@@ -57,7 +55,7 @@ class DemoireNet(nn.Module, ABC):
         Raises:
             TypeError, ValueError: images of another type or shape.
         """
-        _check_shape(images)
+        _check_images(images)
         height, width = images.shape[-2:]
         predictions = self.predict(self._extended(images))
         finest = predictions[0].shape[-2]
@@ -108,16 +106,14 @@ def scaled(channels: int, width: float, multiple: int = 4) -> int:
     return max(multiple, multiple * round(channels * width / multiple))
 
 
-def _check_shape(images: Tensor) -> None:
+def _check_images(images: Tensor) -> None:
     """Refuse anything but a float batch of three channels; values are not checked, which would wait
     for the device in every training step."""
-    if not isinstance(images, Tensor) or not images.is_floating_point():
+    check_shape(images)
+    if not len(images):
+        raise ValueError(f"images must be one or more; got {tuple(images.shape)}.")
+    if not images.is_floating_point():
         raise TypeError(
-            "images must be a floating point tensor in [0, 1]; got "
-            f"{getattr(images, 'dtype', type(images).__name__)}. Divide uint8 images by 255."
-        )
-    if images.ndim != 4 or images.shape[1] != 3 or 0 in images.shape:
-        raise ValueError(
-            "images must have the shape (B, 3, H, W) with B, H, W >= 1; got "
-            f"{tuple(images.shape)}.{channels_last_hint(images)}"
+            f"images must be floating point in [0, 1]; got {images.dtype}. Divide uint8 images by "
+            "255."
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, check_callable, straight_through, title_of
+from moireaug.defenses.base import Defence, check_callable, straight_through
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class Demoire(Defence):
         network: from `demoire.build` or `demoire.load`, or any callable from images (B, 3, H, W) in
             [0, 1] to images of the same shape, clipped here. A module is called in the mode that it
             is in; attacks and `evaluate` put it into evaluation, as they do the model. Images are
-            computed in the dtype of its parameters. It may name itself in tables by an attribute
-            `title`.
+            computed in the dtype of its parameters. A randomised one says so by an attribute
+            `randomised = True`.
 
     Backward: the network's own gradient; where its output is clipped, that of the unclipped one.
 
@@ -32,10 +32,8 @@ class Demoire(Defence):
 
     def __post_init__(self) -> None:
         check_callable("network", self.network, " Is it demoire.load(FILE)?")
-
-    @property
-    def title(self) -> str:
-        return title_of(self.network)
+        randomised = bool(getattr(self.network, "randomised", False))
+        object.__setattr__(self, "randomised", randomised)
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:
@@ -47,8 +45,9 @@ class Demoire(Defence):
             x = images.to(next(self.network.parameters(), images).dtype)
         out = self.network(x)
         if out.shape != images.shape:
+            name = getattr(self.network, "__name__", type(self.network).__name__)
             raise ValueError(
-                f"a demoiréing network must keep the images' shape {tuple(images.shape)}; "
-                f"{self.title} gave {tuple(out.shape)}."
+                f"a demoiréing network must keep the images' shape {tuple(images.shape)}; {name} "
+                f"gave {tuple(out.shape)}."
             )
         return straight_through(out, out.clamp(0, 1)).to(images.dtype)

@@ -32,7 +32,6 @@ class ESDNet(DemoireNet):
     """
 
     name = "esdnet"
-    title = "ESDNet"
     multiple = 32  # a pixel unshuffle, two levels, and a pyramid of a quarter: 2 x 4 x 4
 
     def __init__(self, width: float = 1.0) -> None:

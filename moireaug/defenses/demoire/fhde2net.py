@@ -35,7 +35,6 @@ class FHDe2Net(DemoireNet):
     """
 
     name = "fhde2net"
-    title = "FHDe2Net"
     multiple = GDN_REDUCTION * 2 ** (len(GLOBAL_CHANNELS) - 1)
 
     def __init__(self, width: float = 1.0) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import io
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ from moireaug.defenses.demoire.fhde2net import FHDe2Net
 from moireaug.defenses.demoire.mddm import MDDM
 from moireaug.defenses.demoire.mopnet import MopNet
 from moireaug.files import write_bytes
+from moireaug.scene.fields import one_of
 from moireaug.weights import float32_on_cpu, read_weights
 
 NETWORKS: dict[str, type[DemoireNet]] = {
@@ -44,12 +44,7 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
         TypeError, ValueError: an unknown name, a width out of range, a file that is missing,
             damaged, or of another network.
     """
-    if name not in NETWORKS:
-        closest = difflib.get_close_matches(str(name), NETWORKS, n=1, cutoff=0.3)
-        hint = f" Closest: {closest[0]}." if closest else ""
-        raise ValueError(
-            f"demoire: there is no network {name!r}.{hint} Choose one of {', '.join(NETWORKS)}."
-        )
+    one_of("a demoiréing network", name, NETWORKS)
     if weights is None:
         return NETWORKS[name](width)
     with float32_on_cpu():

@@ -29,7 +29,6 @@ class MDDM(DemoireNet):
     """
 
     name = "mddm"
-    title = "MDDM"
     multiple = 2 ** (len(BRANCH_BLOCKS) - 1) * REGION_SIDE
 
     def __init__(self, width: float = 1.0) -> None:

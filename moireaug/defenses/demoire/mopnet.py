@@ -40,7 +40,6 @@ class MopNet(DemoireNet):
     """
 
     name = "mopnet"
-    title = "MopNet"
     multiple = 2 ** (len(EDGE_CHANNELS) - 1) * REGION_SIDE
 
     def __init__(self, width: float = 1.0) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from moireaug.attacks.pose import searched_fields
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknown
-from moireaug.evaluation.autoattack import APGDAttacker
+from moireaug.evaluation.autoattack import QUERIES_PER_STEP, APGDAttacker, SquareAttacker
 from moireaug.evaluation.conditions import Condition, controls
 from moireaug.evaluation.judges import DEFENCE_DRAWS, UNDEFENDED, averaged
 from moireaug.evaluation.tables import (
@@ -26,27 +26,35 @@ ATTACKED_DEFENCES = ("jpeg_60", "median_3", "pixel_deflection")
 
 def adaptive(config: SuiteConfig) -> Table:
     """Lay out attackers who know the defence: of three of the paper's defences, and of all that the
-    user has added. Only the undefended row has attackers of the camera, and so they are in no
-    worst case, or rows could not be compared."""
+    user has added. These are also searched without gradients, which a defence may hide. Only the
+    undefended row has attackers of the camera, and so they are in no worst case, or rows could not
+    be compared."""
     eps, steps = config.middle, config.steps
     camera_attackers, reason = attackers_of_the_camera(config, eps)
     added = [name for name in config.defences if name not in paper_defences()]
+    unknown = [name for name in added if name != "quilting"]  # the paper's, given its patches
     judges = {"undefended": UNDEFENDED}
     for name in (*ATTACKED_DEFENCES, *added):
         judges[name] = averaged(name, config.defences[name])
+    queries = QUERIES_PER_STEP * steps
     cells: list[Cell] = []
+    worst_cells: list[Cell] = []  # the last column
     for row, judge in judges.items():
         columns: dict[str, Condition] = controls(eps) | {
             "ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False),
             "adaptive": APGDAttacker(eps=eps, steps=steps, knows=judge),
         }
+        if row in unknown:
+            columns["square"] = SquareAttacker(eps=eps, steps=queries, knows=judge)
         row_cells = cross({row: judge}, columns)
         cells += row_cells
         if judge is UNDEFENDED:
             cells += undefended_row(row, camera_attackers)
-        cells.append(worst_of(row_cells, row, eps))
+        worst_cells.append(worst_of(row_cells, row, eps))
     facts = {"why_not_turned": reason, "draws": DEFENCE_DRAWS, "shots": PoseUnknown.shots}
-    return Table("adaptive", tuple(cells), facts=facts)
+    if unknown:
+        facts["queries"] = queries
+    return Table("adaptive", (*cells, *worst_cells), facts=facts)
 
 
 def attackers_of_the_camera(config: SuiteConfig, eps: float) -> tuple[dict[str, Condition], str]:

@@ -28,8 +28,8 @@ class Display(NamedTuple):
     """A display of the paper's section 3.1, and where one stands before it."""
 
     layout: str
-    pixel: float  # mm
-    distance: float  # mm
+    pixel_mm: float
+    distance_mm: float
     width: tuple[float, float]  # of the picture, in panel pixels
     gain: float  # white comes to about 90 % of full scale
 
@@ -37,8 +37,8 @@ class Display(NamedTuple):
 class Camera(NamedTuple):
     """A camera of the paper's section 3.1."""
 
-    focal: float  # sensor pixels
-    olpf: float  # sensor pixels
+    focal_px: float  # sensor pixels
+    olpf_px: float  # sensor pixels
 
 
 DISPLAYS = {
@@ -59,14 +59,14 @@ ANGLES = (30, 45, 60, 75, 90, 105, 130, 145)  # degrees; 90 is frontal
 def pitch(display: str, camera: str) -> float:
     """Return the width of a panel pixel on the sensor, in sensor pixels, seen frontally."""
     screen = DISPLAYS[display]
-    return CAMERAS[camera].focal * screen.pixel / screen.distance
+    return CAMERAS[camera].focal_px * screen.pixel_mm / screen.distance_mm
 
 
 def view_angle(screen: Display, width: float) -> float:
     """Return the angle that the diagonal of a square picture of that width, in panel pixels, spans
     seen from the display's distance, in degrees."""
-    diagonal = math.hypot(width, width) * screen.pixel  # mm
-    return math.degrees(2 * math.atan(diagonal / 2 / screen.distance))
+    diagonal = math.hypot(width, width) * screen.pixel_mm  # mm
+    return math.degrees(2 * math.atan(diagonal / 2 / screen.distance_mm))
 
 
 def threat_scene(display: str, camera: str, angle: float) -> Scene:
@@ -81,7 +81,7 @@ def threat_scene(display: str, camera: str, angle: float) -> Scene:
             roll=(-2.0, 2.0),
             fov=(view_angle(screen, screen.width[0]), view_angle(screen, screen.width[1])),
         ),
-        lens=Lens(blur=0.3, olpf=body.olpf),
+        lens=Lens(blur=0.3, olpf=body.olpf_px),
         sensor=Sensor(pitch=pitch(display, camera), gain=screen.gain, read_noise=0.005),
         develop=Develop(linear_light=True),
     )

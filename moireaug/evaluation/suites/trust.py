@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import LOSSES, evaluating
+from moireaug.attacks.model import repeats_answers
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, SquareAttacker
@@ -23,11 +24,8 @@ class CleanTwice(Clean):
     kind = "clean_twice"
 
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
-        with evaluating(batch.model, images), torch.no_grad():
-            first = batch.model(images.clone())  # it may work in place
-            second = batch.model(images.clone())
-        differ = (first != second) & ~(first.isnan() & second.isnan())
-        return {"differ": differ.any(1).float().tolist()}
+        differ = ~repeats_answers(batch.model, images)
+        return {"differ": differ.float().tolist()}
 
 
 class PhotoGradient(Photo):

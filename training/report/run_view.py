@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from moireaug.evaluation.report.metrics import (
+from training.report.metrics import (
     Metrics,
     Rate,
     gain_of,
@@ -15,8 +15,8 @@ from moireaug.evaluation.report.metrics import (
     row_of,
     total_seconds,
 )
-from moireaug.evaluation.report.numbers import finite
-from moireaug.evaluation.report.page import title_of
+from training.report.numbers import distinct, finite
+from training.report.page import title_of
 
 MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
 
@@ -68,12 +68,8 @@ def _side(kind: str, side: Metrics) -> dict[str, Any]:
     name = name_of(side)
     role = "this model" if kind == "ours" else kind
     label = role if role == name else f"{role} ({name})"
-    counts: list[str] = []
-    for row in side["reattack"]:
-        clean_correct = row.get("counted")
-        if clean_correct is not None and str(clean_correct) not in counts:
-            counts.append(str(clean_correct))
-    return {"kind": kind, "name": name, "label": label, "counted": " / ".join(counts)}
+    counted = distinct(row.get("counted") for row in side["reattack"])
+    return {"kind": kind, "name": name, "label": label, "counted": counted}
 
 
 def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:

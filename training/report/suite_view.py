@@ -8,10 +8,10 @@ from typing import Any
 import pandas as pd
 
 from moireaug.evaluation.frame import MEASURES
-from moireaug.evaluation.report.metrics import Metrics, Rate, name_of
-from moireaug.evaluation.report.numbers import finite
-from moireaug.evaluation.report.page import render, title_of
 from moireaug.evaluation.tables import Table
+from training.report.metrics import Metrics, Rate, name_of
+from training.report.numbers import distinct, finite
+from training.report.page import render, title_of
 
 ATTACK_COLUMNS = ("worst", "ma")  # columns of a table, the strongest first
 # columns with and without moiré of the tables without an attacker
@@ -94,18 +94,14 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
 
 def _row(table: Table, cells: Cells, name: str) -> dict[str, Any]:
     """Return a row's cells, None where one is missing, with their denominators and their time."""
-    row_cells = []
-    counts: list[str] = []
-    seconds = None
-    for column in table.columns:
-        cell = cells.get((name, column))
-        row_cells.append(cell)
-        if cell is None:
-            continue
-        seconds = (seconds or 0.0) + cell["seconds"]
-        if str(cell["counted"]) not in counts:
-            counts.append(str(cell["counted"]))
-    return {"name": name, "cells": row_cells, "counted": " / ".join(counts), "seconds": seconds}
+    row_cells = [cells.get((name, column)) for column in table.columns]
+    known = [cell for cell in row_cells if cell is not None]
+    return {
+        "name": name,
+        "cells": row_cells,
+        "counted": distinct(cell["counted"] for cell in known),
+        "seconds": sum(cell["seconds"] for cell in known) if known else None,
+    }
 
 
 def _cell(line: dict[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from moireaug.evaluation.report.numbers import finite
+from training.report.numbers import finite
 
 MODEL_COLOUR, BASELINE_COLOUR = "#0072B2", "#D55E00"  # this model, the baseline
 TEXT_COLOUR, GRID_COLOUR = "#222222", "#DDDDDD"

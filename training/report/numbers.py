@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from typing import Any
 
 DASH = "–"
@@ -40,6 +41,11 @@ def codes(value: Any) -> str:
     return DASH if known is None else f"{255 * known:.3g}"
 
 
+def distinct(counts: Iterable[Any]) -> str:
+    """Return the different ones of some counts, joined by slashes; those not known are left out."""
+    return " / ".join(dict.fromkeys(str(count) for count in counts if count is not None))
+
+
 def number(value: Any, digits: int = 1) -> str:
     """Return a number with `digits` decimals."""
     known = finite(value)
@@ -57,11 +63,6 @@ def duration(seconds: Any) -> str:
     if minutes < 60:
         return f"{minutes} min {rest} s"
     return f"{minutes // 60} h {minutes % 60} min"
-
-
-def pc(rate: float) -> str:
-    """Return a rate in percent for a style sheet."""
-    return f"{100 * rate:.2f}"
 
 
 def capital(text: str) -> str:

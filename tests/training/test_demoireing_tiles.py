@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from moireaug.defenses import demoire
-from moireaug.defenses.demoire.tiles import TILE_OVERLAP, TILE_SIDE, spans, tiled
+from training.demoireing.tiles import TILE_OVERLAP, TILE_SIDE, spans, tiled
 
 
 def near_sighted(radius):

@@ -1,23 +1,18 @@
-"""Reports for the terminal: tables by rich where the output is one, plain text elsewhere, in at
-most 100 columns where the names allow it."""
+"""Reports for the terminal, in at most 100 columns where the names allow it."""
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
-from moireaug.evaluation.report.metrics import Metrics, Rate
-from moireaug.evaluation.report.numbers import codes, duration, number, percent, points, short
-from moireaug.evaluation.report.page import render, title_of
-from moireaug.evaluation.report.run_view import run_view
 from moireaug.printing import printable
+from training.report.metrics import Metrics, Rate
+from training.report.numbers import codes, duration, number, percent, points, short
+from training.report.page import render, title_of
+from training.report.run_view import run_view
 
 TITLE_WIDTH, NAME_WIDTH = 27, 10
 
@@ -42,23 +37,10 @@ Part = str | Grid
 
 
 def show(parts: Sequence[Part]) -> None:
-    """Print to standard output, in characters that it can show; rich draws the tables where it is
-    a terminal wide enough for them."""
-    parts = [_printable(part) for part in parts]
-    if not sys.stdout.isatty():
-        print(plain(parts))
-        return
-    console = Console(highlight=False)
-    unlimited = console.options.update(width=10**6)
-    for part in parts:
-        if isinstance(part, str):
-            console.print(Text(part))
-            continue
-        table = _table(part)
-        if console.measure(table, options=unlimited).maximum <= console.width:
-            console.print(table)
-        else:
-            print(plain([part]))
+    """Print to standard output, in characters that it can show; in a terminal wide enough for it, a
+    table gets lines."""
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+    print(printable(plain([_printable(part) for part in parts], columns)))
 
 
 def _printable(part: Part) -> Part:
@@ -69,8 +51,9 @@ def _printable(part: Part) -> Part:
     return Grid(rows, printable(part.title), part.rule)
 
 
-def plain(parts: Sequence[Part]) -> str:
-    """Return the same as plain text."""
+def plain(parts: Sequence[Part], columns: int = 0) -> str:
+    """Return the parts as plain text; a table that is at most so many columns wide gets lines
+    around it, below its head and after its rule."""
     lines = []
     for part in parts:
         if isinstance(part, str):
@@ -78,7 +61,12 @@ def plain(parts: Sequence[Part]) -> str:
             continue
         if part.title:
             lines.append(part.title)
-        lines += _aligned(part.rows)
+        rows = _aligned(part.rows)
+        width = len(rows[0])
+        if width <= columns:
+            for place in sorted({0, 1, part.rule + 1, len(rows)}, reverse=True):
+                rows.insert(place, "─" * width)
+        lines += rows
     return "\n".join(lines)
 
 
@@ -91,31 +79,6 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
             cells.append(text.rjust(width))
         lines.append("  ".join(cells))
     return lines
-
-
-def _table(grid: Grid) -> Table:
-    """Return a table for rich; names are plain text, whatever brackets they hold."""
-    title = Text(grid.title, style="bold") if grid.title else None
-    table = Table(
-        title=title,
-        title_justify="left",
-        box=box.HORIZONTALS,
-        header_style="bold",
-        collapse_padding=True,
-        pad_edge=False,
-    )
-    head, *rows = grid.rows
-    for i, name in enumerate(head):
-        table.add_column(Text(name), justify="right" if i else "left", no_wrap=True)
-    for i, row in enumerate(rows, start=1):
-        cells = [Text(text) for text in row]
-        table.add_row(*cells, end_section=i == grid.rule)
-    return table
-
-
-def run_summary(metrics: Metrics) -> str:
-    """Return the same as `run_parts`, as plain text."""
-    return plain(run_parts(metrics))
 
 
 def run_parts(metrics: Metrics) -> list[Part]:

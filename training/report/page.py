@@ -14,10 +14,10 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
-import moireaug.evaluation.report.numbers as numbers
+import training.report.numbers as numbers
 
 PICTURE_SIDE = 165  # pixels, to which small pictures are enlarged by a whole factor
-NUMBER_FILTERS = ("percent", "points", "codes", "number", "duration", "pc", "capital", "tied")
+NUMBER_FILTERS = ("percent", "points", "codes", "number", "duration", "capital", "tied")
 
 
 def render(template: str, **context: Any) -> str:
@@ -29,7 +29,7 @@ def render(template: str, **context: Any) -> str:
 def environment() -> Environment:
     """Return the environment of all templates."""
     templates = Environment(
-        loader=PackageLoader("moireaug.evaluation.report"),
+        loader=PackageLoader("training.report"),
         autoescape=lambda name: name is not None and name.endswith(".html.j2"),
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -44,7 +44,7 @@ def environment() -> Environment:
 
 @cache
 def _titles() -> dict[str, Any]:
-    package = resources.files("moireaug.evaluation.report")
+    package = resources.files("training.report")
     return tomllib.loads(package.joinpath("templates/titles.toml").read_text("utf-8"))
 
 

@@ -4,10 +4,11 @@ import re
 
 import pytest
 
-from moireaug.evaluation import report
-from moireaug.evaluation.report.numbers import duration, points, tied
-from moireaug.evaluation.report.page import environment, title_of
-from moireaug.evaluation.report.run_view import run_view
+from training import report
+from training.report.numbers import duration, points, tied
+from training.report.page import environment, title_of
+from training.report.run_view import run_view
+from training.report.terminal import plain
 
 
 def headline(metrics):
@@ -38,6 +39,12 @@ def test_headline_of_a_loss(metrics):
     title, lead, _ = headline(metrics)
     assert title == "moire_at lowers accuracy under the Moiré Attack from 76 % to 8 %"
     assert "fell from 76 % to 8 % (−68 points, 95 % interval −74 to −62" in lead
+
+
+def test_images_without_an_answer_are_told(metrics):
+    metrics["reattack"][0]["undecided"] = 3
+    last = plain(report.run_parts(metrics)).splitlines()[-1]
+    assert "NaN or infinite" in last and "3 of 200 (moire_at, clean image)" in last
 
 
 @pytest.mark.parametrize("interval", [[-0.01, 0.05], [0.0, 0.04], [-0.03, 0.0]])
@@ -71,7 +78,7 @@ def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, baseline):
     metrics["reattack"][0]["name"] = "t" * 80
     if not baseline:
         metrics["baseline"] = None
-    lines = report.run_summary(metrics).splitlines()
+    lines = plain(report.run_parts(metrics)).splitlines()
     assert max(map(len, lines)) <= 100
     assert len({len(line) for line in lines[1 : 2 + len(metrics["reattack"])]}) == 1
     assert "n = 200" in lines[0]

@@ -8,16 +8,16 @@ from typing import Any
 
 import pandas as pd
 
-from moireaug.evaluation.report import page, plots
-from moireaug.evaluation.report.metrics import name_of
-from moireaug.evaluation.report.numbers import finite
-from moireaug.evaluation.report.run_view import run_view
-from moireaug.evaluation.report.suite_view import suite_view
-from moireaug.evaluation.report.terminal import Part, run_parts, run_summary, show, suite_parts
 from moireaug.evaluation.tables import Table
 from moireaug.files import write_text
+from training.report import page, plots
+from training.report.metrics import name_of
+from training.report.numbers import finite
+from training.report.run_view import run_view
+from training.report.suite_view import suite_view
+from training.report.terminal import Part, run_parts, show, suite_parts
 
-__all__ = ["run_parts", "run_summary", "show", "suite_parts", "write_run", "write_suite"]
+__all__ = ["run_parts", "show", "suite_parts", "write_run", "write_suite"]
 
 Examples = list[dict[str, Any]]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from moireaug.evaluation.report.numbers import finite
+from training.report.numbers import finite
 
 Metrics = Mapping[str, Any]
 

@@ -9,17 +9,15 @@ import pytest
 import torch
 
 from moireaug import Scene
-from moireaug.evaluation import report
-from moireaug.evaluation.report import page
 from moireaug.synthesis.statistics import STATISTICS
-from training import calibrate
+from tests.training.report.elements import Elements
+from training import calibrate, report
 from training.calibration.compare import compare_statistics
 from training.calibration.crops import Crops
 from training.calibration.fit import FittedScene
 from training.demoireing import report as demoireing
 from training.demoireing.testing import GroupedPair
-
-from .elements import Elements
+from training.report import page
 
 OUTSIDE = ("script", "link", "iframe", "object", "embed", "video", "audio")
 

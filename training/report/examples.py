@@ -10,9 +10,9 @@ import numpy as np
 from moireaug.attacks import REJECTED, UNDECIDED
 from moireaug.evaluation.conditions import Condition, Photo
 from moireaug.evaluation.judges import UNDEFENDED
-from moireaug.evaluation.report.page import title_of
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.tables import Table
+from training.report.page import title_of
 
 CHANGE_GAIN = 4  # factor by which an attack's change of the photo is enlarged
 PHOTO = Photo()

@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from moireaug.evaluation import report
-from moireaug.evaluation.report import plots
-
-from .elements import Elements
+from tests.training.report.elements import Elements
+from training import report
+from training.report import plots
+from training.report.terminal import plain
 
 
 def read(tmp_path, metrics, pictures=None):
@@ -110,7 +110,7 @@ def test_unknown_numbers_crash_nothing(tmp_path, metrics, unknown):
 
     forgotten = forget(metrics)
     text = read(tmp_path, forgotten).text
-    printed = report.run_summary(forgotten)
+    printed = plain(report.run_parts(forgotten))
     assert not re.search(r"\b(nan|inf|None)\b", printed)
     head = text.split("How to read this")[0].split("What was run")[0]
     assert not re.search(r"\b(nan|inf|None)\b", head)
@@ -130,7 +130,7 @@ def test_a_collapse_of_training_is_told(metrics, epoch, said, tmp_path):
 )
 def test_the_least_that_can_be_reported(tmp_path, least):
     assert "not attacked" in read(tmp_path, least).text
-    assert "not attacked" in report.run_summary(least)
+    assert "not attacked" in plain(report.run_parts(least))
 
 
 def test_a_failure_leaves_the_older_report_whole(tmp_path, metrics, pictures, monkeypatch):
@@ -185,7 +185,7 @@ def test_every_attack_row_says_what_its_noise_is(tmp_path, metrics):
     text = read(tmp_path, metrics).text
     section = text[text.index("What the noise is in the photo") :].partition("Training")[0]
     assert section.count("38.2") == 5 and section.count("0.987") == 5
-    printed = report.run_summary(metrics).splitlines()
+    printed = plain(report.run_parts(metrics)).splitlines()
     attacks = [line for line in printed if "Moiré Attack" in line or line.startswith("PGD")]
     assert len(attacks) == 5 and all(" 12  38.2 " in line for line in attacks)
     assert "38.2" not in printed[2] and "38.2" not in printed[4]  # no controls

@@ -1,0 +1,124 @@
+"""The tables of a suite, as reports show them: beside the paper's figures, in words, in HTML and in
+Markdown."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from torch import nn
+
+from moireaug import Scene
+from moireaug.defenses.demoire import Demoire
+from moireaug.evaluation import SuiteConfig, images_frame, rates, tables_of
+from moireaug.evaluation.frame import CELL_COLUMNS
+from tests.evaluation.conftest import classifier
+from tests.evaluation.haze import cell_of, ran
+from training import report
+from training.report.page import render
+from training.report.published import read_published, with_paper
+from training.report.suite_view import suite_view
+
+CONFIG = SuiteConfig(scene=Scene.preset("screen_photo"), steps=2)
+
+
+def run_suite(suite, config=CONFIG):
+    """(tables by name, rates) on four images."""
+    model = classifier().eval()
+    images = torch.rand(4, 3, 16, 16, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        batches = [(images, model(images).argmax(1))]
+    tables = tables_of(suite, config)
+    frame = images_frame(tables, ran((model, batches), tables, scene=config.scene), (0,))
+    return {table.name: table for table in tables}, rates(frame)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    return run_suite("recipes")
+
+
+def test_every_published_figure_has_a_cell():
+    targets = {
+        name: nn.Identity() for name in ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
+    }
+    config = dataclasses.replace(CONFIG, targets=targets)
+    config = dataclasses.replace(config, defences={**config.defences, "quilting": nn.Identity()})
+    networks = {name: nn.Identity() for name in ("mopnet", "mddm", "fhde2net", "amnet")}
+    config = dataclasses.replace(config, networks=networks)
+    cells = set()
+    for table in tables_of("paper", config):
+        assert table.published
+        cells |= {(table.name, cell.row, cell.column) for cell in table.cells}
+    published = read_published()
+    assert len(published) == 135 and published["paper"].between(0, 1).all()
+    missing = [
+        line
+        for line in published[["table", "row", "column"]].itertuples(index=False)
+        if tuple(line) not in cells
+    ]
+    assert not missing
+
+
+def test_the_papers_figures_stand_beside_its_own_bound_alone():
+    for eps, wanted in ((4 / 255, True), (16 / 255, False)):
+        config = dataclasses.replace(CONFIG, eps=(eps,), steps=1)
+        tables, lines = run_suite("noise_position", config)
+        told = with_paper(lines, list(tables.values()))
+        assert told["paper"].notna().any() == wanted
+        if wanted:
+            assert cell_of(told, "jpeg_20", "moire_bim")["paper"] == 0.857
+
+
+def test_the_papers_figures_stand_beside_its_networks():
+    networks = {name: Demoire(nn.Identity()) for name in ("mddm", "smooth")}
+    (table,) = tables_of("demoireing", dataclasses.replace(CONFIG, networks=networks))
+    cells = [("demoireing", cell.row, cell.column, None) for cell in table.cells]
+    told = with_paper(pd.DataFrame(cells, columns=[*CELL_COLUMNS, "paper"]), [table])
+    assert cell_of(told, "mddm", "ma")["paper"] == 0.997
+    assert cell_of(told, "undefended", "ma_8")["paper"] == 1
+    assert np.isnan(cell_of(told, "smooth", "ma")["paper"])
+
+
+def test_the_tables_say_what_they_show(measured):
+    tables, lines = measured
+    metrics = {"model": "m", "suite": "recipes"}
+    view = suite_view(metrics, list(tables.values()), with_paper(lines, list(tables.values())), {})
+    worst, unseen = view["tables"]
+    assert worst["natural"] is None and unseen["verdict"] is None
+    assert worst["verdict"]["attack"] == cell_of(lines, "eps_4", "worst")["success"]
+    assert len(view["paragraphs"]) == 2  # one of each table
+    told = render(
+        "suite.md.j2",
+        suite=view,
+        metrics=metrics
+        | {"trust": [], "data": "", "n": 0, "steps": 0, "scene_name": "", "command": ""},
+    )
+    assert "| own scene |" in told and ", screen_photo;" in told and "nan" not in told
+
+
+def test_names_are_escaped_once(measured, tmp_path):
+    tables, lines = measured
+    evil = "a&b<i>"
+    metrics = {name: evil for name in ("model", "suite", "data", "scene_name", "command", "plan")}
+    metrics |= {"n": 4, "steps": 2, "trust": [{"name": evil, "verdict": "fail", "says": evil}]}
+    told = with_paper(lines, list(tables.values()))
+    report.write_suite(tmp_path, metrics, list(tables.values()), told, {})
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert "<i>b" not in page and "b<i>" not in page and "&amp;amp;" not in page
+    assert page.count("a&amp;b&lt;i&gt;") >= 8
+
+
+def test_lpips_is_a_column_where_it_was_measured(measured, tmp_path):
+    tables, lines = measured
+    metrics = {"model": "m", "suite": "recipes"}
+    for name, own in (("without", lines), ("with", lines.assign(lpips=lines["psnr"] / 1000))):
+        shown = with_paper(own, list(tables.values()))
+        report.write_suite(tmp_path / name, metrics, list(tables.values()), shown, {})
+        for file in ("report.html", "tables.md", "results.csv"):
+            text = (tmp_path / name / file).read_text("utf-8")
+            assert ("lpips" in text.lower()) == (name == "with"), (name, file)
+    rows = (tmp_path / "with/tables.md").read_text("utf-8").splitlines()
+    (head,) = [i for i, row in enumerate(rows) if row.endswith("CIEDE2000 | LPIPS |")]
+    assert rows[head + 1] == "|---" * 7 + "|" and rows[head + 2].count("|") == 8
