@@ -31,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
     given = ["recipe=clean", *TINY, *BRIEF, "train.epochs=30"]
     processes = ["trainer.devices=2", "trainer.strategy=ddp"]
-    process = Command("fit.py", *given, *processes, cwd=tmp_path)
+    process = Command("fit.py", *given, *processes, cwd=tmp_path, ranks="fork")
     wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
     os.kill(process.ranks()[1], signal.SIGKILL)
     _, err = process.communicate()
