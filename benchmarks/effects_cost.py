@@ -1,56 +1,37 @@
-"""What each effect costs, in the engine and in the reference.
+"""What each effect costs in the default photo.
 
     python benchmarks/effects_cost.py
 
-The first table is of the default photo, effect by effect: what leaving out one of its own saves,
-and what adding another costs. The share is of the whole default photo in the same run; none may be
-above a quarter. The last rows are what every scene pays for: the exposure of a frontal screen
-without subpixels, and its development.
+A row per effect: what leaving out one of the scene's own saves, and what adding another costs. The
+share is of the whole photo in the same run. The last two rows are what every scene pays for: the
+exposure of a frontal screen without subpixels, and its development.
 
-Then every preset is built up field by field, in the order in which light meets them, from a frontal
-screen at the preset's pitch or sensor scale; fields that a scene accepts only together are added
-together.
-
-Writes results/effects_cost.json. Times are of `moireaug.capture` in float32 without gradients,
-shots drawn and plans made; an effect that the engine leaves to the reference says so.
+Prints the table and writes results/effects_cost.json. Times are of `moireaug.capture` in float32
+without gradients, shots drawn and plans made; what the engine leaves to the reference is named.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
 import torch
+from torch import Tensor
 
-from benchmarks import build_up, measure
-from benchmarks.executions import EXECUTIONS, draw, in_both, taking
+from benchmarks import measure
 from benchmarks.problems import images
-from moireaug import Scene, develop, expose
+from moireaug import Scene, Shot, capture, develop, expose
 from moireaug.engine import program
 from moireaug.scene.by_name import with_values
-from moireaug.scene.presets import PRESETS
 
-FULL = {
-    "photo": (16, 224),
-    "build_up": (8, 128),
-    "repeats": 15,
-    "warmup": 1,
-    "budget": 2.0,
-    "presets": len(PRESETS),
-}
-QUICK = {
-    "photo": (1, 16),
-    "build_up": (1, 8),
-    "repeats": 1,
-    "warmup": 0,
-    "budget": 0.0,
-    "presets": 2,
-}
+# differences of a tenth of a millisecond need many rounds
+FULL: dict[str, Any] = {"photo": (16, 224), "repeats": 60, "warmup": 1}
+QUICK: dict[str, Any] = {"photo": (1, 16), "repeats": 1, "warmup": 0}
 DEFAULT = "screen_photo"
-MAX_SHARE = 0.25  # of the default photo, for one effect
 
 # changes that take each effect out of the default scene
 WITHOUT: dict[str, dict[str, Any]] = {
@@ -87,13 +68,8 @@ def main() -> None:
     print(measure.machine_lines(facts), end="\n\n")
     photo = default_photo(settings)
     print("The default photo, {} images of {} px".format(*settings["photo"]))
-    print(photo_report(photo), end="\n\n", flush=True)
-    print("Presets field by field, {} images of {} px".format(*settings["build_up"]), end="\n\n")
-    found = {}
-    for name in list(PRESETS)[: settings["presets"]]:
-        found[name] = build_up.rows_of(Scene.preset(name), settings)
-        print(build_up.report(name, found[name]), end="\n\n", flush=True)
-    content = {"metadata": facts, "settings": settings, "default_photo": photo, "presets": found}
+    print(photo_report(photo))
+    content = {"metadata": facts, "settings": settings, "default_photo": photo}
     measure.write_json(measure.results(args) / "effects_cost.json", content)
 
 
@@ -118,7 +94,8 @@ def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
     exposure, development = ALWAYS
     calls[exposure] = lambda: expose(shown, shot)
     calls[development] = lambda: develop(raw, shot)
-    times = in_both(calls, settings, len(shown))
+    times = measure.timed_together(calls, settings["repeats"], settings["warmup"])
+    times = {name: time / len(shown) for name, time in times.items()}
 
     rows = []
     for name in WITHOUT:
@@ -127,27 +104,32 @@ def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
         rows.append(effect_row(name, "added", scenes[name], times))
     for name in ALWAYS:
         rows.append(effect_row(name, "always there", bare, times))
-    seconds = {execution: times[execution]["whole"]._asdict() for execution in EXECUTIONS}
-    return {"seconds": seconds, "effects": rows}
+    return {"seconds": times["whole"]._asdict(), "effects": rows}
+
+
+def draw(scene: Scene, shown: Tensor) -> Shot:
+    return scene.sample(len(shown), tuple(shown.shape[-2:]), torch.Generator().manual_seed(0))
+
+
+def taking(scene: Scene, shown: Tensor) -> Callable[[], Tensor]:
+    """Return a capture of images in a shot that is drawn and planned once."""
+    shot = draw(scene, shown)
+    return lambda: capture(shown, shot)
 
 
 def effect_row(
-    name: str, kind: str, scene: Scene, times: dict[str, dict[str, measure.Timing]]
+    name: str, kind: str, scene: Scene, times: dict[str, measure.Timing]
 ) -> dict[str, Any]:
-    """Return an effect's row, of the times of both executions: of the call of its name, and of the
-    whole photo."""
-    row: dict[str, Any] = {"effect": name, "kind": kind, "run_by": run_by(scene)}
-    for execution in EXECUTIONS:
-        whole = times[execution]["whole"].median
-        taken = times[execution][name].median
-        if kind == "left out":
-            row[execution] = whole - taken
-        elif kind == "added":
-            row[execution] = taken - whole
-        else:
-            row[execution] = taken
-    row["share"] = row["engine"] / times["engine"]["whole"].median
-    return row
+    """Return an effect's row, of the times of the call of its name and of the whole photo."""
+    whole, taken = times["whole"].median, times[name].median
+    seconds = {"left out": whole - taken, "added": taken - whole, "always there": taken}[kind]
+    return {
+        "effect": name,
+        "kind": kind,
+        "run_by": run_by(scene),
+        "seconds": seconds,
+        "share": seconds / whole,
+    }
 
 
 def run_by(scene: Scene) -> str:
@@ -162,26 +144,14 @@ def run_by(scene: Scene) -> str:
 
 
 def photo_report(photo: dict[str, Any]) -> str:
-    lines = []
-    for execution, seconds in photo["seconds"].items():
-        median, quartiles = measure.in_ms(seconds)
-        lines.append(f"{execution}: {measure.show(median)} ms a photo, quartiles {quartiles}")
+    median, quartiles = measure.in_ms(photo["seconds"])
     rows = []
     for row in photo["effects"]:
-        share = 100 * row["share"]
-        verdict = "" if share <= 100 * MAX_SHARE else f"above {100 * MAX_SHARE:g} %"
-        ms = [f"{1e3 * row[execution]:+.2f}" for execution in EXECUTIONS]
-        rows.append((row["effect"], row["kind"], *ms, f"{share:+.0f} %", verdict, row["run_by"]))
-    columns = (
-        "effect",
-        "which is",
-        "engine, ms",
-        "reference, ms",
-        "share",
-        "bar",
-        "the engine takes",
-    )
-    return "\n".join(lines) + "\n" + measure.table(columns, rows)
+        ms, share = f"{1e3 * row['seconds']:+.2f}", f"{100 * row['share']:+.0f} %"
+        rows.append((row["effect"], row["kind"], ms, share, row["run_by"]))
+    columns = ("effect", "which is", "ms", "share", "the engine takes")
+    head = f"{measure.show(median)} ms a photo, quartiles {quartiles}"
+    return f"{head}\n{measure.table(columns, rows)}"
 
 
 if __name__ == "__main__":

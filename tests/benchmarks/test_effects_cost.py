@@ -1,12 +1,10 @@
-"""What the table of effects leaves out and adds, and the presets that are built up."""
+"""What the table of effects leaves out and adds."""
 
 import pytest
 
-from benchmarks import build_up, effects_cost, measure
-from benchmarks.executions import EXECUTIONS
+from benchmarks import effects_cost, measure
 from moireaug import Scene
 from moireaug.scene.by_name import with_values
-from moireaug.scene.presets import PRESETS
 
 
 @pytest.mark.parametrize(
@@ -14,9 +12,8 @@ from moireaug.scene.presets import PRESETS
 )
 def test_an_effect_costs_what_it_adds_to_the_photo(kind, cost):
     times = {"whole": measure.Timing.of([8.0]), "it": measure.Timing.of([2.0])}
-    both = dict.fromkeys(EXECUTIONS, times)
-    row = effects_cost.effect_row("it", kind, Scene(), both)
-    assert row["engine"] == row["reference"] == cost and row["share"] == cost / 8
+    row = effects_cost.effect_row("it", kind, Scene(), times)
+    assert row["seconds"] == cost and row["share"] == cost / 8
 
 
 @pytest.mark.parametrize("name", effects_cost.WITHOUT)
@@ -37,11 +34,3 @@ def test_what_is_added_is_not_in_the_default_photo(name):
     # else it is another kind of one that is there
     if name in {step.name for step in whole.plan().steps}:
         assert name in more.plan() and name not in whole.plan()
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_preset_is_built_up_whole(name):
-    (start, first), *_, (added, last) = build_up.growing(Scene.preset(name))
-    assert last == Scene.preset(name) and len(added) == 1
-    assert start.keys() == {"sensor.scale" if name.startswith("paper") else "sensor.pitch"}
-    assert first.is_binned == last.is_binned
