@@ -47,7 +47,7 @@ def error(problem, fewer, more):
 
 
 @pytest.mark.parametrize(
-    "given", problems.SET, ids=lambda g: f"{g['picture']}-{g['layout']}-{g['pitch']}-{g['view']}"
+    "given", problems.PROBLEMS, ids=lambda g: f"{g['picture']}-{g['layout']}-{g['pitch']}-{g['view']}"
 )
 def test_auto_is_within_a_per_cent_of_brute_force(given):
     small = given["layout"] == "led" or given["pitch"] < 1  # subpixels are hit by few points
@@ -56,7 +56,7 @@ def test_auto_is_within_a_per_cent_of_brute_force(given):
 
 
 def test_another_exposure_is_not():
-    given = problems.problem(**problems.SET[6])
+    given = problems.problem(**problems.PROBLEMS[6])
     mean = with_values(given.scene, {"sensor.exposure": "mean"})
     assert error(dataclasses.replace(given, scene=mean), 13, 21) > 5
 
