@@ -18,12 +18,6 @@ for kind in (torch.cuda, torch.mtia, torch.xpu):
 THREADS = 1 if "PYTEST_XDIST_WORKER" in os.environ else 2
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers():
-    """One more than there are cores: while one waits for a process or a lock, another works."""
-    return 1 + os.cpu_count()
-
-
 # The first worker begins with what needs no kernels, while another compiles them, and goes on with
 # what takes longest: the end of the suite, where workers take tests from one another, is of small
 # ones.

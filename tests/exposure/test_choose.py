@@ -47,7 +47,9 @@ def error(problem, fewer, more):
 
 
 @pytest.mark.parametrize(
-    "given", problems.PROBLEMS, ids=lambda g: f"{g['picture']}-{g['layout']}-{g['pitch']}-{g['view']}"
+    "given",
+    problems.PROBLEMS,
+    ids=lambda g: f"{g['picture']}-{g['layout']}-{g['pitch']}-{g['view']}",
 )
 def test_auto_is_within_a_per_cent_of_brute_force(given):
     small = given["layout"] == "led" or given["pitch"] < 1  # subpixels are hit by few points
