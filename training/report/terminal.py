@@ -96,8 +96,10 @@ def run_parts(metrics: Metrics) -> list[Part]:
         lines = [_line(run, row) for row in run["rows"]]
         parts.append(Grid([_head(run), *lines], rule=len(controls)))
     if run["noise"]:
+        (ours,) = [side["name"] for side in run["sides"] if side["kind"] == "ours"]
+        name = short(ours, NAME_WIDTH)
         parts.append(
-            "codes, dB: largest change of a code of 255, and PSNR; means over images with noise"
+            f"codes, dB: largest change of a code of 255, and PSNR, by the noise against {name}"
         )
     parts += _training(run)
     if run["unanswered"]:
