@@ -92,7 +92,7 @@ def _launch(
     """Run a kernel that fills out (B, 3, H, W) from images."""
     n, channels, h, w = out.shape
     kernel[(n * channels * triton.cdiv(h * w, BLOCK),)](
-        out, *images, uploaded.black, uploaded.neighbour_share, (w, h),
+        out, *images, (uploaded.black, uploaded.neighbour_share), (w, h),
         CODED=exposure.coded, BLURS=bool(exposure.neighbour_share.any()), BLOCK=BLOCK,
     )  # fmt: skip
 
@@ -158,34 +158,30 @@ def blurred_light(pixels, pixel, size, black, share, CODED: tl.constexpr, BLURS:
 
 @triton.jit
 def _light(
-    out, picture, black, share, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
+    out, picture, added, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
 ):
-    """Fill out (B, 3, H, W) with the light of pictures: a program for BLOCK pixels of a channel."""
+    """Fill out (B, 3, H, W) with the light of pictures: a program for BLOCK pixels of a channel.
+
+    added: the exposure's `black` and `neighbour_share`.
+    """
     plane, pixel = block(size[0] * size[1], BLOCK)
     start, image = plane.to(tl.int64) * size[0] * size[1], plane // 3
-    black, share = tl.load(black + image), tl.load(share + image)
+    black, share = tl.load(added[0] + image), tl.load(added[1] + image)
     light = blurred_light(picture + start, pixel, size, black, share, CODED, BLURS)
     tl.store(out + start + pixel, light, mask=pixel < size[0] * size[1])
 
 
 @triton.jit
 def _light_back(
-    out,
-    grad,
-    picture,
-    black,
-    share,
-    size,
-    CODED: tl.constexpr,
-    BLURS: tl.constexpr,
-    BLOCK: tl.constexpr,
+    out, grad, picture, added, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
 ):
-    """Fill out (B, 3, H, W) with the gradient in pictures, from that in their light."""
+    """Fill out (B, 3, H, W) with the gradient in pictures, from that in their light; added: as in
+    `_light`."""
     plane, pixel = block(size[0] * size[1], BLOCK)
     start, valid = plane.to(tl.int64) * size[0] * size[1], pixel < size[0] * size[1]
-    share = tl.load(share + plane // 3)
+    share = tl.load(added[1] + plane // 3)
     back = blurred_light(grad + start, pixel, size, 0.0, share, False, BLURS)
-    back *= 1.0 - tl.load(black + plane // 3)
+    back *= 1.0 - tl.load(added[0] + plane // 3)
     if CODED:
         back *= decode(tl.load(picture + start + pixel, mask=valid, other=0.0))[1]
     tl.store(out + start + pixel, back, mask=valid)
