@@ -166,11 +166,7 @@ def main() -> None:
             students[training] = trained(teacher, crops, photograph, effort)
             print(f"{name}: trained on {training}", file=sys.stderr, flush=True)
         rows += rows_of(name, students, originals, photos)
-    table = pd.DataFrame(rows)
-    out = measure.results(args) / "fine_tuning.csv"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out, index=False, float_format="%.4f")
-    print(table.to_string(index=False, float_format="{:.3f}".format))
+    measure.publish(pd.DataFrame(rows), measure.results(args) / "fine_tuning.csv")
 
 
 if __name__ == "__main__":

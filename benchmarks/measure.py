@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import torch
 
 RESULTS = Path(__file__).resolve().parent / "results"
@@ -175,6 +176,13 @@ def in_ms(seconds: Mapping[str, float]) -> tuple[float, str]:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def publish(table: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV, and print it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    table.to_csv(path, index=False, float_format="%.4g")
+    print(table.to_string(index=False, float_format="{:.3f}".format))
 
 
 def arguments(doc: str) -> argparse.ArgumentParser:

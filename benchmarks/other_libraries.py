@@ -178,11 +178,8 @@ def main() -> None:
                 scores = score(real).view(len(classes), -1).mean(1)
                 aurocs[collection] = float(binary_auroc(scores, classes))
             rows.append(row | {"moire": name + negatives} | aurocs)
-    table = pd.DataFrame(rows)
     out = measure.results(args)
-    out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out / "other_libraries.csv", index=False, float_format="%.4g")
-    print(table.to_string(index=False, float_format="{:.3g}".format))
+    measure.publish(pd.DataFrame(rows), out / "other_libraries.csv")
     astronaut = torch.from_numpy(skimage.data.astronaut()[:SIDE, 100 : 100 + SIDE].copy())
     shown = astronaut.permute(2, 0, 1)[None] / 255
     images = {"the picture": shown[0]} | {name: moire(shown)[0] for name, moire in found.items()}

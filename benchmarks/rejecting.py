@@ -132,11 +132,7 @@ def main() -> None:
     rows = []
     for folder in args.runs:
         rows += [{"run": str(folder)} | row for row in measured(folder, sizes)]
-    table = pd.DataFrame(rows)
-    out = measure.results(args) / "rejecting.csv"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out, index=False, float_format="%.4f")
-    print(table.to_string(index=False, float_format="{:.3f}".format))
+    measure.publish(pd.DataFrame(rows), measure.results(args) / "rejecting.csv")
 
 
 if __name__ == "__main__":
