@@ -33,14 +33,30 @@ BANNER = ("screen_photo", "phone_at_monitor", "phone_at_phone", "phone_at_led_wa
 
 INTRODUCTION = f"""# Gallery
 
-One photograph of {SIDE} px in every preset, at its own pixels. Of {CANDIDATES} draws, a row shows
-the photo with the strongest moiré, the middle one and the weakest; then a part of the first,
-magnified four times, and the spectrum of what moiré adds to it, with frequency zero in the middle.
-
-`python docs/gallery.py` draws this page; `Scene.preset(NAME).plan()` lists what a preset computes.
-Milliseconds are per photo of 224 px, in batches of {TIMED_BATCH} on one thread of {{machine}}.
-The portrait of Grace Hopper is in the public domain.
+One photograph of {SIDE} px in every preset: of {CANDIDATES} draws, the photos with the strongest,
+middle and weakest moiré; a part of the first, magnified four times; the spectrum of its moiré.
+Milliseconds are per photo of 224 px on one thread of {{machine}}. `python docs/gallery.py` draws
+this page; the portrait of Grace Hopper is in the public domain.
 """
+
+USES = {
+    "paper": "The paper's text, section 3.3",
+    "paper_code": "The paper's released code",
+    "screen_photo": "A phone in front of an LCD: the default",
+    "phone_at_monitor": "A phone in the hand, half a metre from a desk monitor",
+    "phone_at_laptop": "A phone looking down at a laptop",
+    "phone_at_phone": "A phone over another phone",
+    "phone_at_television": "A phone near an OLED television",
+    "phone_at_led_wall": "A phone in front of an LED wall",
+    "webcam_at_phone": "A phone held in front of a webcam, as in an identity check",
+    "document_camera_at_tablet": "A tablet under a document camera",
+    "dashcam_at_led_sign": "A car drives up to a full-colour LED sign",
+    "phone_close_to_lcd": "A phone close to an LCD, whose pixels are seen",
+    "phone_at_whole_screen": "A laptop or monitor seen whole, in a room",
+    "phone_at_tablet_by_window": "A tablet at an angle, reflecting a window",
+    "phone_at_dimmed_phone": "An OLED phone turned down in the dark",
+    "phone_across_room_at_television": "An LCD television from across a room",
+}
 
 
 def photograph(side: int) -> Tensor:
@@ -106,8 +122,8 @@ def milliseconds(name: str) -> float:
 def section(name: str) -> str:
     """Return a preset's part of the page."""
     return (
-        f"\n## {name}\n\n![Photos in {name}, a magnified part, a spectrum](gallery/{name}.jpg)\n\n"
-        f"{milliseconds(name):.1f} ms a photo.\n"
+        f"\n## {name}\n\n{USES[name]}; {milliseconds(name):.1f} ms.\n\n"
+        f"![{name}](gallery/{name}.jpg)\n"
     )
 
 

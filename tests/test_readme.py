@@ -45,7 +45,7 @@ def test_snippets_define_what_they_use(page, capsys, tmp_path, monkeypatch):
 def test_the_pages_that_show_code_are_found():
     assert len(PAGES["README.md"]) >= 4  # torchvision, kornia, albumentations, any classifier
     shown = {f"docs/{name}.md" for name in ("getting_started", "evaluation", "pairs")}
-    assert PAGES.keys() >= shown | {"docs/contributing.md", "docs/performance.md"}
+    assert PAGES.keys() >= shown | {"docs/appendix/extending.md", "docs/performance.md"}
 
 
 @pytest.mark.parametrize("page", TEXTS)

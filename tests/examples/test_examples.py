@@ -112,7 +112,7 @@ def test_an_example_finds_the_training_code_without_its_installation(file):
 NOTEBOOKS = {
     "augment": (
         'SIDE, SCENE, SEED = 48, "screen_photo", 0',
-        r"\d\d effects are computed.* of 255 codes RMS.*ms a photo of",
+        r"\d\d effects are computed.* of 255 codes RMS",
     ),
     "attack": (
         "IMAGES, EPOCHS, ATTACKED, STEPS, SIDE = 64, 1, 8, 1, 32",
