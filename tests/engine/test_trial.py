@@ -91,6 +91,15 @@ def test_a_failure_is_reported_once(failure, said, monkeypatch):
     assert len(said) == bool(failure)
 
 
+def test_kernels_of_another_dtype_are_tried_too(monkeypatch):
+    failures = {torch.float32: "", torch.uint8: "do not run"}
+    monkeypatch.setattr(trial, "_agreements", {})
+    monkeypatch.setattr(trial, "why_not", lambda stage, values, back: failures[values.dtype])
+    for dtype, failure in failures.items():
+        values = torch.empty(1, 3, 2, 2, device="meta", dtype=dtype)
+        assert trial.agrees(stage_of("equal"), "exposing", values) == (not failure)
+
+
 def test_kernels_of_the_cpu_are_not_tried():
     assert trial.agrees(Stage(fails, fails, fails), "developing", torch.rand(1, 3, 2, 2))
 
