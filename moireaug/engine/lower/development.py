@@ -1,8 +1,9 @@
-"""From a Shot to the record of its development; cached as in `exposure`."""
+"""From a Shot to the record of its development; cached as in `exposure`, and the last one whole."""
 
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -23,6 +24,7 @@ from moireaug.engine.lower.numbers import (
     distortion_of,
     homography_of,
     numbers_of,
+    rows_of,
 )
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
 from moireaug.geometry.lattice import SampledPixels
@@ -30,9 +32,35 @@ from moireaug.scene.record import SceneRecord
 from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_by
 
 
+class _Lowered(NamedTuple):
+    """A Development, and what it was made of; rows: see `rows_of`."""
+
+    scene: SceneRecord
+    size: tuple[int, int]
+    rows: np.ndarray
+    development: Development
+
+
+_last: _Lowered | None = None
+
+
 def lower_development(shot: ShotRecord) -> Development:
     """Return a shot's Development, without `Program.reference_effects`; if it is denoised, it ends
-    at the codes of every sensor pixel."""
+    at the codes of every sensor pixel. An attack asks for the same at each step: made once.
+    """
+    global _last
+    last, rows = _last, rows_of(shot)  # numbers, as tensors may be changed in place
+    if (
+        last is None
+        or last.scene is not shot.scene
+        or last.size != shot.size
+        or not np.array_equal(last.rows, rows)
+    ):
+        _last = last = _Lowered(shot.scene, shot.size, rows, _development_of(shot))
+    return last.development
+
+
+def _development_of(shot: ShotRecord) -> Development:
     plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)
     whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
     demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
@@ -50,9 +78,7 @@ def lower_development(shot: ShotRecord) -> Development:
         contrast[:] = drawn["develop.contrast"]
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
-    homography, magnified = homography_of(shot, drawn)
-    scale = bin_scale_of(shot, drawn, magnified)
-    denoises, detail = "denoise" in plan, _detail_of(shot, drawn, scale)
+    denoises, detail = "denoise" in plan, _detail_of(shot, drawn)
     levels = np.float32(0)
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
@@ -77,7 +103,7 @@ def lower_development(shot: ShotRecord) -> Development:
         finishes=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
         detail=detail,
         registers=_warps(shot) and not denoises,
-        registration=_registration_of(shot, drawn, homography),
+        registration=_registration_of(shot, drawn),
     )
 
 
@@ -86,19 +112,17 @@ def _warps(shot: ShotRecord) -> bool:
     return "register" in shot.plan and not shot.scene.is_rectified
 
 
-def _registration_of(
-    shot: ShotRecord, drawn: dict[str, np.ndarray], homography: np.ndarray
-) -> Registration:
+def _registration_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Registration:
     if not _warps(shot):
         none = np.empty((0, 3, 3))
         return Registration(none, none, np.empty((0, 2)), False)
+    homography, _ = homography_of(shot, drawn)
     lenses = np.stack(distortion_of(shot, drawn), 1)
     return Registration(homography, np.linalg.inv(homography), lenses, bool(lenses.any()))
 
 
-def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray) -> Detail:
-    """Return a shot's Detail, given `shot.bin_scale`; neutral values for effects that are not
-    planned."""
+def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
+    """Return a shot's Detail; neutral values for effects that are not planned."""
     plan, how = shot.plan, shot.scene.develop
     rows, cols = shot.sampled_pixels()
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
@@ -109,6 +133,8 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray
         amount[:] = drawn["develop.sharpen"]
         sharp_size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.size))
     if shot.scene.is_binned and max(chroma_size, sharp_size) > 1:
+        _, magnified = homography_of(shot, drawn)
+        scale = bin_scale_of(shot, drawn, magnified)
         both = torch.from_numpy(np.minimum(np.stack([chroma, sharp]) / scale, max(shot.size)))
         chroma, sharp = kernel_sigma(both).numpy()
     return Detail(
