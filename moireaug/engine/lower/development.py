@@ -23,7 +23,6 @@ from moireaug.engine.lower.numbers import (
     bin_scale_of,
     distortion_of,
     homography_of,
-    numbers_of,
     rows_of,
 )
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
@@ -46,7 +45,7 @@ _last: _Lowered | None = None
 
 def lower_development(shot: ShotRecord) -> Development:
     """Return a shot's Development, without `Program.reference_effects`; if it is denoised, it ends
-    at the codes of every sensor pixel. An attack asks for the same at each step: made once.
+    at the codes of every sensor pixel. Made once for equal shots in a row, as of an attack's steps.
     """
     global _last
     last, rows = _last, rows_of(shot)  # numbers, as tensors may be changed in place
@@ -56,12 +55,13 @@ def lower_development(shot: ShotRecord) -> Development:
         or last.size != shot.size
         or not np.array_equal(last.rows, rows)
     ):
-        _last = last = _Lowered(shot.scene, shot.size, rows, _development_of(shot))
+        drawn = dict(zip(shot.numbers(), rows, strict=True))
+        _last = last = _Lowered(shot.scene, shot.size, rows, _development_of(shot, drawn))
     return last.development
 
 
-def _development_of(shot: ShotRecord) -> Development:
-    plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)
+def _development_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Development:
+    plan, sensor = shot.plan, shot.scene.sensor
     whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
     demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
     if "colour_matrix" in plan:
