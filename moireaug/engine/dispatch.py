@@ -80,7 +80,7 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
         names = tuple(name for name in names if name not in ("saturate", "demosaic"))
-    development = lower_development(shot.to("cpu"))
+    development = lower_development(shot)
     stage = autograd.Stage(
         functools.partial(kernels.launch_develop, development=development),
         functools.partial(kernels.launch_develop_back, development=development),

@@ -56,7 +56,8 @@ def lower_development(shot: ShotRecord) -> Development:
         or not np.array_equal(last.rows, rows)
     ):
         drawn = dict(zip(shot.numbers(), rows, strict=True))
-        _last = last = _Lowered(shot.scene, shot.size, rows, _development_of(shot, drawn))
+        development = _development_of(shot.to("cpu"), drawn)
+        _last = last = _Lowered(shot.scene, shot.size, rows, development)
     return last.development
 
 

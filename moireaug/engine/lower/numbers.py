@@ -18,8 +18,8 @@ def numbers_of(shot: ShotRecord) -> dict[str, np.ndarray]:
 
 
 def rows_of(shot: ShotRecord) -> np.ndarray:
-    """Return a copy of the drawn numbers, (numbers, B) float64."""
-    return torch.stack(list(shot.numbers().values())).detach().numpy()
+    """Return a copy of the drawn numbers, (numbers, B) float64, by one transfer from a GPU."""
+    return torch.stack(list(shot.numbers().values())).detach().cpu().numpy()
 
 
 def distortion_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
