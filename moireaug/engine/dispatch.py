@@ -94,12 +94,13 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
 
 
 def _kind_of(stage: str, names: Sequence[str], shot: ShotRecord) -> str:
-    """Return a name of the kernels of a stage, of all that they are compiled for but dtypes.
+    """Return a name of a stage's kernels, by the options of the scene that they are compiled for.
 
     names: of the effects that they compute.
     """
     scene = shot.scene
     reading = "binned" if scene.is_binned else "full"
-    lens = "distorting" if "lens" in shot.plan else "straight"
     frame = "image" if scene.develop.registered else "camera"
-    return ", ".join((stage, reading, scene.filter_cell, f"{lens} lens", f"{frame} frame", *names))
+    # registration undoes the one; bins average what the other clips
+    others = [name for name in ("lens", "saturate") if name in shot.plan]
+    return ", ".join((stage, reading, scene.filter_cell, f"{frame} frame", *names, *others))

@@ -27,6 +27,7 @@ def test_what_kernels_are_compiled_for_is_tried_apart(monkeypatch):
         {"sensor": Sensor(scale=2.0, cfa="none")},
         {"sensor": Sensor(scale=2.0, reading="binned")},
         {"sensor": Sensor(scale=2.0, read_noise=0.01)},
+        {"sensor": Sensor(scale=2.0, read_noise=0.01, gain=2.0)},
         {"develop": Develop(registered=False)},
         {"lens": Lens(k1=0.1)},
     ]
