@@ -115,11 +115,9 @@ def _warps(shot: ShotRecord) -> bool:
 
 def _registration_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Registration:
     if not _warps(shot):
-        none = np.empty((0, 3, 3))
-        return Registration(none, none, np.empty((0, 2)), False)
+        return Registration(np.empty((0, 3, 3)), np.empty((0, 2)))
     homography, _ = homography_of(shot, drawn)
-    lenses = np.stack(distortion_of(shot, drawn), 1)
-    return Registration(homography, np.linalg.inv(homography), lenses, bool(lenses.any()))
+    return Registration(homography, np.stack(distortion_of(shot, drawn), 1))
 
 
 def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
