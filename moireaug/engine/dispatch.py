@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -53,8 +54,7 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         lambda light: pipeline.apply(names, light, shot),
         kernels.SUMS_IN_ORDER,
     )
-    reading = "binned" if shot.scene.is_binned else "full"
-    kind = f"exposing, {reading} {shot.plan.method.name}"
+    kind = _kind_of(f"exposing, {shot.plan.exposure}", names, shot)
     if not trial.agrees(stage, kind, light):
         return stage.reference(as_float(light))
     return autograd.apply(stage, light)
@@ -80,13 +80,27 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
         names = tuple(name for name in names if name not in ("saturate", "demosaic"))
-    development = lower_development(shot.to("cpu"))
+    development = lower_development(shot)
     stage = autograd.Stage(
         functools.partial(kernels.launch_develop, development=development),
         functools.partial(kernels.launch_develop_back, development=development),
         lambda raw: pipeline.apply(names, raw, shot),
     )
-    if not trial.agrees(stage, f"developing, {', '.join(names)}", raw):
+    kind = _kind_of(f"developing, {shot.scene.develop.demosaic}", names, shot)
+    if not trial.agrees(stage, kind, raw):
         return pipeline.apply(program.reference_effects, stage.reference(raw), shot)
     photo = autograd.apply(stage, raw)
     return pipeline.apply(program.reference_effects, photo, shot)
+
+
+def _kind_of(stage: str, names: Sequence[str], shot: ShotRecord) -> str:
+    """Return a name of a stage's kernels, by the options of the scene that they are compiled for.
+
+    names: of the effects that they compute.
+    """
+    scene = shot.scene
+    reading = "binned" if scene.is_binned else "full"
+    frame = "image" if scene.develop.registered else "camera"
+    # registration undoes the one; bins average what the other clips
+    others = [name for name in ("lens", "saturate") if name in shot.plan]
+    return ", ".join((stage, reading, scene.filter_cell, f"{frame} frame", *names, *others))

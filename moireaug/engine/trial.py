@@ -17,15 +17,13 @@ from moireaug.engine.backends import Backend
 from moireaug.numeric import as_float
 
 MAX_RMS = 1e-3  # of photos and readings, in [0, 1]; kernels and reference differ by 1e-4 at most
-_agreements: dict[tuple[str, torch.device, bool], bool] = {}
+_agreements: dict[tuple[str, torch.dtype, torch.device, bool], bool] = {}
 
 
 @functools.cache
-def kernels_of(backend: Backend | None) -> ModuleType | None:
+def kernels_of(backend: Backend) -> ModuleType | None:
     """Return the module of a backend's kernels, prepared, or None if it cannot be imported, as
     where the library that compiles them does not go with an installed NumPy or driver."""
-    if backend is None:
-        return None
     try:
         kernels = backend.kernels()
     except (ImportError, OSError) as error:
@@ -37,24 +35,24 @@ def kernels_of(backend: Backend | None) -> ModuleType | None:
 
 def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
     """Return whether a stage's kernels give the reference's results on the device of `values`, and
-    a gradient if one is asked for. Tried once a process, device and kind of kernels; again if the
-    first batch was too large to compare.
+    a gradient if one is asked for. Tried once a process, device, dtype and kind of kernels; again
+    if the first batch was too large to compare.
 
     Args:
-        kind: name of the kernels, such as "developing, demosaic, encode".
+        kind: name of the kernels, the same only if they are compiled alike.
         values: pictures or readings, (B, C, H, W).
     """
     if values.device.type == "cpu":
         return True
     back = autograd.is_asked(values)
-    key = kind, values.device, back
+    key = kind, values.dtype, values.device, back
     if key not in _agreements:
         failure = why_not(stage, values.detach(), back=back)
         if failure is None:
             return True
         _agreements[key] = not failure
         if failure:
-            _report(f"GPU kernels ({kind}) {failure} on {values.device}")
+            _report(f"GPU kernels ({kind}) {failure} on {values.device}, of {values.dtype}")
     return _agreements[key]
 
 

@@ -20,6 +20,8 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
 
+POINTS_AT_ONCE = 2**14  # of all sensor pixels, at least one of each
+
 
 class Sampled(ExposureMethod):
     """The mean of the panel's light at some points around each sensor pixel's centre."""
@@ -32,15 +34,18 @@ class Sampled(ExposureMethod):
         inverse, cfa = torch.linalg.inv(shot.matrix()), filter_cell_seen(shot)
         period, planes = pattern_period(cfa), []
         for site in CFA[cfa]:
+            row, column = rows[site.row :: period], cols[site.column :: period]
             total = light.new_zeros(())
-            for i in range(offsets.shape[2]):
-                v = rows[site.row :: period] + down[:, i, None]
-                u = cols[site.column :: period] + across[:, i, None]
-                points = grids.grid(v, u)
+            at_once = max(1, POINTS_AT_ONCE // max(1, len(row) * len(column)))
+            for below, beside in zip(down.split(at_once, 1), across.split(at_once, 1), strict=True):
+                v, u = row + below[..., None], column + beside[..., None]
+                points = grids.grid(v.flatten(0, 1), u.flatten(0, 1))
+                points = points.unflatten(0, below.shape).flatten(1, 2)  # one below the other
                 points_on_image = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
                 x, y = (points_on_image * alpha[..., None]).unbind(-1)
                 readings = [self.read(picture, x, y, shot, channel) for channel in site.channels]
-                total = total + torch.stack(readings, 1)
+                plane = torch.stack(readings, 1)
+                total = total + plane.unflatten(2, (below.shape[1], len(row))).sum(2)
             planes.append(total / offsets.shape[2])
         return through_filters(torch.cat(planes, 1), shot)
 

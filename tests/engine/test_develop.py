@@ -180,6 +180,16 @@ def test_another_development_is_not_equal(name, field, value):
     assert (photo - pipeline.develop(raw.double(), shot)).abs().max() > 0.01
 
 
+def test_numbers_changed_in_place_are_developed_anew():
+    shot = SCENES["every colour"].sample(1, (9, 12))
+    raw = torch.rand(shot.raw_shape())
+    before = develop(raw, shot)
+    shot.develop.contrast.data *= -1  # which counts no version of the tensor
+    photo = develop(raw, shot)
+    assert (photo - before).abs().max() > 0.01
+    assert (photo - pipeline.develop(raw.double(), shot)).abs().max() < 1e-5
+
+
 @pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("name", ["light", "everything"])
 def test_the_gradient_of_a_gradient_is_the_references(name, half):

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 
-from moireaug import Develop, Scene, Sensor, View, capture, develop, expose, pipeline
+from moireaug import Develop, Lens, Scene, Sensor, View, capture, develop, expose, pipeline
 from moireaug.effects.base import Effect, called
 from moireaug.engine import explain, program, reference, switch, trial
 from moireaug.engine.backends import BACKENDS
@@ -17,14 +17,24 @@ SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
 
 
-def test_full_and_binned_kernels_are_tried_apart(monkeypatch):
+def test_what_kernels_are_compiled_for_is_tried_apart(monkeypatch):
     kinds = []
     kernels = Mock(fits=lambda exposure, view: np.ones(len(exposure.cameras), bool))
     monkeypatch.setattr(trial, "kernels_of", lambda backend: kernels)
     monkeypatch.setattr(trial, "agrees", lambda stage, kind, light: kinds.append(kind))
-    for shot in (SHOT, Scene().sample(4, (16, 20))):
-        expose(IMAGES, shot)
-    assert kinds == ["exposing, binned spectral", "exposing, full spectral"]
+    full = Scene(view=View(roll=3.0), sensor=Sensor(scale=2.0))
+    changes = [
+        {"sensor": Sensor(scale=2.0, cfa="none")},
+        {"sensor": Sensor(scale=2.0, reading="binned")},
+        {"sensor": Sensor(scale=2.0, read_noise=0.01)},
+        {"sensor": Sensor(scale=2.0, read_noise=0.01, gain=2.0)},
+        {"develop": Develop(registered=False)},
+        {"lens": Lens(k1=0.1)},
+    ]
+    scenes = [full, *(dataclasses.replace(full, **change) for change in changes)]
+    for scene in scenes:
+        expose(IMAGES, scene.sample(4, (16, 20)))
+    assert len(set(kinds)) == len(scenes)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])

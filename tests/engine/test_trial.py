@@ -81,14 +81,15 @@ def test_a_batch_too_large_for_the_reference_is_not_compared(monkeypatch):
     assert not trial._agreements
 
 
-@pytest.mark.parametrize("failure", ["", "do not run"])
-def test_a_failure_is_reported_once(failure, said, monkeypatch):
+def test_kernels_are_tried_for_each_dtype_and_a_failure_is_reported_once(said, monkeypatch):
+    failures = {torch.float32: "", torch.uint8: "do not run"}
     monkeypatch.setattr(trial, "_agreements", {})
-    monkeypatch.setattr(trial, "why_not", lambda stage, values, back: failure)
-    values = torch.empty(1, 3, 2, 2, device="meta")  # any device but the CPU
-    verdicts = [trial.agrees(stage_of("equal"), "developing", values) for _ in range(2)]
-    assert verdicts == [not failure] * 2
-    assert len(said) == bool(failure)
+    monkeypatch.setattr(trial, "why_not", lambda stage, values, back: failures[values.dtype])
+    # any device but the CPU
+    batches = [torch.empty(1, 3, 2, 2, device="meta", dtype=dtype) for dtype in failures]
+    verdicts = [trial.agrees(stage_of("equal"), "exposing", batch) for batch in 2 * batches]
+    assert verdicts == [True, False, True, False]
+    assert len(said) == 1
 
 
 def test_kernels_of_the_cpu_are_not_tried():

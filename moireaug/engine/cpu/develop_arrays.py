@@ -10,6 +10,7 @@ import numpy as np
 
 from moireaug.engine.cpu.vectors import LANES, padded_width
 from moireaug.engine.lower.development_records import Development, Resize
+from moireaug.engine.lower.resampling import pixels_of
 
 
 class Demosaic(NamedTuple):
@@ -89,9 +90,7 @@ def _places(start: bytes, taps: bytes, read: int, parity: int) -> tuple[np.ndarr
     of its arrays."""
     first = np.frombuffer(start, np.int64)
     weights = np.frombuffer(taps, np.float32).reshape(len(first), -1)
-    pixel = first[:, None] + np.arange(weights.shape[1])
-    used = (pixel < read) & (weights != 0)
-    pixel = np.minimum(pixel, read - 1)
+    pixel, used = pixels_of(first, weights, read)
     gathered = _gathered(pixel, used, weights, read, parity)
     return *gathered, *_transposed(pixel, used, weights, read, parity)
 

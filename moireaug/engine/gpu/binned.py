@@ -14,7 +14,7 @@ from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.gpu.beats import pattern_variance, responses
 from moireaug.engine.gpu.bins import BinnedBatch, BinnedVariant, bins_at, patch_of
 from moireaug.engine.gpu.host_view import cameras_of, forward
-from moireaug.engine.gpu.panel import pixel_scale_of, show, show_back
+from moireaug.engine.gpu.panel import show, show_back
 from moireaug.engine.gpu.patch import add_content_back, channel_of, content
 from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor import clipped_mean, flicker, reading
@@ -39,7 +39,7 @@ def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure, view: BinnedV
     batch, variant = prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, variant, BLOCK=BLOCK)
-    return show_back(light_grad, picture, exposure, batch)
+    return show_back(light_grad, picture, exposure, batch.exposure)
 
 
 _terms: tuple[Exposure, Beats, BeatTerms] | None = None
@@ -67,18 +67,17 @@ def prepare(
     beats = view.beats
     cameras, harmonics = cameras_of(beats.cameras), len(beats.orders)
     batch = BinnedBatch(
-        exposure._replace(budget=NOTHING),
+        exposure._replace(cell=NOTHING, sites=NOTHING, budget=NOTHING),
         view.picture._replace(coefficients=NOTHING),
-        beats,
-        beat_terms_of(exposure, beats),
-        pixel_scale_of(exposure),
+        beats._replace(period=NOTHING, strength=NOTHING),
+        beat_terms_of(exposure, beats)._replace(fits=NOTHING),
         forward(cameras),
         np.zeros((len(beats.cameras), 3)),
         harmonics,
         exposure.flicker.shape[1],
     )
     batch = upload(batch, picture.device)
-    screen = show(picture, exposure, batch)
+    screen = show(picture, exposure, batch.exposure)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     variant = BinnedVariant(
         period_x=int(beats.period[0]),

@@ -11,6 +11,7 @@ from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.beat_terms import BeatTerms
 from moireaug.engine.gpu.footprint import MIN_BLUR_VARIANCE, Footprint, lit_shares
 from moireaug.engine.gpu.optics import blur_variance
+from moireaug.engine.gpu.panel import pixel_scale
 from moireaug.engine.gpu.patch import Patch
 from moireaug.engine.gpu.view import (
     ALPHA,
@@ -29,7 +30,6 @@ class BinnedBatch(NamedTuple):
     """What the kernels read.
 
     Args:
-        pixel_scale: (B,) float32, see `panel.pixel_scale_of`.
         forward: (B, 9) float64, the inverse of the sensor's homographies. lost_pattern_variance:
             (B, 3) float32, see `beats.pattern_variance`. quantiles: see `random_numbers.quantiles`.
         harmonics, bands: how many orders, and bands of flicker, there are.
@@ -39,7 +39,6 @@ class BinnedBatch(NamedTuple):
     picture: FullView
     beats: Beats
     terms: BeatTerms
-    pixel_scale: Any
     forward: Any
     lost_pattern_variance: Any
     harmonics: int
@@ -141,7 +140,7 @@ def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, varian
     variance = short * short / 12.0 + blur_variance(by_u, by_v, lens) + hold + MIN_BLUR_VARIANCE
     footprint = Footprint(tl.maximum(one, other), tl.sqrt(variance))
     place = position * (1.0 / ratio.to(tl.float64)) - tl.load(batch.beats.centres + index)
-    end = batch.screen.size[AXIS] * tl.load(batch.pixel_scale + bins.image)
+    end = batch.screen.size[AXIS] * pixel_scale(lens)
     nearest, _, shares = lit_shares(
         place, footprint, tl.load(picture.widths + index), (place + 0.5, 0.5, end), variant.taps,
         variant.dark,

@@ -65,19 +65,29 @@ class DetailArrays(NamedTuple):
     cols: Resize
 
 
+class RegistrationArrays(NamedTuple):
+    """A `development_records.Registration`, the inverses of its homographies, (B, 3, 3) float64,
+    and whether any lens bends."""
+
+    forward: Any
+    inverses: Any
+    lenses: Any
+    bends: bool
+
+
 class DevelopArrays(NamedTuple):
     """A batch's development; detail and registration are None where there is none."""
 
     codes: CodesArrays
     detail: DetailArrays | None
-    registration: Registration | None
+    registration: RegistrationArrays | None
 
 
 def develop_arrays(d: Development, device: torch.device) -> tuple[DevelopArrays, Coding]:
     """Return a Development on a device, and the Coding of its codes."""
     codes = CodesArrays(_looks(d.codes), d.codes.rows, d.codes.cols)
     detail = _detail_arrays(d.detail) if d.finishes else None
-    registration = d.registration if d.registers else None
+    registration = _registration_arrays(d.registration) if d.registers else None
     return upload(DevelopArrays(codes, detail, registration), device), _coding(d.codes)
 
 
@@ -100,3 +110,7 @@ def _detail_arrays(detail: Detail) -> DetailArrays:
         weight = np.where(abs(at) <= size // 2, np.exp(-(at**2) / (2 * sigma**2)), 0.0)
         gaussians.append(weight / weight.sum(1, keepdims=True))
     return DetailArrays(np.stack(gaussians, 1), len(at), detail.amount, detail.rows, detail.cols)
+
+
+def _registration_arrays(r: Registration) -> RegistrationArrays:
+    return RegistrationArrays(r.forward, np.linalg.inv(r.forward), r.lenses, bool(r.lenses.any()))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 import triton
 import triton.language as tl
@@ -17,11 +16,11 @@ from torch import Tensor
 
 from moireaug.engine.gpu import point, spectral
 from moireaug.engine.gpu.arrays import NOTHING, upload
-from moireaug.engine.gpu.panel import pixel_scale_of, show, show_back
+from moireaug.engine.gpu.panel import show, show_back
 from moireaug.engine.gpu.patch import add_content_back, channel_of, content
 from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor_sites import light_passed, look_at_panel, pointers, read, site_of
-from moireaug.engine.lower.exposure_records import Camera, Exposure, FullView, PointView
+from moireaug.engine.lower.exposure_records import Exposure, FullView, PointView
 
 BLOCK = 128  # pixels of a plane, that one program computes
 
@@ -31,16 +30,13 @@ class FullBatch(NamedTuple):
 
     Args:
         subpixels: what the exposure's method reads of them, and subpixel_count.
-        pixel_scale: (B,) float32, see `panel.pixel_scale_of`. shown_scale: (B,) float64, pixels
-            shown per panel pixel. raw_shape: planes, height and width of a reading. quantiles: see
+        raw_shape: planes, height and width of a reading. quantiles: see
             `random_numbers.quantiles`.
     """
 
     exposure: Exposure
     subpixels: Any
     subpixel_count: int
-    pixel_scale: Any
-    shown_scale: Any
     raw_shape: tuple[int, int, int]
     screen: Any = None
     quantiles: Any = None
@@ -78,7 +74,7 @@ def expose_back(
     batch, constants = _prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
     _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
-    return show_back(light_grad, picture, exposure, batch)
+    return show_back(light_grad, picture, exposure, batch.exposure)
 
 
 def _prepare(
@@ -86,12 +82,11 @@ def _prepare(
 ) -> tuple[FullBatch, dict[str, Any]]:
     """Return what the kernels read, and what they are compiled with."""
     method: Any = point if isinstance(view, PointView) else spectral
+    cell = e.cell._replace(whole=NOTHING, orders=NOTHING, y_group=NOTHING, kind_y_group=NOTHING)
     batch = FullBatch(
-        e._replace(budget=NOTHING),
+        e._replace(cell=cell, budget=NOTHING),
         method.subpixels_of(e, view),
         len(e.cell.channel),
-        pixel_scale_of(e),
-        1 / np.maximum(e.cameras[:, Camera._fields.index("alpha")], 1),
         (
             len(e.sites.channel),
             len(e.sites.rows) // e.sites.step,
@@ -99,7 +94,7 @@ def _prepare(
         ),
     )
     batch = upload(batch, picture.device)
-    screen = show(picture, e, batch)
+    screen = show(picture, e, batch.exposure)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     flickers, taps = e.flicker.shape[1] > 0, 2 * e.cell.radius + 1
     variant = FullVariant(method.span_of(e), taps, e.dark, flickers, e.noisy, e.clips)

@@ -1,5 +1,5 @@
-"""Where a photo's points look, in numpy, for all cameras of a batch at once; `cpu.view` does the
-same for one point in numba, which a GPU's host may not have."""
+"""Where a photo's points look, in numpy, for all cameras of a batch at once. `cpu.view` does the
+same for one point in numba, which would compile for seconds where Triton needs none of it."""
 
 from __future__ import annotations
 

@@ -16,7 +16,9 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.tile import block
+from moireaug.engine.gpu.view import ALPHA
 from moireaug.engine.lower.exposure_records import Camera, Exposure
 from moireaug.exposure.displayed import EDGE_PIXELS
 
@@ -54,35 +56,32 @@ def pixel_scale_of(exposure: Exposure) -> np.ndarray:
     return np.minimum(exposure.cameras[:, Camera._fields.index("alpha")], 1)
 
 
-def show(picture: Tensor, exposure: Exposure, batch: Any) -> Screen:
-    """Return what panels show of pictures (B, 3, H, W), float32 or uint8.
-
-    batch: a record of the exposure and of `pixel_scale`, see `pixel_scale_of`, uploaded.
-    """
+def show(picture: Tensor, exposure: Exposure, uploaded: Exposure) -> Screen:
+    """Return what panels show of pictures (B, 3, H, W), float32 or uint8."""
     n, _, h, w = picture.shape
     light = torch.empty(n, 3, h, w, dtype=torch.float32, device=picture.device)
-    _launch(_light, light, exposure, batch.exposure, picture.contiguous())
+    _launch(_light, light, exposure, uploaded, picture.contiguous())
     scale = pixel_scale_of(exposure)
     if scale.min() >= 1:
         return Screen(light, (w, h), 0, (w, h))
     rows, cols = (math.ceil(scale.max() * size) + 2 * EDGE_PIXELS for size in (h, w))
     narrow, short = light.new_empty(n, 3, h, cols), light.new_empty(n, 3, rows, cols)
-    _shrink_axis(narrow, light, 3, scale, batch.pixel_scale, back=False)
-    _shrink_axis(short, narrow, 2, scale, batch.pixel_scale, back=False)
+    _shrink_axis(narrow, light, 3, scale, uploaded.cameras, back=False)
+    _shrink_axis(short, narrow, 2, scale, uploaded.cameras, back=False)
     return Screen(short, (cols, rows), EDGE_PIXELS, (w, h))
 
 
-def show_back(grad: Tensor, picture: Tensor, exposure: Exposure, batch: Any) -> Tensor:
+def show_back(grad: Tensor, picture: Tensor, exposure: Exposure, uploaded: Exposure) -> Tensor:
     """Return the gradient in the picture, from that in `Screen.light`; arguments as in `show`."""
     n, _, h, w = picture.shape
     scale = pixel_scale_of(exposure)
     if scale.min() < 1:
         narrow, light = grad.new_zeros(n, 3, h, grad.shape[3]), grad.new_zeros(n, 3, h, w)
-        _shrink_axis(grad, narrow, 2, scale, batch.pixel_scale, back=True)
-        _shrink_axis(narrow, light, 3, scale, batch.pixel_scale, back=True)
+        _shrink_axis(grad, narrow, 2, scale, uploaded.cameras, back=True)
+        _shrink_axis(narrow, light, 3, scale, uploaded.cameras, back=True)
         grad = light
     out = torch.empty_like(picture, memory_format=torch.contiguous_format)
-    _launch(_light_back, out, exposure, batch.exposure, grad, picture.contiguous())
+    _launch(_light_back, out, exposure, uploaded, grad, picture.contiguous())
     return out
 
 
@@ -102,17 +101,22 @@ def _shrink_axis(
     long: Tensor,
     axis: int,
     scale: np.ndarray,
-    pixel_scale: Tensor,
+    cameras: Any,
     *,
     back: bool,
 ) -> None:
-    """Launch `_shrink` along an axis of (B, 3, h, w); scale: from `pixel_scale_of`, and
-    uploaded."""
+    """Launch `_shrink` along an axis of (B, 3, h, w); scale: from `pixel_scale_of`."""
     lines, inner = math.prod(long.shape[1:axis]), math.prod(long.shape[axis + 1 :])
     taps, n = math.ceil(2 / scale.min()), short.numel()
     sizes = Shrinking(long.shape[axis], short.shape[axis], lines, inner, taps)
     programs = (triton.cdiv(n, BLOCK),)
-    _shrink[programs](short, long, pixel_scale, n, sizes, BACK=back, BLOCK=BLOCK)
+    _shrink[programs](short, long, cameras, n, sizes, BACK=back, BLOCK=BLOCK)
+
+
+@triton.jit
+def pixel_scale(camera):
+    """Return `pixel_scale_of` a Camera, or of several, float32."""
+    return tl.minimum(tl.load(camera + ALPHA), 1.0).to(tl.float32)
 
 
 @triton.jit
@@ -188,14 +192,14 @@ def _light_back(
 
 
 @triton.jit
-def _shrink(short, long, pixel_scale, n, sizes, BACK: tl.constexpr, BLOCK: tl.constexpr):
+def _shrink(short, long, cameras, n, sizes, BACK: tl.constexpr, BLOCK: tl.constexpr):
     """Fill `short`, n values, (lines, sizes.short, sizes.inner) from `long` (lines, sizes.long,
     sizes.inner) as `displayed.shrink` does along one axis; or, BACK, add to long the gradient in it
     from that in short. A program for BLOCK values."""
     value = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
     valid, beside, place = value < n, value % sizes.inner, value // sizes.inner
     line = place // sizes.short
-    scale = tl.load(pixel_scale + line // sizes.lines, mask=valid, other=1.0)
+    scale = pixel_scale(cameras + tl.where(valid, line // sizes.lines, 0) * CAMERA_FIELDS)
     centre = ((place % sizes.short).to(tl.float32) + (0.5 - LEAD)) / scale
     first = tl.ceil(centre - 1.0 / scale - 0.5)
     total = tl.full([BLOCK], 0.0, tl.float32)

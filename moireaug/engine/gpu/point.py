@@ -84,8 +84,8 @@ def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr
     light = first + second
     share = second / tl.maximum(light, MIN_LIGHT)
     panel_pixel = here + ((there - here) * share + 0.5).to(tl.float64)
-    scale = tl.load(batch.shown_scale + site.image)
-    pixel, to_next = split_place(place_on_shown(panel_pixel, scale, screen), screen.pixels[AXIS])
+    place = place_on_shown(panel_pixel, site.shown_scale, screen)
+    pixel, to_next = split_place(place, screen.pixels[AXIS])
     return light, pixel, (1.0 - to_next, to_next)
 
 

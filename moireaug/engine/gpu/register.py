@@ -15,9 +15,9 @@ import triton.language as tl
 from torch import Tensor
 from triton.language.standard import _elementwise_max
 
+from moireaug.engine.gpu.develop_arrays import RegistrationArrays
 from moireaug.engine.gpu.tile import Pixels, add, address, black, launch, load, store, tile
 from moireaug.engine.gpu.view import homogeneous, to_photo
-from moireaug.engine.lower.development_records import Registration
 
 OFF_PHOTO = tl.constexpr(-9.0)  # where no photo pixel is within a pixel
 
@@ -44,7 +44,7 @@ def photo_place(images, pixels, registration, BENDS: tl.constexpr):
     """Return where an image's pixels lie on the photo, as a row and a column between the centres of
     its pixels, float64; and whether the photo shows them.
 
-    registration: see `development_records.Registration`.
+    registration: see `develop_arrays.RegistrationArrays`.
     """
     (x, y), half_width, half_height = about_middle(images, pixels)
     lens = lens_of_photo(registration, pixels.image, half_width, half_height)
@@ -79,7 +79,7 @@ def register_kernel(out, photo, registration, BENDS: tl.constexpr, TILE: tl.cons
     store(out, pixels, blend(blend(a, b, right), blend(c, d, right), down))
 
 
-def register(photo: Tensor, registration: Registration) -> Tensor:
+def register(photo: Tensor, registration: RegistrationArrays) -> Tensor:
     """Return photos (B, 3, H, W) in the image's frame."""
     out = torch.empty_like(photo)
     launch(register_kernel, out, photo, registration, BENDS=registration.bends)
@@ -136,7 +136,7 @@ def box_of(images, pixels, registration, BENDS: tl.constexpr):
     """Return the first row, first column and numbers of rows and columns of the image's pixels that
     may look within a pixel of photo pixels.
 
-    registration: see `development_records.Registration`.
+    registration: see `develop_arrays.RegistrationArrays`.
     """
     forward = registration.forward + pixels.image * 9
     inverse = registration.inverses + pixels.image * 9
@@ -182,7 +182,7 @@ def register_back_kernel(
     store(photo_grad, pixels, total)
 
 
-def register_back(grad: Tensor, registration: Registration) -> Tensor:
+def register_back(grad: Tensor, registration: RegistrationArrays) -> Tensor:
     """Return the gradient in photos (B, 3, H, W) in the camera's frame, from that in the image's
     frame."""
     places, photo_grad = grad.new_empty(len(grad), 2, *grad.shape[2:]), torch.empty_like(grad)

@@ -21,6 +21,7 @@ class Site(NamedTuple):
         image, plane: their indices. camera: pointer to the image's Camera. pixel: (n,) int32, among
             the plane's, row by row. inside: whether it is one; else it is the last, again.
         u, v: float64, where they lie on the photo. row: of the sensor.
+        shown_scale: float64, pixels shown per panel pixel.
     """
 
     image: Any
@@ -31,6 +32,7 @@ class Site(NamedTuple):
     u: Any
     v: Any
     row: Any
+    shown_scale: Any
 
 
 @triton.jit
@@ -44,7 +46,8 @@ def site_of(batch, BLOCK: tl.constexpr):
     col = pixel % width * sites.step + tl.load(sites.col + plane)
     u, v = tl.load(sites.cols + col), tl.load(sites.rows + row)
     camera = batch.exposure.cameras + image * CAMERA_FIELDS
-    return Site(image, plane, camera, pixel, inside, u, v, row)
+    shown_scale = 1.0 / tl.maximum(tl.load(camera + ALPHA), 1.0)
+    return Site(image, plane, camera, pixel, inside, u, v, row, shown_scale)
 
 
 @triton.jit

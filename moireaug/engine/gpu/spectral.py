@@ -97,9 +97,9 @@ def _along_axis(i, sight, site, batch, AXIS: tl.constexpr, variant: tl.constexpr
     nearest, offset, shares = lit_shares(
         place, footprint, tl.load(width), picture, variant.taps, variant.dark
     )
-    scale = tl.load(batch.shown_scale + site.image)
-    first = place_on_shown((nearest - variant.taps // 2) * period + pixel, scale, screen)
-    step = (period * scale).to(tl.float32)
+    first_position = (nearest - variant.taps // 2) * period + pixel
+    first = place_on_shown(first_position, site.shown_scale, screen)
+    step = (period * site.shown_scale).to(tl.float32)
     start, weights = weights_on_shown(first, step, shares, screen.pixels[AXIS], variant.span[AXIS])
     return offset, start, weights
 

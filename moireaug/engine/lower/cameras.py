@@ -14,11 +14,15 @@ HOMOGRAPHY_FIELDS = [f"h{row}{column}" for row in range(3) for column in range(3
 def camera_fields(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the fields of a shot's cameras that neither pose nor scale change; neutral values for
     effects that are not planned."""
-    plan, zero, (h, w) = shot.plan, np.zeros(len(shot)), shot.size
+    zero = np.zeros(len(shot))
+
+    def planned(effect: str, name: str, neutral: np.ndarray = zero) -> np.ndarray:
+        return drawn[name] if effect in shot.plan else neutral
+
+    h, w = shot.size
     k1, k2 = distortion_of(shot, drawn)
-    noisy = "noise" in plan
-    vignetting = drawn["lens.vignetting"] if "vignetting" in plan else zero
-    glare = drawn["panel.glare"] if "glare" in plan else zero
+    vignetting = planned("vignetting", "lens.vignetting")
+    glare = planned("glare", "panel.glare")
     return {
         "k1": k1,
         "k2": k2,
@@ -26,9 +30,9 @@ def camera_fields(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, n
         "fill": drawn["sensor.fill"],
         "blur": drawn["lens.blur"],
         "olpf": drawn["lens.olpf"],
-        "gain": drawn["sensor.gain"] if "gain" in plan else zero + 1,
-        "dark_noise": drawn["sensor.read_noise"] if noisy else zero,
-        "photon_noise": drawn["sensor.shot_noise"] if noisy else zero,
+        "gain": planned("gain", "sensor.gain", zero + 1),
+        "dark_noise": planned("noise", "sensor.read_noise"),
+        "photon_noise": planned("noise", "sensor.shot_noise"),
         "falloff": (1 - vignetting) ** -0.5 - 1,
         "motion_x": drawn["lens.motion_x"],
         "motion_y": drawn["lens.motion_y"],

@@ -1,8 +1,9 @@
-"""From a Shot to the record of its development; cached as in `exposure`."""
+"""From a Shot to the record of its development; cached as in `exposure`, and the last one whole."""
 
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -22,7 +23,7 @@ from moireaug.engine.lower.numbers import (
     bin_scale_of,
     distortion_of,
     homography_of,
-    numbers_of,
+    rows_of,
 )
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
 from moireaug.geometry.lattice import SampledPixels
@@ -30,10 +31,38 @@ from moireaug.scene.record import SceneRecord
 from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_by
 
 
+class _Lowered(NamedTuple):
+    """A Development, and what it was made of; rows: see `rows_of`."""
+
+    scene: SceneRecord
+    size: tuple[int, int]
+    rows: np.ndarray
+    development: Development
+
+
+_last: _Lowered | None = None
+
+
 def lower_development(shot: ShotRecord) -> Development:
     """Return a shot's Development, without `Program.reference_effects`; if it is denoised, it ends
-    at the codes of every sensor pixel."""
-    plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)
+    at the codes of every sensor pixel. Made once for equal shots in a row, as of an attack's steps.
+    """
+    global _last
+    last, rows = _last, rows_of(shot)  # numbers, as tensors may be changed in place
+    if (
+        last is None
+        or last.scene is not shot.scene
+        or last.size != shot.size
+        or not np.array_equal(last.rows, rows)
+    ):
+        drawn = dict(zip(shot.numbers(), rows, strict=True))
+        development = _development_of(shot.to("cpu"), drawn)
+        _last = last = _Lowered(shot.scene, shot.size, rows, development)
+    return last.development
+
+
+def _development_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Development:
+    plan, sensor = shot.plan, shot.scene.sensor
     whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
     demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
     if "colour_matrix" in plan:
@@ -50,9 +79,7 @@ def lower_development(shot: ShotRecord) -> Development:
         contrast[:] = drawn["develop.contrast"]
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
-    homography, magnified = homography_of(shot, drawn)
-    scale = bin_scale_of(shot, drawn, magnified)
-    denoises, detail = "denoise" in plan, _detail_of(shot, drawn, scale)
+    denoises, detail = "denoise" in plan, _detail_of(shot, drawn)
     levels = np.float32(0)
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
@@ -77,7 +104,7 @@ def lower_development(shot: ShotRecord) -> Development:
         finishes=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
         detail=detail,
         registers=_warps(shot) and not denoises,
-        registration=_registration_of(shot, drawn, homography),
+        registration=_registration_of(shot, drawn),
     )
 
 
@@ -86,19 +113,15 @@ def _warps(shot: ShotRecord) -> bool:
     return "register" in shot.plan and not shot.scene.is_rectified
 
 
-def _registration_of(
-    shot: ShotRecord, drawn: dict[str, np.ndarray], homography: np.ndarray
-) -> Registration:
+def _registration_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Registration:
     if not _warps(shot):
-        none = np.empty((0, 3, 3))
-        return Registration(none, none, np.empty((0, 2)), False)
-    lenses = np.stack(distortion_of(shot, drawn), 1)
-    return Registration(homography, np.linalg.inv(homography), lenses, bool(lenses.any()))
+        return Registration(np.empty((0, 3, 3)), np.empty((0, 2)))
+    homography, _ = homography_of(shot, drawn)
+    return Registration(homography, np.stack(distortion_of(shot, drawn), 1))
 
 
-def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray) -> Detail:
-    """Return a shot's Detail, given `shot.bin_scale`; neutral values for effects that are not
-    planned."""
+def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
+    """Return a shot's Detail; neutral values for effects that are not planned."""
     plan, how = shot.plan, shot.scene.develop
     rows, cols = shot.sampled_pixels()
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
@@ -109,6 +132,8 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray
         amount[:] = drawn["develop.sharpen"]
         sharp_size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.size))
     if shot.scene.is_binned and max(chroma_size, sharp_size) > 1:
+        _, magnified = homography_of(shot, drawn)
+        scale = bin_scale_of(shot, drawn, magnified)
         both = torch.from_numpy(np.minimum(np.stack([chroma, sharp]) / scale, max(shot.size)))
         chroma, sharp = kernel_sigma(both).numpy()
     return Detail(

@@ -38,14 +38,11 @@ class Registration(NamedTuple):
 
     Args:
         forward: (B, 3, 3) float64, homographies from image to ideal photo coordinates, both about
-            their centres. inverses: (B, 3, 3) float64, of these.
-        lenses: (B, 2) float64, k1 and k2. bends: whether any is not 0.
+            their centres. lenses: (B, 2) float64, k1 and k2.
     """
 
     forward: np.ndarray
-    inverses: np.ndarray
     lenses: np.ndarray
-    bends: bool
 
 
 class Detail(NamedTuple):

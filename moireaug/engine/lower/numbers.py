@@ -14,9 +14,12 @@ MAX_CACHED_SCENES = 64  # scenes and sizes whose tables are cached
 
 def numbers_of(shot: ShotRecord) -> dict[str, np.ndarray]:
     """Return the drawn numbers by name, "view.yaw", (B,) float64 each."""
-    numbers = shot.numbers()
-    rows = torch.stack(list(numbers.values())).detach().numpy()
-    return dict(zip(numbers, rows, strict=True))
+    return dict(zip(shot.numbers(), rows_of(shot), strict=True))
+
+
+def rows_of(shot: ShotRecord) -> np.ndarray:
+    """Return a copy of the drawn numbers, (numbers, B) float64, by one transfer from a GPU."""
+    return torch.stack(list(shot.numbers().values())).detach().cpu().numpy()
 
 
 def distortion_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -64,9 +64,7 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int) -> Resize:
     """Return the Resize of photo pixels with weights `taps` (m, T) from sensor pixels `start` (m,)
     on."""
     size, tap_count = taps.shape
-    pixel = start[:, None] + np.arange(tap_count)
-    used = (pixel < read) & (taps != 0)
-    pixel = np.minimum(pixel, read - 1)
+    pixel, used = pixels_of(start, taps, read)
     first, last = _contributions(pixel, used, read)
     return Resize(
         start=start.astype(np.int64),
@@ -80,6 +78,12 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int) -> Resize:
         is_identity=tap_count == 1 and bool((start == np.arange(size)).all()),
         halves=read == 2 * size and tap_count == 2 and bool((taps == 0.5).all()),
     )
+
+
+def pixels_of(start: np.ndarray, taps: np.ndarray, read: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sensor pixels of weights as of `_resize`, (m, T), and which of them are read."""
+    pixel = start[:, None] + np.arange(taps.shape[1])
+    return np.minimum(pixel, read - 1), (pixel < read) & (taps != 0)
 
 
 def _contributions(pixel: np.ndarray, used: np.ndarray, read: int) -> tuple[np.ndarray, np.ndarray]:

@@ -156,16 +156,10 @@ SHOWN = {
 }
 
 
-class Batch(NamedTuple):
-    exposure: Any
-    pixel_scale: Any
-
-
 def lowered(shot):
-    """A shot's exposure, and what `panel.show` reads of it."""
+    """A shot's exposure, and the same uploaded."""
     exposure = lower_exposure(shot, decoded=False)[0]
-    batch = Batch(exposure._replace(budget=NOTHING), panel.pixel_scale_of(exposure))
-    return exposure, upload(batch, CPU)
+    return exposure, upload(exposure._replace(budget=NOTHING), CPU)
 
 
 @pytest.mark.parametrize("name", SHOWN)
@@ -173,22 +167,22 @@ def test_the_pictures_light_and_its_gradient(name):
     shot = SHOWN[name].sample(2, (9, 12))
     assert ("prefilter" in shot.plan) == (name == "prefiltered")
     picture = torch.rand(2, 3, 9, 12, requires_grad=True)
-    exposure, batch = lowered(shot)
-    got = panel.show(picture, exposure, batch)
+    exposure, uploaded = lowered(shot)
+    got = panel.show(picture, exposure, uploaded)
     named = [name for name in shot.plan.exposing if name in DECODING]
     expected = pipeline.apply(named, picture.double(), shot)
     assert got.lead == 0
     assert (got.light - expected).abs().max() < 1e-6
     grad = torch.randn_like(picture)
     (expected,) = torch.autograd.grad(expected, picture, grad.double())
-    assert (panel.show_back(grad, picture, exposure, batch) - expected).abs().max() < 1e-5
+    assert (panel.show_back(grad, picture, exposure, uploaded) - expected).abs().max() < 1e-5
 
 
 def test_bytes_are_read_as_they_are():
     shot = SHOWN["codes"].sample(1, (9, 12))
     codes = torch.randint(0, 256, (1, 3, 9, 12), dtype=torch.uint8)
-    exposure, batch = lowered(shot)
-    read = [panel.show(picture, exposure, batch).light for picture in (codes, codes / 255)]
+    exposure, uploaded = lowered(shot)
+    read = [panel.show(picture, exposure, uploaded).light for picture in (codes, codes / 255)]
     assert (read[0] - read[1]).abs().max() < 1e-6
 
 
@@ -196,12 +190,12 @@ def test_what_a_coarse_panel_shows_and_the_gradient():
     scene = Scene(panel=Panel(scale=(0.3, 0.9)), develop=Develop(linear_light=False))
     shot = scene.sample(2, (9, 12), torch.Generator().manual_seed(1))
     picture = torch.rand(2, 3, 9, 12, requires_grad=True)
-    exposure, batch = lowered(shot)
-    got = panel.show(picture, exposure, batch)
+    exposure, uploaded = lowered(shot)
+    got = panel.show(picture, exposure, uploaded)
     scale = shot.panel_scale
     expected = shrink(picture, scale, float(scale.min()), float(scale.max()))
     assert got.lead == EDGE_PIXELS
     assert (got.light - expected).abs().max() < 1e-5
     grad = torch.randn_like(got.light)
     (expected,) = torch.autograd.grad(expected, picture, grad)
-    assert (panel.show_back(grad, picture, exposure, batch) - expected).abs().max() < 1e-5
+    assert (panel.show_back(grad, picture, exposure, uploaded) - expected).abs().max() < 1e-5
