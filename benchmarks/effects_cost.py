@@ -62,15 +62,11 @@ ALWAYS = ("exposure alone", "demosaic, resize")  # with all of `WITHOUT` left ou
 
 
 def main() -> None:
-    args = measure.arguments(__doc__).parse_args()
-    torch.set_num_threads(args.threads)
-    facts, settings = measure.metadata(), QUICK if args.quick else FULL
-    print(measure.machine_lines(facts), end="\n\n")
+    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL, QUICK)
     photo = default_photo(settings)
     print("The default photo, {} images of {} px".format(*settings["photo"]))
     print(photo_report(photo))
-    content = {"metadata": facts, "settings": settings, "default_photo": photo}
-    measure.write_json(measure.results(args) / "effects_cost.json", content)
+    measure.write_json(args, "effects_cost", metadata=facts, settings=settings, default_photo=photo)
 
 
 @torch.no_grad()

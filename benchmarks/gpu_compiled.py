@@ -176,11 +176,10 @@ def launches(architecture: int, case: Case) -> tuple[list[Launch], dict[Key, flo
     return rows, peaks
 
 
-def main(args: Any) -> None:
-    """Print and write the table; see `gpu.main`."""
+def main(args: Any, facts: dict[str, Any]) -> None:
+    """Print and write the table; see `gpu.main`. facts: of the machine, which are printed."""
     os.environ.pop("TRITON_INTERPRET", None)
     batch, side, architectures = (2, 32, (90,)) if args.quick else (BATCH, SIDE, ARCHITECTURES)
-    facts = measure.metadata("cpu")
     rows: list[Launch] = []
     peaks: dict[Key, float] = {}
     for case in cases(batch, side)[: 1 if args.quick else None]:
@@ -189,24 +188,31 @@ def main(args: Any) -> None:
             rows += of_case
             peaks |= peaks_of_case
     host = measure.timed_together({"host": lambda: prepare_on_host(batch, side)})["host"]
-    heading = f"{batch} photos of {side} px\n{measure.machine_lines(facts)}\n\n{ASSUMPTIONS}"
-    on_host = "Drawing and lowering the default scene on the host, measured: {:.1f} ms ({})"
+    on_host, quartiles = measure.in_ms(host._asdict())
     text = "\n\n".join(
         [
-            heading,
+            f"{batch} photos of {side} px. {ASSUMPTIONS}",
             measure.table(Launch._fields, rows),
             totals(rows, peaks),
-            on_host.format(*measure.in_ms(host._asdict())),
+            f"Drawing and lowering the default scene on the host, measured: {on_host:.1f} ms "
+            f"({quartiles})",
         ]
     )
     print(text)
-    folder = measure.results(args)
-    content = {"metadata": facts, "batch": batch, "side": side, "assumptions": ASSUMPTIONS}
-    content["launches"] = [row._asdict() for row in rows]
-    content["host"] = host._asdict()
-    content["peaks"] = [[*key, peak] for key, peak in peaks.items()]
-    measure.write_json(folder / "gpu-compiled.json", content)
-    (folder / "gpu-compiled.txt").write_text(text + "\n")
+    (measure.results(args) / "gpu-compiled.txt").write_text(
+        f"{measure.machine_lines(facts)}\n\n{text}\n"
+    )
+    measure.write_json(
+        args,
+        "gpu-compiled",
+        metadata=facts,
+        batch=batch,
+        side=side,
+        assumptions=ASSUMPTIONS,
+        launches=[row._asdict() for row in rows],
+        host=host._asdict(),
+        peaks=[[*key, peak] for key, peak in peaks.items()],
+    )
 
 
 def totals(rows: list[Launch], peaks: dict[Key, float]) -> str:

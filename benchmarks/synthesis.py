@@ -22,7 +22,6 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
 import matplotlib.cbook
-import torch
 
 from benchmarks import measure
 from benchmarks.measure import Timing
@@ -40,17 +39,13 @@ def main() -> None:
     parser = measure.arguments(__doc__)
     parser.set_defaults(threads=1)
     parser.add_argument("images", nargs="?", type=Path, help="a folder of pictures")
-    args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    facts, settings = measure.metadata(), QUICK if args.quick else FULL
-    print(measure.machine_lines(facts), end="\n\n")
+    args, settings, facts = measure.begin(parser, FULL, QUICK)
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         rows = list(measured(args.images or portrait(scratch), scratch / "pairs.tar", settings))
     print(f"A pair in {SCENE}: core time in ms, pairs per second and core, and a million of them")
     print(report(rows))
-    content = {"metadata": facts, "settings": settings, "scene": SCENE, "rows": rows}
-    measure.write_json(measure.results(args) / "synthesis.json", content)
+    measure.write_json(args, "synthesis", metadata=facts, settings=settings, scene=SCENE, rows=rows)
 
 
 def portrait(folder: Path) -> Path:
