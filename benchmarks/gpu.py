@@ -80,13 +80,8 @@ def main() -> None:
         found[group.__name__] = timed(group(images, settings), settings, images.device)
     gpu_training.add_camera_shares(found["training"])
     for title, rows in found.items():
-        print(f"{title.capitalize()}, {batch} of {side} px")
-        columns = ["what", "ms", "quartiles", "peak, MiB"]
-        lines = [[r["what"], *measure.in_ms(r["seconds"]), r["memory"]] for r in rows]
-        if title == "training":
-            columns.append("camera's share")
-            lines = [[*line, row["camera_share"]] for line, row in zip(lines, rows, strict=True)]
-        print(measure.table(columns, lines), end="\n\n")
+        print(f"{title.capitalize()}, {batch} of {side} px; memory is the peak in MiB")
+        print(measure.text_of_rows(rows), end="\n\n")
     measure.write_json(args, "gpu", metadata=facts, batch=batch, side=side, **found)
 
 

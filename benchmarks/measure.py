@@ -170,6 +170,15 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     return text_of(pd.DataFrame(rows, columns=list(columns)))
 
 
+def text_of_rows(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return rows with names as text; their `seconds`, a `Timing`'s dict, are shown in ms."""
+    table = pd.DataFrame(rows)
+    if "seconds" in table:
+        times = [in_ms(seconds) for seconds in table.pop("seconds")]
+        table["ms"], table["quartiles"] = zip(*times, strict=True)
+    return text_of(table)
+
+
 def text_of(table: pd.DataFrame) -> str:
     cells = table.astype(object).where(table.notna(), "")
     return cells.to_string(index=False, float_format=show)

@@ -23,7 +23,6 @@ Writes results/reality.json, or with --only results/reality-PART.json.
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 import time
 from argparse import Namespace
@@ -33,6 +32,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
+import pandas as pd
 import torch
 from torch import Tensor
 
@@ -99,7 +99,6 @@ def tell(
     crops: Crops, others: dict[str, Tensor], effort: told_apart.Effort
 ) -> list[dict[str, Any]]:
     """Return a row for each of the others and each tone: how well it is told from the photos."""
-    print(f"Told apart, {len(crops.names)} pictures, mean accuracy [95 %]; 50 % is chance")
     rows = []
     plain = one_tone(crops.photos, crops.originals)
     for name, photos in others.items():
@@ -113,17 +112,9 @@ def tell(
             row = {"scene": name, "tone": tone} | told_apart.summarised(accuracies)
             row |= {"accuracies": accuracies, "seconds": time.perf_counter() - began}
             rows.append(row)
-            print(_told(row), flush=True)
+    print(f"Told apart, {len(crops.names)} pictures: mean accuracy, 95 % interval; 0.5 is chance")
+    print(measure.text_of(pd.DataFrame(rows).drop(columns="accuracies")), end="\n\n", flush=True)
     return rows
-
-
-def _told(row: dict[str, Any]) -> str:
-    percent = [f"{100 * row[key]:.0f}" for key in ("accuracy", "low", "high")]
-    each = " ".join(f"{100 * a:.0f}" for a in row["accuracies"])
-    return (
-        f"{row['scene']:24s} {row['tone']:12s} {percent[0]:>3s} % [{percent[1]}, {percent[2]}]"
-        f"   by fold: {each}   {row['seconds']:.0f} s"
-    )
 
 
 def of_crops(
@@ -153,7 +144,6 @@ def main() -> None:
     parser.add_argument("scenes", nargs="+", help="presets or YAML files")
     parser.add_argument("--controls", action="store_true", help="also tell the two controls apart")
     parser.add_argument("--classifiers", type=Path, help="a folder of files such as resnet18.pth")
-    parser.add_argument("--steps", type=int, help="of training each network that tells apart")
     parser.add_argument(
         "--only", nargs="+", choices=PARTS, help="these parts; they get a file of their own"
     )
@@ -163,9 +153,6 @@ def main() -> None:
         parser.error(
             "--only agreement asks ImageNet classifiers: pass their folder, --classifiers DIR."
         )
-    if args.steps:
-        apart = dataclasses.replace(settings["apart"], steps=args.steps)
-        settings = settings | {"apart": apart}
     try:
         chosen = {name: scenes.load(name) for name in args.scenes}
         pairs = find_pairs(args.pairs)

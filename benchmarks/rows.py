@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import pandas as pd
 import torch
 
-from benchmarks.measure import Timing, text_of
+from benchmarks.measure import Timing, text_of_rows
 
 
 @dataclass(frozen=True)
@@ -76,4 +75,4 @@ def report(rows: Sequence[Row]) -> str:
         if row.met and row.stretch is not None and row.ratio <= row.stretch:
             line["met"] = "yes, and the stretch"
         lines.append(line)
-    return text_of(pd.DataFrame(lines))
+    return text_of_rows(lines)

@@ -22,7 +22,6 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
-import pandas as pd
 import torch
 from hydra import compose, initialize
 from PIL import Image
@@ -83,11 +82,7 @@ def main() -> None:
         "loading": "Loading images, and the training that they are loaded for (clean), images/s",
     }
     for name, title in titles.items():
-        table = pd.DataFrame(found[name])
-        if "seconds" in table:
-            times = [measure.in_ms(seconds) for seconds in table.pop("seconds")]
-            table["ms a step"], table["quartiles"] = zip(*times, strict=True)
-        print(title, measure.text_of(table), sep="\n", end="\n\n")
+        print(title, measure.text_of_rows(found[name]), sep="\n", end="\n\n")
     measure.write_json(args, "training_steps", metadata=facts, settings=settings, **found)
 
 

@@ -17,7 +17,7 @@ from moireaug import Scene
 from training.calibration.crops import Crops, photograph_crops
 
 ROOT = Path(__file__).resolve().parents[2]
-EFFORT = told_apart.Effort(steps=80, batch=16, side=32, judged=64)
+EFFORT = told_apart.Effort(steps=80, batch=10, side=32, judged=64)
 
 
 def pictures(n, side=64):
