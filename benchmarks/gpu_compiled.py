@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pandas as pd
 from torch import Tensor
 from torch.profiler import ProfilerActivity, profile
 
@@ -24,7 +25,6 @@ ARCHITECTURES = (80, 90)  # an A100 and an H100
 BATCH, SIDE = 64, 224
 # of an H100 SXM; a fused multiply-add counts as two operations
 BYTES_PER_SECOND, FLOPS = 3.35e12, 67e12
-Key = tuple[str, str, str]  # architecture, case, entry
 ASSUMPTIONS = """\
 Estimates, not measurements. No GPU was used: registers, spilled bytes, shared memory and
 instructions are of the compiled kernels; the times follow for an H100 SXM whatever the kernels were
@@ -34,6 +34,14 @@ count as often as they run ("loops"), those of unknown length once ("?"). Each i
 of a multiply-add of float32, 33.5 T/s, float64 and special functions too. A kernel takes the longer
 of the two times; launching it is left out. Peak: the most that an entry allocates at once, its
 result included, in sizes of the batch of images in float32."""
+
+
+class Key(NamedTuple):
+    """An entry, compiled for an architecture and called with a case."""
+
+    architecture: str
+    case: str
+    entry: str
 
 
 class Launch(NamedTuple):
@@ -172,7 +180,7 @@ def launches(architecture: int, case: Case) -> tuple[list[Launch], dict[Key, flo
 
         with compiling(architecture, launched):
             peak = peak_bytes(functools.partial(entry.call, module, case))
-        peaks[f"sm_{architecture}", case.name, name] = peak / case.images.nbytes
+        peaks[Key(f"sm_{architecture}", case.name, name)] = peak / case.images.nbytes
     return rows, peaks
 
 
@@ -192,8 +200,8 @@ def main(args: Any, facts: dict[str, Any]) -> None:
     text = "\n\n".join(
         [
             f"{batch} photos of {side} px. {ASSUMPTIONS}",
-            measure.table(Launch._fields, rows),
-            totals(rows, peaks),
+            measure.text_of(pd.DataFrame(rows)),
+            measure.text_of(totals(rows, peaks)),
             f"Drawing and lowering the default scene on the host, measured: {on_host:.1f} ms "
             f"({quartiles})",
         ]
@@ -215,15 +223,11 @@ def main(args: Any, facts: dict[str, Any]) -> None:
     )
 
 
-def totals(rows: list[Launch], peaks: dict[Key, float]) -> str:
-    """Return a table of each entry's launches, megabytes, estimated microseconds and peak."""
-    sums: dict[Key, list[float]] = {}
-    for row in rows:
-        total = sums.setdefault((row.architecture, row.case, row.entry), [0, 0.0, 0.0])
-        total[0] += 1
-        total[1] += row.megabytes
-        total[2] += row.us
-    lines = [[*key, *total, peaks[key]] for key, total in sums.items()]
-    columns = ["architecture", "case", "entry", "launches", "megabytes", "us, estimated"]
-    columns.append("peak, batches")
-    return measure.table(columns, lines)
+def totals(rows: list[Launch], peaks: dict[Key, float]) -> pd.DataFrame:
+    """Return each entry's launches, megabytes, estimated microseconds and peak in batches."""
+    groups = pd.DataFrame(rows).groupby(list(Key._fields), sort=False)
+    table = groups.agg(
+        launches=("kernel", "size"), megabytes=("megabytes", "sum"), us=("us", "sum")
+    )
+    table["peak"] = [peaks[key] for key in table.index]
+    return table.reset_index()
