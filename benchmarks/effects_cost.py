@@ -19,6 +19,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
+import pandas as pd
 import torch
 from torch import Tensor
 
@@ -144,10 +145,10 @@ def photo_report(photo: dict[str, Any]) -> str:
     rows = []
     for row in photo["effects"]:
         ms, share = f"{1e3 * row['seconds']:+.2f}", f"{100 * row['share']:+.0f} %"
-        rows.append((row["effect"], row["kind"], ms, share, row["run_by"]))
-    columns = ("effect", "which is", "ms", "share", "the engine takes")
+        rows.append(row | {"ms": ms, "share": share})
+    table = pd.DataFrame(rows)[["effect", "kind", "ms", "share", "run_by"]]
     head = f"{measure.show(median)} ms a photo, quartiles {quartiles}"
-    return f"{head}\n{measure.table(columns, rows)}"
+    return f"{head}\n{measure.text_of(table)}"
 
 
 if __name__ == "__main__":

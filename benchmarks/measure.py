@@ -165,11 +165,6 @@ def publish(table: pd.DataFrame, path: Path) -> None:
     print(text_of(table))
 
 
-def table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return rows of cells as text."""
-    return text_of(pd.DataFrame(rows, columns=list(columns)))
-
-
 def text_of_rows(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return rows with names as text; their `seconds`, a `Timing`'s dict, are shown in ms."""
     table = pd.DataFrame(rows)

@@ -92,8 +92,6 @@ def piece(pairs: Pairs, k: int, tar: Path) -> list[dict[str, float]]:
 
 
 def report(rows: list[dict[str, Any]]) -> str:
-    columns = ["px", "twin", "encoding", "make", "encode", "write", "whole", "quartiles"]
-    columns += ["pairs/s", "kB a pair", "core hours", "GB"]
     lines = []
     for row in rows:
         name = row["encoding"]
@@ -101,13 +99,14 @@ def report(rows: list[dict[str, Any]]) -> str:
             name += f" {row['quality']}"
         elif name == "webp":
             name += " lossless"
-        parts = [1e3 * row[part]["median"] for part in ("make", "encode", "write")]
+        line = {"px": row["size"], "twin": row["twin"], "encoding": name}
+        for part in ("make", "encode", "write", "whole"):
+            line[part], quartiles = measure.in_ms(row[part])
         seconds = row["whole"]["median"]
-        line = [row["size"], row["twin"], name, *parts, *measure.in_ms(row["whole"])]
-        line += [1 / seconds, row["bytes"] / 1e3]
-        line += [MILLION * seconds / 3600, MILLION * row["bytes"] / 1e9]
+        line |= {"quartiles": quartiles, "pairs/s": 1 / seconds, "kB a pair": row["bytes"] / 1e3}
+        line |= {"core hours": MILLION * seconds / 3600, "GB": MILLION * row["bytes"] / 1e9}
         lines.append(line)
-    return measure.table(columns, lines)
+    return measure.text_of_rows(lines)
 
 
 if __name__ == "__main__":

@@ -28,8 +28,9 @@ def test_candidates_take_turns_and_slow_ones_sit_out():
 
 
 def test_a_table_leaves_out_what_is_unknown():
-    text = measure.table(["name", "value", "memory"], [["a", 1234.5, None], ["b", 0.123456, None]])
-    assert [line.split() for line in text.splitlines()[1:]] == [["a", "1234"], ["b", "0.123"]]
+    rows = [{"name": "a", "value": 1234.5, "memory": None}, {"name": "b", "value": 0.123456}]
+    lines = measure.text_of_rows(rows).splitlines()[1:]
+    assert [line.split() for line in lines] == [["a", "1234"], ["b", "0.123"]]
 
 
 SASS = """
