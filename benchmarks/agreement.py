@@ -167,12 +167,5 @@ def agree(
     took = time.perf_counter() - began
     print(f"Answers kept, of {rows[0]['pictures']} pictures, {took:.0f} s; phi is the correlation")
     print("with the answers kept for the real photos, picture by picture")
-    columns = ["classifier", "scene", "shown", "kept", "%", "95 %", "phi"]
-    lines = []
-    for row in rows:
-        low, share, high = (100 * row[key] for key in ("low", "share", "high"))
-        between = f"{low:.0f} to {high:.0f}"
-        words = [row[key] for key in ("classifier", "scene", "shown")]
-        lines.append([*words, row["kept"], share, between, row["phi"]])
-    print(measure.table(columns, lines), end="\n\n", flush=True)
+    print(measure.text_of_rows(rows), end="\n\n", flush=True)
     return rows

@@ -1,5 +1,4 @@
-"""The rows of `speed.py` that need processes of their own: an older checkout, fresh starts,
-resident memory."""
+"""The rows of `speed.py` of memory, of a photo of 12 megapixels, and of fresh starts."""
 
 from __future__ import annotations
 
@@ -8,103 +7,84 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import torch
 
-from benchmarks.checkouts import HERE, Checkout
 from benchmarks.measure import Timing, timed_together
-from benchmarks.rows import Row, Size, in_ms
+from benchmarks.rows import Row, Size
 from moireaug import Scene, capture
 
+HERE = Path(__file__).resolve().parents[1]
 SCENE = "screen_photo"
-STAGES = ("expose", "develop", "develop, forward and backward", "capture")
-LIBRARIES = ("torchvision", "albumentations")
-WORKERS = 2
 TORCH = "import torch"
 PHOTO = (
     "import torch, moireaug; scene = moireaug.Scene.preset('screen_photo'); "
     "moireaug.capture(torch.rand(1, 3, 224, 224), scene.sample(1, (224, 224)))"
 )
+MEMORY = "from benchmarks import apart; print(apart.resident_rise({shape}, {threads}))"
 MAX_START_SECONDS, MAX_FIRST_CALL_SECONDS = 1.5, 15.0  # seconds above `import torch` alone
 
 
-def executions(size: Size) -> Iterator[Row]:
-    """Yield the engine against the reference, each in its own process."""
-    scene, images = Scene.preset(SCENE).to_dict(), size.images().numpy()
-    with Checkout(HERE, size.threads) as fast, Checkout(HERE, size.threads, engine=False) as plain:
-        for run in (fast, plain):
-            run.ask("hold", key=SCENE, scene=scene, images=images)
-        for stage in STAGES:
-            calls = {"engine": fast.call(SCENE, stage), "reference": plain.call(SCENE, stage)}
-            times = timed_together(calls, size.repeats)
-            yield in_ms(
-                f"{stage}, the engine", times["engine"], "the reference", times["reference"]
-            )
-
-
-def loaders(size: Size) -> Iterator[Row]:
-    """Yield DataLoaders of two single-threaded workers against the older checkout's; uint8, all
-    photographed."""
-    if not size.before:
-        return
-    with Checkout(HERE, size.threads) as now, Checkout(size.before, size.threads) as before:
-        for library in LIBRARIES:
-            calls = {}
-            for name, run in (("now", now), ("before", before)):
-                run.ask(
-                    "load",
-                    key=library,
-                    library=library,
-                    n=size.loaded,
-                    side=size.side,
-                    batch=size.batch,
-                    workers=WORKERS,
-                )
-                calls[name] = run.call(library, "epoch")
-            times = timed_together(calls, size.slow)
-            a, b = times["now"] / size.loaded, times["before"] / size.loaded
-            what = f"an image of a DataLoader, 2 workers, {library}; {1 / a.median:.0f} images/s"
-            yield in_ms(
-                what,
-                a,
-                f"the older checkout, {1 / b.median:.0f} images/s",
-                b,
-                bar=1 / 5,
-                stretch=1 / 8,
-            )
+def run_apart(code: str, **environment: str) -> str:
+    """Run code in a new interpreter on this checkout, and return its output."""
+    given = os.environ | {"PYTHONPATH": str(HERE)} | environment
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, env=given, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 def memory(size: Size) -> Iterator[Row]:
     """Yield the peak memory of a capture against that of its images."""
     height, width = size.large
-    wanted = {
-        f"{size.batch} of {size.side} px": (
-            (size.batch, size.side, size.side),
-            size.threads,
-            {"stretch": 3.0},
-        ),
-        f"a photo of {height} x {width}": ((1, height, width), 1, {}),
-    }
-    for what, (shape, threads, stretch) in wanted.items():
-        found = []
-        for _ in range(min(3, size.slow)):
-            with Checkout(HERE, threads) as fresh:
-                found.append(fresh.ask("resident_rise", scene=SCENE, shape=shape))
-        low, median, high = np.percentile(found, [25, 50, 75]).tolist()
-        images = 4 * 3 * math.prod(shape) / 2**20
-        yield Row(
-            f"peak memory of {what}",
-            median,
-            low,
-            high,
-            "MiB",
-            "the images",
-            images,
-            bar=4.0,
-            **stretch,
-        )
+    batch = (size.batch, size.side, size.side)
+    yield peak_memory(f"{size.batch} of {size.side} px", batch, size.threads, size.slow, 3.0)
+    yield peak_memory(f"a photo of {height} x {width}", (1, height, width), 1, size.slow)
+
+
+def peak_memory(
+    images: str,
+    shape: tuple[int, int, int],
+    threads: int,
+    repeats: int,
+    stretch: float | None = None,
+) -> Row:
+    """Return the row of images of a shape, each measured in a process of its own."""
+    code = MEMORY.format(shape=shape, threads=threads)
+    rises = [float(run_apart(code)) for _ in range(min(3, repeats))]
+    low, median, high = np.percentile(rises, [25, 50, 75]).tolist()
+    own = 4 * 3 * math.prod(shape) / 2**20
+    name = f"peak memory of {images}"
+    return Row(name, median, low, high, "MiB", "the images", own, bar=4.0, stretch=stretch)
+
+
+def resident_rise(shape: tuple[int, int, int], threads: int) -> float:
+    """Return by how many MiB the first capture of such images raises this process's resident set,
+    its photo included.
+
+    It counts all that a capture touches, scratch space and what the allocator could not reuse
+    included.
+    """
+    torch.set_num_threads(threads)
+    scene = Scene.preset(SCENE)
+    # libraries are loaded, kernels compiled
+    capture(torch.rand(1, 3, 16, 16), scene.sample(1, (16, 16)))
+    batch, height, width = shape
+    images, shot = torch.rand(batch, 3, height, width), scene.sample(batch, (height, width))
+    Path("/proc/self/clear_refs").write_text("5")  # the peak is counted from here
+    before = _status("VmRSS")
+    capture(images, shot)
+    return _status("VmHWM") - before
+
+
+def _status(key: str) -> float:
+    # not getrusage: its peak is inherited from the process that started this one
+    for line in Path("/proc/self/status").read_text().splitlines():
+        name, _, value = line.partition(":")
+        if name == key:
+            return int(value.split()[0]) / 1024
+    raise OSError(f"/proc/self/status has no {key}")
 
 
 def large_photo(size: Size) -> Iterator[Row]:
@@ -141,9 +121,8 @@ def large_photo(size: Size) -> Iterator[Row]:
 def starts(size: Size) -> Iterator[Row]:
     """Yield import and first photo above `import torch` alone: with compiled kernels, and on a
     machine's very first call."""
-    times = timed_together(
-        {"torch": start(TORCH), "photo": start(PHOTO)}, size.slow, warmup=min(1, size.slow - 1)
-    )
+    calls = {"torch": lambda: run_apart(TORCH), "photo": lambda: run_apart(PHOTO)}
+    times = timed_together(calls, size.slow, warmup=min(1, size.slow - 1))
     alone = times["torch"].median
     yield above("import and first photo", times["photo"], alone, MAX_START_SECONDS)
     if size.first:
@@ -151,15 +130,9 @@ def starts(size: Size) -> Iterator[Row]:
         yield above("the same, first call ever", cold, alone, MAX_FIRST_CALL_SECONDS)
 
 
-def start(code: str, **environment: str) -> Callable[[], None]:
-    """Return a function that runs code in a new interpreter on this checkout."""
-    given = os.environ | {"PYTHONPATH": str(HERE)} | environment
-    return lambda: subprocess.run([sys.executable, "-c", code], env=given, check=True)
-
-
 def cold_start() -> None:
     with tempfile.TemporaryDirectory() as empty:
-        start(PHOTO, NUMBA_CACHE_DIR=empty)()
+        run_apart(PHOTO, NUMBA_CACHE_DIR=empty)
 
 
 def above(what: str, time: Timing, alone: float, allowed: float) -> Row:

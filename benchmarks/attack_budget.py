@@ -4,9 +4,9 @@ of each attacker.
     python benchmarks/attack_budget.py runs/baseline/seed0 runs/moire_at/seed0
 
 Attacks runs of training/fit.py on the raw reading of their own scene, at one eps, with every
-attacker at every budget, all on the same images and shots. Prints a table per run and the cheapest
-budget whose accuracy is within a point of the lowest that any attacker reached; writes
-results/attack_budget.json and attack_budget.png.
+attacker at every budget, all on the same images and shots. Writes and prints
+results/attack_budget.csv, and prints for each run the cheapest budget whose accuracy is within a
+point of the lowest that any attacker reached.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
+import pandas as pd
 import torch
-from matplotlib.figure import Figure
 from torch import nn
 
 from benchmarks import measure
@@ -38,8 +38,6 @@ QUICK: dict[str, Any] = {"steps": (1, 2), "n": 4}
 EPS = 4 / 255
 QUERIES = 20  # of Square, for each step of the others
 MAX_ACCURACY_GAP = 0.01  # a point
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-MARKERS = "oDs^vP"
 
 
 def attackers(steps: int) -> dict[str, Attacker]:
@@ -90,33 +88,6 @@ def recommended(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return min(enough, key=lambda row: row["seconds_per_image"])
 
 
-def drawn(results: dict[str, list[dict[str, Any]]]) -> Figure:
-    """Return a panel per model: accuracy against seconds per image, a line per attacker."""
-    figure = Figure(figsize=(10, 4.6), layout="constrained", facecolor="white")
-    panels = figure.subplots(1, len(results), sharey=False, squeeze=False)[0]
-    for ax, (name, rows) in zip(panels, results.items(), strict=True):
-        for attacker, colour, marker in zip(attackers(1), COLOURS, MARKERS, strict=True):
-            own = [row for row in rows if row["attacker"] == attacker]
-            seconds = [row["seconds_per_image"] for row in own]
-            accuracy = [100 * row["accuracy"] for row in own]
-            ax.plot(seconds, accuracy, marker=marker, color=colour, markersize=5, label=attacker)
-        ax.set_xscale("log")
-        ax.set_xlabel("seconds per image (log scale)")
-        ax.set_title(name, loc="left", size=11, parse_math=False)
-        ax.grid(color="#DDDDDD", linewidth=0.7)
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.set_ylabel(f"accuracy under attack, % of {rows[0]['n']} images")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=9)
-    steps = ", ".join(
-        str(s) for s in dict.fromkeys(row["steps"] for row in next(iter(results.values())))
-    )
-    title = "What an evaluation's accuracy costs: eps 4/255 on the raw reading; "
-    title += f"{steps} steps, Square {QUERIES} queries each"
-    figure.suptitle(title, size=11.5)
-    return figure
-
-
 def models_of(folders: list[str], n: int) -> dict[str, tuple[nn.Module, Batches, Scene]]:
     """Return, by their folders, the runs' models with their test images and scene."""
     found: dict[str, tuple[nn.Module, Batches, Scene]] = {}
@@ -141,41 +112,25 @@ def quick_model(n: int) -> dict[str, tuple[nn.Module, Batches, Scene]]:
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.add_argument("runs", nargs="*", help="folders of runs; none with --quick")
-    args = parser.parse_args()
+    args, settings, _ = measure.begin(parser, FULL, QUICK)
     if not args.runs and not args.quick:
         parser.error("name folders of runs, as in runs/baseline/seed0 runs/moire_at/seed0")
-    torch.set_num_threads(args.threads)
-    facts = measure.metadata()
-    settings = QUICK if args.quick else FULL
     n = settings["n"]
-    print(measure.machine_lines(facts), end="\n\n")
-    results = {}
     try:
         models = models_of(args.runs, n) if args.runs else quick_model(n)
     except ValueError as error:
         parser.error(str(error))
+    rows, chosen = [], []
     for name, (model, batches, scene) in models.items():
-        rows = measured(model, batches, scene, settings)
-        results[name] = rows
-        lines = []
-        for row in rows:
-            percent = f"{100 * row['accuracy']:.1f}"
-            lines.append(
-                [row["attacker"], row["steps"], percent, f"{1000 * row['seconds_per_image']:.1f}"]
-            )
-        print(f"{name}, {rows[0]['n']} images")
-        print(measure.table(["attacker", "steps", "accuracy, %", "ms an image"], lines))
-        best = recommended(rows)
-        print(
-            f"Cheapest within a point of the lowest accuracy: {best['attacker']}, "
-            f"{best['steps']} steps\n"
+        of_run = measured(model, batches, scene, settings)
+        best = recommended(of_run)
+        chosen.append(
+            f"{name}: cheapest within a point of the lowest accuracy: {best['attacker']}, "
+            f"{best['steps']} steps"
         )
-    chosen = {name: recommended(rows) for name, rows in results.items()}
-    written = {"metadata": facts, "eps": EPS, "results": results, "recommended": chosen}
-    measure.write_json(measure.results(args) / "attack_budget.json", written)
-    drawn(results).savefig(
-        measure.results(args) / "attack_budget.png", dpi=100, pil_kwargs={"optimize": True}
-    )
+        rows += [{"run": name} | row for row in of_run]
+    measure.publish(pd.DataFrame(rows), measure.results(args) / "attack_budget.csv")
+    print("", *chosen, sep="\n")
 
 
 if __name__ == "__main__":

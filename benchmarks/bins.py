@@ -8,13 +8,13 @@ Errors are the root mean square against the full reading at a tolerance of 1/819
 that of the photo less its twin without moiré, both in codes of 255. Times are of one photo by
 `moireaug.capture` in float32, full and binned in turns, with plans made and caches warm.
 
-Prints tables and writes results/bins.json and bins.png.
+Prints tables and writes results/bins.json.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -22,11 +22,11 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
-import numpy as np
+import pandas as pd
 import torch
 from torch import Tensor
 
-from benchmarks import bins_plot, measure
+from benchmarks import measure
 from benchmarks.problems import VIEWS, images
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
 from moireaug.synthesis import without_moire
@@ -47,9 +47,9 @@ FULL: dict[str, Any] = {
     "warmup": 1,
 }
 QUICK: dict[str, Any] = {
-    "pitches": (1.6, 2.4),
+    "pitches": (2.4,),
     "scales": (2, 4),
-    "views": ("frontal", "oblique"),
+    "views": ("oblique",),
     "layouts": ("rgb_stripe",),
     "side": 32,
     "repeats": 1,
@@ -57,16 +57,6 @@ QUICK: dict[str, Any] = {
 }
 ABOUT = """Medians over the problems; RMS in codes of 255, ms a photo, full over binned.
 scale: sensor pixels a photo pixel; pitch: sensor pixels a panel pixel."""
-COLUMNS = (
-    "problems",
-    "moiré",
-    "error of binned",
-    "largest",
-    "ms full",
-    "ms binned",
-    "times as fast",
-    "quartiles",
-)
 
 
 @dataclass(frozen=True)
@@ -136,45 +126,38 @@ def rms(difference: Tensor) -> float:
     return float(255 * difference[..., edge:-edge, edge:-edge].square().mean().sqrt())
 
 
-def summary(rows: Sequence[dict[str, Any]], key: str, values: Iterable[Any]) -> str:
-    """Return a table with a line for each value of a key: medians over the problems that have it,
-    the largest error, and the quartiles of how many times as fast binned is."""
-    lines = []
-    for value in values:
-        own = [row for row in rows if row[key] == value]
-        full, binned = (median([row[f"{reading}_ms"] for row in own]) for reading in READINGS)
-        errors = [row["binned_error"] for row in own]
-        low, middle, high = np.percentile([row["times_as_fast"] for row in own], [25, 50, 75])
-        name = f"1/{1 / value:.0f}" if key == "tolerance" else str(value)
-        line = [name, len(own), median([row["moire"] for row in own]), median(errors), max(errors)]
-        between = f"{measure.show(float(low))} to {measure.show(float(high))}"
-        lines.append([*line, full, binned, float(middle), between])
-    return measure.table([key, *COLUMNS], lines)
-
-
-def median(values: Sequence[float]) -> float:
-    return float(np.median(values))
+def summary(table: pd.DataFrame, key: str) -> pd.DataFrame:
+    """Return a line for each value of a key: medians over the problems that have it, the largest
+    error, and the quartiles of how many times as fast binned is."""
+    groups = table.groupby(key, sort=False)
+    faster = groups["times_as_fast"]
+    columns = {
+        "problems": groups.size(),
+        "moiré": groups["moire"].median(),
+        "error of binned": groups["binned_error"].median(),
+        "largest": groups["binned_error"].max(),
+        "ms full": groups["full_ms"].median(),
+        "ms binned": groups["binned_ms"].median(),
+        "times as fast": faster.median(),
+        "from": faster.quantile(0.25),
+        "to": faster.quantile(0.75),
+    }
+    return pd.DataFrame(columns).reset_index()
 
 
 def main() -> None:
-    args = measure.arguments(__doc__).parse_args()
-    torch.set_num_threads(args.threads)
-    facts = measure.metadata()
-    settings = QUICK if args.quick else FULL
-    print(measure.machine_lines(facts), end="\n\n")
+    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL, QUICK)
     shown = images("photo", 1, settings["side"])
     rows = []
     for problem in problems(settings):
         rows += solve(problem, shown, settings)
-    usual = [row for row in rows if row["tolerance"] == USUAL]
-    print(ABOUT, end="\n\n")
-    for key, name in (("scale", "scales"), ("pitch", "pitches"), ("view", "views")):
-        print(summary(usual, key, settings[name]), end="\n\n")
-    print(summary(usual, "layout", settings["layouts"]), end="\n\n")
-    print(summary(rows, "tolerance", TOLERANCES))
-    content = {"metadata": facts, "settings": settings, "rows": rows}
-    measure.write_json(measure.results(args) / "bins.json", content)
-    bins_plot.draw(rows, measure.results(args) / "bins.png")
+    table = pd.DataFrame(rows)
+    usual = table[table["tolerance"] == USUAL]
+    print(ABOUT)
+    for key in ("scale", "pitch", "view", "layout"):
+        print(f"\n{measure.text_of(summary(usual, key))}")
+    print(f"\n{measure.text_of(summary(table, 'tolerance'))}")
+    measure.write_json(args, "bins", metadata=facts, settings=settings, rows=rows)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
+import pandas as pd
 import torch
 from torch import Tensor
 
@@ -62,15 +63,11 @@ ALWAYS = ("exposure alone", "demosaic, resize")  # with all of `WITHOUT` left ou
 
 
 def main() -> None:
-    args = measure.arguments(__doc__).parse_args()
-    torch.set_num_threads(args.threads)
-    facts, settings = measure.metadata(), QUICK if args.quick else FULL
-    print(measure.machine_lines(facts), end="\n\n")
+    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL, QUICK)
     photo = default_photo(settings)
     print("The default photo, {} images of {} px".format(*settings["photo"]))
     print(photo_report(photo))
-    content = {"metadata": facts, "settings": settings, "default_photo": photo}
-    measure.write_json(measure.results(args) / "effects_cost.json", content)
+    measure.write_json(args, "effects_cost", metadata=facts, settings=settings, default_photo=photo)
 
 
 @torch.no_grad()
@@ -148,10 +145,10 @@ def photo_report(photo: dict[str, Any]) -> str:
     rows = []
     for row in photo["effects"]:
         ms, share = f"{1e3 * row['seconds']:+.2f}", f"{100 * row['share']:+.0f} %"
-        rows.append((row["effect"], row["kind"], ms, share, row["run_by"]))
-    columns = ("effect", "which is", "ms", "share", "the engine takes")
+        rows.append(row | {"ms": ms, "share": share})
+    table = pd.DataFrame(rows)[["effect", "kind", "ms", "share", "run_by"]]
     head = f"{measure.show(median)} ms a photo, quartiles {quartiles}"
-    return f"{head}\n{measure.table(columns, rows)}"
+    return f"{head}\n{measure.text_of(table)}"
 
 
 if __name__ == "__main__":

@@ -147,9 +147,7 @@ def main() -> None:
     parser.add_argument(
         "--classifiers", type=Path, required=True, help="a folder of files such as resnet18.pth"
     )
-    args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    effort = QUICK if args.quick else Effort()
+    args, effort, _ = measure.begin(parser, Effort(), QUICK)
     try:
         teachers = read_classifiers(args.classifiers)
         crops = read_crops(args.images, effort.side)

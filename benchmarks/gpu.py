@@ -31,10 +31,27 @@ from torchvision.models import resnet18, resnet50
 
 from benchmarks import gpu_compiled, gpu_training, measure
 from benchmarks.steps import step
-from moireaug import Scene, attacks, capture, develop, expose
+from moireaug import Scene, capture, develop, expose
+from moireaug.attacks import PGD, MoireAttack
 
-SCENES = ("screen_photo", "phone_at_phone", "paper_code")
-QUICK = (2, 24)  # batch and side
+Calls = dict[str, Callable[[], Any]]
+
+FULL: dict[str, Any] = {
+    "scenes": ("screen_photo", "phone_at_phone", "paper_code"),
+    "networks": (resnet18, resnet50),
+    "models": ("resnet18", "resnet50"),
+    "warmup": 2,
+}
+QUICK: dict[str, Any] = {
+    "scenes": ("screen_photo",),
+    "networks": (resnet18,),
+    "models": ("small_resnet",),
+    "warmup": 0,
+    "batch": 2,
+    "side": 24,
+    "repeats": 1,
+    "eager": True,
+}
 
 
 def main() -> None:
@@ -51,42 +68,30 @@ def main() -> None:
         action="store_true",
         help="without a GPU: compile its kernels, and estimate their times",
     )
-    args = parser.parse_args()
+    args, settings, facts = measure.begin(parser, FULL, QUICK)
     if args.compile:
-        gpu_compiled.main(args)
+        gpu_compiled.main(args, facts)
         return
-    torch.set_num_threads(args.threads)
-    batch, side = QUICK if args.quick else (args.batch, args.side)
-    repeats = 1 if args.quick else args.repeats
-    facts = measure.metadata(args.device)
-    print(measure.machine_lines(facts), end="\n\n")
+    settings = vars(args) | settings
+    batch, side = settings["batch"], settings["side"]
     images = torch.rand(batch, 3, side, side).to(args.device)
-    found = {
-        "photos": photos(images, repeats, compiled=not (args.eager or args.quick)),
-        "stages": stages(images, repeats),
-        "attacks": attack_steps(images, repeats),
-        "training": training(images, repeats, quick=args.quick),
-    }
+    found = {}
+    for group in (photos, stages, attacks, training):
+        found[group.__name__] = timed(group(images, settings), settings, images.device)
+    gpu_training.add_camera_shares(found["training"])
     for title, rows in found.items():
-        print(f"{title.capitalize()}, {batch} of {side} px")
-        columns = ["what", "ms", "quartiles", "peak, MiB"]
-        lines = [[r["what"], *measure.in_ms(r["seconds"]), r["memory"]] for r in rows]
-        if title == "training":
-            columns.append("camera's share")
-            lines = [[*line, row["camera_share"]] for line, row in zip(lines, rows, strict=True)]
-        print(measure.table(columns, lines), end="\n\n")
-    content = {"metadata": facts, "batch": batch, "side": side} | found
-    measure.write_json(measure.results(args) / "gpu.json", content)
+        print(f"{title.capitalize()}, {batch} of {side} px; memory is the peak in MiB")
+        print(measure.text_of_rows(rows), end="\n\n")
+    measure.write_json(args, "gpu", metadata=facts, batch=batch, side=side, **found)
 
 
-@torch.no_grad()
-def photos(images: Tensor, repeats: int, compiled: bool) -> list[dict[str, Any]]:
-    """Return a row for each way to photos of new shots."""
+def photos(images: Tensor, settings: dict[str, Any]) -> Calls:
+    """Return the ways to photos of new shots."""
     jpeg, scene = RandomJPEG(p=1.0), Scene.preset("screen_photo")
-    calls: dict[str, Callable[[], Any]] = {"kornia RandomJPEG": lambda: jpeg(images)}
-    for name in SCENES:
+    calls: Calls = {"kornia RandomJPEG": lambda: jpeg(images)}
+    for name in settings["scenes"]:
         calls[f"{name}, eager"] = functools.partial(Scene.preset(name).capture, images)
-    if compiled:
+    if not settings["eager"]:
         size, photograph = (images.shape[-2], images.shape[-1]), torch.compile(capture)
         shot = scene.sample(len(images), size)
         began = time.perf_counter()
@@ -97,13 +102,13 @@ def photos(images: Tensor, repeats: int, compiled: bool) -> list[dict[str, Any]]
         )
     name = f"screen_photo, by the engine on {torch.get_num_threads()} threads, there and back"
     calls[name] = lambda: scene.capture(images.cpu()).to(images.device)
-    return timed(calls, repeats, images.device)
+    return calls
 
 
-def stages(images: Tensor, repeats: int) -> list[dict[str, Any]]:
-    """Return a row for each stage of an eager capture, and scene."""
-    calls: dict[str, Callable[[], Any]] = {}
-    for name in SCENES:
+def stages(images: Tensor, settings: dict[str, Any]) -> Calls:
+    """Return each stage of an eager capture in each scene."""
+    calls: Calls = {}
+    for name in settings["scenes"]:
         shot = Scene.preset(name).sample(len(images), (images.shape[-2], images.shape[-1]))
         raw = expose(images, shot)
 
@@ -119,37 +124,33 @@ def stages(images: Tensor, repeats: int) -> list[dict[str, Any]]:
         calls[f"{name}, develop"] = lambda raw=raw, shot=shot: develop(raw, shot)
         calls[f"{name}, develop, forward and backward"] = by_raw
         calls[f"{name}, capture, forward and backward in the image"] = by_image
-    return timed(calls, repeats, images.device)
+    return calls
 
 
-def attack_steps(images: Tensor, repeats: int) -> list[dict[str, Any]]:
-    """Return a row for a step of each attack on each network."""
+def attacks(images: Tensor, settings: dict[str, Any]) -> Calls:
+    """Return a step of each attack on each network."""
     labels = torch.zeros(len(images), dtype=torch.long, device=images.device)
     calls = {}
-    for make in (resnet18, resnet50):
+    for make in settings["networks"]:
         model = make(weights=None).eval().to(images.device)
-        for attack in (attacks.PGD(model), attacks.MoireAttack(model, scene="screen_photo")):
+        for attack in (PGD(model), MoireAttack(model, scene="screen_photo")):
             name = f"{make.__name__}, a step of {type(attack).__name__}"
             calls[name] = step(attack, images, labels)
-    return timed(calls, repeats, images.device)
+    return calls
 
 
-def training(images: Tensor, repeats: int, *, quick: bool) -> list[dict[str, Any]]:
-    """Return a row for a step of each recipe on each network, with the camera's share of it."""
-    models = gpu_training.QUICK_MODELS if quick else gpu_training.MODELS
-    calls = gpu_training.steps(models, len(images), images.shape[-1], images.device)
-    rows = timed(calls, repeats, images.device)
-    gpu_training.add_camera_shares(rows)
-    return rows
+def training(images: Tensor, settings: dict[str, Any]) -> Calls:
+    """Return a step of each recipe on each network."""
+    return gpu_training.steps(settings["models"], len(images), images.shape[-1], images.device)
 
 
-def timed(
-    calls: dict[str, Callable[[], Any]], repeats: int, device: torch.device
-) -> list[dict[str, Any]]:
+def timed(calls: Calls, settings: dict[str, Any], device: torch.device) -> list[dict[str, Any]]:
     """Return a row for each call: its time, and on a GPU its peak of memory."""
     rows = []
-    for what, times in measure.timed_together(calls, repeats, warmup=2).items():
-        rows.append({"what": what, "seconds": times._asdict(), "memory": peak(calls[what], device)})
+    times = measure.timed_together(calls, settings["repeats"], settings["warmup"])
+    for what, time_of_call in times.items():
+        memory = peak(calls[what], device)
+        rows.append({"what": what, "seconds": time_of_call._asdict(), "memory": memory})
     return rows
 
 

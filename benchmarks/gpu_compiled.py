@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pandas as pd
 from torch import Tensor
 from torch.profiler import ProfilerActivity, profile
 
@@ -24,7 +25,6 @@ ARCHITECTURES = (80, 90)  # an A100 and an H100
 BATCH, SIDE = 64, 224
 # of an H100 SXM; a fused multiply-add counts as two operations
 BYTES_PER_SECOND, FLOPS = 3.35e12, 67e12
-Key = tuple[str, str, str]  # architecture, case, entry
 ASSUMPTIONS = """\
 Estimates, not measurements. No GPU was used: registers, spilled bytes, shared memory and
 instructions are of the compiled kernels; the times follow for an H100 SXM whatever the kernels were
@@ -34,6 +34,14 @@ count as often as they run ("loops"), those of unknown length once ("?"). Each i
 of a multiply-add of float32, 33.5 T/s, float64 and special functions too. A kernel takes the longer
 of the two times; launching it is left out. Peak: the most that an entry allocates at once, its
 result included, in sizes of the batch of images in float32."""
+
+
+class Key(NamedTuple):
+    """An entry, compiled for an architecture and called with a case."""
+
+    architecture: str
+    case: str
+    entry: str
 
 
 class Launch(NamedTuple):
@@ -172,15 +180,14 @@ def launches(architecture: int, case: Case) -> tuple[list[Launch], dict[Key, flo
 
         with compiling(architecture, launched):
             peak = peak_bytes(functools.partial(entry.call, module, case))
-        peaks[f"sm_{architecture}", case.name, name] = peak / case.images.nbytes
+        peaks[Key(f"sm_{architecture}", case.name, name)] = peak / case.images.nbytes
     return rows, peaks
 
 
-def main(args: Any) -> None:
-    """Print and write the table; see `gpu.main`."""
+def main(args: Any, facts: dict[str, Any]) -> None:
+    """Print and write the table; see `gpu.main`. facts: of the machine, which are printed."""
     os.environ.pop("TRITON_INTERPRET", None)
     batch, side, architectures = (2, 32, (90,)) if args.quick else (BATCH, SIDE, ARCHITECTURES)
-    facts = measure.metadata("cpu")
     rows: list[Launch] = []
     peaks: dict[Key, float] = {}
     for case in cases(batch, side)[: 1 if args.quick else None]:
@@ -189,35 +196,38 @@ def main(args: Any) -> None:
             rows += of_case
             peaks |= peaks_of_case
     host = measure.timed_together({"host": lambda: prepare_on_host(batch, side)})["host"]
-    heading = f"{batch} photos of {side} px\n{measure.machine_lines(facts)}\n\n{ASSUMPTIONS}"
-    on_host = "Drawing and lowering the default scene on the host, measured: {:.1f} ms ({})"
+    on_host, quartiles = measure.in_ms(host._asdict())
     text = "\n\n".join(
         [
-            heading,
-            measure.table(Launch._fields, rows),
-            totals(rows, peaks),
-            on_host.format(*measure.in_ms(host._asdict())),
+            f"{batch} photos of {side} px. {ASSUMPTIONS}",
+            measure.text_of(pd.DataFrame(rows)),
+            measure.text_of(totals(rows, peaks)),
+            f"Drawing and lowering the default scene on the host, measured: {on_host:.1f} ms "
+            f"({quartiles})",
         ]
     )
     print(text)
-    folder = measure.results(args)
-    content = {"metadata": facts, "batch": batch, "side": side, "assumptions": ASSUMPTIONS}
-    content["launches"] = [row._asdict() for row in rows]
-    content["host"] = host._asdict()
-    content["peaks"] = [[*key, peak] for key, peak in peaks.items()]
-    measure.write_json(folder / "gpu-compiled.json", content)
-    (folder / "gpu-compiled.txt").write_text(text + "\n")
+    (measure.results(args) / "gpu-compiled.txt").write_text(
+        f"{measure.machine_lines(facts)}\n\n{text}\n"
+    )
+    measure.write_json(
+        args,
+        "gpu-compiled",
+        metadata=facts,
+        batch=batch,
+        side=side,
+        assumptions=ASSUMPTIONS,
+        launches=[row._asdict() for row in rows],
+        host=host._asdict(),
+        peaks=[[*key, peak] for key, peak in peaks.items()],
+    )
 
 
-def totals(rows: list[Launch], peaks: dict[Key, float]) -> str:
-    """Return a table of each entry's launches, megabytes, estimated microseconds and peak."""
-    sums: dict[Key, list[float]] = {}
-    for row in rows:
-        total = sums.setdefault((row.architecture, row.case, row.entry), [0, 0.0, 0.0])
-        total[0] += 1
-        total[1] += row.megabytes
-        total[2] += row.us
-    lines = [[*key, *total, peaks[key]] for key, total in sums.items()]
-    columns = ["architecture", "case", "entry", "launches", "megabytes", "us, estimated"]
-    columns.append("peak, batches")
-    return measure.table(columns, lines)
+def totals(rows: list[Launch], peaks: dict[Key, float]) -> pd.DataFrame:
+    """Return each entry's launches, megabytes, estimated microseconds and peak in batches."""
+    groups = pd.DataFrame(rows).groupby(list(Key._fields), sort=False)
+    table = groups.agg(
+        launches=("kernel", "size"), megabytes=("megabytes", "sum"), us=("us", "sum")
+    )
+    table["peak"] = [peaks[key] for key in table.index]
+    return table.reset_index()

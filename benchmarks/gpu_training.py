@@ -10,7 +10,6 @@ from hydra import initialize
 
 from benchmarks import training_steps
 
-MODELS, QUICK_MODELS = ("resnet18", "resnet50"), ("small_resnet",)
 SHARE = "adversary.share=0.625"  # of the batch that is attacked, in both
 RECIPES = {
     "plain": ["recipe=clean"],

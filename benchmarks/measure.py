@@ -1,4 +1,4 @@
-"""Timing, metadata and tables that every benchmark shares."""
+"""Timing, the machine, and tables: what every benchmark shares."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ import datetime
 import inspect
 import json
 import os
-import platform
 import random
 import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
 import torch
 
+from training.system import machine
+
 RESULTS = Path(__file__).resolve().parent / "results"
-LIBRARIES = ("torch", "torchvision", "kornia", "albumentations", "numpy", "numba")
+LIBRARIES = ("albumentations", "numba")  # beside those of `machine.environment`
 MIN_RUNS = 3  # runs that even a slow candidate gets
+Sizes = TypeVar("Sizes")
 
 
 class Timing(NamedTuple):
@@ -53,6 +55,7 @@ def timed_together(
     repeats: int = 15,
     warmup: int = 1,
     budget: float = float("inf"),
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
     """Time candidates in turns, in another order each round, so that a drifting machine and a cache
     emptied by a large neighbour hit all alike.
@@ -61,6 +64,7 @@ def timed_together(
         repeats: rounds, in each of which every candidate runs once.
         warmup: calls of each that are not counted: they fill caches and make plans.
         budget: seconds after which a slow candidate sits out, once it has run `MIN_RUNS` times.
+        clock: in seconds; `time.process_time` is that of the cores alone, whatever else they do.
     """
     for function in candidates.values():
         for _ in range(warmup):
@@ -70,119 +74,21 @@ def timed_together(
     for _ in range(repeats):
         for name in order.sample(list(candidates), len(candidates)):
             if len(spent[name]) < MIN_RUNS or sum(spent[name]) < budget:
-                spent[name].append(_clock(candidates[name]))
+                spent[name].append(_seconds(candidates[name], clock))
     return {name: Timing.of(seconds) for name, seconds in spent.items()}
 
 
-def _clock(function: Callable[[], Any]) -> float:
+def _seconds(function: Callable[[], Any], clock: Callable[[], float]) -> float:
     _finish()
-    began = time.perf_counter()
+    began = clock()
     function()
     _finish()
-    return time.perf_counter() - began
+    return clock() - began
 
 
 def _finish() -> None:
     if torch.cuda.is_available():  # a GPU's kernels run on after their call has returned
         torch.cuda.synchronize()
-
-
-def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Return the Pareto frontier of (cost, error) points: indices, cheapest first, of those that no
-    cheaper one matches."""
-    kept: list[int] = []
-    for i in sorted(range(len(points)), key=lambda i: points[i]):
-        if not kept or points[i][1] < points[kept[-1]][1]:
-            kept.append(i)
-    return kept
-
-
-def metadata(device: str = "cpu") -> dict[str, Any]:
-    """Return the machine, its load and the libraries. Call it before anything is timed.
-
-    Args:
-        device: that the script runs on; a GPU that is there but unused is not named.
-    """
-    return {
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "device": name_of(device),
-        "cpu": _cpu(),
-        "cores": os.cpu_count(),
-        "threads": torch.get_num_threads(),
-        "load_average_at_start": list(os.getloadavg()) if hasattr(os, "getloadavg") else None,
-        "python": platform.python_version(),
-        **{name: version(name) for name in LIBRARIES},
-    }
-
-
-def name_of(device: str) -> str:
-    """Return the name of a GPU, or "cpu"."""
-    return "cpu" if device == "cpu" else torch.cuda.get_device_name(device)
-
-
-def _cpu() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    return next(
-        (line.split(":")[1].strip() for line in lines if line.startswith("model name")),
-        platform.machine(),
-    )
-
-
-def machine_lines(facts: Mapping[str, Any]) -> str:
-    """Return the metadata in two lines."""
-    libraries = ", ".join(f"{name} {facts[name]}" for name in ("python", *LIBRARIES))
-    load = facts["load_average_at_start"]
-    cores = f"{facts['cores']} cores, {facts['threads']} threads"
-    machine = f"{facts['cpu']}, {cores}, device {facts['device']}"
-    return (
-        f"{machine}, load {load[0]:.2f} at start\n{libraries}"
-        if load
-        else f"{machine}\n{libraries}"
-    )
-
-
-def table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return plain text with aligned columns: those with any value but words and None to the right,
-    words to the left."""
-    aligned = []
-    for i, name in enumerate(columns):
-        values = [row[i] for row in rows]
-        cells = [name, *map(show, values)]
-        width = max(map(len, cells))
-        cells.insert(1, "-" * width)
-        to_the_right = any(not isinstance(v, str) and v is not None for v in values)
-        place = str.rjust if to_the_right else str.ljust
-        aligned.append([place(cell, width) for cell in cells])
-    return "\n".join("  ".join(line).rstrip() for line in zip(*aligned, strict=True))
-
-
-def show(value: Any) -> str:
-    """Return a value as text: floats below 1000 with three digits, nothing for None."""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
-    return "" if value is None else str(value)
-
-
-def in_ms(seconds: Mapping[str, float]) -> tuple[float, str]:
-    """Return median and quartiles in ms of a `Timing`'s dict, for a table."""
-    return 1e3 * seconds["median"], f"{show(1e3 * seconds['low'])} to {show(1e3 * seconds['high'])}"
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1) + "\n")
-
-
-def publish(table: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV, and print it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    table.to_csv(path, index=False, float_format="%.4g")
-    print(table.to_string(index=False, float_format="{:.3f}".format))
 
 
 def arguments(doc: str) -> argparse.ArgumentParser:
@@ -205,6 +111,79 @@ def arguments(doc: str) -> argparse.ArgumentParser:
     return parser
 
 
+def begin(
+    parser: argparse.ArgumentParser, full: Sizes, quick: Sizes
+) -> tuple[argparse.Namespace, Sizes, dict[str, Any]]:
+    """Read the command line, set the threads and print the machine, before anything is timed.
+
+    Returns:
+        the options, the sizes that they choose, and the facts of the machine, whose GPU is named
+        where an option `--device` asks for it.
+    """
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    facts = metadata(vars(args).get("device", "cpu"))
+    print(machine_lines(facts), end="\n\n")
+    return args, quick if args.quick else full, facts
+
+
+def metadata(device: str = "cpu") -> dict[str, Any]:
+    """Return the machine, its load and the libraries; of the device "cpu" without its GPU."""
+    return {
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "cores": os.cpu_count(),
+        "load_average_at_start": list(os.getloadavg()) if hasattr(os, "getloadavg") else None,
+        **machine.environment(device),
+        **{name: version(name) for name in LIBRARIES},
+    }
+
+
+def machine_lines(facts: Mapping[str, Any]) -> str:
+    """Return the metadata in two lines."""
+    line = f"{facts['cpu']}, {facts['cores']} cores, {facts['threads']} threads, "
+    line += f"device {facts['device']}"
+    if facts["load_average_at_start"]:
+        line += f", load {facts['load_average_at_start'][0]:.2f} at start"
+    names = ("python", "torch", "torchvision", "kornia", "numpy", *LIBRARIES)
+    return f"{line}\n" + ", ".join(f"{name} {facts[name]}" for name in names)
+
+
 def results(args: argparse.Namespace) -> Path:
     """Return the folder that a script writes into."""
-    return args.out or (RESULTS / "quick" if args.quick else RESULTS)
+    folder = args.out or (RESULTS / "quick" if args.quick else RESULTS)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def write_json(args: argparse.Namespace, name: str, **content: Any) -> None:
+    (results(args) / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n")
+
+
+def publish(table: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV, and print it."""
+    table.to_csv(path, index=False, float_format="%.4g")
+    print(text_of(table))
+
+
+def text_of_rows(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return rows with names as text; their `seconds`, a `Timing`'s dict, are shown in ms."""
+    table = pd.DataFrame(rows)
+    if "seconds" in table:
+        times = [in_ms(seconds) for seconds in table.pop("seconds")]
+        table["ms"], table["quartiles"] = zip(*times, strict=True)
+    return text_of(table)
+
+
+def text_of(table: pd.DataFrame) -> str:
+    cells = table.astype(object).where(table.notna(), "")
+    return cells.to_string(index=False, float_format=show)
+
+
+def show(value: float) -> str:
+    """Return a number as text, with three digits below 1000."""
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def in_ms(seconds: Mapping[str, float]) -> tuple[float, str]:
+    """Return median and quartiles in ms of a `Timing`'s dict, for a table."""
+    return 1e3 * seconds["median"], f"{show(1e3 * seconds['low'])} to {show(1e3 * seconds['high'])}"

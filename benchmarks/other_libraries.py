@@ -128,9 +128,8 @@ def main() -> None:
     parser.add_argument("--pictures", default=skimage.data_dir)
     parser.add_argument("--weights", type=Path, help="a resnet18's state_dict; random without it")
     parser.add_argument("--real", nargs="*", default=[], help="folders of real photos")
-    args = parser.parse_args()
-    n, repeats = (4, 1) if args.quick else (150, 15)
-    torch.set_num_threads(1)
+    parser.set_defaults(threads=1)
+    args, (n, repeats), _ = measure.begin(parser, (150, 15), (4, 1))
     torch.manual_seed(0)
     network = models.get_model("resnet18").eval()
     if args.weights:

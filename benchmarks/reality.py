@@ -1,7 +1,7 @@
 """Compare scenes with real photos of screens.
 
     python benchmarks/reality.py PAIRS.csv screen_photo phone_at_monitor scene.yaml
-    python benchmarks/reality.py PAIRS.csv screen_photo --images DIR --target twin original
+    python benchmarks/reality.py PAIRS.csv screen_photo --classifiers DIR
 
 PAIRS.csv has the columns photo and original: aligned pictures of one size. Publishes figures only,
 no pictures. For each scene:
@@ -14,9 +14,6 @@ no pictures. For each scene:
   after the best global colour map of every crop onto its original, which leaves the texture alone:
   moiré, noise, sharpness. With --controls, two more are judged: the real photos against themselves,
   which must be at chance, and the originals, which are no photos at all.
-- cleaned, with --images, a folder of clean pictures: a small network is trained on simulated pairs
-  of these alone, and cleans the real photos. Their PSNR before and after, each after its best
-  global colour map onto the original, says whether what it learned carries over to reality.
 - agreement, with --classifiers, a folder of torchvision's ImageNet weights: on what share of the
   pictures each classifier gives the same answer for the photo as for the original, for the real
   photos and for the scene's of the whole pictures.
@@ -26,20 +23,20 @@ Writes results/reality.json, or with --only results/reality-PART.json.
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
+import pandas as pd
 import torch
 from torch import Tensor
 
-from benchmarks import agreement, cleaned, measure, told_apart
+from benchmarks import agreement, measure, told_apart
 from moireaug import Scene
 from moireaug.synthesis.tone import ColourMap
 from training.calibration.compare import (
@@ -58,7 +55,6 @@ FULL: dict[str, Any] = {
     "each": 8,
     "shots": 3,
     "apart": told_apart.Effort(),
-    "cleaned": cleaned.Effort(),
     "agreement": agreement.Sizes(),
 }
 QUICK: dict[str, Any] = {
@@ -66,16 +62,11 @@ QUICK: dict[str, Any] = {
     "each": 2,
     "shots": 1,
     "apart": told_apart.Effort(steps=2, batch=4, side=32, judged=8),
-    "cleaned": cleaned.Effort(steps=2, batch=2, side=32, shown=64),
     "agreement": agreement.Sizes(judged=64, shrunk=(48, 32)),
 }
 CONTROLS = ("the real photos", "the originals")
 OF_CROPS = ("statistics", "apart")
-READ = {
-    "cleaned": ("images", "trains on clean pictures"),
-    "agreement": ("classifiers", "asks ImageNet classifiers"),
-}
-PARTS = (*OF_CROPS, *READ)
+PARTS = (*OF_CROPS, "agreement")
 
 
 def simulated(scene: Scene, crops: Crops, shots: int) -> Tensor:
@@ -108,7 +99,6 @@ def tell(
     crops: Crops, others: dict[str, Tensor], effort: told_apart.Effort
 ) -> list[dict[str, Any]]:
     """Return a row for each of the others and each tone: how well it is told from the photos."""
-    print(f"Told apart, {len(crops.names)} pictures, mean accuracy [95 %]; 50 % is chance")
     rows = []
     plain = one_tone(crops.photos, crops.originals)
     for name, photos in others.items():
@@ -122,37 +112,8 @@ def tell(
             row = {"scene": name, "tone": tone} | told_apart.summarised(accuracies)
             row |= {"accuracies": accuracies, "seconds": time.perf_counter() - began}
             rows.append(row)
-            print(_told(row), flush=True)
-    return rows
-
-
-def _told(row: dict[str, Any]) -> str:
-    percent = [f"{100 * row[key]:.0f}" for key in ("accuracy", "low", "high")]
-    each = " ".join(f"{100 * a:.0f}" for a in row["accuracies"])
-    return (
-        f"{row['scene']:24s} {row['tone']:12s} {percent[0]:>3s} % [{percent[1]}, {percent[2]}]"
-        f"   by fold: {each}   {row['seconds']:.0f} s"
-    )
-
-
-def clean(
-    chosen: dict[str, Scene], args: Namespace, effort: cleaned.Effort
-) -> list[dict[str, Any]]:
-    """Return a row for each scene and target: what a network trained on its pairs does to the real
-    photos."""
-    rows = []
-    for name, scene in chosen.items():
-        for target in args.target:
-            print(f"Cleaned by a network of {name}, target {target}")
-            network = cleaned.train(scene, args.images, target, effort)
-            found = cleaned.cleaned(network, read_pairs(find_pairs(args.pairs)), effort.shown)
-            row = {"scene": name, "target": target} | cleaned.mean(found) | {"pictures": found}
-            rows.append(row)
-            print(
-                f"  PSNR {row['before']:.2f} to {row['after']:.2f} dB; colours mapped "
-                f"{row['before_mapped']:.2f} to {row['after_mapped']:.2f} dB",
-                flush=True,
-            )
+    print(f"Told apart, {len(crops.names)} pictures: mean accuracy, 95 % interval; 0.5 is chance")
+    print(measure.text_of(pd.DataFrame(rows).drop(columns="accuracies")), end="\n\n", flush=True)
     return rows
 
 
@@ -177,34 +138,21 @@ def of_crops(
     return found
 
 
-def require_folders(parser: ArgumentParser, args: Namespace) -> None:
-    """Refuse parts that are asked for without the folder that they read."""
-    for part, (option, use) in READ.items():
-        if part in (args.only or ()) and not getattr(args, option):
-            parser.error(f"--only {part} {use}: pass their folder, --{option} DIR.")
-
-
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.add_argument("pairs", type=Path, help="a CSV file with the columns photo and original")
     parser.add_argument("scenes", nargs="+", help="presets or YAML files")
     parser.add_argument("--controls", action="store_true", help="also tell the two controls apart")
-    parser.add_argument("--images", type=Path, help="a folder of clean pictures to train on")
     parser.add_argument("--classifiers", type=Path, help="a folder of files such as resnet18.pth")
-    parser.add_argument("--target", nargs="+", choices=cleaned.TARGETS, default=["twin"])
-    parser.add_argument("--steps", type=int, help="of training each network")
     parser.add_argument(
         "--only", nargs="+", choices=PARTS, help="these parts; they get a file of their own"
     )
-    args = parser.parse_args()
+    args, settings, facts = measure.begin(parser, FULL, QUICK)
     parts = args.only or PARTS
-    require_folders(parser, args)
-    torch.set_num_threads(args.threads)
-    facts = measure.metadata()
-    settings = dict(QUICK if args.quick else FULL)
-    if args.steps:
-        for part in ("apart", "cleaned"):
-            settings[part] = dataclasses.replace(settings[part], steps=args.steps)
+    if "agreement" in (args.only or ()) and not args.classifiers:
+        parser.error(
+            "--only agreement asks ImageNet classifiers: pass their folder, --classifiers DIR."
+        )
     try:
         chosen = {name: scenes.load(name) for name in args.scenes}
         pairs = find_pairs(args.pairs)
@@ -221,17 +169,14 @@ def main() -> None:
             classifiers = agreement.read_classifiers(args.classifiers)
     except (ValueError, OSError) as error:
         parser.error(str(error))
-    print(measure.machine_lines(facts), end="\n\n")
-    found: dict[str, Any] = {"metadata": facts}
+    found: dict[str, Any] = {}
     if crops:
         found |= of_crops(crops, chosen, args, parts, settings)
-    if "cleaned" in parts and args.images:
-        found["cleaned"] = clean(chosen, args, settings["cleaned"])
     if classifiers:
         sizes = settings["agreement"]
         found["agreement"] = agreement.agree(classifiers, read_pairs(pairs), chosen, sizes)
     name = "-".join(["reality", *(args.only or [])])
-    measure.write_json(measure.results(args) / f"{name}.json", found)
+    measure.write_json(args, name, metadata=facts, **found)
 
 
 if __name__ == "__main__":

@@ -126,9 +126,7 @@ def measured(folder: Path, sizes: dict[str, Any]) -> list[dict[str, Any]]:
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.add_argument("runs", nargs="+", type=Path, help="folders of trained runs")
-    args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    sizes = QUICK if args.quick else FULL
+    args, sizes, _ = measure.begin(parser, FULL, QUICK)
     rows = []
     for folder in args.runs:
         rows += [{"run": str(folder)} | row for row in measured(folder, sizes)]

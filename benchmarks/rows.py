@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import torch
 
-from benchmarks.measure import Timing, show, table
+from benchmarks.measure import Timing, text_of_rows
 
 
 @dataclass(frozen=True)
@@ -26,9 +25,7 @@ class Size:
     slow: int = 5  # repeats of what takes seconds
     first: int = 3  # of first calls ever, 10 to 20 s each
     calls: int = 200  # of a transform that chooses images at random
-    loaded: int = 512  # images per epoch
     threads: int = 2
-    before: Path | None = None  # the root of an older checkout
 
     def images(self) -> torch.Tensor:
         return torch.rand(
@@ -74,34 +71,8 @@ def in_ms(
 def report(rows: Sequence[Row]) -> str:
     lines = []
     for row in rows:
-        quartiles = f"{show(row.low)} to {show(row.high)}"
-        met = row.met
-        if met and row.stretch is not None and row.ratio <= row.stretch:
-            met = "yes, and the stretch"
-        lines.append(
-            (
-                row.what,
-                row.value,
-                quartiles,
-                row.unit,
-                row.against,
-                row.other,
-                row.ratio,
-                row.bar,
-                row.stretch,
-                met,
-            )
-        )
-    columns = (
-        "what",
-        "value",
-        "quartiles",
-        "unit",
-        "against",
-        "its value",
-        "ratio",
-        "bar",
-        "stretch",
-        "met",
-    )
-    return table(columns, lines)
+        line = row.to_dict()
+        if row.met and row.stretch is not None and row.ratio <= row.stretch:
+            line["met"] = "yes, and the stretch"
+        lines.append(line)
+    return text_of_rows(lines)

@@ -1,20 +1,18 @@
 """Speed and memory of the capture, each beside something well known, in one run.
 
-    python benchmarks/speed.py [--before DIR] [--only WORD]
+    python benchmarks/speed.py [--only GROUP]
 
-Prints a table and writes results/speed.json, with `--only WORD` results/speed-WORD.json. A ratio is
+Prints a table and writes results/speed.json; with `--only`, results/speed-GROUP.json. A ratio is
 ours over the other's, of medians taken in turns; `met` says whether it keeps its bar. Rows without
 a bar are for information. Images are float32 of 224 px in batches of 16 and gradients are off,
-unless a row says otherwise; the scene is the default, "screen_photo". `--before` names an older
-checkout of the project (`git worktree add DIR COMMIT`), whose DataLoaders take turns with this
-one's.
+unless a row says otherwise; the scene is the default, "screen_photo".
 """
 
 from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,10 +23,10 @@ import torch
 from kornia.augmentation import RandomJPEG
 from torch import Tensor
 
-from benchmarks import apart, checkouts, measure, panels, released, steps
+from benchmarks import apart, measure, panels, released, steps
 from benchmarks.measure import timed_together
 from benchmarks.rows import Row, Size, in_ms, report
-from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
+from moireaug import Lens, Scene, Sensor, View, capture, develop, engine, expose
 from moireaug.transforms import RandomMoire
 from moireaug.transforms import kornia as kornia_transforms
 
@@ -43,7 +41,6 @@ QUICK = Size(
     slow=1,
     first=0,
     calls=2,
-    loaded=4,
 )
 
 
@@ -159,6 +156,30 @@ def image_gradient(size: Size) -> Iterator[Row]:
         yield in_ms(what, times["with"], "the capture", times["without"], bar=4, stretch=3)
 
 
+def executions(size: Size) -> Iterator[Row]:
+    """Yield the stages of a capture by the engine against the reference."""
+    images = size.images()
+    shot = Scene.preset("screen_photo").sample(
+        size.batch, (size.side, size.side), torch.Generator().manual_seed(0)
+    )
+    raw = expose(images, shot)
+    stages: dict[str, Callable[[], Tensor]] = {
+        "expose": partial(expose, images, shot),
+        "develop": partial(develop, raw, shot),
+        "develop, forward and backward": with_gradient(partial(develop, shot=shot), raw),
+        "capture": partial(capture, images, shot),
+    }
+    for name, stage in stages.items():
+        calls = {"engine": stage, "reference": partial(by_reference, stage)}
+        times = timed_together(calls, size.repeats)
+        yield in_ms(f"{name}, the engine", times["engine"], "the reference", times["reference"])
+
+
+def by_reference(stage: Callable[[], Tensor]) -> Tensor:
+    with engine.reference():
+        return stage()
+
+
 GROUPS = (
     transforms,
     released_chain,
@@ -167,58 +188,33 @@ GROUPS = (
     steps.training,
     precisions,
     image_gradient,
-    apart.executions,
-    apart.loaders,
+    executions,
     apart.memory,
     apart.large_photo,
     apart.starts,
 )
 
 
-def groups_of(word: str, before: Path | None) -> Sequence[Callable[[Size], Iterator[Row]]]:
-    """Return the groups with a word in their names, without those that cannot be measured here."""
-    found = [group for group in GROUPS if word in group.__name__]
-    if not before and apart.loaders in found:
-        found.remove(apart.loaders)
-    return found
-
-
 def main() -> None:
     parser = measure.arguments(__doc__)
-    parser.add_argument(
-        "--only",
-        default="",
-        metavar="WORD",
-        help="only the groups with this in their name; writes speed-WORD.json",
-    )
-    checkouts.add_before(parser)
-    args = parser.parse_args()
-    chosen = groups_of(args.only, args.before)
-    if not chosen:
-        names = ", ".join(group.__name__ for group in GROUPS)
-        parser.error(
-            f"--only {args.only} leaves nothing to measure. Name a part of one of these: {names}; "
-            "loaders needs --before DIR."
-        )
-    torch.set_num_threads(args.threads)
+    names = [group.__name__ for group in GROUPS]
+    parser.add_argument("--only", choices=names, help="one group of rows, into a file of its own")
+    args, size, facts = measure.begin(parser, Size(), QUICK)
     torch.manual_seed(0)
-    facts = measure.metadata() | {"before": checkouts.commit(args.before)}
-    size = replace(QUICK if args.quick else Size(), threads=args.threads, before=args.before)
-    print(measure.machine_lines(facts), end="\n\n")
+    size = replace(size, threads=args.threads)
     rows = []
     with torch.no_grad():
-        for group in chosen:
-            rows += list(group(size))
-            print(f"{group.__name__} measured", file=sys.stderr)
+        for name, group in zip(names, GROUPS, strict=True):
+            if args.only in (None, name):
+                rows += list(group(size))
+                print(f"{name} measured", file=sys.stderr)
     print(report(rows))
-    if not args.before:
-        print("Without --before DIR, the rows of DataLoaders are missing.")
-    # no path of this machine among the results
-    sizes = dataclasses.asdict(replace(size, before=None))
-    name = f"speed-{args.only}.json" if args.only else "speed.json"
     measure.write_json(
-        measure.results(args) / name,
-        {"metadata": facts, "size": sizes, "rows": [r.to_dict() for r in rows]},
+        args,
+        f"speed-{args.only}" if args.only else "speed",
+        metadata=facts,
+        size=dataclasses.asdict(size),
+        rows=[row.to_dict() for row in rows],
     )
 
 

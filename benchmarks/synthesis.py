@@ -22,7 +22,6 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
 import matplotlib.cbook
-import torch
 
 from benchmarks import measure
 from benchmarks.measure import Timing
@@ -40,17 +39,13 @@ def main() -> None:
     parser = measure.arguments(__doc__)
     parser.set_defaults(threads=1)
     parser.add_argument("images", nargs="?", type=Path, help="a folder of pictures")
-    args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    facts, settings = measure.metadata(), QUICK if args.quick else FULL
-    print(measure.machine_lines(facts), end="\n\n")
+    args, settings, facts = measure.begin(parser, FULL, QUICK)
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         rows = list(measured(args.images or portrait(scratch), scratch / "pairs.tar", settings))
     print(f"A pair in {SCENE}: core time in ms, pairs per second and core, and a million of them")
     print(report(rows))
-    content = {"metadata": facts, "settings": settings, "scene": SCENE, "rows": rows}
-    measure.write_json(measure.results(args) / "synthesis.json", content)
+    measure.write_json(args, "synthesis", metadata=facts, settings=settings, scene=SCENE, rows=rows)
 
 
 def portrait(folder: Path) -> Path:
@@ -97,8 +92,6 @@ def piece(pairs: Pairs, k: int, tar: Path) -> list[dict[str, float]]:
 
 
 def report(rows: list[dict[str, Any]]) -> str:
-    columns = ["px", "twin", "encoding", "make", "encode", "write", "whole", "quartiles"]
-    columns += ["pairs/s", "kB a pair", "core hours", "GB"]
     lines = []
     for row in rows:
         name = row["encoding"]
@@ -106,13 +99,14 @@ def report(rows: list[dict[str, Any]]) -> str:
             name += f" {row['quality']}"
         elif name == "webp":
             name += " lossless"
-        parts = [1e3 * row[part]["median"] for part in ("make", "encode", "write")]
+        line = {"px": row["size"], "twin": row["twin"], "encoding": name}
+        for part in ("make", "encode", "write", "whole"):
+            line[part], quartiles = measure.in_ms(row[part])
         seconds = row["whole"]["median"]
-        line = [row["size"], row["twin"], name, *parts, *measure.in_ms(row["whole"])]
-        line += [1 / seconds, row["bytes"] / 1e3]
-        line += [MILLION * seconds / 3600, MILLION * row["bytes"] / 1e9]
+        line |= {"quartiles": quartiles, "pairs/s": 1 / seconds, "kB a pair": row["bytes"] / 1e3}
+        line |= {"core hours": MILLION * seconds / 3600, "GB": MILLION * row["bytes"] / 1e9}
         lines.append(line)
-    return measure.table(columns, lines)
+    return measure.text_of_rows(lines)
 
 
 if __name__ == "__main__":

@@ -42,13 +42,15 @@ from training.system import machine
 FULL = {
     "models": (("attention_convnet", 64, 48), ("resnet18", 8, 224)),
     "repeats": 9,
+    "warmup": 2,
     "files": 192,
     "sides": (48, 256),
     "compile": True,
 }
 QUICK = {
-    "models": (("small_resnet", 4, 48),),
+    "models": (("small_resnet", 2, 24),),
     "repeats": 1,
+    "warmup": 0,
     "files": 4,
     "sides": (16,),
     "compile": False,
@@ -66,47 +68,22 @@ OPTIONS = {
 
 
 def main() -> None:
-    args = measure.arguments(__doc__).parse_args()
-    torch.set_num_threads(args.threads)
-    facts, settings = measure.metadata(), QUICK if args.quick else FULL
-    print(measure.machine_lines(facts), end="\n\n")
+    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL, QUICK)
     with initialize(version_base="1.3", config_path=None):
         found = {
             "recipes": recipes(settings),
             "options": options(settings),
             "loading": loading(settings),
         }
-    print(
-        "A step of each recipe:",
-        "; ".join(f"{m}, {side} px, batch {n}" for m, n, side in settings["models"]),
-    )
-    heads = ["model", "recipe", "ms a step", "quartiles", "times clean", "passes"]
-    rows = [
-        [r["model"], r["recipe"], *measure.in_ms(r["seconds"]), r["relative"], r["passes"]]
-        for r in found["recipes"]
-    ]
-    print(measure.table(heads, rows), end="\n\n")
-    print("Options of moire_at")
-    heads = ["model", "option", "ms a step", "quartiles", "times as it is"]
-    rows = [
-        [r["model"], r["option"], *measure.in_ms(r["seconds"]), r["relative"]]
-        for r in found["options"]
-    ]
-    print(measure.table(heads, rows), end="\n\n")
-    print("Loading images, and the training that they are loaded for (clean)")
-    heads = [
-        "side",
-        "model",
-        "read from",
-        "workers",
-        "images/s loaded",
-        "images/s trained",
-        "loading / training",
-    ]
-    rows = [list(r.values()) for r in found["loading"]]
-    print(measure.table(heads, rows))
-    content = {"metadata": facts, "settings": settings} | found
-    measure.write_json(measure.results(args) / "training_steps.json", content)
+    models = "; ".join(f"{m}, {side} px, batch {n}" for m, n, side in settings["models"])
+    titles = {
+        "recipes": f"A step of each recipe: {models}",
+        "options": "Options of moire_at",
+        "loading": "Loading images, and the training that they are loaded for (clean), images/s",
+    }
+    for name, title in titles.items():
+        print(title, measure.text_of_rows(found[name]), sep="\n", end="\n\n")
+    measure.write_json(args, "training_steps", metadata=facts, settings=settings, **found)
 
 
 def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
@@ -118,7 +95,7 @@ def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
             cfg = configure(f"recipe={path.stem}", f"model={model}")
             configured[path.stem] = cfg
             calls[path.stem] = step(cfg, batch, side)
-        times = measure.timed_together(calls, settings["repeats"], budget=60.0)
+        times = measure.timed_together(calls, settings["repeats"], settings["warmup"], budget=60.0)
         for name in sorted(times, key=lambda name: times[name].median):
             rows.append(
                 {
@@ -141,7 +118,7 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
         calls = {
             name: step(configure(*recipe, *given), batch, side) for name, given in chosen.items()
         }
-        times = measure.timed_together(calls, settings["repeats"], warmup=2)
+        times = measure.timed_together(calls, settings["repeats"], settings["warmup"])
         plain = times["as it is"].median
         rows += [
             {"model": model, "option": name, "seconds": t._asdict(), "relative": t.median / plain}
@@ -196,7 +173,7 @@ def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
             f"train.batch_size={batch}",
         ]
         clean = step(configure(*given), batch, size)
-        trained = batch / measure.timed(clean, settings["repeats"]).median
+        trained = batch / measure.timed(clean, settings["repeats"], settings["warmup"]).median
         with tempfile.TemporaryDirectory() as root:
             write_folder(Path(root), settings["files"], side)
             cfg = configure(*given, f"data.root={root}", "data.val=2")
