@@ -37,7 +37,9 @@ class Data:
         "validation images; null is a tenth of the training images; for signs, their default",
         bounds=(1, None),
     )
-    test: int | None = setting(None, "test images; null is all there are", bounds=(1, None))
+    test: int | None = setting(
+        None, "test images; null is all there are", bounds=(1, None), tests=True
+    )
     class_index: str | None = setting(
         None,
         "CSV of folder (or wnid) and class_index among the 1000 of published weights",

@@ -173,7 +173,7 @@ class Config(RunConfig):
     data: Data = section(Data)
     adversary: Adversary = section(Adversary, trains=True)
     train: Train = section(Train, trains=True)
-    reattack: Reattack = section(Reattack)
+    reattack: Reattack = section(Reattack, tests=True)
 
 
 @dataclass

@@ -4,11 +4,11 @@
     python training/demoire.py train data.root=DIR model=esdnet pairs=PAIRS.csv
     python training/demoire.py train scene=phone_at_monitor demoire.target=original
 
-`pairs` names real photos and what was on the screen, for the report alone; with other pairs, a
-finished run is only tested again. Writes weights.pt (for training/demoire.py clean and
-moireaug.defenses.demoire.load), report.html, scores.csv (the figures of each pair), metrics.json,
-best.ckpt, last.ckpt and config.yaml into runs/<data>-<model>/demoire/seed<k>/. The same command
-resumes an interrupted run.
+`pairs` names real photos and what was on the screen, for the report alone; with other pairs, test.*
+or data.test, a finished run is only tested again. Writes weights.pt (for training/demoire.py clean
+and moireaug.defenses.demoire.load), report.html, scores.csv (the figures of each pair),
+metrics.json, best.ckpt, last.ckpt and config.yaml into runs/<data>-<model>/demoire/seed<k>/. The
+same command resumes an interrupted run.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def fit(cfg: DemoireConfig) -> Metrics:
     check(cfg)
     run = Run(cfg)
     with run.locked():
-        if cfg.resume is not False and run.stage() == "finished":
+        if cfg.resume is not False and run.stage() == "finished" and not has_other_pairs(run):
             return report_finished(run)
         if cfg.resume and is_first():
             require_resumable(run)
@@ -96,20 +96,21 @@ def check(cfg: DemoireConfig) -> None:
 
 
 def report_finished(run: Run[DemoireConfig]) -> Metrics:
-    """Print the figures of a finished run and return its metrics; test it again where other real
-    pairs are given."""
-    cfg, folder = run.config, run.folder
-    metrics = read_metrics(folder) or {}
-    if not is_first():
-        return metrics
-    if cfg.pairs and fingerprint(find_pairs(Path(cfg.pairs))) != metrics.get("pairs_fingerprint"):
-        splits = pictures.load(cfg)
-        pictures.require_same(folder, splits)
-        network = demoire.load(folder / "weights.pt")
-        return test_and_report(run, network, metrics["train"], splits)
-    show(report.terminal_parts(metrics))
-    print(f"{folder} is already finished; resume=false trains it again.")
+    """Print the figures of a finished run and return its metrics."""
+    metrics = read_metrics(run.folder) or {}
+    if is_first():
+        show(report.terminal_parts(metrics))
+        print(f"{run.folder} is already finished; resume=false trains it again.")
     return metrics
+
+
+def has_other_pairs(run: Run[DemoireConfig]) -> bool:
+    """Return whether a run's real pairs are not those that it was tested on; no pairs are not
+    others."""
+    if not run.config.pairs:
+        return False
+    pairs = find_pairs(Path(run.config.pairs))
+    return fingerprint(pairs) != (read_metrics(run.folder) or {}).get("pairs_fingerprint")
 
 
 def complete(run: Run[DemoireConfig]) -> Metrics:

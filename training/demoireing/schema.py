@@ -56,7 +56,7 @@ class Pictures:
         bounds=(1, None),
     )
     val: int = setting(32, "validation pairs", bounds=(1, None))
-    test: int = setting(16, "test pairs of each scene", bounds=(1, None))
+    test: int = setting(16, "test pairs of each scene", bounds=(1, None), tests=True)
     workers: int = setting(0, "processes that make pairs", bounds=(0, 1024), changes_result=False)
 
     @property
@@ -134,7 +134,7 @@ class DemoireConfig(RunConfig):
     data: Pictures = section(Pictures)
     demoire: Demoire = section(Demoire)
     train: Train = section(Train)
-    test: TestPairs = section(TestPairs)
+    test: TestPairs = section(TestPairs, tests=True)
     pairs: str | None = setting(
         None,
         "real photos and what was on the screen, for the report: as training/calibrate.py takes "

@@ -19,7 +19,7 @@ from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.starting import start_as_identity
 from training.runs.run import Run
-from training.system.files import read_checkpoint, read_json
+from training.system.files import read_checkpoint
 from training.system.processes import is_first, say
 from training.trainer import ranks
 from training.trainer.checkpoints import RunCheckpoint
@@ -66,16 +66,16 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     cfg = run.config
     L.seed_everything(cfg.seed, verbose=False)
     out, resumes = run.folder, run.can_resume()
-    last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
+    last, best = out / "last.ckpt", out / "best.ckpt"
     module = module_of(cfg)
     network = module.network
-    if resumes and (train := read_json(train_json)):
+    if is_first():
+        run.write_settings()
+    if resumes and (train := run.training_cost()):
         module.load_state_dict(read_checkpoint(best)["state_dict"])
         say(f"Training is complete: the weights are read from {best}.")
         return network.eval(), train
     history = read_checkpoint(last)["history"] if resumes else []
-    if is_first():
-        run.write_settings()
     millions = sum(weights.numel() for weights in network.parameters()) / 1e6
     say(
         f"Training {cfg.model} of width {cfg.demoire.width:g} ({millions:.2f} million weights) on "
@@ -93,7 +93,7 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
         "weights": round(1e6 * millions),
     }
     if is_first():
-        write_text(train_json, json.dumps(train))
+        write_text(out / "train.json", json.dumps(train))
     return network.eval(), train
 
 

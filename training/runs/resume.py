@@ -22,10 +22,12 @@ def require_resumable(run: Run[Any], *others: Run[Any] | None) -> None:
     Raises:
         ValueError: there is no such run, or it was made with other settings.
     """
-    for candidate in (run, *others):
-        if candidate and candidate.can_resume():
-            return
     path = run.folder
+    if run.can_resume():
+        return
+    for other in others:
+        if other and other.can_resume() and not (other.folder / "metrics.json").is_file():
+            return
     if run.stage() == "other":
         raise ValueError(
             f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: "
@@ -71,8 +73,7 @@ def damage(run: Run[Config]) -> str | None:
         return None
     try:
         read(folder)
-        if stage == "finished":
-            RunMetrics.read(folder)
+        RunMetrics.read(folder)
         if stage == "begun":
             read_checkpoint(folder / "last.ckpt")
     except ValueError as error:
