@@ -21,8 +21,8 @@ from training.demoireing.schema import DemoireConfig
 PAGE = Path(__file__).with_suffix(".md")
 INTRODUCTION = """# Settings
 
-Each is given as `key=value` after a command, and printed by the command's `--help`. `null` is no
-value. A path is taken as it is, with `~` expanded.
+Each is given as `key=value` after a command, and printed by its `--help`. `null` is no value. In a
+path, `~` is expanded.
 """
 COMMANDS = (
     ("Training classifiers", "training/fit.py", Config),
@@ -46,7 +46,7 @@ def page() -> str:
             rows = {key: row for key, row in rows.items() if key not in shared}
             names = "" if schema is ReattackConfig else f" named {', '.join(groups_of(shared))}"
             parts.append(f"Those of training classifiers{names}, and:\n")
-        lines = ["| setting | default | |", "|---|---|---|", *rows.values()]
+        lines = ["| setting and default | |", "|---|---|", *rows.values()]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
 
@@ -54,8 +54,7 @@ def page() -> str:
 def row_of(one: Setting) -> str:
     """Return a setting's row of the table."""
     key = one.key.removesuffix(".name")  # a group is chosen by its own name
-    row = f"| `{key}` | `{as_argument(one.default)}` | {one.facts.help}{allowed_values(one)} |"
-    return row.replace("``", "")
+    return f"| `{key}={as_argument(one.default)}` | {one.facts.help}{allowed_values(one)} |"
 
 
 def groups_of(keys: list[str]) -> list[str]:
