@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader
 from moireaug import Scene
 from moireaug.synthesis import Pairs
 from moireaug.synthesis.tone import ColourMap, psnr
-from training.calibration.pairs import ScreenPhoto
+from training.data.real_pairs import ScreenPhoto
 
 TARGETS = ("twin", "original")
 MULTIPLE = 16  # pixels: the network halves a picture four times

@@ -15,7 +15,7 @@ from PIL import Image
 from benchmarks import cleaned, told_apart
 from moireaug import Scene
 from training.calibration.crops import Crops, photograph_crops
-from training.calibration.pairs import ScreenPhoto
+from training.data.real_pairs import ScreenPhoto
 
 ROOT = Path(__file__).resolve().parents[2]
 EFFORT = told_apart.Effort(steps=80, batch=16, side=32, judged=64)

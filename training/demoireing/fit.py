@@ -27,11 +27,11 @@ from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scenes import as_scene
 from moireaug.synthesis.pairs import check_aligned
-from training.calibration.pairs import find_pairs, fingerprint, require_one_size
 from training.config import commands, scenes
 from training.config.checks import check_run
 from training.config.compose import register
 from training.config.schema import RECIPES, as_config
+from training.data.real_pairs import find_pairs, fingerprint, require_one_size
 from training.demoireing import pictures, report
 from training.demoireing.pairs import training_scenes
 from training.demoireing.schema import DemoireConfig
