@@ -66,7 +66,7 @@ def fit(cfg: Config) -> dict[str, Any]:
         start_time = time.perf_counter()
         splits = load(cfg.data)
         if cfg.resume is not False:
-            require_same_data(run, splits)
+            require_same_data(run, splits.files, splits.classes)
         try_out(run, splits)
         seconds = {"data": time.perf_counter() - start_time}
         start, baseline = plain_runs(run, splits)

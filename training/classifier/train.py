@@ -147,8 +147,8 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
 def origin_of(weights: str | None, splits: Splits) -> Origin:
     """Return the origin of checkpoints: their data and their file of weights."""
     if weights is None or not Path(weights).is_file():  # random, or published by a name
-        return Origin(splits.classes, splits.files, "")
-    return Origin(splits.classes, splits.files, digest(weights))
+        return Origin(splits.files, splits.classes)
+    return Origin(splits.files, splits.classes, digest(weights))
 
 
 def seed_of_draws(cfg: Config) -> int:

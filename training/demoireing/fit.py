@@ -37,7 +37,7 @@ from training.demoireing.pairs import training_scenes
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
 from training.report.terminal import show
-from training.runs.resume import require_resumable
+from training.runs.resume import require_resumable, require_same_data
 from training.runs.run import Run
 from training.system import machine
 from training.system.files import read_metrics
@@ -121,11 +121,10 @@ def complete(run: Run[DemoireConfig]) -> Metrics:
     try_out(run)
     splits = pictures.load(run.config)
     pictures.require_usable(splits)
+    if run.config.resume is not False:
+        require_same_data(run, splits.files)
     if is_first():
-        if run.can_resume():
-            pictures.require_same(run.folder, splits)
         run.prepare()
-        pictures.write_names(run.folder, splits)
     network, train = train_network(run, splits)
     if not is_first():
         return {}

@@ -22,7 +22,7 @@ from training.runs.run import Run
 from training.system.files import read_checkpoint
 from training.system.processes import is_first, say
 from training.trainer import ranks
-from training.trainer.checkpoints import RunCheckpoint
+from training.trainer.checkpoints import Origin, RunCheckpoint
 from training.trainer.make import make_trainer
 
 
@@ -45,7 +45,7 @@ def try_out(run: Run[DemoireConfig]) -> None:
         ValueError: as `module_of`; or a trainer's setting or a size of a batch that cannot be used.
     """
     module_of(run.config)
-    trainer = trainer_of(run.config, run.folder)
+    trainer = trainer_of(run.config, run.folder, "")
     require_even(run.config.train.batch_size, trainer.world_size)
 
 
@@ -85,7 +85,7 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     if history:
         say(f"Resuming from {last} after {history[-1]['steps']:.0f} steps.")
     batches = PairBatches(cfg, splits, first_epoch=len(history))
-    trainer = trainer_of(cfg, out)
+    trainer = trainer_of(cfg, out, splits.files)
     best_checkpoint, wall_seconds = ranks.fit(trainer, module, batches, out)
     train = cost(module.history, cfg.train.batch_size) | {
         "wall_seconds": wall_seconds,
@@ -97,12 +97,14 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     return network.eval(), train
 
 
-def trainer_of(cfg: DemoireConfig, out: Path) -> L.Trainer:
-    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder."""
+def trainer_of(cfg: DemoireConfig, out: Path, files: str) -> L.Trainer:
+    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder, with the
+    fingerprint of its files."""
     callbacks = [
         EMAWeightAveraging(decay=cfg.train.ema),
         RunCheckpoint(out, "best", monitor="val_psnr", mode="max"),
         RunCheckpoint(out, "last"),
+        Origin(files),
     ]
     epochs = cfg.train.steps // cfg.train.check_every
     return make_trainer(cfg.trainer, epochs, callbacks, MAX_GRADIENT_NORM)

@@ -53,7 +53,8 @@ def plain_run(
         role: "start" or "baseline", for the messages.
     """
     with run.locked():
-        if reason := damage(run) or weights_difference(run) or data_difference(run, splits):
+        difference = data_difference(run, splits.files, splits.classes)
+        if reason := damage(run) or weights_difference(run) or difference:
             say(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
         elif run.stage() in ("trained", "finished") and (metrics := RunMetrics.read(run.folder)):
