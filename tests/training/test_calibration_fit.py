@@ -140,16 +140,11 @@ def test_a_fit_finds_how_large_a_picture_was_shown(monkeypatch):
     shown = [torch.from_numpy(picture(s, side, side)).permute(2, 0, 1) for s in range(6)]
     screen = replace(PLAIN, sensor=Sensor(pitch=(2.0, 2.1), gain=2.8))
     hidden = replace(screen, panel=Panel(width=(45.0, 50.0)))
-    crops = torch.stack(shown)
-    photos = photograph_crops(hidden, crops, 1)
-    found = fit(
-        replace(screen, panel=Panel(width=(14.0, 15.0))),
-        Crops(photos, crops, torch.arange(6), tuple("abcdef")),
-        measure_crops(photos, crops),
-        48,
-        math.inf,
-        0,
-    )
+    originals = torch.stack(shown)
+    photos = photograph_crops(hidden, originals, 1)
+    crops, real = Crops(photos, originals, torch.arange(6), ()), measure_crops(photos, originals)
+    start = replace(screen, panel=Panel(width=(14.0, 15.0)))
+    found = fit(start, crops, real, 48, math.inf, 0)
     assert found.searched_after < 0.5 * found.searched_before and found.after < found.before
     assert sum(found.scene.panel.width) / 2 == pytest.approx(47.5, rel=0.2)
 
