@@ -23,7 +23,7 @@ from moireaug import Scene, capture
 from moireaug.evaluation.statistics import wilson
 from moireaug.mixtures import Mixture, sample_one
 from moireaug.synthesis import without_moire
-from training.calibration.pairs import ScreenPhoto
+from training.data.real_pairs import ScreenPhoto
 from training.models import classifiers as models
 
 CLASSES = 1000  # of ImageNet

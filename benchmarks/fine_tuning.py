@@ -35,7 +35,7 @@ from moireaug import capture
 from moireaug.evaluation.statistics import wilson
 from moireaug.mixtures import as_scenes
 from moireaug.synthesis import without_moire
-from training.calibration.pairs import find_images, find_pairs, read_codes, read_pairs
+from training.data.real_pairs import find_images, find_pairs, read_codes, read_pairs
 
 LEARNING_RATE = 0.001
 MAX_GRADIENT_NORM = 1.0

@@ -46,8 +46,8 @@ from training.calibration.compare import (
     terminal_parts,
 )
 from training.calibration.crops import Crops, cut_crops, photograph_crops
-from training.calibration.pairs import find_pairs, read_pairs
 from training.config import scenes
+from training.data.real_pairs import find_pairs, read_pairs
 from training.report.terminal import plain
 
 FULL: dict[str, Any] = {

@@ -60,7 +60,6 @@ READ = (("files", 0), ("files", 2), ("memory", 0))
 SMALL = 64  # px; networks of larger images take steps of SGD
 OPTIONS = {
     "as it is": [],
-    "train.channels_last=false": ["train.channels_last=false"],
     "train.compile=true": ["train.compile=true"],
     "trainer.precision=32-true": ["trainer.precision=32-true"],
     "trainer.precision=bf16-mixed": ["trainer.precision=bf16-mixed"],

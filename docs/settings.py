@@ -13,16 +13,16 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from training import calibrate, synthesise
 from training.config.compose import allowed_values
-from training.config.schema import Config, ReattackConfig
-from training.config.settings import as_argument, settings_of
+from training.config.schema import Config, ReattackConfig, RunConfig
+from training.config.settings import Setting, as_argument, settings_of
 from training.demoireing import clean
 from training.demoireing.schema import DemoireConfig
 
 PAGE = Path(__file__).with_suffix(".md")
 INTRODUCTION = """# Settings
 
-Each is given as `key=value` after a command, and printed by the command's `--help`. `null` is no
-value. A path is taken as it is, with `~` expanded.
+Each is given as `key=value` after a command, and printed by its `--help`. `null` is no value. In a
+path, `~` is expanded.
 """
 COMMANDS = (
     ("Training classifiers", "training/fit.py", Config),
@@ -37,22 +37,30 @@ COMMANDS = (
 def page() -> str:
     """Return the page."""
     parts = [INTRODUCTION.rstrip() + "\n"]
-    described: dict[str, str] = {}
+    training = {one.key: row_of(one) for one in settings_of(Config).values()}
     for title, command, schema in COMMANDS:
         parts.append(f"\n## {title}\n\n`python {command}`\n")
-        rows = []
-        for one in settings_of(schema).values():
-            key = one.key.removesuffix(".name")  # a group is chosen by its own name
-            description = f"{one.facts.help}{allowed_values(one)}"
-            row = f"| `{key}` | `{as_argument(one.default)}` | {description} |"
-            if schema is ReattackConfig and described.get(key) == row:
-                continue
-            described[key] = row
-            rows.append(row.replace("``", ""))
-        if schema is ReattackConfig:
-            parts.append("Those of training, and:\n")
-        parts.append("\n".join(["| setting | default | |", "|---|---|---|", *rows]) + "\n")
+        rows = {one.key: row_of(one) for one in settings_of(schema).values()}
+        if issubclass(schema, RunConfig) and schema is not Config:
+            shared = [key for key, row in rows.items() if training.get(key) == row]
+            rows = {key: row for key, row in rows.items() if key not in shared}
+            names = "" if schema is ReattackConfig else f" named {', '.join(groups_of(shared))}"
+            parts.append(f"Those of training classifiers{names}, and:\n")
+        lines = ["| setting and default | |", "|---|---|", *rows.values()]
+        parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
+
+
+def row_of(one: Setting) -> str:
+    """Return a setting's row of the table."""
+    key = one.key.removesuffix(".name")  # a group is chosen by its own name
+    return f"| `{key}={as_argument(one.default)}` | {one.facts.help}{allowed_values(one)} |"
+
+
+def groups_of(keys: list[str]) -> list[str]:
+    """Return keys as code, those of a section as one."""
+    groups = [f"`{key.split('.')[0]}.*`" if "." in key else f"`{key}`" for key in keys]
+    return list(dict.fromkeys(groups))
 
 
 if __name__ == "__main__":

@@ -47,7 +47,11 @@ from training.calibration.compare import (
 )
 from training.calibration.crops import cut_crops, photograph_crops
 from training.calibration.page import crop_table, example_blocks, page
-from training.calibration.pairs import (
+from training.calibration.plot import draw
+from training.config import scenes
+from training.config.plain import parse, report_errors
+from training.config.settings import setting
+from training.data.real_pairs import (
     ScreenPhoto,
     find_images,
     find_pairs,
@@ -55,10 +59,6 @@ from training.calibration.pairs import (
     read_pairs,
     read_registered,
 )
-from training.calibration.plot import draw
-from training.config import scenes
-from training.config.plain import parse, report_errors
-from training.config.settings import setting
 from training.report.terminal import show
 from training.runs.identity import fingerprint_of
 from training.system.files import free_name, make_folder
@@ -99,7 +99,7 @@ def calibrate(cfg: Config) -> list[StatisticRow]:
     real = measure_crops(crops.photos, crops.originals)
     fitted = None
     if cfg.fit:
-        fitted = fit.fit(scene, crops, real, cfg.evaluations, cfg.seconds, cfg.seed, print)
+        fitted = fit.fit(scene, crops, real, cfg.evaluations, cfg.seconds, cfg.seed)
         print(f"fit: {fitted.sentence()}")
         if fitted.scene is not scene:
             scene, name = fitted.scene, f"{name}, fitted"
@@ -113,7 +113,8 @@ def calibrate(cfg: Config) -> list[StatisticRow]:
     table = compare_statistics(real, theirs)
     plot = draw(table, name)
     write_bytes(out / "statistics.png", plot)
-    write_text(out / "statistics.csv", pd.DataFrame([row.to_dict() for row in table]).to_csv())
+    rows = pd.DataFrame([row.to_dict() for row in table])
+    write_text(out / "statistics.csv", rows.to_csv(index=False))
     write_text(out / "crops.csv", crop_table(crops, real, theirs).to_csv(index=False))
     examples = example_blocks(crops, simulated, name)
     write_text(out / "report.html", page(table, crops, scene, name, plot, examples, fitted))

@@ -39,7 +39,6 @@ from training.models.classifiers import require_known
 from training.recipe.phases import complete, plain_runs, report_finished
 from training.runs.metrics import RunMetrics
 from training.runs.resume import require_resumable, require_same_data, require_same_weights
-from training.runs.reuse import is_unreported
 from training.runs.run import PLAIN_RECIPES, Run, baseline_of, start_of
 from training.system.processes import is_first
 from training.trainer.ranks import run_job
@@ -58,7 +57,7 @@ def fit(cfg: Config) -> dict[str, Any]:
     with run.locked():
         if cfg.resume is not False:
             require_same_weights(run)
-            if run.stage() == "finished" or is_unreported(run):
+            if run.stage() == "finished":
                 return as_dict(report_finished(run))
         if cfg.resume and is_first():
             require_resumable(run, start_of(run), baseline_of(run))
@@ -67,7 +66,7 @@ def fit(cfg: Config) -> dict[str, Any]:
         start_time = time.perf_counter()
         splits = load(cfg.data)
         if cfg.resume is not False:
-            require_same_data(run, splits)
+            require_same_data(run, splits.files, splits.classes)
         try_out(run, splits)
         seconds = {"data": time.perf_counter() - start_time}
         start, baseline = plain_runs(run, splits)

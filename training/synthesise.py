@@ -27,17 +27,17 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
 
 from moireaug.files import remove
 from moireaug.synthesis import Pairs
-from moireaug.synthesis.pictures import NoPictureError
 from training.config import scenes
 from training.config.plain import parse, report_errors
 from training.pairs.files import FORMATS
 from training.pairs.make import make
 from training.pairs.schema import Config
-from training.pairs.sets import PairSet, Share, claim, release, share_of
+from training.pairs.sets import PairSet, Share, claim, share_of
 from training.system.locks import locked
 from training.system.messages import count_text
 
@@ -106,17 +106,15 @@ def synthesise(cfg: Config) -> None:
     scene = scenes.load(cfg.scene)
     pairs = Pairs(cfg.images, scene, cfg.size, twin=cfg.twin, seed=cfg.seed, n=cfg.n)
     pair_set = PairSet(Path(cfg.out), cfg.n, cfg.per_shard, FORMATS[cfg.format].suffix)
+    # before the folder is claimed: other settings may find a usable picture
+    pairs.pictures.subset(range(len(pairs.pictures))).draw(np.random.default_rng(0))
     claim(pair_set.folder, file_settings(cfg, pairs))
     busy = f"another command is at work on shard={cfg.shard} of {pair_set.folder}: wait for it."
     with locked(pair_set.folder / f".shard-{share.label}.lock", busy):
         # of a command that was killed
         for stale in pair_set.folder.glob(f".*.{share.label}.*.tmp"):
             remove(stale)
-        try:
-            make(cfg, pairs, pair_set, share)
-        except NoPictureError:  # other settings may use the folder
-            release(pair_set.folder)
-            raise
+        make(cfg, pairs, pair_set, share)
     others = pairs.pictures.others
     if others:
         print(

@@ -18,7 +18,7 @@ from benchmarks.agreement import (
     phi_coefficient,
 )
 from moireaug import Lens, Panel, Scene, Sensor
-from training.calibration.pairs import ScreenPhoto
+from training.data.real_pairs import ScreenPhoto
 
 SIZES = Sizes(judged=48, shrunk=(32,))
 SCREEN = Scene(panel=Panel(width=110.0), lens=Lens(blur=0.3), sensor=Sensor(pitch=2.1, gain=3.0))

@@ -14,7 +14,7 @@ from torchvision.datasets.folder import IMG_EXTENSIONS
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
 from moireaug.synthesis import Pairs, pictures, without_moire
 from tests.synthesis.folders import put, spoil
-from training.calibration.pairs import find_images
+from training.data.real_pairs import find_images
 
 SIZE = 32
 

@@ -55,6 +55,7 @@ def test_a_number_beyond_its_bounds_is_refused(key):
         ("trainer.deterministic=foo", "trainer.deterministic must be true, false or warn"),
         ("trainer.precision=bf16-true", "trainer.precision must be one of .*bf16-mixed"),
         ("trainer.precision=64", "trainer.precision must be one of"),
+        ("trainer.accelerator=mps", "trainer.accelerator must be one of"),
         ("reattack.eps=[nan]", "eps must be a number"),
         ("adversary.natural=0.9", "parts of one batch"),
         ("adversary.kind=pdg", "Did you mean 'pgd'"),

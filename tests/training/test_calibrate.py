@@ -13,8 +13,8 @@ from tests.training.screens import PLAIN, picture
 from training import calibrate
 from training.calibration.compare import compare_statistics, mean_distance, measure_crops
 from training.calibration.crops import cut_crops, photograph_crops
-from training.calibration.pairs import find_pairs, read_pairs
 from training.config import scenes
+from training.data.real_pairs import find_pairs, read_pairs
 
 
 def photo_of(scene, shown, seed):

@@ -35,16 +35,21 @@ SEARCHED = (SearchedField("lens.blur", 0.2, 1.2), SearchedField("sensor.gain", 1
 START = replace(PLAIN, sensor=Sensor(scale=2.0, gain=(1.6, 2.0)))
 
 
-def test_a_fit_finds_what_was_hidden(hidden, tmp_path):
+@pytest.fixture(autouse=True)
+def few_fields(monkeypatch):
+    monkeypatch.setattr(fitting, "fields_to_search", lambda scene: SEARCHED)
+
+
+def test_a_fit_finds_what_was_hidden(hidden, tmp_path, capsys):
     crops, real = hidden
-    told = []
-    found = fit(START, crops, real, 64, math.inf, 0, told.append, SEARCHED)
+    found = fit(START, crops, real, 64, math.inf, 0)
     assert found.searched_after < 0.25 * found.searched_before
     assert found.after < 0.75 * found.before  # in other shots
     assert sum(found.scene.sensor.gain) / 2 == pytest.approx(3.1, abs=0.35)
     assert sum(found.scene.lens.blur) / 2 == pytest.approx(0.75, abs=0.12)
     assert found.scene.view == START.view and found.evaluations == 64
-    assert told[0].startswith("fit: distance") and len(told) > 3
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("fit: distance") and len(lines) > 3
     path = tmp_path / "scene.yaml"
     for scene in (START, PLAIN, found.scene):
         calibrate.write_scene(path, scene)
@@ -54,27 +59,32 @@ def test_a_fit_finds_what_was_hidden(hidden, tmp_path):
     assert scenes.load(str(tmp_path / "scene-3.yaml")) == PLAIN
 
 
-def test_an_interrupted_fit_keeps_the_best(hidden):
+def test_an_interrupted_fit_keeps_the_best(hidden, monkeypatch):
     crops, real = hidden
 
-    def interrupt(line):
-        if "evaluations" in line and "interrupted" not in line:
-            raise KeyboardInterrupt
+    points = []
 
-    found = fit(START, crops, real, 1000, math.inf, 0, interrupt, SEARCHED)
-    assert found.evaluations < 20
+    def interrupt(start, limits, point):
+        points.append(point)
+        if len(points) > 9:
+            raise KeyboardInterrupt
+        return ranges.decode(start, limits, point)
+
+    monkeypatch.setattr(fitting, "decode", interrupt)
+    found = fit(START, crops, real, 1000, math.inf, 0)
+    assert found.evaluations == 1 + 9
     assert found.after <= found.before
     assert "evaluations in" in found.sentence()
 
 
 def test_a_fit_that_may_not_search_leaves_the_scene(hidden):
     crops, real = hidden
-    found = fit(START, crops, real, 1, math.inf, 0, lambda line: None, SEARCHED)
+    found = fit(START, crops, real, 1, math.inf, 0)
     assert found.scene is START and found.before == found.after
     assert "found no better ranges: the scene stays as it was" in found.sentence()
 
 
-def test_a_scene_that_overfits_the_search_is_not_taken(monkeypatch, hidden):
+def test_a_scene_that_overfits_the_search_is_not_taken(monkeypatch, hidden, capsys):
     crops, real = hidden
     monkeypatch.setattr(
         fitting,
@@ -84,10 +94,10 @@ def test_a_scene_that_overfits_the_search_is_not_taken(monkeypatch, hidden):
             float(scene.sensor.gain[0]) * (1 if seed == 8 else -1)
         ),
     )
-    told = []
-    found = fit(START, crops, real, 40, math.inf, 7, told.append, SEARCHED)
+    found = fit(START, crops, real, 40, math.inf, 7)
     assert found.scene is START and found.before == found.after == -1.6
-    assert float(told[-1].split()[2]) < 1.3  # it had found something
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert float(last.split()[2]) < 1.3  # it had found something
 
 
 def test_every_searched_field_is_a_range_of_a_scene():
@@ -123,33 +133,28 @@ def test_a_screen_is_searched_by_its_width_and_pitch():
             assert ranges.decode(scene, limits, point) is not None
 
 
-def test_a_fit_finds_how_large_a_picture_was_shown():
+def test_a_fit_finds_how_large_a_picture_was_shown(monkeypatch):
+    width = SearchedField("panel.width", 10.0, 100.0)
+    monkeypatch.setattr(fitting, "fields_to_search", lambda scene: (width,))
     side = 48
     shown = [torch.from_numpy(picture(s, side, side)).permute(2, 0, 1) for s in range(6)]
     screen = replace(PLAIN, sensor=Sensor(pitch=(2.0, 2.1), gain=2.8))
     hidden = replace(screen, panel=Panel(width=(45.0, 50.0)))
-    crops = torch.stack(shown)
-    photos = photograph_crops(hidden, crops, 1)
-    found = fit(
-        replace(screen, panel=Panel(width=(14.0, 15.0))),
-        Crops(photos, crops, torch.arange(6), tuple("abcdef")),
-        measure_crops(photos, crops),
-        48,
-        math.inf,
-        0,
-        lambda line: None,
-        (SearchedField("panel.width", 10.0, 100.0),),
-    )
+    originals = torch.stack(shown)
+    photos = photograph_crops(hidden, originals, 1)
+    crops, real = Crops(photos, originals, torch.arange(6), ()), measure_crops(photos, originals)
+    start = replace(screen, panel=Panel(width=(14.0, 15.0)))
+    found = fit(start, crops, real, 48, math.inf, 0)
     assert found.searched_after < 0.5 * found.searched_before and found.after < found.before
     assert sum(found.scene.panel.width) / 2 == pytest.approx(47.5, rel=0.2)
 
 
-def test_a_fits_distance_is_that_of_the_written_scene(hidden, tmp_path):
+def test_a_fits_distance_is_that_of_the_written_scene(hidden, monkeypatch):
     """Narrow ranges, too: as numbers they would draw nothing, and shift all other draws."""
     crops, real = hidden
     narrow = (SearchedField("lens.blur", 0.7, 0.8), SearchedField("sensor.gain", 1.0, 5.0))
-    start = replace(START, lens=Lens(blur=(0.75, 0.7501)))
-    found = fit(start, crops, real, 24, math.inf, 3, lambda line: None, narrow)
+    monkeypatch.setattr(fitting, "fields_to_search", lambda scene: narrow)
+    found = fit(replace(START, lens=Lens(blur=(0.75, 0.7501))), crops, real, 24, math.inf, 3)
     for seed, said in ((3, found.after), (4, found.searched_after)):
         photos = photograph_crops(found.scene, crops.originals, seed)
         again = mean_distance(compare_statistics(real, measure_crops(photos, crops.originals)))
@@ -167,4 +172,4 @@ def test_rounding_leaves_every_range_its_width():
 def test_photos_alone_cannot_be_fitted(hidden):
     crops, real = hidden
     with pytest.raises(ValueError, match="needs the pictures that were on the screen"):
-        fit(START, replace(crops, originals=None), real, 8, math.inf, 0, print, SEARCHED)
+        fit(START, replace(crops, originals=None), real, 8, math.inf, 0)

@@ -39,6 +39,7 @@ KEYS = [
     ("train.epoch=3", "Did you mean 'epochs'?"),
     ("recipe=moire_att", "Did you mean 'moire_at'?"),
     ("data=sign", "Did you mean 'signs'?"),
+    ("data.name=cifar10", "pass data=cifar10"),
     ("sceen=paper", "Did you mean 'scene'?"),
     ("moire_at", "settings are given as key=value; got 'moire_at'"),
     ("reattack.eps=4/255", "reattack.eps must be a list, as in"),

@@ -27,6 +27,7 @@ from training.runs import reuse, trained
 from training.runs.run import Run
 from training.system import machine
 from training.system.files import read_metrics
+from training.trainer import ranks
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -110,36 +111,40 @@ def test_a_plain_run_is_attacked_once_it_is_asked_for(whole, tmp_path, monkeypat
     before = read_metrics(folder)
     assert "reattack" not in before and set(before["time"]) == {"train"}
     assert "trust" in read_metrics(tmp_path / "runs/moire_at/seed0")
-    monkeypatch.setattr(fit, "complete", lambda *args, **options: pytest.fail("trained again"))
+    monkeypatch.setattr(ranks, "fit", lambda *args: pytest.fail("trained again"))
     found = fit.fit(configured("recipe=baseline", *TINY, f"runs={tmp_path / 'runs'}"))
     assert found["trust"] and found["time"]["checks"] > 0 and found["time"]["re-attack"] > 0
     assert (folder / "report.html").is_file()
     kept = read_metrics(folder)
     for metrics in (found, kept):
-        for name in ("train", "start", "config"):
+        for name in ("train", "start", "config", "environment"):
             assert metrics[name] == before[name]
     assert kept["trust"] == found["trust"] and kept["reattack"] == found["reattack"]
     beside = read_metrics(tmp_path / "runs/moire_at/seed0")["baseline"]
     assert kept["reattack"] == beside["reattack"], "what the other run has computed is read"
 
 
-def test_a_plain_run_may_be_attacked_in_another_way(whole, tmp_path, monkeypatch):
+def test_a_finished_run_is_attacked_in_another_way_and_not_trained_again(
+    whole, tmp_path, monkeypatch
+):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
-    folder = tmp_path / "runs/baseline/seed0"
-    weights = (folder / "best.ckpt").read_bytes()
-    monkeypatch.setattr(fit, "complete", lambda *args, **options: pytest.fail("trained again"))
-    given = configured("recipe=baseline", *TINY, "reattack.n=6", f"runs={tmp_path / 'runs'}")
+    folder = tmp_path / "runs/moire_at/seed0"
+    weights, before = (folder / "best.ckpt").read_bytes(), read_metrics(folder)
+    monkeypatch.setattr(ranks, "fit", lambda *args: pytest.fail("trained again"))
+    given = configured("recipe=moire_at", *TINY, *BRIEF, f"runs={tmp_path / 'runs'}")
+    assert Run(given).stage() == "trained"
     monkeypatch.setattr(machine, "command", lambda: "this command")
-    first = fit.fit(given)
+    found = fit.fit(given)
     assert (folder / "best.ckpt").read_bytes() == weights
-    assert first["reattack"][0]["n"] == first["config"]["reattack"]["n"] == 6
-    assert first["command"] == "this command"
-    assert Run(given).stage() == "finished"
-    assert read_metrics(folder)["reattack"] == first["reattack"]
-    start = start_config(given)
-    assert reuse.is_unreported(Run(start)) and not reuse.is_unreported(Run(given))
-    (Run(start).folder / "best.ckpt").unlink()
-    assert not reuse.is_unreported(Run(start)), "it must be trained again"
+    assert [p.name for p in folder.parent.iterdir() if p.name[0] != "."] == ["seed0"]
+    assert found["reattack"][0]["n"] == found["config"]["reattack"]["n"] == 6
+    assert found["command"] == "this command" and found["train"] == before["train"]
+    assert Run(given).stage() == "finished" and read_metrics(folder) == found
+    assert trained.read(folder).cfg.reattack.n == 6
+    start = Run(start_config(given))
+    assert start.stage() == "trained", "it was never attacked"
+    (start.folder / "best.ckpt").unlink()
+    assert start.stage() == "begun"
 
 
 def test_a_re_attack_takes_what_the_run_has_computed(whole, tmp_path):
@@ -172,7 +177,7 @@ def test_the_gain_is_over_the_baseline_not_the_start():
 
 def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     cwd, _ = whole
-    cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}")
+    cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6")
     folders = [cwd / f"runs/{recipe}/seed0" for recipe in ("clean", "baseline")]
     before = [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders]
     start, baseline = phases.plain_runs(Run(cfg), load(cfg.data))
@@ -183,18 +188,7 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     assert f"The baseline is reused from {folders[1]}" in said
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
     for wanted in (start_config(other), baseline_config(other)):
-        assert reuse.metrics_of_trained(Run(wanted)) is None, "its settings are others"
         assert Run(wanted).stage() == "other"
-
-
-def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
-    cwd, _ = whole
-    cfg = configured(
-        "recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1"
-    )
-    path = cwd / "runs/baseline/seed0"
-    known = reuse.metrics_of_trained(Run(baseline_config(cfg)))
-    assert known.to_dict() == read_metrics(path) and known.train.epochs == 2
 
 
 def test_a_baseline_of_other_settings_is_not_attacked(whole, tmp_path, capsys):

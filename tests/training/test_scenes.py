@@ -42,15 +42,18 @@ def test_a_file_is_the_scene_that_it_describes(file):
     assert scene.panel.lit == (0.6, 0.9) and scene.lens == Scene.preset("phone_at_monitor").lens
     assert scenes.load("screen_photo") == Scene.preset("screen_photo")
     assert scenes.inline_files(WANTED) is WANTED
+    file.write_text("tolerance: 1e-3")  # which YAML alone takes for a word
+    assert scenes.load(str(file)).tolerance == 1e-3
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("panel: [", "could not be read as YAML"),
-        ("panel", "it must be a YAML mapping of its parts, or a list of scenes"),
+        ("", "it must be a YAML mapping of its parts, or a list of scenes"),
+        ("3", "could not be read"),
+        ("lens: {blur: '${lens'}", "could not be read as YAML"),
         ("- panel", "a preset must be one of"),
-        ("[]", "names no scene"),
         ("- [paper, screen_photo]", "Put all scenes into one list"),
         ("- paper\n- {lens: {blurr: 1}}", "Did you mean 'blur'"),
         ("pannel: {}", "Did you mean 'panel'"),
@@ -58,10 +61,9 @@ def test_a_file_is_the_scene_that_it_describes(file):
         ("panel: 3", "Scene.panel must be a mapping of its fields; got 3"),
         ("panel: {lit: 7}", r"Panel.lit must lie in"),
         ("preset: phone", "a preset must be one of"),
-        ("tolerance: 1e-3", "must be a number"),  # which YAML takes for a word
-        ("lens: {blur: 1}\npanel: {}\nlens: {}", "duplicate key 'lens' in line 3, first set in"),
-        ("lens:\n  blur: 1\n  blur: 2", "duplicate key 'blur' in line 3, first set in line 2"),
-        ("lens: {blur: 2026-13-45}", "could not be read as YAML"),
+        ("lens: {blur: 1}\npanel: {}\nlens: {}", "found duplicate key lens .* line 3"),
+        ("lens:\n  blur: 1\n  blur: 2", "found duplicate key blur .* line 3"),
+        ("lens: {blur: 2026-13-45}", "must be a number"),
         ("[" * 5000, "could not be read as YAML"),
         (b"\xff\xfe\xff", "could not be read as YAML"),
     ],
@@ -110,7 +112,8 @@ def test_a_file_may_hold_a_list_and_conversely(tmp_path, file):
     blurred = {"preset": "screen_photo", "lens": {"blur": 0.3}}
     assert scenes.inline_files(str(several)) == ["phone_at_monitor", blurred]
     assert scenes.load(str(several)) == as_scenes(["phone_at_monitor", blurred])
-    assert scenes.inline_files(["paper", str(file)]) == ["paper", WANTED]
+    given = ["paper", str(file), str(several)]
+    assert scenes.inline_files(given) == ["paper", WANTED, "phone_at_monitor", blurred]
     with pytest.raises(ValueError, match="holds a list of 2 scenes; this command takes one"):
         scenes.load_one(str(several))
     several.write_text("[phone_at_monitor]")

@@ -123,15 +123,3 @@ def test_links_to_nothing_and_in_circles_are_no_pictures(tmp_path, folder):
     (folder / "gone.png").symlink_to(tmp_path / "nowhere.png")
     (folder / "class0/again").symlink_to(folder)
     assert Pictures(folder, 1).names == names
-
-
-def test_a_picture_that_cannot_be_read_gives_no_folder_up(tmp_path, folder, monkeypatch):
-    """Another shard may have claimed it, too."""
-
-    def fails(self, name):
-        raise ValueError("the disk is gone")
-
-    monkeypatch.setattr(Pictures, "_load", fails)
-    with pytest.raises(SystemExit, match="the disk is gone"):
-        made(tmp_path / "out", "workers=0")
-    assert (tmp_path / "out/dataset.json").is_file()

@@ -8,8 +8,8 @@ from PIL import Image, ImageOps
 from moireaug.defenses import demoire
 from moireaug.images import read_picture, size_of
 from moireaug.synthesis import Pairs
-from training.calibration.pairs import Pair, read_codes, read_pairs, require_one_size
 from training.data.image_sets import UprightFolder
+from training.data.real_pairs import PairFiles, read_codes, read_pairs, require_one_size
 from training.demoireing import clean as cleaning
 from training.demoireing.starting import start_as_identity
 from training.explorer import photo
@@ -86,7 +86,7 @@ def test_a_pair_is_of_one_size_as_it_is_shown(tmp_path):
     shown = SHADES[:12]
     original = tmp_path / "original.png"
     Image.fromarray(shown).save(original)
-    pair = Pair(photo_of(tmp_path / "photo.png", 6, np.rot90(shown).copy()), original)
+    pair = PairFiles(photo_of(tmp_path / "photo.png", 6, np.rot90(shown).copy()), original)
     require_one_size(pair)
     ((_, photo, picture),) = read_pairs([pair])
     assert torch.equal(photo, picture)

@@ -28,9 +28,10 @@ from training.system import machine
 def ladder_metrics(result: AttackResult) -> dict[str, Any]:
     """Return the fields of `RunMetrics` that a ladder fills."""
     rows, outcomes = [], {}
+    headline = main_attack(result.tables[0]).name
     for cell in result.cells.to_dict("records"):
         row = {name: cell[name] for name in ("eps", "steps", "control", "targeted", "accuracy")}
-        row = {"name": cell["row"]} | row
+        row = {"name": cell["row"], "headline": cell["row"] == headline} | row
         row["accuracy_interval"] = [cell["accuracy_low"], cell["accuracy_high"]]
         row["success"] = None if pd.isna(cell["success"]) else cell["success"]
         row["success_interval"] = [cell["low"], cell["high"]]

@@ -10,10 +10,9 @@ import torch
 from torch import Tensor
 
 from moireaug import Scene, capture
-from training.calibration.pairs import ScreenPhoto
+from training.data.real_pairs import ScreenPhoto
 
 BATCH_CROPS = 8  # that are photographed at a time
-EXAMPLE_SIDE = 300  # pixels, of the pictures of a report
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +71,6 @@ def cut_crops(pictures: Iterable[ScreenPhoto], side: int, each: int, seed: int =
 
 def _size(picture: Tensor) -> str:
     return f"{picture.shape[-1]} x {picture.shape[-2]}"
-
-
-def middle_of(picture: Tensor) -> Tensor:
-    """Return the middle of a picture (3, H, W), at most `EXAMPLE_SIDE` pixels wide and high, as a
-    copy: a view would keep all of it."""
-    top, left = (max(0, (length - EXAMPLE_SIDE) // 2) for length in picture.shape[1:])
-    return picture[:, top : top + EXAMPLE_SIDE, left : left + EXAMPLE_SIDE].clone()
 
 
 @torch.no_grad()

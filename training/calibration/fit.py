@@ -10,7 +10,6 @@ too: whether the scene has become better is judged on others.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,8 +93,6 @@ def fit(
     evaluations: int,
     seconds: float,
     seed: int,
-    log: Callable[[str], None],
-    searched: Sequence[SearchedField] | None = None,
 ) -> FittedScene:
     """Search the ranges of a scene, from its own on; Ctrl-C ends the search, and the best so far is
     judged.
@@ -107,8 +104,6 @@ def fit(
         evaluations: greatest number of evaluations.
         seconds: time of the search, which ends with the generation that reaches it.
         seed: seed of the shots that judge. The search and its shots have the next one.
-        log: function that takes a line of progress.
-        searched: fields to search; None is `fields_to_search`.
 
     Raises:
         ValueError: crops without originals.
@@ -126,10 +121,10 @@ def fit(
     originals = crops.originals[torch.from_numpy(rows)]
     statistics = [real[row] for row in rows]
 
-    limits = tuple(widen(start, field) for field in searched or fields_to_search(start))
+    limits = tuple(widen(start, field) for field in fields_to_search(start))
     first = distance_to(start, originals, statistics, seed + 1)
     best, best_distance, count = start, first, 1
-    log(f"fit: distance {first:.3f} at the start")
+    print(f"fit: distance {first:.3f} at the start")
     options = {"bounds": [0, 1], "seed": seed + 1, "verbose": -9}
     search = cma.CMAEvolutionStrategy(encode(start, limits), INITIAL_STEP, options)
     try:
@@ -146,11 +141,11 @@ def fit(
                     best, best_distance = scene, value
                 values.append(value)
                 count += 1
-            log(f"fit: distance {best_distance:.3f} after {count} evaluations")
+            print(f"fit: distance {best_distance:.3f} after {count} evaluations")
             if len(values) == len(points):
                 search.tell(points, values)
     except KeyboardInterrupt:
-        log(f"fit: interrupted after {count} evaluations; the best so far is kept")
+        print(f"fit: interrupted after {count} evaluations; the best so far is kept")
     if best is not start:
         best = rounded(best, limits)
     before, after = (distance_to(scene, crops.originals, real, seed) for scene in (start, best))

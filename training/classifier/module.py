@@ -71,8 +71,6 @@ class Classifier(L.LightningModule):
         super().__init__()
         self.model, self.scene, self.seed = model, scene, seed
         self.settings, self.threat, self.augment = train, adversary, augment
-        if not train.channels_last:
-            self.model.to(memory_format=torch.contiguous_format)
         if train.compile:
             self.model.compile()
         self.adversary = TrainingAdversary(model, scene, adversary)
@@ -137,7 +135,7 @@ class Classifier(L.LightningModule):
             images = self._attack_and_photograph(images, labels)
         except NoAnswerError:
             raise self._diverged("loss became nan", index) from None
-        loss = F.cross_entropy(self(images), labels, label_smoothing=self.settings.label_smoothing)
+        loss = F.cross_entropy(self(images), labels)
         if not torch.isfinite(loss):
             raise self._diverged(f"loss became {loss.item()}", index)
         self._loss.append(loss.detach())

@@ -73,17 +73,17 @@ def train_model(
     cfg = run.config
     L.seed_everything(cfg.seed, verbose=False)
     out, resumes = run.folder, run.can_resume()
-    last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
+    last, best = out / "last.ckpt", out / "best.ckpt"
     classifier = classifier_of(cfg, splits.num_classes)
-    if resumes and (train := TrainCost.read(train_json)):
+    if is_first():
+        run.write_settings()
+    if resumes and (train := TrainCost.read(out)):
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
         say(f"Training is complete: the weights are read from {best}.")
         return classifier.eval(), train
     start = start_of(run)
     if start and not resumes:
         classifier.model.load_state_dict(read_trained(start).state)
-    if is_first():
-        run.write_settings()
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
     say(_plan_line(cfg, epochs, classifier.tuning.lr, start_cost))
     history = read_checkpoint(last)["history"] if resumes else []
@@ -119,7 +119,7 @@ def train_model(
         total_seconds=seconds + (start_cost.seconds if start_cost else 0.0),
     )
     if is_first():
-        write_text(train_json, json.dumps(asdict(train)))
+        write_text(out / "train.json", json.dumps(asdict(train)))
     return classifier.eval(), train
 
 
@@ -147,8 +147,8 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
 def origin_of(weights: str | None, splits: Splits) -> Origin:
     """Return the origin of checkpoints: their data and their file of weights."""
     if weights is None or not Path(weights).is_file():  # random, or published by a name
-        return Origin(splits.classes, splits.files, "")
-    return Origin(splits.classes, splits.files, digest(weights))
+        return Origin(splits.files, splits.classes)
+    return Origin(splits.files, splits.classes, digest(weights))
 
 
 def seed_of_draws(cfg: Config) -> int:

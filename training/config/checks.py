@@ -103,8 +103,6 @@ def check_devices(trainer: Trainer) -> None:
             "pass cpu."
         )
     on_cpu = kind == "cpu" or (kind == "auto" and not gpus)
-    if not on_cpu and kind not in ("auto", "gpu", "cuda"):
-        return
     # two processes can be tried on any machine
     available = max(2, os.cpu_count() or 1) if on_cpu else gpus
     unit = "processes (CPU cores)" if on_cpu else "GPUs"

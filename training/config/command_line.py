@@ -68,6 +68,8 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
             if key.startswith(("~", "-", "hydra")):
                 continue
             _check_key(key, schema)
+            if key == "data.name":
+                raise ValueError(f"{override} keeps the settings of other data: pass data={value}.")
             if key in groups:
                 for name in value.split(","):
                     one_of(key, name, sorted(groups[key]))

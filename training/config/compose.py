@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,6 +28,7 @@ NO_LOGGING = (
 DATA_GROUPS = ({"data": DEFAULT_DATA},)
 RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean"})
 HELP_WIDTH = 100  # characters
+MIN_FAR_BOUND = 10_000  # a bound that only a mistake exceeds
 
 
 def register(
@@ -82,11 +84,14 @@ def help_text(description: str | None, schema: type, default_groups: Mapping[str
 
 
 def allowed_values(one: Setting) -> str:
-    """Return which values a setting may have, as the end of a sentence; "" for any."""
+    """Return which values a setting may have, as the end of a sentence; "" for any, for words that
+    its help names, and where only a mistake is out of bounds."""
     facts = one.facts
-    if facts.choices:
+    if not set(facts.choices) <= set(re.findall(r"[\w-]+", facts.help)):
         return f" ({', '.join(facts.choices)})"
     if facts.bounds is None:
         return ""
     low, high = facts.bounds
-    return f" (at least {low})" if high is None else f" ({low} to {high})"
+    if high is None or high >= MIN_FAR_BOUND:
+        return f" (at least {low})" if low > 1 else ""
+    return f" ({low} to {high})"

@@ -19,25 +19,26 @@ class Data:
     name: str = setting(MISSING, "the data set", choices=("signs", *TORCHVISION_SETS, "folder"))
     root: str | None = setting(
         None,
-        "the data's folder; data=folder: holds train/ and test/, or class folders alone (then all "
-        "of it is test data)",
+        "the data's folder; data=folder: with train/ and test/, or class folders alone, then all "
+        "test data",
         is_path=True,
         only_for=("folder", *TORCHVISION_SETS),
         may_differ=True,
     )
     size: int = setting(
         64,
-        "images are resized to size x size pixels: the larger, the less of a photo is lost in the "
-        "lens's blur",
+        "side of the images, in pixels; the lens blurs small ones more",
         bounds=(16, 8192),
     )
     train: int | None = setting(None, "training images; null is all there are", bounds=(1, None))
     val: int | None = setting(
         None,
-        "validation images; null is a tenth of the training images; for signs, their default",
+        "validation images; null is a tenth of the training images",
         bounds=(1, None),
     )
-    test: int | None = setting(None, "test images; null is all there are", bounds=(1, None))
+    test: int | None = setting(
+        None, "test images; null is all there are", bounds=(1, None), tests=True
+    )
     class_index: str | None = setting(
         None,
         "CSV of folder (or wnid) and class_index among the 1000 of published weights",
@@ -46,8 +47,8 @@ class Data:
     )
     augment: str = setting(
         "none",
-        "of clean training images; shift is by up to an eighth, affine a small rotation, shift, "
-        "zoom and shear, a change of brightness and contrast, and at times an erased part",
+        "of clean training images; shift is by up to an eighth, affine small changes of place, "
+        "form and tone, and erased parts",
         choices=AUGMENTATIONS,
         trains=True,
     )

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.mixtures import Mixture, as_scenes
 from moireaug.scenes import Scene
 from training.config.schema import Settings
 from training.config.settings import with_absolute_paths
-from training.system.files import UniqueKeyLoader
 
 SUFFIXES = (".yaml", ".yml")
 
@@ -36,7 +37,10 @@ def inline_files(scene: Any) -> Any:
         ValueError: a file that holds no scene.
     """
     if isinstance(scene, (list, tuple)):
-        return [inline_files(one) for one in scene]
+        several = []
+        for one in map(inline_files, scene):
+            several += one if isinstance(one, list) else [one]
+        return several
     if isinstance(scene, str) and scene.endswith(SUFFIXES):
         return read(Path(scene))
     return scene
@@ -83,13 +87,14 @@ def read(path: Path) -> dict[str, Any] | list[Any]:
         ValueError: no such file, no YAML mapping or list, or no scene; with what is wrong.
     """
     try:
-        values = yaml.load(path.read_text(encoding="utf-8"), UniqueKeyLoader)
+        values: Any = OmegaConf.to_container(OmegaConf.load(path))
     except OSError as error:
-        raise ValueError(f"scene={path} could not be read ({error.strerror}).") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = error.strerror or error
+        raise ValueError(f"scene={path} could not be read ({reason}).") from error
+    except (yaml.YAMLError, OmegaConfBaseException, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"scene={path} could not be read as YAML: {reason}.") from error
-    if not isinstance(values, (dict, list)):
+    if not values:
         raise ValueError(
             f"scene={path} holds no scene: it must be a YAML mapping of its parts, or a list of "
             "scenes."

@@ -18,7 +18,8 @@ RECIPES = Path(__file__).resolve().parents[2] / "recipes"
 MAX_SEED = 2**32 - 1
 # weights are float32 in all of them: the average, the attack and every re-attack need that
 PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
-ACCELERATORS = ("auto", "cpu", "gpu", "cuda", "mps")
+# not mps: it has no float64, which the geometry needs
+ACCELERATORS = ("auto", "cpu", "gpu", "cuda")
 Settings = TypeVar("Settings", bound="RunConfig")
 
 
@@ -28,13 +29,11 @@ class Adversary:
 
     kind: str = setting(
         "none",
-        "noise on a photo's reading (moire_attack) or on the pixels (pgd), or none",
+        "noise on a photo's reading (moire_attack) or on pixels (pgd), or none",
         choices=("none", "moire_attack", "pgd"),
     )
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
-    natural: float = setting(
-        0.0, "share of each batch that is photographed and not attacked", bounds=(0, 1)
-    )
+    natural: float = setting(0.0, "share that is only photographed", bounds=(0, 1))
     eps: float = setting(0.0, "bound of the noise, in [0, 1] units", bounds=(0, 1))
     steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
     warmup: float = setting(0.0, "share of training over which eps rises from 0", bounds=(0, 1))
@@ -54,34 +53,27 @@ class Train:
     batch_size: int = setting(64, "of all devices together", bounds=(1, None))
     lr: float | None = setting(
         None,
-        "peak learning rate; null: 0.02, of Muon; with weights=, 0.002 for a batch of 128, in "
-        "proportion, of SGD",
+        "peak learning rate; null is 0.02 (Muon), or with weights= 0.002 per 128 images of a batch "
+        "(SGD)",
         bounds=(1e-8, 10),
     )
-    momentum: float = setting(
-        0.95,
-        "peak of the one-cycle schedule, which falls by 0.1 and rises back",
-        bounds=(0, 0.9999),
-    )
+    momentum: float = setting(0.95, "peak of a cycle that falls by 0.1", bounds=(0, 0.9999))
     weight_decay: float | None = setting(None, "null: 0.05; with weights=, 5e-4", bounds=(0, 1))
-    label_smoothing: float = setting(0.0, "as in torch.nn.CrossEntropyLoss", bounds=(0, 0.99))
     init: str = setting(
         "random",
-        "random weights, or those of recipe clean, trained with the same settings",
+        "random weights, or those of recipe clean",
         choices=("random", "clean"),
         may_differ=True,
     )
     ema: float | None = setting(
         None,
-        "decay per step of the averaged weights, which are validated and kept; null: 0.98",
+        "decay per step of the averaged weights; null: 0.98",
         bounds=(0, 0.999999),
     )
     batch_statistics: bool | None = setting(
         None,
-        "whether batch normalisation uses and updates those of a batch; null: unless weights= are "
-        "given, whose own stay",
+        "whether batch normalisation uses those of a batch; null: unless weights= are given",
     )
-    channels_last: bool = setting(True, "memory layout in which CPUs and GPUs convolve faster")
     compile: bool = setting(False, "torch.compile of the model")
 
 
@@ -95,14 +87,12 @@ class Trainer:
     strategy: str = setting("auto", "how devices share the work, such as ddp")
     precision: Any = setting(
         None,
-        "null: for classifiers bf16-mixed where the hardware multiplies bfloat16, else 32-true; "
-        "the camera and every re-attack compute in float32 whatever is set",
+        "null: for classifiers bf16-mixed where the hardware multiplies it, else 32-true; the "
+        "camera and re-attacks compute in float32",
         choices=PRECISIONS,
     )
     deterministic: Any = setting(
-        False,
-        "true is refused by CUDA's bilinear resampling, warn warns of it; a CPU run is exact "
-        "anyway",
+        False, "CUDA's bilinear resampling refuses true; a CPU run is exact anyway"
     )
 
 
@@ -114,8 +104,7 @@ class Reattack:
     batch_size: int | None = setting(None, "null is 96, or fewer large images", bounds=(1, None))
     eps: list[float] | None = setting(
         None,
-        "bounds of the noise in [0, 1] units; null is the suite's own: 2, 4 and 8/255 for the "
-        "ladder",
+        "bounds of the noise; null is the suite's own: 2, 4 and 8/255 for the ladder",
         example="[0.00784313725,0.0156862745]",
     )
     steps: int = setting(20, "steps of each attack", bounds=(0, 100_000))
@@ -138,8 +127,8 @@ class RunConfig:
     )
     scene: Any = setting(
         "screen_photo",
-        "a preset's name, a mapping of Scene's fields with an optional `preset`, a YAML file of "
-        "one, or a list of these, of which one is drawn per image",
+        "a preset's name, a mapping of Scene's fields with an optional `preset`, a YAML file, or "
+        "a list of these, of which one is drawn per image",
         example="'{preset: paper, ...}'",
     )
     model: str = setting(MISSING, "the network's name", run_has="its own model")
@@ -173,7 +162,7 @@ class Config(RunConfig):
     data: Data = section(Data)
     adversary: Adversary = section(Adversary, trains=True)
     train: Train = section(Train, trains=True)
-    reattack: Reattack = section(Reattack)
+    reattack: Reattack = section(Reattack, tests=True)
 
 
 @dataclass

@@ -35,6 +35,8 @@ class Facts:
             another run.
         may_differ: whether compared runs may differ in it.
         trains: whether it is a setting of training, which an attack on a trained model refuses.
+        tests: whether it is a setting of the attack or test of a trained model alone: a run with
+            another value is tested again, and not trained again.
         from_run: whether an attack on a run takes it from the run's folder, which may be a
             stranger's; else from the command line alone.
         run_has: the run's counterpart, as a noun; a setting that has one does not go with `run=`.
@@ -49,6 +51,7 @@ class Facts:
     changes_result: bool = True
     may_differ: bool = False
     trains: bool = False
+    tests: bool = False
     from_run: bool = True
     run_has: str = ""
 
@@ -66,16 +69,14 @@ def setting(default: Any, help: str, **facts: Any) -> Any:
     return field(default=default, metadata=metadata)
 
 
-def section(schema: Callable[[], Any], *, trains: bool = False, from_run: bool = True) -> Any:
+def section(schema: Callable[[], Any], **facts: Any) -> Any:
     """Declare settings that share a prefix: those of a dataclass.
 
     Args:
         schema: dataclass of the settings.
-        trains, from_run: fields of `Facts`, of all of these settings.
+        facts: `trains`, `tests` or `from_run` of `Facts`, of all of these settings.
     """
-    return field(
-        default_factory=schema, metadata={"facts": Facts(trains=trains, from_run=from_run)}
-    )
+    return field(default_factory=schema, metadata={"facts": Facts(**facts)})
 
 
 class Setting(NamedTuple):
@@ -114,6 +115,7 @@ def settings_of(schema: Any) -> Mapping[str, Setting]:
                 inner_facts = dataclasses.replace(
                     inner.facts,
                     trains=facts.trains or inner.facts.trains,
+                    tests=facts.tests or inner.facts.tests,
                     from_run=facts.from_run and inner.facts.from_run,
                 )
                 settings[inner_key] = inner._replace(key=inner_key, facts=inner_facts)

@@ -56,8 +56,7 @@ class Config:
     device: str = setting("auto", "or cpu, cuda, cuda:1, mps")
     tile: int = setting(
         TILE_SIDE,
-        "longest side that is cleaned at once, in pixels, rounded down to the network's grid; less "
-        "needs less memory",
+        "longest side that is cleaned at once, in pixels; less needs less memory",
         bounds=(2 * TILE_OVERLAP, None),
     )
 

@@ -4,11 +4,11 @@
     python training/demoire.py train data.root=DIR model=esdnet pairs=PAIRS.csv
     python training/demoire.py train scene=phone_at_monitor demoire.target=original
 
-`pairs` names real photos and what was on the screen, for the report alone; with other pairs, a
-finished run is only tested again. Writes weights.pt (for training/demoire.py clean and
-moireaug.defenses.demoire.load), report.html, scores.csv (the figures of each pair), metrics.json,
-best.ckpt, last.ckpt and config.yaml into runs/<data>-<model>/demoire/seed<k>/. The same command
-resumes an interrupted run.
+`pairs` names real photos and what was on the screen, for the report alone; with other pairs, test.*
+or data.test, a finished run is only tested again. Writes weights.pt (for training/demoire.py clean
+and moireaug.defenses.demoire.load), report.html, scores.csv (the figures of each pair),
+metrics.json, best.ckpt, last.ckpt and config.yaml into runs/<data>-<model>/demoire/seed<k>/. The
+same command resumes an interrupted run.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scenes import as_scene
 from moireaug.synthesis.pairs import check_aligned
-from training.calibration.pairs import find_pairs, fingerprint, require_one_size
 from training.config import commands, scenes
 from training.config.checks import check_run
 from training.config.compose import register
 from training.config.schema import RECIPES, as_config
+from training.data.real_pairs import find_pairs, fingerprint, require_one_size
 from training.demoireing import pictures, report
 from training.demoireing.pairs import training_scenes
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
 from training.report.terminal import show
-from training.runs.resume import require_resumable
+from training.runs.resume import require_resumable, require_same_data
 from training.runs.run import Run
 from training.system import machine
 from training.system.files import read_metrics
@@ -58,7 +58,7 @@ def fit(cfg: DemoireConfig) -> Metrics:
     check(cfg)
     run = Run(cfg)
     with run.locked():
-        if cfg.resume is not False and run.stage() == "finished":
+        if cfg.resume is not False and run.stage() == "finished" and not has_other_pairs(run):
             return report_finished(run)
         if cfg.resume and is_first():
             require_resumable(run)
@@ -96,20 +96,21 @@ def check(cfg: DemoireConfig) -> None:
 
 
 def report_finished(run: Run[DemoireConfig]) -> Metrics:
-    """Print the figures of a finished run and return its metrics; test it again where other real
-    pairs are given."""
-    cfg, folder = run.config, run.folder
-    metrics = read_metrics(folder) or {}
-    if not is_first():
-        return metrics
-    if cfg.pairs and fingerprint(find_pairs(Path(cfg.pairs))) != metrics.get("pairs_fingerprint"):
-        splits = pictures.load(cfg)
-        pictures.require_same(folder, splits)
-        network = demoire.load(folder / "weights.pt")
-        return test_and_report(run, network, metrics["train"], splits)
-    show(report.terminal_parts(metrics))
-    print(f"{folder} is already finished; resume=false trains it again.")
+    """Print the figures of a finished run and return its metrics."""
+    metrics = read_metrics(run.folder) or {}
+    if is_first():
+        show(report.terminal_parts(metrics))
+        print(f"{run.folder} is already finished; resume=false trains it again.")
     return metrics
+
+
+def has_other_pairs(run: Run[DemoireConfig]) -> bool:
+    """Return whether a run's real pairs are not those that it was tested on; no pairs are not
+    others."""
+    if not run.config.pairs:
+        return False
+    pairs = find_pairs(Path(run.config.pairs))
+    return fingerprint(pairs) != (read_metrics(run.folder) or {}).get("pairs_fingerprint")
 
 
 def complete(run: Run[DemoireConfig]) -> Metrics:
@@ -120,11 +121,10 @@ def complete(run: Run[DemoireConfig]) -> Metrics:
     try_out(run)
     splits = pictures.load(run.config)
     pictures.require_usable(splits)
+    if run.config.resume is not False:
+        require_same_data(run, splits.files)
     if is_first():
-        if run.can_resume():
-            pictures.require_same(run.folder, splits)
         run.prepare()
-        pictures.write_names(run.folder, splits)
     network, train = train_network(run, splits)
     if not is_first():
         return {}

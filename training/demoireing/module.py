@@ -34,8 +34,7 @@ class Demoireing(L.LightningModule):
         super().__init__()
         self.network, self.settings = network, train
         # in this layout convolutions are faster on CPU
-        self.layout = torch.channels_last if train.channels_last else torch.contiguous_format
-        self.network.to(memory_format=self.layout)
+        self.network.to(memory_format=torch.channels_last)
         self.loss = LOSSES[network.name]
         # in a list, so that its weights are not kept in every checkpoint
         self._features = [VGGFeatures(demoire.vgg, network.name)] if demoire.vgg else []
@@ -46,7 +45,7 @@ class Demoireing(L.LightningModule):
 
     def forward(self, photos: Tensor) -> Tensor:
         """Return photos (B, 3, H, W) in [0, 1], cleaned."""
-        return self.network(photos.contiguous(memory_format=self.layout))
+        return self.network(photos.contiguous(memory_format=torch.channels_last))
 
     def features(self) -> nn.Module | None:
         """Return the network whose features the loss compares, on this device."""
@@ -57,7 +56,7 @@ class Demoireing(L.LightningModule):
 
     def training_step(self, batch: tuple[Tensor, Tensor], index: int) -> Tensor:
         photos, targets = (codes.float() / 255 for codes in batch)
-        photos = photos.contiguous(memory_format=self.layout)
+        photos = photos.contiguous(memory_format=torch.channels_last)
         loss = self.loss(self.network.outputs(photos), targets, self.features())
         if not torch.isfinite(loss):
             raise FloatingPointError(

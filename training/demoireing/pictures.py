@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
 
-from moireaug.files import write_text
 from moireaug.synthesis.pictures import Pictures, Source
 from training.data import drawn_pictures
 from training.data.splits import has_parts, shuffled_indices
 from training.demoireing.schema import DemoireConfig
-from training.system.files import read_json
+from training.runs.identity import fingerprint_of
 from training.system.messages import count_text
 
-NAMES_FILE = "pictures.json"  # of a run, with the names of each split's pictures
 SPLIT_DIVISOR = 10  # a tenth of the pictures validates, and a tenth tests
 
 
@@ -27,6 +24,15 @@ class Splits(NamedTuple):
     train: Source
     val: Source
     test: Source
+
+    @property
+    def files(self) -> str:
+        """Fingerprint of the names of each split's pictures; empty where they are drawn."""
+        names = {}
+        for split, source in self._asdict().items():
+            if isinstance(source, Pictures):
+                names[split] = source.names
+        return fingerprint_of(names) if names else ""
 
 
 class DrawnPictures:
@@ -98,36 +104,6 @@ def require_usable(splits: Splits) -> None:
                 f"no pictures to {name} on: {error} Pass a smaller {setting}=N, or a folder of "
                 "other pictures."
             ) from error
-
-
-def write_names(folder: Path, splits: Splits) -> None:
-    """Write the names of each split's pictures into a run's folder."""
-    if names := _names(splits):
-        write_text(folder / NAMES_FILE, json.dumps(names, indent=1))
-
-
-def require_same(folder: Path, splits: Splits) -> None:
-    """Refuse to resume a run whose pictures have changed: those that it was trained on could test
-    it.
-
-    Raises:
-        ValueError: with what to do instead.
-    """
-    stored_names = read_json(folder / NAMES_FILE)
-    if stored_names is not None and stored_names != _names(splits):
-        raise ValueError(
-            f"data.root holds other pictures than when {folder} was trained, so pictures that it "
-            "was trained on could test it. Restore them, or pass resume=false to train again."
-        )
-
-
-def _names(splits: Splits) -> dict[str, list[str]]:
-    """Return the names of each split's pictures; empty where they are drawn."""
-    names = {}
-    for split, source in splits._asdict().items():
-        if isinstance(source, Pictures):
-            names[split] = source.names
-    return names
 
 
 def _parts(pictures: Pictures, parts: int) -> list[Pictures]:

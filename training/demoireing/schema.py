@@ -23,31 +23,30 @@ class Pictures:
 
     root: str | None = setting(
         None,
-        "a folder of pictures at any depth, of which a tenth validates and a tenth tests, or with "
-        "the folders train and test; null: drawn pictures",
+        "a folder of pictures, of which a tenth validates and a tenth tests, or with train/ and "
+        "test/; null: drawn pictures",
         is_path=True,
     )
     size: int = setting(128, "side of the training crops", bounds=SIZE_RANGE)
     photo: int = setting(
         1000,
-        "longer side of the photos that crops are part of: a crop shows its share of the panel",
+        "longer side of the photos that crops are part of",
         bounds=SIZE_RANGE,
     )
     shrink: int = setting(
         3,
-        "training photos are taken at one to this many times their size, in turn, and shrunk "
-        "without a filter, as many programs do; their targets with one",
+        "training photos are taken at one to this many times their size, and shrunk without a "
+        "filter",
         bounds=(1, 8),
     )
     jpeg: int | None = setting(
         60,
-        "lowest quality at which training photos are saved as JPEG, at random up to 100; null: not",
+        "lowest JPEG quality of training photos; null: no JPEG",
         bounds=(1, 100),
     )
     pairs: int = setting(
         2000,
-        "different training pairs; they are made once, kept in memory, and served turned and "
-        "mirrored",
+        "different training pairs, served turned and mirrored",
         bounds=(1, None),
     )
     candidates: int = setting(
@@ -56,7 +55,7 @@ class Pictures:
         bounds=(1, None),
     )
     val: int = setting(32, "validation pairs", bounds=(1, None))
-    test: int = setting(16, "test pairs of each scene", bounds=(1, None))
+    test: int = setting(16, "test pairs of each scene", bounds=(1, None), tests=True)
     workers: int = setting(0, "processes that make pairs", bounds=(0, 1024), changes_result=False)
 
     @property
@@ -72,15 +71,13 @@ class Demoire:
     target: str = setting(
         "clean",
         "the same shot without moiré (twin), and without noise either (clean), what the screen "
-        "showed (original), or the original under the linear colour map that brings it closest to "
-        "the photo, so that the exposure stays (toned)",
+        "showed (original), or that in the photo's tone (toned)",
         choices=("clean", "twin", "original", "toned"),
     )
     width: float = setting(0.25, "factor of the published numbers of channels")
     vgg: str | None = setting(
         None,
-        "a state_dict of torchvision's vgg16, for the perceptual part of a published loss; null: "
-        "none",
+        "a state_dict of torchvision's vgg16, for a perceptual loss",
         is_path=True,
     )
 
@@ -90,18 +87,15 @@ class Train:
     """How the weights are trained."""
 
     steps: int = setting(2000, "in all", bounds=(1, None))
-    check_every: int = setting(
-        100, "steps from one validation to the next; each can be resumed from", bounds=(1, None)
-    )
+    check_every: int = setting(100, "steps between validations", bounds=(1, None))
     batch_size: int = setting(4, "of all devices together", bounds=(1, None))
     lr: float = setting(0.02, "peak of Muon; falls to 0 along half a cosine", bounds=(1e-8, 10))
     warmup: int = setting(50, "steps over which it rises", bounds=(0, None))
     ema: float = setting(
         0.99,
-        "decay per step of the averaged weights, which are validated and kept",
+        "decay per step of the averaged weights",
         bounds=(0, 0.999999),
     )
-    channels_last: bool = setting(True, "memory layout in which CPUs and GPUs convolve faster")
 
 
 @dataclass
@@ -123,8 +117,7 @@ class DemoireConfig(RunConfig):
     recipe: str = setting("demoire", "a name for the run's folder")
     scene: Any = setting(
         lambda: list(TRAINED_SCENES),
-        "one scene, or several that take turns: presets' names, mappings of Scene's fields with an "
-        "optional `preset`, or YAML files of such a mapping or list",
+        "as in training/fit.py; those of a list take turns",
         example="[screen_photo, phone_at_phone]",
     )
     model: str = setting("esdnet", "one of moireaug.defenses.demoire.NETWORKS")
@@ -134,7 +127,7 @@ class DemoireConfig(RunConfig):
     data: Pictures = section(Pictures)
     demoire: Demoire = section(Demoire)
     train: Train = section(Train)
-    test: TestPairs = section(TestPairs)
+    test: TestPairs = section(TestPairs, tests=True)
     pairs: str | None = setting(
         None,
         "real photos and what was on the screen, for the report: as training/calibrate.py takes "

@@ -14,8 +14,7 @@ from tqdm import tqdm
 
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.evaluation.statistics import t_interval
-from training.calibration.crops import middle_of
-from training.calibration.pairs import find_pairs, read_pairs
+from training.data.real_pairs import find_pairs, middle_of, read_pairs
 from training.demoireing.clean import clean_codes
 from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.pairs import test_pairs

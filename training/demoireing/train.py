@@ -19,10 +19,10 @@ from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.starting import start_as_identity
 from training.runs.run import Run
-from training.system.files import read_checkpoint, read_json
+from training.system.files import read_checkpoint
 from training.system.processes import is_first, say
 from training.trainer import ranks
-from training.trainer.checkpoints import RunCheckpoint
+from training.trainer.checkpoints import Origin, RunCheckpoint
 from training.trainer.make import make_trainer
 
 
@@ -45,7 +45,7 @@ def try_out(run: Run[DemoireConfig]) -> None:
         ValueError: as `module_of`; or a trainer's setting or a size of a batch that cannot be used.
     """
     module_of(run.config)
-    trainer = trainer_of(run.config, run.folder)
+    trainer = trainer_of(run.config, run.folder, "")
     require_even(run.config.train.batch_size, trainer.world_size)
 
 
@@ -66,16 +66,16 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     cfg = run.config
     L.seed_everything(cfg.seed, verbose=False)
     out, resumes = run.folder, run.can_resume()
-    last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
+    last, best = out / "last.ckpt", out / "best.ckpt"
     module = module_of(cfg)
     network = module.network
-    if resumes and (train := read_json(train_json)):
+    if is_first():
+        run.write_settings()
+    if resumes and (train := run.training_cost()):
         module.load_state_dict(read_checkpoint(best)["state_dict"])
         say(f"Training is complete: the weights are read from {best}.")
         return network.eval(), train
     history = read_checkpoint(last)["history"] if resumes else []
-    if is_first():
-        run.write_settings()
     millions = sum(weights.numel() for weights in network.parameters()) / 1e6
     say(
         f"Training {cfg.model} of width {cfg.demoire.width:g} ({millions:.2f} million weights) on "
@@ -85,7 +85,7 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     if history:
         say(f"Resuming from {last} after {history[-1]['steps']:.0f} steps.")
     batches = PairBatches(cfg, splits, first_epoch=len(history))
-    trainer = trainer_of(cfg, out)
+    trainer = trainer_of(cfg, out, splits.files)
     best_checkpoint, wall_seconds = ranks.fit(trainer, module, batches, out)
     train = cost(module.history, cfg.train.batch_size) | {
         "wall_seconds": wall_seconds,
@@ -93,16 +93,18 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
         "weights": round(1e6 * millions),
     }
     if is_first():
-        write_text(train_json, json.dumps(train))
+        write_text(out / "train.json", json.dumps(train))
     return network.eval(), train
 
 
-def trainer_of(cfg: DemoireConfig, out: Path) -> L.Trainer:
-    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder."""
+def trainer_of(cfg: DemoireConfig, out: Path, files: str) -> L.Trainer:
+    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder, with the
+    fingerprint of its files."""
     callbacks = [
         EMAWeightAveraging(decay=cfg.train.ema),
         RunCheckpoint(out, "best", monitor="val_psnr", mode="max"),
         RunCheckpoint(out, "last"),
+        Origin(files),
     ]
     epochs = cfg.train.steps // cfg.train.check_every
     return make_trainer(cfg.trainer, epochs, callbacks, MAX_GRADIENT_NORM)

@@ -2,6 +2,7 @@
 torchvision classifier."""
 
 import difflib
+import textwrap
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import ModuleType
@@ -27,6 +28,7 @@ OWN_MODELS: dict[str, Callable[[int], nn.Module]] = {
 _SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
 _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
+MAX_PROBLEMS, MAX_PROBLEM_CHARACTERS = 3, 160  # of torch's message on weights that do not fit
 
 
 def as_model(
@@ -154,45 +156,30 @@ def _published(name: str, weights: str) -> Mapping[str, Tensor]:
 
 
 def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
-    """Copy state into model, except for a head made for another number of classes; raise ValueError
-    if anything else differs."""
+    """Copy a state into a model, except for a head made for another number of classes.
+
+    Raises:
+        ValueError: anything else differs.
+    """
     expected = model.state_dict()
     state = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
-    # Files written before PyTorch 0.4.1 lack these counters, which matter only without a momentum.
-    absent = [key for key in expected if key not in state]
-    missing = [key for key in absent if not key.endswith("num_batches_tracked")]
-    unknown = [key for key in state if key not in expected]
     common = [key for key in state if key in expected]
     reshaped = [key for key in common if state[key].shape != expected[key].shape]
-    head = []
     if not whole and _is_head(reshaped, expected, state):
-        head = reshaped
-    shapes = []
-    for key in reshaped:
-        if key not in head:
-            got, wanted = tuple(state[key].shape), tuple(expected[key].shape)
-            shapes.append(f"{key} {got} instead of {wanted}")
-    problems = []
-    by_problem = {"missing": missing, "unknown": unknown, "of another shape": shapes}
-    for problem, keys in by_problem.items():
-        if keys:
-            problems.append(f"{len(keys)} {problem} ({_first_three(keys)})")
-    if problems:
+        state |= {key: expected[key] for key in reshaped}
+    try:
+        model.load_state_dict(state)
+    except RuntimeError as error:
+        problems = [
+            textwrap.shorten(line, MAX_PROBLEM_CHARACTERS, placeholder=" ...")
+            for line in str(error).splitlines()[1 : 1 + MAX_PROBLEMS]
+        ]
         advice = "; only the number of classes may differ."
         if whole:
             advice = " and its classes; data.class_index maps a folder's classes to them."
         raise ValueError(
-            f"{complaint}: of their tensors, {' and '.join(problems)}. "
-            f"Pass the model that they were saved from{advice}"
-        )
-    fitting_state = {key: value for key, value in state.items() if key not in head}
-    model.load_state_dict(expected | fitting_state)
-
-
-def _first_three(names: list[str]) -> str:
-    """Return at most three of the names."""
-    ellipsis = ", ..." if len(names) > 3 else ""
-    return ", ".join(names[:3]) + ellipsis
+            f"{complaint}: {' '.join(problems)} Pass the model that they were saved from{advice}"
+        ) from error
 
 
 def _is_head(

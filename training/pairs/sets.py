@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import re
 from collections.abc import Iterator
@@ -88,7 +87,8 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
     """
     path = out / "dataset.json"
     out.mkdir(parents=True, exist_ok=True)
-    with _locked(out):
+    busy = f"another command has held {out} for {MAX_WAIT_SECONDS:g} s."
+    with locked(out / ".dataset.lock", busy, MAX_WAIT_SECONDS):
         if not path.exists():
             if any(not other.name.startswith(".") for other in out.iterdir()):
                 raise ValueError(
@@ -110,21 +110,6 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
             f"{out} holds a data set with other settings ({text}). Pass those in its dataset.json, "
             "or another out=DIR."
         )
-
-
-def release(out: Path) -> None:
-    """Give up a folder in which no file was begun, so that other settings can claim it."""
-    path = out / "dataset.json"
-    with _locked(out):
-        others = [p for p in out.iterdir() if p != path and p.suffix != ".lock"]
-        if not others:
-            path.unlink(missing_ok=True)
-
-
-def _locked(out: Path) -> contextlib.AbstractContextManager[None]:
-    """Lock the dataset.json of a folder, after a wait for another command."""
-    busy = f"another command has held {out} for {MAX_WAIT_SECONDS:g} s."
-    return locked(out / ".dataset.lock", busy, MAX_WAIT_SECONDS)
 
 
 def _differences(stored: Any, current: Any, name: str) -> Iterator[str]:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 from training import report
 from training.attack.protocol import attack, attack_run, protocol_of
-from training.attack.results import publish, run_facts, run_metrics
+from training.attack.results import publish, run_metrics
 from training.config.schema import Config
-from training.data.load import load
 from training.data.splits import Splits
 from training.runs.metrics import RunMetrics, TrainCost
-from training.runs.resume import damage, data_difference, require_same_data, weights_difference
-from training.runs.reuse import metrics_of_trained, read_trained
+from training.runs.resume import damage, data_difference, weights_difference
+from training.runs.reuse import read_trained
 from training.runs.run import Run, baseline_of, start_of
 from training.system.processes import is_first, say
 
@@ -23,35 +22,12 @@ if TYPE_CHECKING:
 
 
 def report_finished(run: Run[Config]) -> RunMetrics | None:
-    """Print the summary of a finished run and return its metrics.
-
-    One that was trained as the start or baseline of another run is attacked and reported now.
-    """
+    """Print the summary of a finished run and return its metrics."""
     metrics = RunMetrics.read(run.folder)
-    if metrics is None or not is_first():
-        return metrics
-    if metrics.trust is not None:
+    if metrics and is_first():
         report.show(report.run_parts(metrics.to_dict()))
-    else:
-        metrics = report_trained(run, metrics)
-    print(f"{run.folder} is already finished; resume=false trains it again.")
+        print(f"{run.folder} is already finished; resume=false trains it again.")
     return metrics
-
-
-def report_trained(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
-    """Attack and report a run that was trained as the start or baseline of another; return its
-    metrics.
-
-    Args:
-        metrics: metrics of its training.
-    """
-    splits = load(run.config.data)
-    require_same_data(run, splits)
-    result = attack_run(read_trained(run), protocol_of(run.config, splits), check=True)
-    facts = run_facts(run.config) | {"environment": metrics.environment}  # of its training
-    run.write_settings()
-    results = {run.config.recipe: result}
-    return publish(run.folder, replace(metrics, **facts), results, splits.classes)
 
 
 def plain_runs(run: Run[Config], splits: Splits) -> tuple[RunMetrics | None, RunMetrics | None]:
@@ -77,10 +53,11 @@ def plain_run(
         role: "start" or "baseline", for the messages.
     """
     with run.locked():
-        if reason := damage(run) or weights_difference(run) or data_difference(run, splits):
+        difference = data_difference(run, splits.files, splits.classes)
+        if reason := damage(run) or weights_difference(run) or difference:
             say(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
-        elif metrics := metrics_of_trained(run):
+        elif run.stage() in ("trained", "finished") and (metrics := RunMetrics.read(run.folder)):
             say(f"The {role} is reused from {run.folder}.")
             return metrics
         else:
@@ -127,8 +104,13 @@ def complete(
         return None
     recipe, protocol = run.config.recipe, protocol_of(run.config, splits)
     results = {recipe: attack(classifier.model, protocol, run.folder / "records", recipe)}
+    earlier = RunMetrics.read(run.folder)  # of a run that was trained before
     metrics = run_metrics(run.config, train, start.plain() if start else None)
-    metrics = replace(metrics, time={**seconds, "train": train.wall_seconds})
+    metrics = replace(
+        metrics,
+        environment=earlier.environment if earlier else metrics.environment,
+        time={**seconds, "train": train.wall_seconds},
+    )
     # also where its records are there: a folder's images may have changed since
     if baseline and (baseline_run := baseline_of(run)):
         results[baseline.recipe] = attack_run(read_trained(baseline_run), protocol)

@@ -6,14 +6,14 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from training.config.data_sets import DEFAULT_DATA
 from training.config.schema import Config, RunConfig
-from training.config.settings import settings_of
+from training.config.settings import Facts, settings_of
 
 
 def group_of(data: Any, model: str) -> str:
@@ -33,14 +33,26 @@ def group_of(data: Any, model: str) -> str:
 
 def result_settings(cfg: RunConfig) -> dict[str, Any]:
     """Return the settings that a result depends on, as plain values."""
-    return result_values(asdict(cfg), type(cfg))
+    return _without(asdict(cfg), type(cfg), lambda facts: not facts.changes_result)
 
 
-def result_values(values: dict[str, Any], schema: type[RunConfig]) -> dict[str, Any]:
-    """Return the values that a result depends on, of all plain values of a schema's settings."""
+def training_settings(cfg: RunConfig) -> dict[str, Any]:
+    """Return the settings that the trained weights depend on, as plain values."""
+    return training_values(asdict(cfg), type(cfg))
+
+
+def training_values(values: dict[str, Any], schema: type[RunConfig]) -> dict[str, Any]:
+    """Return the values that the trained weights depend on, of all plain values of a schema's
+    settings."""
+    return _without(values, schema, lambda facts: facts.tests or not facts.changes_result)
+
+
+def _without(
+    values: dict[str, Any], schema: type[RunConfig], is_left_out: Callable[[Facts], bool]
+) -> dict[str, Any]:
     for key, declared in settings_of(schema).items():
         *outer, last = key.split(".")
-        if not declared.facts.changes_result:
+        if is_left_out(declared.facts):
             inner = values[outer[0]] if outer else values
             inner.pop(last, None)
     return values

@@ -62,14 +62,17 @@ class TrainCost:
         return total
 
     @classmethod
-    def read(cls, path: Path) -> TrainCost | None:
-        """Read the cost from a train.json; None where there is none.
+    def read(cls, folder: Path) -> TrainCost | None:
+        """Read the cost from a run's train.json or metrics.json; None where there is neither.
 
         Raises:
             ValueError: another version wrote it.
         """
-        values = read_json(path)
-        return values and _record(cls, values, path)  # type: ignore[return-value]
+        path = folder / "train.json"
+        if values := read_json(path):
+            return _record(cls, values, path)
+        metrics = RunMetrics.read(folder)
+        return metrics.train if metrics else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from training.config.schema import Config
-from training.data.splits import Splits
 from training.runs.metrics import RunMetrics
 from training.runs.run import Run
 from training.runs.trained import read, stored_class_names
@@ -22,10 +21,12 @@ def require_resumable(run: Run[Any], *others: Run[Any] | None) -> None:
     Raises:
         ValueError: there is no such run, or it was made with other settings.
     """
-    for candidate in (run, *others):
-        if candidate and candidate.can_resume():
-            return
     path = run.folder
+    if run.can_resume():
+        return
+    for other in others:
+        if other and other.can_resume() and not (other.folder / "metrics.json").is_file():
+            return
     if run.stage() == "other":
         raise ValueError(
             f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: "
@@ -45,17 +46,17 @@ def require_same_weights(run: Run[Config]) -> None:
     _refuse(weights_difference(run), run, "Restore that file")
 
 
-def require_same_data(run: Run[Config], splits: Splits) -> None:
+def require_same_data(run: Run[Any], files: str, classes: Mapping[int, str] | None = None) -> None:
     """Refuse to resume a run on other data than it was trained on: its training images would
-    validate it, or its classes change their meaning.
+    validate or test it, or its classes change their meaning.
 
     Raises:
         ValueError: names the difference.
     """
-    _refuse(data_difference(run, splits), run, RESTORE_ADVICE)
+    _refuse(data_difference(run, files, classes), run, RESTORE_ADVICE)
 
 
-def _refuse(difference: str | None, run: Run[Config], advice: str) -> None:
+def _refuse(difference: str | None, run: Run[Any], advice: str) -> None:
     if difference:
         raise ValueError(
             f"the run in {run.folder} cannot go on: {difference}. {advice}, or pass resume=false, "
@@ -71,8 +72,7 @@ def damage(run: Run[Config]) -> str | None:
         return None
     try:
         read(folder)
-        if stage == "finished":
-            RunMetrics.read(folder)
+        RunMetrics.read(folder)
         if stage == "begun":
             read_checkpoint(folder / "last.ckpt")
     except ValueError as error:
@@ -80,13 +80,20 @@ def damage(run: Run[Config]) -> str | None:
     return None
 
 
-def data_difference(run: Run[Config], splits: Splits) -> str | None:
+def data_difference(
+    run: Run[Any], files: str, classes: Mapping[int, str] | None = None
+) -> str | None:
     """Return how the data differ from those that the run in the folder was trained on, as a clause;
-    None where they do not, or where there is no such run."""
+    None where they do not, or where there is no such run.
+
+    Args:
+        files: fingerprint of the files.
+        classes: name of each class of a classifier's data.
+    """
     for checkpoint in _checkpoints(run):
-        if stored_class_names(checkpoint.get("classes")) not in (None, splits.classes):
+        if classes and stored_class_names(checkpoint.get("classes")) not in (None, classes):
             return "it was trained on other classes"
-        if checkpoint.get("files") not in (None, splits.files):
+        if checkpoint.get("files") not in (None, files):
             return "the files that it was trained on are not those that are there now"
     return None
 
@@ -104,7 +111,7 @@ def weights_difference(run: Run[Config]) -> str | None:
     return None
 
 
-def _checkpoints(run: Run[Config]) -> Iterator[dict[str, Any]]:
+def _checkpoints(run: Run[Any]) -> Iterator[dict[str, Any]]:
     """Yield the checkpoints of a run in its folder."""
     if run.stage() in ("begun", "trained", "finished"):
         for path in (run.folder / "best.ckpt", run.folder / "last.ckpt"):

@@ -4,34 +4,16 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from training.config.overrides import command_line
 from training.config.schema import Config
-from training.runs.identity import result_settings
-from training.runs.metrics import RunMetrics
+from training.runs.identity import training_settings
 from training.runs.run import Run, baseline_of
 from training.runs.trained import TrainedRun, read
 from training.system.files import read_metrics
 from training.system.processes import is_first
-
-
-def metrics_of_trained(run: Run[Config]) -> RunMetrics | None:
-    """Return the metrics of the run in the folder; None unless it was trained with these settings.
-    Those of its re-attack may differ."""
-    metrics = RunMetrics.read(run.folder)
-    if not metrics or not (run.folder / "best.ckpt").is_file():
-        return None
-    return metrics if _same_training(metrics.config, run.settings) else None
-
-
-def is_unreported(run: Run[Config]) -> bool:
-    """Return whether a run was trained as the start or baseline of another, and not attacked."""
-    metrics = metrics_of_trained(run)
-    return metrics is not None and metrics.reattack is None
 
 
 def read_trained(run: Run[Config]) -> TrainedRun:
@@ -43,7 +25,7 @@ def read_trained(run: Run[Config]) -> TrainedRun:
     trained = read(run.folder)
     # in another process of this run, the first may still be writing the metrics
     is_complete = not is_first() or read_metrics(trained.folder) is not None
-    if is_complete and same_training(trained.cfg, run.config):
+    if is_complete and training_settings(trained.cfg) == training_settings(run.config):
         return trained
     raise ValueError(
         f"{trained.folder} no longer holds the run that was trained there for this one: another "
@@ -76,20 +58,10 @@ def read_baseline_of(run: TrainedRun) -> TrainedRun | None:
             f"This trains it again:\n  {command}"
         )
         return None
-    if not same_training(baseline_run.cfg, wanted):
+    if training_settings(baseline_run.cfg) != training_settings(wanted):
         print(
             f"note: {folder} was trained with other settings: "
             "no baseline is attacked beside this run."
         )
         return None
     return baseline_run
-
-
-def same_training(one: Config, other: Config) -> bool:
-    """Return whether the settings of two runs are the same but for those of the re-attack."""
-    return _same_training(result_settings(one), result_settings(other))
-
-
-def _same_training(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    no_attack = {"reattack": None}
-    return {**one, **no_attack} == {**other, **no_attack}

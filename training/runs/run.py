@@ -13,12 +13,19 @@ from omegaconf import OmegaConf
 
 from moireaug.files import write_text
 from training.config.schema import RECIPES, Adversary, Config, RunConfig, as_config
-from training.runs.identity import fingerprint_of, group_of, result_settings, result_values
+from training.runs.identity import (
+    fingerprint_of,
+    group_of,
+    result_settings,
+    training_settings,
+    training_values,
+)
 from training.system.files import free_name, make_folder, read_json, read_metrics, read_settings
 from training.system.locks import locked
 from training.system.processes import is_first
 
 PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: the others are compared with them
+RESULT_KEYS = {"reattack", "test"}  # of metrics.json: a classifier's, a demoiréing network's
 Settings = TypeVar("Settings", bound=RunConfig)
 
 
@@ -54,36 +61,46 @@ class Run(Generic[Settings]):
         """Return how far the run in the folder has come.
 
         Returns:
-            "new"; "begun" after the first epoch; "trained"; "finished"; "other" for another run.
+            "new"; "begun" after the first epoch; "trained", and not tested with these settings;
+            "finished"; "other" for another training.
         """
-        path = self.folder
-        best, metrics = (path / "best.ckpt").is_file(), read_metrics(path)
-        fingerprint = self._fingerprint_in_folder()
-        if fingerprint != self.fingerprint:
+        path, metrics = self.folder, read_metrics(self.folder) or {}
+        fingerprint = self._training_fingerprint_in_folder()
+        if fingerprint != fingerprint_of(training_settings(self.config)):
             holds_a_run = fingerprint or metrics or any(path.glob("*.ckpt"))
             return "other" if holds_a_run else "new"
-        if best and metrics:
-            return "finished"
-        if best and read_json(path / "train.json"):
-            return "trained"
+        if (path / "best.ckpt").is_file() and self.training_cost():
+            has_results = not RESULT_KEYS.isdisjoint(metrics)
+            is_finished = has_results and metrics.get("fingerprint") == self.fingerprint
+            return "finished" if is_finished else "trained"
         return "begun" if (path / "last.ckpt").is_file() else "new"
 
+    def training_cost(self) -> dict[str, Any] | None:
+        """Return the cost of the training in the folder, as plain values; None before its end."""
+        metrics = read_metrics(self.folder) or {}
+        return read_json(self.folder / "train.json") or metrics.get("train")
+
     def can_resume(self) -> bool:
-        """Return whether it can and may be resumed; the same in all its processes."""
-        return self.config.resume is not False and self.stage() in ("begun", "trained")
+        """Return whether its training can and may be resumed, or is complete; the same in all its
+        processes."""
+        stages = ("begun", "trained", "finished")
+        return self.config.resume is not False and self.stage() in stages
 
     def prepare(self) -> None:
-        """Make the folder ready for training: a run that is not resumed is moved aside, and
-        nothing makes the run look finished."""
+        """Make the folder ready for training: a run that is not resumed is moved aside, and nothing
+        makes one whose training is not complete look finished."""
         path, stage = self.folder, self.stage()
         if stage == "other" or (self.config.resume is False and stage != "new"):
-            suffix = self._fingerprint_in_folder() or "old"
+            suffix = self._training_fingerprint_in_folder() or "old"
             aside = free_name(path.with_name(f"{path.name}-{suffix}"))
             os.replace(path, aside)
             held_run = "a run with other settings" if stage == "other" else "this run"
             print(f"{path} held {held_run}; it is now {aside}")
         path.mkdir(parents=True, exist_ok=True)
-        for stale in (path / "metrics.json", path / "report.html", *path.glob(".*.tmp")):
+        stale_files = list(path.glob(".*.tmp"))
+        if self.stage() in ("new", "begun"):
+            stale_files += [path / "metrics.json", path / "report.html"]
+        for stale in stale_files:
             stale.unlink(missing_ok=True)
 
     def write_settings(self) -> None:
@@ -103,12 +120,12 @@ class Run(Generic[Settings]):
         with locked_folder(self.folder):
             yield
 
-    def _fingerprint_in_folder(self) -> str | None:
-        """Return the fingerprint of the run in the folder; None for none, "damaged" where it cannot
-        be read."""
+    def _training_fingerprint_in_folder(self) -> str | None:
+        """Return the fingerprint of the training in the folder; None for none, "damaged" where its
+        settings cannot be read."""
         try:
             values = read_settings(self.folder / "config.yaml")
-            return fingerprint_of(result_values(values, type(self.config)))
+            return fingerprint_of(training_values(values, type(self.config)))
         except FileNotFoundError:
             return None
         except Exception:  # not YAML, or not a run's

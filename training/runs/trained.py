@@ -19,7 +19,7 @@ from training.config.data_sets import DATA, Data
 from training.config.schema import Config, as_config
 from training.data.splits import Splits
 from training.models.classifiers import OWN_MODELS, as_model, model_names
-from training.runs.metrics import RunMetrics, TrainCost
+from training.runs.metrics import TrainCost
 from training.system.files import read_checkpoint, read_settings
 
 
@@ -140,12 +140,11 @@ def read_config(path: Path) -> Config:
 
 
 def read_training_cost(folder: Path) -> TrainCost | None:
-    """Read the cost of a run's training from its metrics; None if they are missing or damaged."""
+    """Read the cost of a run's training; None where it is missing or damaged."""
     try:
-        metrics = RunMetrics.read(folder)
+        return TrainCost.read(folder)
     except ValueError:
         return None
-    return metrics.train if metrics else None
 
 
 def stored_class_names(stored: Any) -> dict[int, str] | None:

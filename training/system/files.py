@@ -16,29 +16,16 @@ import yaml
 
 MAX_SETTINGS_BYTES = 1_000_000  # of a config.yaml; fit.py writes about two thousand
 MAX_REASON_CHARACTERS = 300  # of PyYAML's message
-MERGE_TAG = "tag:yaml.org,2002:merge"  # of "<<", which may stand more than once
-MAX_YAML_LEVELS = 32  # of lists and mappings; fit.py writes four; time grows as their square
 
 
-class UniqueKeyLoader(yaml.SafeLoader):
-    """Reads YAML as `yaml.safe_load` does, but refuses a key that stands twice in a mapping, of
-    which that would keep the last."""
+class PlainLoader(yaml.SafeLoader):
+    """Reads YAML as `yaml.safe_load` does, but refuses aliases, which may grow without end."""
 
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        """Return a mapping's node, as PyYAML asks for it."""
-        node = super().compose_mapping_node(anchor)
-        lines: dict[tuple[str, str], int] = {}
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode) or key.tag == MERGE_TAG:
-                continue
-            line, name = key.start_mark.line + 1, (key.tag, key.value)
-            if name in lines:
-                raise yaml.YAMLError(
-                    f"duplicate key {key.value!r} in line {line}, first set in line {lines[name]}: "
-                    "keep one of them"
-                )
-            lines[name] = line
-        return node
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Return the next node, as PyYAML asks for it."""
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("it holds a YAML alias: write the values out")
+        return super().compose_node(parent, index)
 
 
 def make_folder(path: Path, setting: str = "runs=DIR") -> None:
@@ -136,38 +123,18 @@ def read_settings(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path} is far too long for the settings of a run.")
     text = path.read_text(encoding="utf-8")
     try:
-        aliases = _has_aliases(text)
-        values = None if aliases else yaml.load(text, UniqueKeyLoader)
+        values = yaml.load(text, PlainLoader)
         plain = json.dumps(values, default=str)
     except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:MAX_REASON_CHARACTERS]
         raise ValueError(f"{path} could not be read as YAML: {reason}.") from error
-    if aliases or "${" in plain:
+    if "${" in plain:
         raise ValueError(
-            f"{path} holds a YAML alias or an interpolation (${{...}}). A run's settings are plain "
-            "values, as fit.py writes them: write the values out."
+            f"{path} holds an interpolation (${{...}}). A run's settings are plain values, as "
+            "fit.py writes them: write the values out."
         )
     if not isinstance(values, dict):
         raise ValueError(
             f"{path} holds no settings: it must be a YAML mapping, as fit.py writes it."
         )
     return values
-
-
-def _has_aliases(text: str) -> bool:
-    """Return whether a YAML text has aliases; stops at the first one, or at a level too deep.
-
-    Raises:
-        ValueError, yaml.YAMLError: too many levels, or no YAML.
-    """
-    depth = 0
-    for event in yaml.parse(text, yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            return True
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-        if isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-        if depth > MAX_YAML_LEVELS:
-            raise ValueError(f"more than {MAX_YAML_LEVELS} levels")
-    return False

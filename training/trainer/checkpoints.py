@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -69,13 +70,15 @@ class Origin(L.Callback):
     other classes, or resumed on other images or with other weights.
 
     Args:
-        classes: name of each logit.
         files: fingerprint of the files, as in `Splits`.
+        classes: name of each logit of a classifier.
         weights: digest of the file of `weights=`; empty where there is none.
     """
 
-    def __init__(self, classes: dict[int, str], files: str, weights: str) -> None:
-        self.classes, self.files, self.weights = classes, files, weights
+    def __init__(
+        self, files: str, classes: Mapping[int, str] | None = None, weights: str = ""
+    ) -> None:
+        self.files, self.classes, self.weights = files, classes or {}, weights
 
     def on_save_checkpoint(
         self, trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]

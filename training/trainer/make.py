@@ -68,7 +68,7 @@ def make_trainer(
     if options["precision"] is None:
         options["precision"] = "32-true"
     if options["accelerator"] == "auto" and not torch.cuda.is_available():
-        options["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
+        options["accelerator"] = "cpu"  # not mps, as in `ACCELERATORS`
     plugins: list[Any] = [AtomicCheckpointIO()]
     if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
         plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself

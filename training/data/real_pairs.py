@@ -18,9 +18,10 @@ from moireaug.synthesis.registration import register
 from training.system.files import read_table
 
 TABLE_NAME = "pairs.csv"  # of a folder
+EXAMPLE_SIDE = 300  # pixels, of the pictures of a report
 
 
-class Pair(NamedTuple):
+class PairFiles(NamedTuple):
     """The files of a photo and of the picture that it shows, aligned and of one size."""
 
     photo: Path
@@ -35,7 +36,7 @@ class ScreenPhoto(NamedTuple):
     original: Tensor | None
 
 
-def find_pairs(source: Path) -> list[Pair]:
+def find_pairs(source: Path) -> list[PairFiles]:
     """Find the pairs of a CSV file with the columns photo and original, of a folder with such a
     file pairs.csv, or of one with the folders `photo` and `original`, paired by the files' stems.
 
@@ -64,7 +65,7 @@ def find_pairs(source: Path) -> list[Pair]:
     return pairs
 
 
-def require_one_size(pair: Pair) -> None:
+def require_one_size(pair: PairFiles) -> None:
     """Refuse a photo of another size than its original, as their files say, before either is
     decoded.
 
@@ -76,7 +77,7 @@ def require_one_size(pair: Pair) -> None:
         raise ValueError(_not_one_size(pair, photo, original))
 
 
-def fingerprint(pairs: Iterable[Pair]) -> str:
+def fingerprint(pairs: Iterable[PairFiles]) -> str:
     """Return hex digits that change with the place, size or date of any file."""
     digest = hashlib.sha256()
     for pair in pairs:
@@ -87,7 +88,7 @@ def fingerprint(pairs: Iterable[Pair]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _of_folders(root: Path) -> Iterator[Pair]:
+def _of_folders(root: Path) -> Iterator[PairFiles]:
     photos, originals = root / "photo", root / "original"
     by_name: dict[Path, list[Path]] = {}
     for original in find_images(originals):
@@ -101,10 +102,10 @@ def _of_folders(root: Path) -> Iterator[Pair]:
             raise ValueError(
                 f"{photo} has more than one picture of its name: {matches[0]}, {matches[1]}."
             )
-        yield Pair(photo, matches[0])
+        yield PairFiles(photo, matches[0])
 
 
-def _of_table(path: Path) -> Iterator[Pair]:
+def _of_table(path: Path) -> Iterator[PairFiles]:
     try:
         rows = read_table(path)
     except (OSError, ValueError, csv.Error) as error:
@@ -116,7 +117,7 @@ def _of_table(path: Path) -> Iterator[Pair]:
                 f"{path} must have the columns photo and original, filled in every line; row "
                 f"{number} has {row}."
             )
-        yield Pair(path.parent / photo, path.parent / original)
+        yield PairFiles(path.parent / photo, path.parent / original)
 
 
 def find_images(folder: Path) -> list[Path]:
@@ -142,7 +143,7 @@ def read_codes(path: Path) -> Tensor:
     return torch.from_numpy(np.asarray(picture).copy()).permute(2, 0, 1)
 
 
-def read_pairs(pairs: Iterable[Pair]) -> Iterator[ScreenPhoto]:
+def read_pairs(pairs: Iterable[PairFiles]) -> Iterator[ScreenPhoto]:
     """Read pairs one by one.
 
     Raises:
@@ -156,7 +157,7 @@ def read_pairs(pairs: Iterable[Pair]) -> Iterator[ScreenPhoto]:
         yield ScreenPhoto(pair.photo.stem, photo, original)
 
 
-def _not_one_size(pair: Pair, photo: tuple[int, int], original: tuple[int, int]) -> str:
+def _not_one_size(pair: PairFiles, photo: tuple[int, int], original: tuple[int, int]) -> str:
     sizes = ["{} x {}".format(*size) for size in (photo, original)]
     return (
         f"{pair.photo} is {sizes[0]} and {pair.original} {sizes[1]} pixels: a pair must be aligned "
@@ -175,3 +176,10 @@ def read_registered(photos: Iterable[Path], picture: Path) -> Iterator[ScreenPho
     for path in photos:
         photo, original = register(read_codes(path), on_screen, str(path))
         yield ScreenPhoto(path.stem, photo, original)
+
+
+def middle_of(picture: Tensor) -> Tensor:
+    """Return the middle of a picture (3, H, W), at most `EXAMPLE_SIDE` pixels wide and high, as a
+    copy: a view would keep all of it."""
+    top, left = (max(0, (length - EXAMPLE_SIDE) // 2) for length in picture.shape[1:])
+    return picture[:, top : top + EXAMPLE_SIDE, left : left + EXAMPLE_SIDE].clone()
