@@ -13,9 +13,9 @@ from torch import Tensor
 from tqdm import tqdm
 
 from moireaug.defenses.demoire import DemoireNet
-from moireaug.evaluation.statistics import t_interval
 from training.calibration.crops import middle_of
 from training.calibration.pairs import find_pairs, read_pairs
+from training.comparison.statistics import t_interval
 from training.demoireing.clean import clean_codes
 from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.pairs import test_pairs
