@@ -31,7 +31,7 @@ def report_finished(run: Run[Config]) -> RunMetrics | None:
     if metrics is None or not is_first():
         return metrics
     if metrics.trust is not None:
-        report.show(report.run_parts(metrics.to_dict()))
+        report.show(report.run_parts(metrics))
     else:
         metrics = report_trained(run, metrics)
     print(f"{run.folder} is already finished; resume=false trains it again.")

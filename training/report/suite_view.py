@@ -9,9 +9,9 @@ import pandas as pd
 
 from moireaug.evaluation.frame import MEASURES
 from moireaug.evaluation.tables import Table
-from training.report.metrics import Metrics, Rate, name_of
-from training.report.numbers import distinct, finite
-from training.report.page import render, title_of
+from training.report.numbers import Rate, distinct, finite
+from training.report.page import name_of, render, title_of
+from training.runs.metrics import SuiteMetrics
 
 ATTACK_COLUMNS = ("worst", "ma")  # columns of a table, the strongest first
 # columns with and without moiré of the tables without an attacker
@@ -21,7 +21,7 @@ Cells = Mapping[tuple[str, str], dict[str, Any]]  # by row and column
 
 
 def suite_view(
-    metrics: Metrics,
+    metrics: SuiteMetrics,
     tables: Sequence[Table],
     lines: pd.DataFrame,
     examples: Mapping[str, list[dict[str, Any]]],
@@ -46,14 +46,13 @@ def suite_view(
             first = view
         views.append(view)
     unanswered = _unanswered(lines)
-    seconds = metrics.get("time") or {}
     paragraphs = render(
         "suite_lead.j2",
         first=first,
         tables=views,
         unanswered=unanswered,
-        checks=metrics.get("trust") or [],
-        trust_n=metrics.get("trust_n"),
+        checks=metrics.trust or [],
+        trust_n=metrics.trust_n,
     )
     return {
         "name": name_of(metrics),
@@ -61,7 +60,7 @@ def suite_view(
         "first": first,
         "unanswered": unanswered,
         "paragraphs": [text for text in paragraphs.splitlines() if text.strip()],
-        "took": sum(seconds.values()),
+        "took": sum(metrics.time.values()),
     }
 
 
@@ -146,22 +145,7 @@ def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
         "counted": cell["counted"],
         # share of the attack's success that its photo has without any noise
         "photo_share": min(1.0, photo / fooled) if fooled > 0 else None,
-        "others": _others(table, cells, row, attack),
     }
-
-
-def _others(table: Table, cells: Cells, row: str, attack: str) -> dict[str, Any] | None:
-    """Return the success of the photo in the other rows, and the row where the noise adds most."""
-    photos, added = [], {}
-    for other in table.rows:
-        photo, attacked = _success(cells, other, "moire"), _success(cells, other, attack)
-        if other != row and photo is not None and attacked is not None:
-            photos.append(photo)
-            added[other] = max(0.0, attacked - photo)
-    if not photos:
-        return None
-    largest = max(added, key=lambda name: added[name])
-    return {"least": min(photos), "most": max(photos), "added": added[largest], "row": largest}
 
 
 def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
@@ -183,11 +167,9 @@ def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
 def _unanswered(lines: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the number of images without an answer, once for each condition and judge: several
     cells may show one condition, and cells of several conditions are left out."""
-    unanswered: dict[tuple[str, str], dict[str, Any]] = {}
-    for line in lines.to_dict("records"):
-        single = line["condition"] != "worst" and not line["condition"].endswith(" pooled")
-        if line["undecided"] and single:
-            title = f"{title_of(line['row'], 'rows')}, {title_of(line['column'], 'columns')}"
-            counts = {"undecided": line["undecided"], "n": line["n"], "title": title}
-            unanswered.setdefault((line["condition"], line["judge"]), counts)
-    return list(unanswered.values())
+    is_single = (lines["condition"] != "worst") & ~lines["condition"].str.endswith(" pooled")
+    lines = lines[is_single & (lines["undecided"] > 0)].drop_duplicates(["condition", "judge"])
+    unanswered = lines[["undecided", "n"]].to_dict("records")
+    for counts, row, column in zip(unanswered, lines["row"], lines["column"], strict=True):
+        counts["title"] = f"{title_of(row, 'rows')}, {title_of(column, 'columns')}"
+    return unanswered
