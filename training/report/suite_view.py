@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from moireaug.evaluation.frame import MEASURES
 from moireaug.evaluation.tables import Table
-from training.report.numbers import Rate, distinct, finite
+from training.report.numbers import Rate, distinct
 from training.report.page import name_of, render, title_of
 from training.runs.metrics import SuiteMetrics
 
@@ -65,15 +65,14 @@ def suite_view(
 
 
 def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
-    cells = {}
-    for line in lines.to_dict("records"):
-        cells[line["row"], line["column"]] = _cell(line)
+    known = lines.replace([np.inf, -np.inf], np.nan).astype(object)
+    cells: dict[tuple[str, str], dict[str, Any]] = {}
+    for cell in known.where(known.notna(), None).to_dict("records"):
+        cell["control"] = cell["column"] in CONTROL_COLUMNS
+        cell["side"] = Rate(cell["success"], cell["low"], cell["high"])
+        cells[cell["row"], cell["column"]] = cell
     noise = []
-    has_lpips = has_paper = has_controls = False
     for cell in cells.values():
-        has_lpips = has_lpips or cell["lpips"] is not None
-        has_paper = has_paper or cell["paper"] is not None
-        has_controls = has_controls or cell["control"]
         if cell["psnr"] is not None and cell["judge"] == "model":
             noise.append(cell)
     return {
@@ -83,9 +82,9 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
         "facts": table.facts,
         "empty": table.empty,
         "noise": noise,
-        "has_lpips": has_lpips,
-        "has_paper": has_paper,
-        "has_controls": has_controls,
+        "has_lpips": lines["lpips"].notna().any(),
+        "has_paper": lines["paper"].notna().any(),
+        "has_controls": lines["column"].isin(CONTROL_COLUMNS).any(),
         "verdict": verdict(table, cells),
         "natural": natural(table, cells),
     }
@@ -101,17 +100,6 @@ def _row(table: Table, cells: Cells, name: str) -> dict[str, Any]:
         "counted": distinct(cell["counted"] for cell in known),
         "seconds": sum(cell["seconds"] for cell in known) if known else None,
     }
-
-
-def _cell(line: dict[str, Any]) -> dict[str, Any]:
-    view = {}
-    for name in ("row", "column", "counted", "n", "judge", "seconds", "eps"):
-        view[name] = line[name]
-    for name in ("success", "low", "high", "paper", *MEASURES):
-        view[name] = finite(line[name])
-    view["control"] = line["column"] in CONTROL_COLUMNS
-    view["side"] = Rate(view["success"], view["low"], view["high"])
-    return view
 
 
 def _success(cells: Cells, row: str, column: str) -> float | None:
