@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from moireaug.evaluation.statistics import wilson
-from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
+from tests.training import frontier_runs
+from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics
 
 N, COUNTED = 200, 180
 LADDER_ROWS = {
@@ -52,19 +53,9 @@ def cost(seconds):
         {"epoch": i, "loss": 2.0 - i, "clean": 0.4 + 0.2 * i, "perturbed": 0.3, "seconds": 9.0}
         for i in range(2)
     ]
-    return TrainCost(
-        init="clean",
-        passes=3.25,
-        seconds=seconds,
-        epochs=2,
-        images_per_second=100.0,
-        collapsed_at=None,
-        history=history,
-        wall_seconds=seconds,
-        best_epoch=1,
-        total_epochs=4,
-        total_seconds=seconds + 60.0,
-    )
+    facts = {"passes": 3.25, "images_per_second": 100.0, "history": history, "best_epoch": 1}
+    totals = {"epochs": 2, "total_epochs": 4, "total_seconds": seconds + 60.0}
+    return replace(frontier_runs.cost(seconds, "clean"), **facts, **totals)
 
 
 @pytest.fixture
