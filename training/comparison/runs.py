@@ -39,7 +39,7 @@ def read_classifiers(root: Path) -> tuple[dict[Path, RunMetrics], list[str]]:
     groups = {path.parents[2] for path in root.glob("*/*/seed*/metrics.json")}
     if groups:
         names = ", ".join(shlex.quote(str(path)) for path in sorted(groups))
-        problem += f" Runs of several data sets or models do not compare: pass one of {names}."
+        problem += f" A table is of one data set and model: pass one of {names}."
     raise ValueError(problem)
 
 
