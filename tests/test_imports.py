@@ -28,11 +28,11 @@ LIBRARY = (
     ("evaluation",),
 )
 APPLICATION = (
-    ("system", "report"),
+    ("system",),
     ("config",),
     ("data", "models"),
     ("runs",),
-    ("trainer",),
+    ("trainer", "report"),
     ("classifier",),
     ("attack",),
     ("calibration", "comparison", "pairs"),

@@ -4,9 +4,9 @@
     python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50
     python training/frontier.py runs    # when all runs are attacked
 
-Writes frontier.md, frontier.csv (one line per run), frontier.json and frontier.png into
-runs/frontier/, or where out=DIR says. A run that was not attacked yet is left out, and the command
-that attacks it is printed.
+Writes frontier.md, frontier.csv (one line per run) and frontier.png into runs/frontier/, or
+where out=DIR says. A run that was not attacked yet is left out, and the command that attacks it is
+printed.
 """
 
 from __future__ import annotations
@@ -17,16 +17,13 @@ from pathlib import Path
 if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
     sys.path[: not sys.flags.safe_path] = [str(Path(__file__).resolve().parents[1])]
 
-import json
 from collections.abc import Sequence
 
-import pandas as pd
-
 from moireaug.files import write_bytes, write_text
+from training.comparison.frame import read
 from training.comparison.plot import draw
-from training.comparison.points import read
 from training.comparison.summaries import RecipeSummary, summarise
-from training.comparison.table import caption, markdown, plain_values, terminal_parts
+from training.comparison.table import markdown, terminal_parts
 from training.report.terminal import show
 from training.system.messages import use_legible_output
 
@@ -38,20 +35,10 @@ def frontier(root: Path, out: Path) -> list[RecipeSummary]:
         ValueError: runs that are missing or cannot be compared.
     """
     table = read(root)
-    recipes = summarise(table.points)
-    rows = [point.to_dict() for point in table.points]
-    values = {
-        "points": rows,
-        "shared": table.shared,
-        "commands": table.commands,
-        "warnings": table.warnings,
-        "recipes": [plain_values(recipe) for recipe in recipes],
-        "caption": caption(recipes, table.shared),
-    }
+    recipes = summarise(table.runs)
     write_bytes(out / "frontier.png", draw(recipes, table.shared))
-    write_text(out / "frontier.csv", pd.DataFrame(rows).to_csv(index=False))
+    write_text(out / "frontier.csv", table.to_csv())
     write_text(out / "frontier.md", markdown(recipes, table))
-    write_text(out / "frontier.json", json.dumps(values, indent=1))
     show(terminal_parts(recipes, table))
     print(f"Written: {out / 'frontier.md'}")
     return recipes

@@ -11,7 +11,7 @@ from tests.training.strangers import put
 from training import fit
 from training.attack.results import run_metrics
 from training.classifier.train import train_model
-from training.comparison.points import read
+from training.comparison.frame import read
 from training.config import overrides
 from training.data.load import load
 from training.recipe import phases
@@ -42,19 +42,14 @@ def test_models_and_data_do_not_share_a_folder(given, path):
 
 
 def test_a_frontier_is_of_one_group_of_runs(tmp_path):
-    frontier_runs.put(tmp_path / "resnet18", "clean", 0)
-    assert len(read(tmp_path).points) == 1, "the only group is meant"
-    frontier_runs.put(tmp_path / "cifar10", "clean", 0)
-    with pytest.raises(ValueError, match=r"pass one of \S+/cifar10, \S+/resnet18"):
+    for group in ("resnet18", "cifar10"):
+        frontier_runs.put(tmp_path / group, "clean", 0)
+    with pytest.raises(ValueError, match=r"pass one of \S+/cifar10, \S+/resnet18\."):
         read(tmp_path)
-    frontier_runs.put(tmp_path, "clean", 0)
-    frontier_runs.put(tmp_path, "good", 0)
-    found = read(tmp_path)
-    assert len(found.points) == 2
-    assert found.warnings[0].startswith(
-        "Runs of other data or models are left out; for a table of these pass "
-    )
-    assert len(read(tmp_path / "resnet18").points) == 1
+    for recipe in ("clean", "good"):
+        frontier_runs.put(tmp_path, recipe, 0)
+    assert len(read(tmp_path).runs) == 2
+    assert len(read(tmp_path / "resnet18").runs) == 1
 
 
 @pytest.mark.parametrize("torn", ["best.ckpt", "config.yaml", "metrics.json"])

@@ -143,7 +143,7 @@ def test_runs_of_other_lists_of_scenes_are_not_compared():
     assert comparable.run_settings(replace(metrics, scene=metrics.scene[0]))["scene.panel"]
     with pytest.raises(ValueError, match="runs with different scene"):
         other = replace(metrics, scene=metrics.scene[:1] * 2)
-        comparable.shared_values(
+        comparable.require_shared(
             {"a": found, "b": found, "c": comparable.run_settings(other)}, "runs"
         )
 

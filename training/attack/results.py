@@ -141,9 +141,9 @@ def publish(
         metrics = with_baseline(metrics, baseline, ladder_metrics(results[baseline.recipe]))
     runners = {name: result.runner for name, result in results.items()}
     examples = run_examples(runners, main_attack(own_result.tables[0]), classes)
-    report.write_run(out / "report.html", metrics.to_dict(), examples)
+    report.write_run(out / "report.html", metrics, examples)
     metrics.write(out)
-    report.show(report.run_parts(metrics.to_dict()))
+    report.show(report.run_parts(metrics))
     print(f"Report: {out / 'report.html'}")
     return metrics
 
@@ -172,7 +172,7 @@ def publish_suite(cfg: ReattackConfig, subject: Subject, result: AttackResult) -
         examples[table.name] = table_examples(
             table, result.runner, subject.splits.classes, subject.name
         )
-    summary = report.write_suite(out, metrics.to_dict(), result.tables, result.cells, examples)
+    summary = report.write_suite(out, metrics, result.tables, result.cells, examples)
     metrics.write(out)
     report.show(summary)
     print(f"Report: {out / 'report.html'}")

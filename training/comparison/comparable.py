@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from training.config.overrides import literal
 from training.config.schema import Config
 from training.config.settings import settings_of
@@ -14,42 +16,38 @@ from training.runs.metrics import Metrics, RunMetrics, SuiteMetrics
 from training.runs.run import PLAIN_RECIPES
 
 Settings = dict[str, Any]
+Runs = Mapping[Path, RunMetrics]
+Attacks = Mapping[Path, SuiteMetrics]
 
 
-def shared_training(trained: Mapping[Path, RunMetrics]) -> Settings:
-    """Return the settings that all runs of a table share.
+def require_comparable(trained: Runs, attacked: Attacks) -> None:
+    """Refuse runs, seeds of one recipe or re-attacks of different settings.
+
+    Args:
+        trained: metrics of the runs, by their folders.
+        attacked: metrics of their re-attacks, by the same folders.
 
     Raises:
-        ValueError: as `shared_values`, of the runs or of the seeds of one recipe.
+        ValueError: as `require_shared`.
     """
-    of_runs: dict[Path, Settings] = {}
-    of_recipes: dict[str, dict[Path, Settings]] = {}
+    runs: dict[Path, Settings] = {}
+    seeds: dict[str, dict[Path, Settings]] = {}
     for folder, metrics in trained.items():
-        of_runs[folder] = run_settings(metrics)
-        of_recipes.setdefault(metrics.recipe, {})[folder] = recipe_settings(metrics)
-    shared = shared_values(of_runs, "runs")
-    for recipe, of_seeds in sorted(of_recipes.items()):
-        shared_values(of_seeds, f"seeds of {recipe}")
-    return shared
-
-
-def shared_protocol(attacked: Mapping[Path, SuiteMetrics]) -> Settings:
-    """Return the protocol that all re-attacks of a table share; empty where there are none.
-
-    Raises:
-        ValueError: as `shared_values`, of the protocol or of the attackers.
-    """
-    protocols, attackers = {}, {}
+        runs[folder] = run_settings(metrics)
+        seeds.setdefault(metrics.recipe, {})[folder] = recipe_settings(metrics)
+    require_shared(runs, "runs")
+    for recipe, settings in sorted(seeds.items()):
+        require_shared(settings, f"seeds of {recipe}")
+    attacks = {}
     for folder, attack in attacked.items():
-        protocols[folder] = protocol_settings(attack)
-        attackers[folder] = worst_case_attackers(attack)
-    shared = shared_values(protocols, "re-attacks")
-    shared_values(attackers, "re-attacks")
-    return shared
+        cells = attack.tables["worst_case"]
+        attackers = sorted({cell["column"] for cell in cells})  # which differ between versions
+        attacks[folder] = protocol_settings(attack) | {"attackers": attackers}
+    require_shared(attacks, "re-attacks")
 
 
-def shared_values(settings_by_run: Mapping[Path, Settings], noun: str) -> Settings:
-    """Return the settings that all runs share; empty where there are no runs.
+def require_shared(settings_by_run: Mapping[Path, Settings], noun: str) -> None:
+    """Refuse runs of different settings.
 
     Args:
         settings_by_run: settings of each run, by its folder.
@@ -58,19 +56,20 @@ def shared_values(settings_by_run: Mapping[Path, Settings], noun: str) -> Settin
     Raises:
         ValueError: one differs from most; names it and the setting that differs.
     """
-    shared: Settings = {}
-    for key in sorted({key for settings in settings_by_run.values() for key in settings}):
-        values = {folder: settings.get(key) for folder, settings in settings_by_run.items()}
-        most_common = Counter(map(literal, values.values())).most_common(1)[0][0]
-        for folder, value in values.items():
-            if literal(value) != most_common:
-                raise ValueError(
-                    f"{noun} with different {key} cannot be compared: {folder} has "
-                    f"{literal(value)}, most others have {most_common}. Repeat it with the same, "
-                    "or move it to another folder."
-                )
-            shared[key] = value
-    return shared
+    rows = []
+    for settings in settings_by_run.values():
+        rows.append({key: literal(value) for key, value in settings.items()})
+    table = pd.DataFrame(rows, index=list(settings_by_run)).fillna("null").sort_index(axis=1)
+    differing = table.columns[table.nunique() > 1]
+    if differing.empty:
+        return
+    values = table[differing[0]]
+    most_common = Counter(values).most_common(1)[0][0]
+    folder = (values != most_common).idxmax()
+    raise ValueError(
+        f"{noun} with different {values.name} cannot be compared: {folder} has {values[folder]}, "
+        f"most others have {most_common}. Repeat it with the same, or move it to another folder."
+    )
 
 
 def run_settings(metrics: RunMetrics) -> Settings:
@@ -111,23 +110,13 @@ def image_settings(metrics: Metrics) -> Settings:
 
 
 def protocol_settings(attack: SuiteMetrics) -> Settings:
-    """Return the settings that the re-attacks of a table must share.
-
-    Args:
-        attack: metrics of a re-attack.
-    """
+    """Return the settings of a re-attack, of which those of a table must share all."""
     return {
         "reattack.n": attack.n,
         "reattack.steps": attack.steps,
         "reattack.seed": attack.config["reattack"]["seed"],
         "reattack.batch_size": attack.config["reattack"]["batch_size"],
     }
-
-
-def worst_case_attackers(attack: SuiteMetrics) -> Settings:
-    """Return the attackers of a re-attack's worst case, which differ between versions."""
-    cells = attack.tables["worst_case"]
-    return {"attackers": sorted({cell["column"] for cell in cells})}
 
 
 def data_name(metrics: Iterable[RunMetrics]) -> str:
@@ -142,13 +131,11 @@ def baseline_recipe(metrics: RunMetrics, trained: Iterable[RunMetrics]) -> str |
     itself, and where it took fewer epochs than the run or had another start."""
     if metrics.recipe in PLAIN_RECIPES:
         return None
+    ours = metrics.config["train"]
     for other in trained:
-        if other.recipe == "baseline" and not _is_fair(other, metrics):
-            return None
+        if other.recipe == "baseline":
+            theirs = other.config["train"]
+            is_shorter = theirs["epochs"] * theirs["length"] < ours["epochs"] * ours["length"]
+            if is_shorter or theirs["init"] != ours["init"]:
+                return None
     return "baseline"
-
-
-def _is_fair(baseline: RunMetrics, metrics: RunMetrics) -> bool:
-    theirs, ours = baseline.config["train"], metrics.config["train"]
-    same_start = theirs["init"] == ours["init"]
-    return same_start and theirs["epochs"] * theirs["length"] >= ours["epochs"] * ours["length"]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from moireaug.evaluation.statistics import bootstrap, t_interval, wilson
-from training.comparison.points import RATES, Point
+from moireaug.evaluation.statistics import wilson
+from training.comparison.frame import RATES
+from training.comparison.statistics import bootstrap, t_interval
 
-COSTS = ("seconds", "start_seconds", "passes", "images_per_second")
+COSTS = ["seconds", "start_seconds", "passes", "images_per_second"]
 
 
 class Estimate(NamedTuple):
@@ -33,8 +35,8 @@ class RecipeSummary:
         rates: accuracies in [0, 1], by the names of `RATES`.
         gains: their gains over plain training with the same seeds; empty where that was not
             attacked.
-        seconds, start_seconds, passes, images_per_second: means over seeds of the fields of
-            `Point`.
+        seconds, start_seconds, passes, images_per_second: means over seeds of the columns of
+            `RunTable`.
         relative: time of training with its start, over the mean of plain training with its own.
         collapsed: number of seeds whose training collapsed.
         front: whether no other recipe is as robust at 4/255 in less time, or more robust in the
@@ -47,33 +49,83 @@ class RecipeSummary:
     gains: dict[str, Estimate]
     seconds: float
     start_seconds: float
-    relative: Estimate
     passes: float
     images_per_second: float
+    relative: Estimate
     collapsed: int
-    front: bool
+    front: bool = False
 
 
-def estimate_rate(points: Sequence[Point], name: str) -> Estimate:
+def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
+    """Return the recipes, cheapest first.
+
+    Args:
+        runs: runs, as in `RunTable`.
+
+    Raises:
+        ValueError: as `mean_plain_seconds`.
+    """
+    unit = mean_plain_seconds(runs)
+    baseline = runs[runs["recipe"] == "baseline"]
+    summaries, places = [], []
+    for name, seeds in runs.groupby("recipe", sort=False):
+        summary = RecipeSummary(
+            name,
+            seeds=tuple(sorted(seeds["seed"])),
+            rates={rate: estimate_rate(seeds[rate]) for rate in RATES},
+            gains=estimate_gains(seeds, baseline) if seeds["baseline"].notna().all() else {},
+            relative=estimate_cost((seeds["total_seconds"] / unit).tolist()),
+            collapsed=int(seeds["collapsed"].sum()),
+            **seeds[COSTS].mean(),
+        )
+        summaries.append(summary)
+        places.append((summary.relative.value, summary.rates["worst_4"].value))
+    fronts = pareto(places)
+    summaries = [replace(one, front=front) for one, front in zip(summaries, fronts, strict=True)]
+    return sorted(summaries, key=lambda summary: (summary.relative.value, summary.name))
+
+
+def mean_plain_seconds(runs: pd.DataFrame) -> float:
+    """Return the mean time of plain training, its start included; a baseline's own figure takes
+    precedence over a copy.
+
+    Raises:
+        ValueError: no run says it.
+    """
+    baselines_first = runs.sort_values("recipe", key=lambda name: name != "baseline", kind="stable")
+    by_seed = baselines_first.groupby("seed")["plain_seconds"].first().dropna()
+    if by_seed.empty:
+        raise ValueError(
+            "no run says how long plain training takes, which costs are relative to: train and "
+            "attack recipe baseline with the same settings."
+        )
+    return fmean(by_seed)
+
+
+def estimate_rate(outcomes: pd.Series) -> Estimate:
     """Return a mean accuracy with an interval over seeds and images; for a single seed, over its
-    images alone (Wilson)."""
-    outcomes = np.stack([point.outcomes[name] for point in points])
-    mean = float(outcomes.mean())
-    if len(outcomes) == 1:
-        return Estimate(mean, *wilson(mean * outcomes.size, outcomes.size))
-    low, high = bootstrap(outcomes)
+    images alone (Wilson).
+
+    Args:
+        outcomes: (seeds,) of (n,) outcomes.
+    """
+    values = np.stack(outcomes.tolist())
+    mean = float(values.mean())
+    if len(values) == 1:
+        return Estimate(mean, *wilson(mean * values.size, values.size))
+    low, high = bootstrap(values)
     return Estimate(mean, max(0.0, low), high)
 
 
-def estimate_gain(points: Sequence[Point], baseline: Sequence[Point], name: str) -> Estimate:
-    """Return a mean difference of accuracies of the same seeds, on the same images."""
-    by_seed = {point.seed: point for point in baseline}
-    rows = []
-    for point in points:
-        if point.seed in by_seed:
-            rows.append(point.outcomes[name] - by_seed[point.seed].outcomes[name])
-    differences = np.stack(rows)
-    return Estimate(float(differences.mean()), *bootstrap(differences))
+def estimate_gains(seeds: pd.DataFrame, baseline: pd.DataFrame) -> dict[str, Estimate]:
+    """Return the mean differences to plain training of the same seeds, on the same images; empty
+    where none of its runs has the same seeds."""
+    pairs = seeds.merge(baseline, on="seed", suffixes=("", "_plain"))
+    gains = {}
+    for rate in RATES if len(pairs) else ():
+        differences = np.stack((pairs[rate] - pairs[f"{rate}_plain"]).tolist())
+        gains[rate] = Estimate(float(differences.mean()), *bootstrap(differences))
+    return gains
 
 
 def estimate_cost(values: Sequence[float]) -> Estimate:
@@ -88,77 +140,6 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
     """Return which (cost, gain) no other beats, better in one of both and no worse in the other."""
     on_front = []
     for cost, gain in points:
-        is_beaten = False
-        for other_cost, other_gain in points:
-            other_is_better = other_cost < cost or other_gain > gain
-            other_is_no_worse = other_cost <= cost and other_gain >= gain
-            is_beaten = is_beaten or (other_is_no_worse and other_is_better)
-        on_front.append(not is_beaten)
+        no_worse = [(c, g) for c, g in points if c <= cost and g >= gain]
+        on_front.append(all(point == (cost, gain) for point in no_worse))
     return on_front
-
-
-def summarise(points: Sequence[Point]) -> list[RecipeSummary]:
-    """Return the recipes, cheapest first.
-
-    Raises:
-        ValueError: as `mean_plain_seconds`.
-    """
-    by_recipe: dict[str, list[Point]] = {}
-    for point in points:
-        by_recipe.setdefault(point.recipe, []).append(point)
-    unit = mean_plain_seconds(points)
-    rates: dict[str, dict[str, Estimate]] = {}
-    costs: dict[str, Estimate] = {}
-    for name, seeds in by_recipe.items():
-        rates[name] = {key: estimate_rate(seeds, key) for key in RATES}
-        costs[name] = estimate_cost([point.total_seconds / unit for point in seeds])
-    places = [(costs[name].value, rates[name]["worst_4"].value) for name in by_recipe]
-    summaries = []
-    for (name, seeds), front in zip(by_recipe.items(), pareto(places), strict=True):
-        means = {key: fmean(getattr(point, key) for point in seeds) for key in COSTS}
-        summary = RecipeSummary(
-            name,
-            seeds=tuple(sorted(point.seed for point in seeds)),
-            rates=rates[name],
-            gains=estimate_gains(seeds, by_recipe),
-            relative=costs[name],
-            collapsed=sum(point.collapsed for point in seeds),
-            front=front,
-            **means,
-        )
-        summaries.append(summary)
-    return sorted(summaries, key=lambda summary: (summary.relative.value, summary.name))
-
-
-def estimate_gains(
-    points: Sequence[Point], by_recipe: dict[str, list[Point]]
-) -> dict[str, Estimate]:
-    """Return the gains over plain training; empty where none of its runs has the same seeds."""
-    baseline = by_recipe.get(points[0].baseline or "", [])
-    baseline_seeds = {point.seed for point in baseline}
-    if not any(point.seed in baseline_seeds for point in points):
-        return {}
-    return {key: estimate_gain(points, baseline, key) for key in RATES}
-
-
-def mean_plain_seconds(points: Sequence[Point]) -> float:
-    """Return the mean time of plain training, its start included; a baseline's own figure takes
-    precedence over a copy.
-
-    Raises:
-        ValueError: no run says it.
-    """
-    by_seed: dict[int, float] = {}
-    for point in points:
-        if point.plain_seconds is None:
-            continue
-        if point.recipe == "baseline":
-            by_seed[point.seed] = point.plain_seconds
-        else:
-            by_seed.setdefault(point.seed, point.plain_seconds)
-    if not by_seed:
-        raise ValueError(
-            "no run says how long plain training takes, which costs are relative to: train recipe "
-            "baseline with the same settings."
-        )
-    return fmean(by_seed.values())

@@ -1,14 +1,13 @@
-"""The table of recipes: as a page, for the terminal, and as plain values."""
+"""The table of recipes: as a page, and for the terminal."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from training.comparison.points import RunTable
+from training.comparison.frame import RunTable
 from training.comparison.summaries import RecipeSummary
 from training.report.numbers import percent, points
 from training.report.page import environment
@@ -113,13 +112,3 @@ def name_of(recipe: RecipeSummary, width: int | None = None) -> str:
     marks = f"{' ●' if recipe.front else ''}{' †' if recipe.collapsed else ''}"
     name = recipe.name if width is None else recipe.name[: width - len(marks)]
     return name + marks
-
-
-def plain_values(recipe: RecipeSummary) -> dict[str, Any]:
-    """Return a recipe as plain values, its estimates by name."""
-    values = asdict(recipe)
-    values["relative"] = recipe.relative._asdict()
-    for part in ("rates", "gains"):
-        estimates = getattr(recipe, part)
-        values[part] = {name: estimate._asdict() for name, estimate in estimates.items()}
-    return values

@@ -6,21 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
 from torch import Tensor
 
 from moireaug.evaluation.visibility import SSIM_WINDOW
 from training.demoireing.testing import GroupedPair
 from training.report.numbers import number
-from training.report.page import environment, uri
-from training.report.plots import (
-    BASELINE_COLOUR,
-    FIGURE_INCHES,
-    GRID_COLOUR,
-    MODEL_COLOUR,
-    finish,
-    svg,
-)
+from training.report.page import environment
+from training.report.plots import History, Quantity, curves
 from training.report.terminal import Grid, Part
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
@@ -55,8 +47,8 @@ def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tenso
         columns=list(REFERENCE_COLUMNS),
         rows=table_rows(metrics["test"]),
         examples=[example_block(pair, cleaned) for pair, cleaned in examples],
-        curves=training_curves(metrics["train"]["history"], metrics["train"]["best_steps"]),
-        phases={"parts": time, "total": sum(time.values())},
+        curves=training_curves(metrics["train"]),
+        time=time,
         metrics={**metrics, "scene": None, "plan": None},
         target=metrics["target"],
         window=SSIM_WINDOW,
@@ -166,33 +158,14 @@ def example_block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
     return {"label": f"{pair.group}: {pair.name}", "cells": cells}
 
 
-def training_curves(history: Sequence[Mapping[str, float]], best: int) -> list[dict[str, str]]:
+def training_curves(train: Mapping[str, Any]) -> list[dict[str, str]]:
     """Return the plots of a training: its loss, and PSNR on the pairs that validate."""
-    steps = [row["steps"] for row in history]
-    loss = Figure(FIGURE_INCHES, layout="constrained")
-    ax = loss.subplots()
-    ax.plot(steps, [row["loss"] for row in history], "o-", color=MODEL_COLOUR, markersize=3.2)
-    finish(ax, "step", "training loss")
-    psnr = Figure(FIGURE_INCHES, layout="constrained")
-    ax = psnr.subplots()
-    ax.plot(steps, [row["psnr"] for row in history], "o-", color=MODEL_COLOUR, markersize=3.2)
-    ax.axvline(best, color=GRID_COLOUR)
-    ax.axhline(history[-1]["photo_psnr"], color=BASELINE_COLOUR, linewidth=1)
-    finish(ax, "step", "validation PSNR, dB")
-    return [
-        _curve(
-            loss,
-            "Training loss against the step",
-            "Training loss, mean since the last validation.",
-        ),
-        _curve(
-            psnr,
-            "PSNR of cleaned validation photos against the step",
-            "PSNR of cleaned validation photos. The horizontal line is that of the photos "
-            f"themselves. Step {best} was kept.",
-        ),
-    ]
-
-
-def _curve(figure: Figure, alt: str, caption: str) -> dict[str, str]:
-    return {"uri": uri(svg(figure).encode(), "image/svg+xml"), "alt": alt, "caption": caption}
+    rows, best = train["history"], train["best_steps"]
+    history = History([row["steps"] for row in rows], rows, best)
+    loss = Quantity("training loss", "Training loss, mean since the last validation.", {"loss": ""})
+    psnr = Quantity(
+        "validation PSNR, dB",
+        f"PSNR of validation photos. The ring marks step {best}, which was kept.",
+        {"psnr": "cleaned photos", "photo_psnr": "the photos themselves"},
+    )
+    return curves({"": history}, "step", (loss, psnr))

@@ -13,7 +13,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from moireaug.defenses.demoire import DemoireNet
-from moireaug.evaluation.statistics import t_interval
+from training.comparison.statistics import t_interval
 from training.data.real_pairs import find_pairs, middle_of, read_pairs
 from training.demoireing.clean import clean_codes
 from training.demoireing.fidelity import fidelity_scores

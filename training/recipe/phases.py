@@ -25,7 +25,7 @@ def report_finished(run: Run[Config]) -> RunMetrics | None:
     """Print the summary of a finished run and return its metrics."""
     metrics = RunMetrics.read(run.folder)
     if metrics and is_first():
-        report.show(report.run_parts(metrics.to_dict()))
+        report.show(report.run_parts(metrics))
         print(f"{run.folder} is already finished; resume=false trains it again.")
     return metrics
 

@@ -5,10 +5,18 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 DASH = "–"
 UNITS = ("%", "points", "s", "min", "h")
+
+
+class Rate(NamedTuple):
+    """A rate, None where no image counts, or a difference of two; and its 95 % interval."""
+
+    value: float | None
+    low: float
+    high: float
 
 
 def finite(value: Any) -> float | None:

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
 import training.report.numbers as numbers
+from training.runs.metrics import Metrics, PlainMetrics
 
 PICTURE_SIDE = 165  # pixels, to which small pictures are enlarged by a whole factor
 NUMBER_FILTERS = ("percent", "points", "codes", "number", "duration", "capital", "tied")
@@ -57,6 +58,12 @@ def title_of(name: str, section: str) -> str:
         if match := re.fullmatch(pattern["match"], name):
             return pattern["title"].format(*match.groups())
     return name
+
+
+def name_of(metrics: Metrics | PlainMetrics) -> str:
+    """Return the name of a model: its recipe, or its architecture where it was not trained
+    here."""
+    return metrics.model if metrics.recipe == "pretrained" else metrics.recipe
 
 
 def embedded_picture(image: Any, title: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The plots of a report, as SVG text. Rates are drawn by the page itself, in its tables.
+"""The plots of a training, as SVG. Rates are drawn by the page itself, in its tables.
 
 The colours are Okabe and Ito's (2008), told apart by every common kind of colour vision; in print
 the markers' shapes say the same. The background is transparent: in dark mode the page inverts the
@@ -9,79 +9,98 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from training.report.numbers import finite
+from training.report.page import uri
 
 MODEL_COLOUR, BASELINE_COLOUR = "#0072B2", "#D55E00"  # this model, the baseline
 TEXT_COLOUR, GRID_COLOUR = "#222222", "#DDDDDD"
 FIGURE_INCHES = (4.6, 3.3)  # readable on a phone, and two abreast on a page
-SOLID_LINE, DASHED_LINE = "-", (0, (3, 1.5))
-Training = Mapping[str, Any]
+MARKERS = ((MODEL_COLOUR, "o"), (BASELINE_COLOUR, "D"))
+LINES = ("-", (0, (3, 1.5)))  # solid, dashed
 
 
-def curves(trains: Mapping[str, Training | None]) -> list[str]:
-    """Draw loss and validation accuracy per epoch, one plot each; none where no model has a
-    history.
+class History(NamedTuple):
+    """The history of a training.
 
     Args:
-        trains: name to `train` of this model, and of the baseline after it.
+        x: epochs, or steps, of its rows.
+        rows: figures by name; one that was not measured is missing.
+        best: epoch or step of the weights that were kept.
     """
-    styles = [(MODEL_COLOUR, "o"), (BASELINE_COLOUR, "D")]
-    loss = Figure(FIGURE_INCHES, layout="constrained")
-    rate = Figure(FIGURE_INCHES, layout="constrained")
-    losses, rates = loss.subplots(), rate.subplots()
-    last = 0
-    for (name, train), (colour, marker) in zip(trains.items(), styles, strict=False):
-        style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.2}
-        epochs, values = _series(train, "loss")
-        losses.plot(epochs, values, label=name, **style)
-        last = max(last, *epochs, 0)
-        lines = (("clean", SOLID_LINE, "clean"), ("perturbed", DASHED_LINE, "attacked"))
-        for key, line, kind in lines:
-            epochs, values = _series(train, key)
-            if epochs:
-                heights = [100 * value for value in values]
-                rates.plot(epochs, heights, linestyle=line, label=f"{name}: {kind}", **style)
-                _ring_best_epoch(rates, train, epochs, heights, colour)
-                last = max(last, *epochs)
-    if not last:
-        return []
-    losses.set_ylim(0, None)
-    rates.set_ylim(0, 100)
-    for ax, label in ((losses, "training loss, nats"), (rates, "validation accuracy, %")):
-        ax.set_xlim(1 - 0.04 * last, 1.04 * last)
-        finish(ax, "epoch", label)
-        legend = ax.legend(frameon=False, fontsize=9, labelcolor=TEXT_COLOUR)
-        for text in legend.get_texts():
-            text.set_parse_math(False)  # a recipe may have a dollar sign in its name
-    return [svg(loss), svg(rate)]
+
+    x: Sequence[float]
+    rows: Sequence[Mapping[str, float]]
+    best: float
 
 
-def _series(train: Training | None, key: str) -> tuple[list[int], list[float]]:
-    """Return the epochs, counted from 1, with known values, and those values."""
-    epochs, values = [], []
-    for i, row in enumerate((train or {}).get("history") or []):
-        value = finite(row.get(key))
-        if value is not None:
-            epochs.append(int(finite(row.get("epoch", i)) or 0) + 1)
-            values.append(value)
-    return epochs, values
+class Quantity(NamedTuple):
+    """A quantity to plot.
+
+    Args:
+        title: title of the y axis, with its unit.
+        caption: caption of the plot.
+        series: names of one or two figures of a row, and what the legend calls them; "" where
+            there is but one.
+        scale: factor of the figures.
+        limits: ends of the y axis; None for those of the data.
+    """
+
+    title: str
+    caption: str
+    series: Mapping[str, str]
+    scale: float = 1.0
+    limits: tuple[float | None, float | None] = (None, None)
 
 
-def _ring_best_epoch(
-    ax: Axes, train: Training | None, epochs: Sequence[int], heights: Sequence[float], colour: str
-) -> None:
-    """Mark the epoch whose weights were saved."""
-    best_epoch = finite((train or {}).get("best_epoch"))
-    if best_epoch is not None and best_epoch + 1 in epochs:
-        height = heights[epochs.index(int(best_epoch) + 1)]
-        ring: dict[str, Any] = {"markersize": 10, "fillstyle": "none", "clip_on": False}
-        ax.plot([best_epoch + 1], [height], "o", color=colour, **ring)
+def curves(
+    histories: Mapping[str, History], x: str, quantities: Sequence[Quantity]
+) -> list[dict[str, str]]:
+    """Draw quantities against the epoch or step: a plot each, with caption and alternative text.
+
+    Args:
+        histories: histories of this model, and of the baseline after it, by name; the name may be
+            "" where there is but one.
+        x: title of the x axis.
+    """
+    plots = []
+    for quantity in quantities:
+        figure = Figure(FIGURE_INCHES, layout="constrained")
+        ax = figure.subplots()
+        for (name, history), (colour, marker) in zip(histories.items(), MARKERS, strict=False):
+            for (key, kind), line in zip(quantity.series.items(), LINES, strict=False):
+                style: dict[str, Any] = {"marker": marker, "markersize": 3.2, "linestyle": line}
+                style |= {"color": colour, "label": ": ".join(filter(None, (name, kind)))}
+                _draw(ax, history, key, quantity.scale, style)
+        ax.set_ylim(*quantity.limits)
+        finish(ax, x, quantity.title)
+        alt = f"{quantity.title} against the {x}"
+        handles, labels = ax.get_legend_handles_labels()
+        if handles:
+            alt += f", a line for {' and '.join(labels)}"
+            legend = ax.legend(handles, labels, frameon=False, fontsize=9, labelcolor=TEXT_COLOUR)
+            for text in legend.get_texts():
+                text.set_parse_math(False)  # a recipe may have a dollar sign in its name
+        data = uri(svg(figure).encode(), "image/svg+xml")
+        plots.append({"uri": data, "alt": alt, "caption": quantity.caption})
+    return plots
+
+
+def _draw(ax: Axes, history: History, key: str, scale: float, style: Mapping[str, Any]) -> None:
+    """Draw a figure of a history, with a ring around that of the weights that were kept."""
+    points = []
+    for x, row in zip(history.x, history.rows, strict=True):
+        if key in row:
+            points.append((x, scale * row[key]))
+    if points:
+        ax.plot(*zip(*points, strict=True), **style)
+    for x, y in points:
+        if x == history.best:
+            ax.plot(x, y, "o", color=style["color"], markersize=10, fillstyle="none", clip_on=False)
 
 
 def finish(ax: Axes, x: str, y: str) -> None:

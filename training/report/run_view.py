@@ -5,204 +5,118 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from training.report.metrics import (
-    Metrics,
-    Rate,
-    gain_of,
-    is_attack,
-    name_of,
-    rate_of,
-    row_of,
-    total_seconds,
-)
-from training.report.numbers import distinct, finite
-from training.report.page import title_of
+from moireaug.evaluation.frame import MEASURES
+from training.report.numbers import Rate, distinct
+from training.report.page import name_of, title_of
+from training.runs.metrics import PlainMetrics, RunMetrics, TrainCost
 
 MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
+Sides = Mapping[str, RunMetrics | PlainMetrics]  # "baseline" where there is one, and "ours"
+Row = dict[str, Any]
+# rows of the table of costs, fields of `TrainCost`, and the digits of their figures
+COST_ROWS = (
+    ("training time, s", "total_seconds", 1),
+    ("epochs", "total_epochs", 0),
+    ("images per second", "images_per_second", 0),
+    ("passes per image and epoch", "passes", 2),
+)
 
 
-def run_view(metrics: Metrics) -> dict[str, Any]:
-    """Return the values for the templates of a run. Entries of the metrics may be missing; None and
-    NaN stand for unknown."""
-    known = {"baseline": metrics.get("baseline"), "ours": metrics}
-    sides = {}
-    clean_accuracies = {}
-    for kind, side in known.items():
-        clean_accuracies[kind] = finite((side or {}).get("clean_accuracy"))
-        if side and side.get("reattack"):
-            sides[kind] = side
-    baseline = sides.get("baseline")
+def run_view(metrics: RunMetrics) -> dict[str, Any]:
+    """Return the values for the templates of a run that was attacked by the ladder."""
+    baseline, train = metrics.baseline, metrics.train
+    sides: Sides = {"baseline": baseline, "ours": metrics} if baseline else {"ours": metrics}
     rows = _rows(metrics, sides)
-    main = _main(metrics, rows, sides)
-    train = metrics.get("train") or {}
-    view = {
+    main = next((row for row in rows if row["headline"]), rows[-1])
+    trains = {name_of(side): side.train for side in sides.values() if side.train}
+    return {
         "name": name_of(metrics),
         "baseline": name_of(baseline) if baseline else None,
-        "is_pretrained": train.get("init") == "clean",
+        "is_pretrained": train is not None and train.init == "clean",
         "sides": [_side(kind, side) for kind, side in sides.items()],
         "rows": rows,
-        "n": rows[0]["n"] if rows else None,
         "main": main,
         "noise": [row for row in rows if row["psnr"] is not None],
         "has_lpips": any(row["lpips"] is not None for row in rows),
-        "clean": clean_accuracies["ours"],
-        "clean_theirs": clean_accuracies["baseline"],
-        "change": None,
-        "digits": 0,
-        "seconds": total_seconds(metrics),
-        "seconds_theirs": total_seconds(known["baseline"]),
-        "collapsed_at": train.get("collapsed_at"),
-        "collapsed_last": train.get("collapsed_at") == len(train.get("history") or ()) - 1,
+        "clean": metrics.clean_accuracy,
+        "clean_theirs": baseline.clean_accuracy if baseline else None,
+        "change": _change(main["gain"]) if baseline else None,
+        "digits": 0 if baseline and abs(main["gain"].value) >= MIN_WHOLE_CHANGE else 1,
+        "seconds": train.total_seconds if train else None,
+        "seconds_theirs": baseline.train.total_seconds if baseline and baseline.train else None,
+        "collapsed_at": train.collapsed_at if train else None,
+        "collapsed_last": train and train.collapsed_at == len(train.history) - 1,
         "unanswered": _unanswered(sides),
         "shares": _shares(rows, main, sides),
-        "cost": _cost(metrics, known["baseline"]),
+        "cost": {"sides": list(trains), "lines": _cost_lines(list(trains.values()))},
     }
-    if main and baseline:
-        view["change"] = _change(main["gain"])
-        is_wide = abs(main["gain"].value or 0.0) >= MIN_WHOLE_CHANGE
-        view["digits"] = 0 if is_wide else 1
-    return view
 
 
-def _side(kind: str, side: Metrics) -> dict[str, Any]:
-    name = name_of(side)
-    role = "this model" if kind == "ours" else kind
-    label = role if role == name else f"{role} ({name})"
-    counted = distinct(row.get("counted") for row in side["reattack"])
-    return {"kind": kind, "name": name, "label": label, "counted": counted}
+def _side(kind: str, side: RunMetrics | PlainMetrics) -> dict[str, Any]:
+    counted = distinct(row["counted"] for row in side.reattack or [])
+    return {"kind": kind, "name": name_of(side), "counted": counted}
 
 
-def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:
+def _rows(metrics: RunMetrics, sides: Sides) -> list[Row]:
     """Return the rows of the ladder, with every side's rates and the gain over the baseline."""
-    rows: list[dict[str, Any]] = []
-    for line in metrics.get("reattack") or []:
+    rows: list[Row] = []
+    for number, line in enumerate(metrics.reattack or []):
         rates = {}
         for kind, side in sides.items():
-            theirs = row_of(side, line["name"])
+            own = (side.reattack or [])[number]
             rates[kind] = {
-                "accuracy": rate_of(theirs, "accuracy"),
-                "success": rate_of(theirs, "success"),
+                name: Rate(own[name], *own[f"{name}_interval"]) for name in ("accuracy", "success")
             }
-        attack = is_attack(line)
-        first = attack and bool(rows) and not rows[-1]["attack"]
-        row = {
-            "name": line["name"],
-            "title": title_of(line["name"], "ladder"),
-            "attack": attack,
-            "first_attack": first,
-            "eps": finite(line.get("eps")) or 0.0,
-            "sides": rates,
-            "gain": gain_of(metrics, line["name"]),
-            "seconds": finite(line.get("seconds")),
-            "n": line.get("n"),
-        }
-        for name in ("largest", "psnr", "ssim", "lpips"):
-            row[name] = finite(line.get(name))
+        name, is_attack = line["name"], not line["control"]
+        row = dict.fromkeys(MEASURES) | {"headline": False, "gain": None} | line
+        if metrics.baseline:
+            row["gain"] = Rate(metrics.gain[name], *metrics.gain_interval[name])
+        row |= {"title": title_of(name, "ladder"), "sides": rates, "attack": is_attack}
+        row["first_attack"] = is_attack and bool(rows) and not rows[-1]["attack"]
         rows.append(row)
     return rows
 
 
-def _main(
-    metrics: Metrics, rows: Sequence[dict[str, Any]], sides: Mapping[str, Metrics]
-) -> dict[str, Any] | None:
-    """Return the headline's row: the plain Moiré Attack at the middle eps, else the
-    last row."""
-    if not rows:
-        return None
-    plain_attacks = []
-    for row in rows:
-        line = row_of(metrics, row["name"])
-        name = str(row["name"])
-        if name.startswith("ma_") and "_" not in name[3:] and not line.get("targeted"):
-            plain_attacks.append(row)
-    plain_attacks.sort(key=lambda row: row["eps"])
-    row = plain_attacks[len(plain_attacks) // 2] if plain_attacks else rows[-1]
-    accuracy = row["sides"]["ours"]["accuracy"]
-    accuracies = {kind: row["sides"][kind]["accuracy"].value for kind in sides}
-    return row | {
-        "is_ma": bool(plain_attacks),
-        "ours": accuracy.value,
-        "low": accuracy.low,
-        "high": accuracy.high,
-        "success": row["sides"]["ours"]["success"].value,
-        "theirs": accuracies.get("baseline"),
-    }
-
-
-def _change(gain: Rate) -> str | None:
-    """Return "raises" or "lowers"; "unclear" where the interval cannot tell the change from none;
-    None where the interval is not known."""
-    if gain.value is None or gain.low is None or gain.high is None:
-        return None
+def _change(gain: Rate) -> str:
+    """Return "raises" or "lowers"; "unclear" where the interval cannot tell the change from
+    none."""
     if gain.low <= 0 <= gain.high:
         return "unclear"
-    return "raises" if gain.value > 0 else "lowers"
+    return "raises" if gain.low > 0 else "lowers"
 
 
-def _shares(
-    rows: Sequence[dict[str, Any]], main: dict[str, Any] | None, sides: Mapping[str, Metrics]
-) -> list[dict[str, Any]]:
+def _shares(rows: Sequence[Row], main: Row, sides: Sides) -> list[dict[str, Any]]:
     """Return the share of fooled images that the camera, its moiré and the attacker's noise each
     add, baseline first."""
-    if main is None or not main["attack"]:
-        return []
     by_name = {row["name"]: row for row in rows}
     shares = []
-    for kind in ("baseline", "ours"):
-        if kind not in sides:
-            continue
+    for kind, side in sides.items():
         successes = []
         for name in ("no_moire", "moire", main["name"]):
-            row = by_name.get(name)
-            successes.append(row["sides"][kind]["success"].value if row else None)
+            successes.append(by_name[name]["sides"][kind]["success"].value)
         camera, photo, attacked = successes
-        if camera is not None and photo is not None and attacked is not None:
-            model, moire, noise = name_of(sides[kind]), photo - camera, attacked - photo
-            shares.append({"name": model, "camera": camera, "moire": moire, "noise": noise})
+        if camera is not None:  # where the model has any image right
+            added = {"moire": photo - camera, "noise": attacked - photo}
+            shares.append({"name": name_of(side), "camera": camera} | added)
     return shares
 
 
-def _unanswered(sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:
+def _unanswered(sides: Sides) -> list[dict[str, Any]]:
     """Return the number of images without an answer, model by model and row by row."""
     unanswered = []
     for side in sides.values():
-        for row in side["reattack"]:
-            if finite(row.get("undecided")):
+        for row in side.reattack or []:
+            if row["undecided"]:
                 title = f"{name_of(side)}, {title_of(row['name'], 'ladder')}"
-                counts = {"undecided": row["undecided"], "n": row.get("n", 0)}
-                unanswered.append(counts | {"title": title})
+                unanswered.append({"undecided": row["undecided"], "n": row["n"], "title": title})
     return unanswered
 
 
-def _cost(metrics: Metrics, baseline: Metrics | None) -> dict[str, Any] | None:
-    """Return the costs of training, next to the baseline's where they are known."""
-    if not metrics.get("train"):
-        return None
-    sides = {}
-    if (baseline or {}).get("train"):
-        sides[name_of(baseline or {})] = (baseline or {})["train"]
-    sides[name_of(metrics)] = metrics["train"]
-    cost_rows = (
-        ("training time, s", "total_seconds", "seconds", 1),
-        ("epochs", "total_epochs", "epochs", 0),
-        ("images per second", "images_per_second", None, 0),
-        ("passes per image and epoch", "passes", None, 2),
-    )
+def _cost_lines(trains: Sequence[TrainCost]) -> list[dict[str, Any]]:
+    """Return the costs of training, of the baseline and this model, and the ratio of the two."""
     lines = []
-    for title, key, fallback, digits in cost_rows:
-        values = []
-        for train in sides.values():
-            value = finite(train.get(key))
-            if value is None and fallback:
-                value = finite(train.get(fallback))
-            values.append(value)
-        lines.append({"title": title, "figures": values, "digits": digits, "ratio": _ratio(values)})
-    return {"sides": list(sides), "lines": lines}
-
-
-def _ratio(values: Sequence[float | None]) -> float | None:
-    """Return the ratio of the last of two costs to the first; None where either is not known."""
-    first, last = values[0], values[-1]
-    if not first or last is None:
-        return None
-    return last / first
+    for title, name, digits in COST_ROWS if trains else ():
+        values = [getattr(train, name) for train in trains]
+        ratio = values[-1] / values[0]
+        lines.append({"title": title, "figures": values, "digits": digits, "ratio": ratio})
+    return lines

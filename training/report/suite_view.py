@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from moireaug.evaluation.frame import MEASURES
 from moireaug.evaluation.tables import Table
-from training.report.metrics import Metrics, Rate, name_of
-from training.report.numbers import distinct, finite
-from training.report.page import render, title_of
+from training.report.numbers import Rate, distinct
+from training.report.page import name_of, render, title_of
+from training.runs.metrics import SuiteMetrics
 
 ATTACK_COLUMNS = ("worst", "ma")  # columns of a table, the strongest first
 # columns with and without moiré of the tables without an attacker
@@ -21,7 +21,7 @@ Cells = Mapping[tuple[str, str], dict[str, Any]]  # by row and column
 
 
 def suite_view(
-    metrics: Metrics,
+    metrics: SuiteMetrics,
     tables: Sequence[Table],
     lines: pd.DataFrame,
     examples: Mapping[str, list[dict[str, Any]]],
@@ -46,14 +46,13 @@ def suite_view(
             first = view
         views.append(view)
     unanswered = _unanswered(lines)
-    seconds = metrics.get("time") or {}
     paragraphs = render(
         "suite_lead.j2",
         first=first,
         tables=views,
         unanswered=unanswered,
-        checks=metrics.get("trust") or [],
-        trust_n=metrics.get("trust_n"),
+        checks=metrics.trust or [],
+        trust_n=metrics.trust_n,
     )
     return {
         "name": name_of(metrics),
@@ -61,20 +60,19 @@ def suite_view(
         "first": first,
         "unanswered": unanswered,
         "paragraphs": [text for text in paragraphs.splitlines() if text.strip()],
-        "took": sum(seconds.values()),
+        "took": sum(metrics.time.values()),
     }
 
 
 def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
-    cells = {}
-    for line in lines.to_dict("records"):
-        cells[line["row"], line["column"]] = _cell(line)
+    known = lines.replace([np.inf, -np.inf], np.nan).astype(object)
+    cells: dict[tuple[str, str], dict[str, Any]] = {}
+    for cell in known.where(known.notna(), None).to_dict("records"):
+        cell["control"] = cell["column"] in CONTROL_COLUMNS
+        cell["side"] = Rate(cell["success"], cell["low"], cell["high"])
+        cells[cell["row"], cell["column"]] = cell
     noise = []
-    has_lpips = has_paper = has_controls = False
     for cell in cells.values():
-        has_lpips = has_lpips or cell["lpips"] is not None
-        has_paper = has_paper or cell["paper"] is not None
-        has_controls = has_controls or cell["control"]
         if cell["psnr"] is not None and cell["judge"] == "model":
             noise.append(cell)
     return {
@@ -84,9 +82,9 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
         "facts": table.facts,
         "empty": table.empty,
         "noise": noise,
-        "has_lpips": has_lpips,
-        "has_paper": has_paper,
-        "has_controls": has_controls,
+        "has_lpips": lines["lpips"].notna().any(),
+        "has_paper": lines["paper"].notna().any(),
+        "has_controls": lines["column"].isin(CONTROL_COLUMNS).any(),
         "verdict": verdict(table, cells),
         "natural": natural(table, cells),
     }
@@ -102,17 +100,6 @@ def _row(table: Table, cells: Cells, name: str) -> dict[str, Any]:
         "counted": distinct(cell["counted"] for cell in known),
         "seconds": sum(cell["seconds"] for cell in known) if known else None,
     }
-
-
-def _cell(line: dict[str, Any]) -> dict[str, Any]:
-    view = {}
-    for name in ("row", "column", "counted", "n", "judge", "seconds", "eps"):
-        view[name] = line[name]
-    for name in ("success", "low", "high", "paper", *MEASURES):
-        view[name] = finite(line[name])
-    view["control"] = line["column"] in CONTROL_COLUMNS
-    view["side"] = Rate(view["success"], view["low"], view["high"])
-    return view
 
 
 def _success(cells: Cells, row: str, column: str) -> float | None:
@@ -146,22 +133,7 @@ def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
         "counted": cell["counted"],
         # share of the attack's success that its photo has without any noise
         "photo_share": min(1.0, photo / fooled) if fooled > 0 else None,
-        "others": _others(table, cells, row, attack),
     }
-
-
-def _others(table: Table, cells: Cells, row: str, attack: str) -> dict[str, Any] | None:
-    """Return the success of the photo in the other rows, and the row where the noise adds most."""
-    photos, added = [], {}
-    for other in table.rows:
-        photo, attacked = _success(cells, other, "moire"), _success(cells, other, attack)
-        if other != row and photo is not None and attacked is not None:
-            photos.append(photo)
-            added[other] = max(0.0, attacked - photo)
-    if not photos:
-        return None
-    largest = max(added, key=lambda name: added[name])
-    return {"least": min(photos), "most": max(photos), "added": added[largest], "row": largest}
 
 
 def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
@@ -183,11 +155,9 @@ def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
 def _unanswered(lines: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the number of images without an answer, once for each condition and judge: several
     cells may show one condition, and cells of several conditions are left out."""
-    unanswered: dict[tuple[str, str], dict[str, Any]] = {}
-    for line in lines.to_dict("records"):
-        single = line["condition"] != "worst" and not line["condition"].endswith(" pooled")
-        if line["undecided"] and single:
-            title = f"{title_of(line['row'], 'rows')}, {title_of(line['column'], 'columns')}"
-            counts = {"undecided": line["undecided"], "n": line["n"], "title": title}
-            unanswered.setdefault((line["condition"], line["judge"]), counts)
-    return list(unanswered.values())
+    is_single = (lines["condition"] != "worst") & ~lines["condition"].str.endswith(" pooled")
+    lines = lines[is_single & (lines["undecided"] > 0)].drop_duplicates(["condition", "judge"])
+    unanswered = lines[["undecided", "n"]].to_dict("records")
+    for counts, row, column in zip(unanswered, lines["row"], lines["column"], strict=True):
+        counts["title"] = f"{title_of(row, 'rows')}, {title_of(column, 'columns')}"
+    return unanswered

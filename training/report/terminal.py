@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from moireaug.printing import printable
-from training.report.metrics import Metrics, Rate
 from training.report.numbers import codes, duration, number, percent, points, short
 from training.report.page import render, title_of
 from training.report.run_view import run_view
+from training.runs.metrics import RunMetrics, SuiteMetrics
 
 TITLE_WIDTH, NAME_WIDTH = 27, 10
 
@@ -81,72 +81,40 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     return lines
 
 
-def run_parts(metrics: Metrics) -> list[Part]:
+def run_parts(metrics: RunMetrics) -> list[Part]:
     """Return the ladder as a table: accuracy of the baseline and of this model, and the gain; for
     attacks also how far the noise moves the photo."""
     run = run_view(metrics)
-    facts = []
-    for name in ("data", "model", "scene_name"):
-        if metrics.get(name):
-            facts.append(short(str(metrics[name]), 18))
-    facts.append(f"n = {run['n']}" if run["rows"] else "not attacked")
-    parts: list[Part] = [", ".join([*facts, "accuracy in %, eps in 1/255"])]
-    if run["rows"]:
-        controls = [row for row in run["rows"] if not row["attack"]]
-        lines = [_line(run, row) for row in run["rows"]]
-        parts.append(Grid([_head(run), *lines], rule=len(controls)))
-    if run["noise"]:
-        (ours,) = [side["name"] for side in run["sides"] if side["kind"] == "ours"]
-        name = short(ours, NAME_WIDTH)
-        parts.append(
-            f"codes, dB: largest change of a code of 255, and PSNR, by the noise against {name}"
-        )
-    parts += _training(run)
-    if run["unanswered"]:
-        parts.append(render("unanswered.j2", unanswered=run["unanswered"]))
-    return parts
-
-
-def _head(run: dict[str, Any]) -> list[str]:
-    heads = ["", "eps"]
-    if run["noise"]:
-        heads += ["codes", "dB"]
-    for side in run["sides"]:
-        heads.append(short(side["name"], NAME_WIDTH))
+    facts = [short(name, 18) for name in (metrics.data, metrics.model, metrics.scene_name)]
+    facts += [f"n = {run['main']['n']}", "accuracy in %, eps in 1/255"]
+    controls = [row for row in run["rows"] if not row["attack"]]
+    heads = ["", "eps", "codes", "dB"]
+    heads += [short(side["name"], NAME_WIDTH) for side in run["sides"]]
     heads.append("gain [95 %]" if run["baseline"] else "95 %")
-    return heads
+    lines = [_line(run, row) for row in run["rows"]]
+    return [
+        ", ".join(facts),
+        Grid([heads, *lines], rule=len(controls)),
+        "codes, dB: largest change of a code of 255, and PSNR, by the noise against "
+        + short(run["name"], NAME_WIDTH),
+        *_training(run),
+        *_unanswered(run),
+    ]
 
 
 def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
+    has_noise = row["psnr"] is not None
     line = [short(row["title"], TITLE_WIDTH), codes(row["eps"])]
-    if run["noise"]:
-        line += _noise(row)
-    for side in run["sides"]:
-        line.append(percent(row["sides"][side["kind"]]["accuracy"].value))
+    line += [codes(row["largest"]), number(row["psnr"])] if has_noise else ["", ""]
+    for side in row["sides"].values():
+        line.append(percent(side["accuracy"].value))
     if run["baseline"]:
-        line.append(points(row["gain"].value) + _ends(row["gain"]))
+        gain = row["gain"]
+        line.append(f"{points(gain.value)} [{points(gain.low)}, {points(gain.high)}]")
     else:
-        line.append(_span(row["sides"]["ours"]["accuracy"]))
+        accuracy = row["sides"]["ours"]["accuracy"]
+        line.append(f"{percent(accuracy.low)} – {percent(accuracy.high)}")
     return line
-
-
-def _noise(row: dict[str, Any]) -> list[str]:
-    """Return the change of the photo by an attack's noise; empty for a control."""
-    if row["psnr"] is None:
-        return ["", ""]
-    return [codes(row["largest"]), number(row["psnr"])]
-
-
-def _span(rate: Rate) -> str:
-    if rate.low is None:
-        return ""
-    return f"{percent(rate.low)} – {percent(rate.high)}"
-
-
-def _ends(gain: Rate) -> str:
-    if gain.low is None:
-        return ""
-    return f" [{points(gain.low)}, {points(gain.high)}]"
 
 
 def _training(run: dict[str, Any]) -> list[str]:
@@ -162,7 +130,13 @@ def _training(run: dict[str, Any]) -> list[str]:
     return [text]
 
 
-def suite_parts(metrics: Metrics, suite: dict[str, Any]) -> list[Part]:
+def _unanswered(view: dict[str, Any]) -> list[str]:
+    if not view["unanswered"]:
+        return []
+    return [render("unanswered.j2", unanswered=view["unanswered"])]
+
+
+def suite_parts(metrics: SuiteMetrics, suite: dict[str, Any]) -> list[Part]:
     """Return a suite's tables: success in %, one line per row."""
     parts: list[Part] = []
     for table in suite["tables"]:
@@ -178,10 +152,10 @@ def suite_parts(metrics: Metrics, suite: dict[str, Any]) -> list[Part]:
         if parts:
             parts.append("")
         parts.append(Grid(rows, title=f"{title_of(table['name'], 'tables')}: fooled, %"))
-    if suite["unanswered"]:
-        parts += ["", render("unanswered.j2", unanswered=suite["unanswered"])]
-    if metrics.get("trust"):
+    for text in _unanswered(suite):
+        parts += ["", text]
+    if metrics.trust:
         parts += ["", "Can it be trusted?"]
-        for check in metrics["trust"]:
+        for check in metrics.trust:
             parts.append(f"  {check['verdict']:8}{check['name']}: {check['says']}")
     return parts

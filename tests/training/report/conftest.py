@@ -1,9 +1,13 @@
 """The metrics and pictures of a run to report."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from moireaug.evaluation.statistics import wilson
+from tests.training import frontier_runs
+from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics
 
 N, COUNTED = 200, 180
 LADDER_ROWS = {
@@ -26,6 +30,7 @@ def rows(accuracies, fooled):
             "eps": eps,
             "steps": 20 if eps else 0,
             "control": not eps,
+            "headline": name == "ma_4",
             "targeted": name.endswith("targeted"),
             "accuracy": accuracy,
             "accuracy_interval": list(wilson(round(accuracy * N), N)),
@@ -42,66 +47,62 @@ def rows(accuracies, fooled):
     return found
 
 
-def run(recipe, accuracies, fooled, seconds):
+def cost(seconds):
+    """The cost of a training of two epochs, with a start of two epochs and 60 s."""
     history = [
         {"epoch": i, "loss": 2.0 - i, "clean": 0.4 + 0.2 * i, "perturbed": 0.3, "seconds": 9.0}
         for i in range(2)
     ]
-    return {
-        "recipe": recipe,
-        "seed": 0,
-        "data": "signs",
-        "model": "small_resnet",
-        "clean_accuracy": accuracies[0],
-        "train": {
-            "seconds": seconds,
-            "epochs": 2,
-            "best_epoch": 1,
-            "images_per_second": 100.0,
-            "passes": 3.25,
-            "history": history,
-            "init": "clean",
-        },
-        "baseline": None,
-        "start": None,
-        "reattack": rows(accuracies, fooled),
-    }
+    facts = {"passes": 3.25, "images_per_second": 100.0, "history": history, "best_epoch": 1}
+    totals = {"epochs": 2, "total_epochs": 4, "total_seconds": seconds + 60.0}
+    return replace(frontier_runs.cost(seconds, "clean"), **facts, **totals)
 
 
 @pytest.fixture
 def metrics():
-    """A run, plain training of as many epochs, and the start of both."""
-    ours = run(
-        "moire_at",
-        (0.9, 0.9, 0.9, 0.8, 0.76, 0.5, 0.8, 0.6),
-        (0, 0.02, 0.03, 0.1, 0.18, 0.5, 0.1, 0.3),
-        210.0,
-    )
-    theirs = run(
-        "baseline",
-        (0.95, 0.8, 0.5, 0.2, 0.08, 0, 0.2, 0),
-        (0, 0.2, 0.46, 0.8, 0.92, 1, 0.6, 1),
-        70.0,
-    )
-    start = {"recipe": "clean", "train": {"seconds": 60.0, "epochs": 2, "init": "random"}}
-    for side in (ours, theirs):
-        side["train"] |= {"total_seconds": side["train"]["seconds"] + 60.0, "total_epochs": 4}
+    """A run, and plain training of as many epochs."""
+    names = {"seed": 0, "data": "signs", "model": "small_resnet"}
+    accuracies = (0.9, 0.9, 0.9, 0.8, 0.76, 0.5, 0.8, 0.6)
+    ours = rows(accuracies, (0, 0.02, 0.03, 0.1, 0.18, 0.5, 0.1, 0.3))
+    theirs = rows((0.95, 0.8, 0.5, 0.2, 0.08, 0, 0.2, 0), (0, 0.2, 0.46, 0.8, 0.92, 1, 0.6, 1))
     gains = {}
-    for own, plain in zip(ours["reattack"], theirs["reattack"], strict=True):
+    for own, plain in zip(ours, theirs, strict=True):
         gains[own["name"]] = own["accuracy"] - plain["accuracy"]
-    return ours | {
-        "baseline": theirs,
-        "start": start,
-        "gain": gains,
-        "gain_interval": {name: [gain - 0.06, gain + 0.06] for name, gain in gains.items()},
-        "time": {"data": 1.0, "train": 210.0, "re-attack": 60.0, "pictures": 0.5},
-        "scene": {"panel": {"scale": [1.0, 2.0]}},
-        "plan": "12 effects are computed, in this order",
-        "scene_name": "screen_photo",
-        "config": {"data": {"name": "signs", "root": None}, "empty": {}},
-        "environment": {"python": "3.11.7", "threads": 2},
-        "command": "python training/fit.py recipe=moire_at",
-    }
+    return RunMetrics(
+        **names,
+        recipe="moire_at",
+        scene_name="screen_photo",
+        scene={"panel": {"scale": [1.0, 2.0]}},
+        plan="12 effects are computed, in this order",
+        config={"data": {"name": "signs", "root": None}, "empty": {}},
+        fingerprint="",
+        environment={"python": "3.11.7", "threads": 2},
+        command="python training/fit.py recipe=moire_at",
+        time={"data": 1.0, "train": 210.0, "re-attack": 60.0, "pictures": 0.5},
+        train=cost(210.0),
+        clean_accuracy=0.9,
+        reattack=ours,
+        start=None,
+        baseline=PlainMetrics(
+            **names, recipe="baseline", train=cost(70.0), clean_accuracy=0.95, reattack=theirs
+        ),
+        gain=gains,
+        gain_interval={name: [gain - 0.06, gain + 0.06] for name, gain in gains.items()},
+    )
+
+
+@pytest.fixture
+def alone(metrics):
+    """The same without a baseline."""
+    return replace(metrics, baseline=None, gain={}, gain_interval={})
+
+
+def suite_metrics(**given):
+    """The metrics of a suite, without its tables."""
+    facts = dict.fromkeys(("data", "scene_name", "plan", "fingerprint", "command"), "")
+    facts |= {"recipe": "pretrained", "model": "m", "suite": "recipes", "seed": 0, "n": 4}
+    facts |= {"scene": None, "config": {}, "environment": {}, "steps": 2, "eps": 4 / 255}
+    return SuiteMetrics(**facts | {"tables": {}, "time": {"re-attack": 1.0}} | given)
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from moireaug.evaluation import SuiteConfig, images_frame, rates, tables_of
 from moireaug.evaluation.frame import CELL_COLUMNS
 from tests.evaluation.conftest import classifier
 from tests.evaluation.haze import cell_of, ran
+from tests.training.report.conftest import suite_metrics
 from training import report
 from training.report.page import render
 from training.report.published import read_published, with_paper
@@ -83,26 +84,21 @@ def test_the_papers_figures_stand_beside_its_networks():
 
 def test_the_tables_say_what_they_show(measured):
     tables, lines = measured
-    metrics = {"model": "m", "suite": "recipes"}
+    metrics = suite_metrics()
     view = suite_view(metrics, list(tables.values()), with_paper(lines, list(tables.values())), {})
     worst, unseen = view["tables"]
     assert worst["natural"] is None and unseen["verdict"] is None
     assert worst["verdict"]["attack"] == cell_of(lines, "eps_4", "worst")["success"]
     assert len(view["paragraphs"]) == 2  # one of each table
-    told = render(
-        "suite.md.j2",
-        suite=view,
-        metrics=metrics
-        | {"trust": [], "data": "", "n": 0, "steps": 0, "scene_name": "", "command": ""},
-    )
+    told = render("suite.md.j2", suite=view, metrics=metrics)
     assert "| own scene |" in told and ", screen_photo;" in told and "nan" not in told
 
 
 def test_names_are_escaped_once(measured, tmp_path):
     tables, lines = measured
     evil = "a&b<i>"
-    metrics = {name: evil for name in ("model", "suite", "data", "scene_name", "command", "plan")}
-    metrics |= {"n": 4, "steps": 2, "trust": [{"name": evil, "verdict": "fail", "says": evil}]}
+    names = dict.fromkeys(("model", "suite", "data", "scene_name", "command", "plan"), evil)
+    metrics = suite_metrics(**names, trust=[{"name": evil, "verdict": "fail", "says": evil}])
     told = with_paper(lines, list(tables.values()))
     report.write_suite(tmp_path, metrics, list(tables.values()), told, {})
     page = (tmp_path / "report.html").read_text("utf-8")
@@ -112,7 +108,7 @@ def test_names_are_escaped_once(measured, tmp_path):
 
 def test_lpips_is_a_column_where_it_was_measured(measured, tmp_path):
     tables, lines = measured
-    metrics = {"model": "m", "suite": "recipes"}
+    metrics = suite_metrics()
     for name, own in (("without", lines), ("with", lines.assign(lpips=lines["psnr"] / 1000))):
         shown = with_paper(own, list(tables.values()))
         report.write_suite(tmp_path / name, metrics, list(tables.values()), shown, {})

@@ -1,0 +1,177 @@
+"""Finished runs and their re-attacks as one frame, a row per run; or a sentence that says why there
+is none."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW
+from training.comparison.caveats import caveats
+from training.comparison.comparable import (
+    Attacks,
+    Runs,
+    baseline_recipe,
+    data_name,
+    protocol_settings,
+    require_comparable,
+)
+from training.comparison.runs import read_attack, read_classifiers
+from training.config.settings import as_argument
+from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
+
+# of the re-attack that is suggested for a run without one
+SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
+
+MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
+# accuracies of a run, and the cells of suite `recipes` that they are: table, row, column
+RATES = {
+    "clean": ("worst_case", "eps_4", "clean"),
+    "natural": ("unseen", OWN_SCENE_ROW, "moire"),
+    "unseen_mean": ("unseen", MEAN_ROW, "moire"),
+    "unseen_worst": ("unseen", WORST_ROW, "moire"),
+    "worst_4": ("worst_case", "eps_4", "worst"),
+    "worst_8": ("worst_case", "eps_8", "worst"),
+    "pgd_4": ("worst_case", "eps_4", "pgd"),
+}
+
+
+class RunTable(NamedTuple):
+    """The compared runs of a folder.
+
+    Args:
+        runs: a row per attacked run. Columns: `recipe`, `seed`; `n`, number of images; outcomes
+            (n,) by the names of `RATES`, 1 where the run is right, 0 where it is wrong, the mean
+            over scenes in between; `seconds` of its own training, by its median epoch,
+            `start_seconds` of that of its first weights, 0 for random ones, `total_seconds` of
+            both, `plain_seconds` of plain training with the same seed and settings, its start
+            included, missing where it is not known; `passes` forward and backward per image of its
+            own training; `images_per_second`; `collapsed`, whether its training ended in
+            catastrophic overfitting once; `baseline`, recipe that it is compared with.
+        shared: data, model, scene, n and steps, which they share.
+        commands: commands that attack the other runs.
+        warnings: sentences for the reader.
+    """
+
+    runs: pd.DataFrame
+    shared: dict[str, Any]
+    commands: list[str]
+    warnings: list[str]
+
+    def to_csv(self) -> str:
+        """Return the runs as CSV, each with its mean accuracies."""
+        means = {name: self.runs[name].map(np.mean) for name in RATES}
+        return self.runs.assign(**means).to_csv(index=False)
+
+
+def read(root: Path) -> RunTable:
+    """Read every finished run of `root`/<recipe>/seed<k>/ that suite `recipes` has attacked in its
+    own scene.
+
+    Raises:
+        ValueError: no run, none attacked, runs or re-attacks that cannot be compared, or an
+            incomplete file.
+    """
+    trained, warnings = read_classifiers(root)
+    try:
+        table = _table(root, trained)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(
+            f"a metrics.json in {root} holds what no run writes ({error!r}). "
+            "Train and attack again."
+        ) from error
+    return table._replace(warnings=[*table.warnings, *warnings])
+
+
+def _table(root: Path, trained: Runs) -> RunTable:
+    attacked: dict[Path, SuiteMetrics] = {}
+    for folder, metrics in trained.items():
+        largest = read_attack(folder, metrics)
+        if largest:
+            attacked[folder] = largest
+    require_comparable(trained, attacked)
+    commands = _commands(trained, attacked)
+    if not attacked:
+        problem = f"no run in {root} was attacked by suite=recipes in its own scene. Run:"
+        raise ValueError("\n  ".join([problem, *commands]))
+    rows = []
+    for folder, attack in attacked.items():
+        metrics = trained[folder]
+        row = _row(metrics, attack)
+        rows.append(row | {"baseline": baseline_recipe(metrics, trained.values())})
+    runs = pd.DataFrame(rows)
+    shared: dict[str, Any] = {"data": data_name(trained.values()), "model": metrics.model}
+    shared |= {"scene": metrics.scene_name, "n": attack.n, "steps": attack.steps}
+    return RunTable(runs, shared, commands, caveats(runs, trained, attacked))
+
+
+def _commands(trained: Runs, attacked: Attacks) -> list[str]:
+    """Return the commands that attack the other runs as those attacked were."""
+    protocol = SUGGESTED_PROTOCOL
+    for attack in attacked.values():  # which share it
+        protocol = protocol_settings(attack)
+    starts_alone = all(metrics.recipe == "clean" for metrics in trained.values())
+    commands = []
+    for folder, metrics in trained.items():
+        # the start of other runs needs no row of its own
+        if folder in attacked or (metrics.recipe == "clean" and not starts_alone):
+            continue
+        command = f"python training/reattack.py run={shlex.quote(str(folder))} suite=recipes"
+        for key, value in protocol.items():
+            if metrics.config["reattack"][key.removeprefix("reattack.")] != value:
+                command += f" {key}={as_argument(value)}"
+        commands.append(command)
+    return commands
+
+
+def _row(metrics: RunMetrics, attack: SuiteMetrics) -> dict[str, Any]:
+    row: dict[str, Any] = {"recipe": metrics.recipe, "seed": metrics.seed, "n": attack.n}
+    for name, cell in RATES.items():
+        row[name] = _outcomes(attack, *cell)
+    train = _cost(metrics)
+    seconds, start_seconds = train.steady_seconds, _start_seconds(train, metrics)
+    plain_seconds = None
+    plain = metrics if metrics.recipe == "baseline" else metrics.baseline
+    if plain:
+        cost = _cost(plain)
+        plain_seconds = cost.steady_seconds + _start_seconds(cost, metrics)
+    return row | {
+        "seconds": seconds,
+        "start_seconds": start_seconds,
+        "total_seconds": seconds + start_seconds,
+        "plain_seconds": plain_seconds,
+        "passes": train.passes,
+        "images_per_second": train.images_per_second * train.seconds / seconds,
+        "collapsed": train.collapsed_at is not None,
+    }
+
+
+def _start_seconds(train: TrainCost, metrics: RunMetrics) -> float:
+    """Return the time of the training of the weights that a run, or its baseline, began with."""
+    return _cost(metrics.start).steady_seconds if train.init == "clean" else 0.0
+
+
+def _cost(metrics: RunMetrics | PlainMetrics | None) -> TrainCost:
+    if metrics is None or metrics.train is None:
+        raise KeyError("start" if metrics is None else "train")
+    return metrics.train
+
+
+def _outcomes(attack: SuiteMetrics, table: str, row: str, column: str) -> np.ndarray:
+    """Return the outcomes of a cell, one per image; over all scenes but the run's own, their mean
+    or those of the worst scene."""
+    of_other_scenes = row in (MEAN_ROW, WORST_ROW)
+    scenes = []
+    for cell in attack.tables[table]:
+        in_row = cell["row"] != OWN_SCENE_ROW if of_other_scenes else cell["row"] == row
+        if in_row and cell["column"] == column:
+            scenes.append(np.array([float(outcome) for outcome in cell["outcomes"]]))
+    if not scenes:
+        raise KeyError(f"{table}, {row}, {column}")
+    if row == WORST_ROW:
+        return min(scenes, key=lambda outcomes: float(outcomes.mean()))
+    return np.mean(scenes, axis=0)
