@@ -12,6 +12,7 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
+from moireaug.draws import check_drawn
 from moireaug.geometry import grids
 from moireaug.geometry.homography import homography, magnification
 from moireaug.geometry.lattice import (
@@ -98,13 +99,14 @@ class ShotRecord(Draws):
     _numbers: dict[str, Tensor] = field(init=False, repr=False)  # which a photo asks for often
 
     def __post_init__(self) -> None:
-        """Bring drawn numbers of another dtype to float64, differentiably, and the size to a
-        tuple."""
+        """Check the drawn numbers, bring those of another dtype to float64, differentiably, and the
+        size to a tuple."""
         object.__setattr__(self, "size", tuple(self.size))
         numbers = values_of(self)
+        check_drawn(numbers, self.seed)
         changed = {}
         for name, values in numbers.items():
-            if isinstance(values, Tensor) and values.dtype != torch.float64:
+            if values.dtype != torch.float64:
                 changed[name] = values.double()
         if changed:
             numbers |= changed

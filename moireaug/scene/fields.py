@@ -130,7 +130,7 @@ def check_stated_once(name: str, value: Range, least: float, other: str, given: 
         name, value, least: the field, and the least that it may be if it is not 0.
         other, given: the other field.
     """
-    if hasattr(value, "shape"):
+    if hasattr(value, "shape") or hasattr(given, "shape"):
         return
     low, high = bounds(value)
     if high and low < least:
