@@ -150,8 +150,7 @@ class ShotRecord(Draws):
 
     def _magnification(self) -> Tensor:
         """Return how many photo pixels an image pixel takes; see `homography.magnification`."""
-        view = {k: getattr(self.view, k) for k in self.view.ranged}
-        return magnification(view, self.lens.k1, self.lens.k2, self.size, self.scene.view.fit)
+        return magnification(self.view, self.lens.k1, self.lens.k2, self.size)
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
@@ -163,10 +162,8 @@ class ShotRecord(Draws):
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
         Differentiable in every View field that the scene's pose reads."""
-        view = {k: getattr(self.view, k) for k in self.view.ranged}
-        pose, fit, scale = self.scene.view.pose, self.scene.view.fit, self.scene.sensor.scale
-        k1, k2 = self.lens.k1, self.lens.k2
-        return homography(view, k1, k2, self.size, scale, pose=pose, fit=fit)
+        scale = self.scene.sensor.scale
+        return homography(self.view, self.lens.k1, self.lens.k2, self.size, scale)
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
         """Return which sensor rows and columns this photo reads."""

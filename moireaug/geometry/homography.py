@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from moireaug.geometry.distortion import radial_factor
 
+DrawnView = Any  # a View of (B,) tensors, whose annotations are those of a scene's
 BEHIND_CAMERA = 1e9  # where points behind the camera are put
 LEAST_DEPTH = 1e-9  # depth above which a point counts as in front of the camera
 BORDER_STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -43,35 +45,31 @@ def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor,
     return *across, *down, *depth
 
 
-def camera_pose(
-    view: dict[str, Tensor], k1: Tensor, k2: Tensor, size: tuple[int, int], fit: bool
-) -> Tensor:
+def camera_pose(view: DrawnView, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
     """Return the homography (B, 3, 3) of a pinhole camera, about the centres of image and photo.
     Arguments as in `homography`."""
     h, w = size
-    zoom = magnification(view, k1, k2, size, fit)
-    right, down = view["shift_x"] * w, view["shift_y"] * h
+    zoom = magnification(view, k1, k2, size)
+    right, down = view.shift_x * w, view.shift_y * h
     return _matrix([[zoom, 0, right], [0, zoom, down], [0, 0, 1.0]], zoom) @ _turned(view, size)
 
 
-def magnification(
-    view: dict[str, Tensor], k1: Tensor, k2: Tensor, size: tuple[int, int], fit: bool
-) -> Tensor:
+def magnification(view: DrawnView, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
     """Return how many photo pixels an image pixel in the middle of the picture takes along each
     axis before it is turned, (B,). Arguments as in `homography`."""
-    if not fit:
-        return view["zoom"]
-    return view["zoom"] * _fitting_zoom(_turned(view, size), k1, k2, size)
+    if not view.fit:
+        return view.zoom
+    return view.zoom * _fitting_zoom(_turned(view, size), k1, k2, size)
 
 
-def _turned(view: dict[str, Tensor], size: tuple[int, int]) -> Tensor:
+def _turned(view: DrawnView, size: tuple[int, int]) -> Tensor:
     """Return the homography (B, 3, 3) of a turned picture, as large in its middle as the photo."""
-    xx, xy, yx, yy, zx, zy = _rotation_columns(view["yaw"], view["pitch"], view["roll"])
-    f = math.hypot(*size) / 2 / torch.tan(torch.deg2rad(view["fov"]) / 2)
+    xx, xy, yx, yy, zx, zy = _rotation_columns(view.yaw, view.pitch, view.roll)
+    f = math.hypot(*size) / 2 / torch.tan(torch.deg2rad(view.fov) / 2)
     return _matrix([[xx, xy, 0.0], [yx, yy, 0.0], [zx / f, zy / f, 1.0]], f)
 
 
-def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
+def released_pose(view: DrawnView, size: tuple[int, int], scale: float) -> Tensor:
     """Return the homography (B, 3, 3) of the paper's released code, M = A2 T RX RY RZ A1 in indices
     of the sensor's raster, about the centres of image and photo.
 
@@ -79,7 +77,7 @@ def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) 
     a negative one is kept. There, gamma turns clockwise and theta moves the lower edge
     away: gamma = -roll, theta = -pitch and phi = yaw.
     """
-    theta, phi, gamma = (torch.deg2rad(a) for a in (-view["pitch"], view["yaw"], -view["roll"]))
+    theta, phi, gamma = (torch.deg2rad(a) for a in (-view.pitch, view.yaw, -view.roll))
     h, w = size[0] * scale, size[1] * scale
     one, zero = torch.ones_like(gamma), torch.zeros_like(gamma)
     sin_gamma = torch.sin(gamma)
@@ -109,28 +107,20 @@ def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) 
 
 
 def homography(
-    view: dict[str, Tensor],
-    k1: Tensor,
-    k2: Tensor,
-    size: tuple[int, int],
-    scale: float,
-    *,
-    pose: str = "camera",
-    fit: bool = True,
+    view: DrawnView, k1: Tensor, k2: Tensor, size: tuple[int, int], scale: float
 ) -> Tensor:
     """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
 
     Args:
-        view: the (B,) fields of `View` by name, angles in degrees.
+        view: a drawn View, whose fields are (B,).
         k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
         size: height and width of image and photo.
         scale: sensor pixels per photo pixel; only the "released" pose reads it.
-        pose, fit: see `View`.
     """
-    if pose == "released":
+    if view.pose == "released":
         m = released_pose(view, size, scale)
     else:
-        m = camera_pose(view, k1, k2, size, fit)
+        m = camera_pose(view, k1, k2, size)
     h, w = size
     centre = m.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
     back = m.new_tensor([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])
