@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
+LUMA_WEIGHTS = (0.299, 0.587, 0.114)  # ITU-R BT.601, as in torchvision, PIL and OpenCV
+
 
 def clip(x: Tensor) -> Tensor:
     """Clip to [0, 1] with gradient 1 on both bounds and 0 outside.
@@ -70,6 +72,11 @@ def mix_colours(matrix: Tensor, light: Tensor) -> Tensor:
     Not a matrix product, for which a GPU may round to ten bits.
     """
     return (matrix.to(light.dtype)[..., None, None] * light[:, None]).sum(2)
+
+
+def luma(images: Tensor) -> Tensor:
+    """Return the luma (B, 1, H, W) of images (B, 3, H, W)."""
+    return (images * images.new_tensor(LUMA_WEIGHTS)[:, None, None]).sum(1, keepdim=True)
 
 
 def repeat_edges(planes: Tensor, left: int, right: int, top: int, bottom: int) -> Tensor:
