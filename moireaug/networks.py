@@ -187,7 +187,7 @@ def _globals_of(function: FunctionType) -> list[Any]:
     """Return the globals that a function's code, or that of a function in it, names; none of an
     installed package, which lead everywhere."""
     codes = [function.__code__]
-    file, package = codes[0].co_filename, function.__module__.partition(".")[0]
+    file, package = codes[0].co_filename, str(function.__module__).partition(".")[0]
     if package == OWN_PACKAGE or "-packages" in file or file.startswith(STANDARD_LIBRARY):
         return []
     names: dict[str, None] = {}
