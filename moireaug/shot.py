@@ -14,7 +14,7 @@ from torch import Tensor
 
 from moireaug.draws import check_drawn
 from moireaug.geometry import grids
-from moireaug.geometry.homography import homography, magnification
+from moireaug.geometry.homography import camera_pose, homography
 from moireaug.geometry.lattice import (
     CFA,
     SampledPixels,
@@ -149,8 +149,8 @@ class ShotRecord(Draws):
         return scale * self._magnification() * (torch.cos(yaw) * torch.cos(pitch)).sqrt()
 
     def _magnification(self) -> Tensor:
-        """Return how many photo pixels an image pixel takes; see `homography.magnification`."""
-        return magnification(self.view, self.lens.k1, self.lens.k2, self.size)
+        """Return how many photo pixels an image pixel takes; see `homography.camera_pose`."""
+        return camera_pose(self.view, self.lens.k1, self.lens.k2, self.size)[1]
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.geometry.grids import image_to_photo, jacobian
-from moireaug.geometry.homography import homography, magnification
+from moireaug.geometry.homography import camera_pose, homography
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SizedScene
@@ -56,19 +56,19 @@ def _extreme_jacobians(
         points = torch.cat([points, _in_the_photo(points, size)], 1)
         local = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
         if magnified:
-            local = local * magnification(view, k1, k2, size)[:, None, None, None, None]
+            local = local * camera_pose(view, k1, k2, size)[1][:, None, None, None, None]
         jacobians.append(local.flatten(0, 2))
     return torch.cat(jacobians).unique(dim=0)
 
 
 @functools.lru_cache(maxsize=64)
 def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
-    """Return the least and the greatest `homography.magnification` for the angles and lenses that a
-    scene allows at this zoom."""
+    """Return the least and the greatest photo pixels that an image pixel takes, see
+    `homography.camera_pose`, for the angles and lenses that a scene allows at this zoom."""
     every = []
     for fov in bounds(v.fov):
         view, k1, k2 = _poses(v, lens, zoom, fov)
-        every += [magnification(view, k1, k2, size) for size in PHOTO_SHAPES]
+        every += [camera_pose(view, k1, k2, size)[1] for size in PHOTO_SHAPES]
     return float(torch.cat(every).min()), float(torch.cat(every).max())
 
 
