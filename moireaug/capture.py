@@ -59,9 +59,10 @@ def capture(
 
 
 def expose(image: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the raw reading, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B,
-    or colours (B, 3, h, w) where the sensor has no colour filters. It includes gain and sensor
-    noise, and is clipped to [0, 1] if they can exceed it.
+    """Return the raw reading, the paper's g1, of the shape `shot.raw_shape()`: packed Bayer planes
+    R, G, G, B, of half the sensor's size, or of the photo's size where the reading is binned; or
+    three colours where the sensor has no colour filters. It includes gain and sensor noise, and is
+    clipped to [0, 1] if they can exceed it.
 
     Arguments, gradients and errors as in `capture`. The reading is float64 for float64
     images, else float32.

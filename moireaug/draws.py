@@ -98,6 +98,22 @@ def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tens
     return numbers, (u[:, -1] * 2**53).to(torch.int64)
 
 
+def check_drawn(numbers: Mapping[str, Any], seed: Any) -> None:
+    """Refuse fields and seeds of a shot that are not tensors of one number per image, with a
+    ValueError."""
+    if not isinstance(seed, Tensor) or seed.dtype != torch.int64 or seed.ndim != 1:
+        got = f"{tuple(seed.shape)} {seed.dtype}" if isinstance(seed, Tensor) else repr(seed)
+        raise ValueError(f"a shot's seed must be (B,) int64; got {got}.")
+    n = len(seed)
+    for name, values in numbers.items():
+        if not isinstance(values, Tensor) or values.shape != (n,):
+            got = str(tuple(values.shape)) if isinstance(values, Tensor) else repr(values)
+            raise ValueError(
+                "a shot's fields must be tensors of one number per image, here of shape "
+                f"({n},); got {got} as shot.{name}."
+            )
+
+
 def numbers_from_dict(
     scene: SceneRecord, values: Mapping[str, Any]
 ) -> tuple[dict[str, Tensor], Tensor]:

@@ -123,9 +123,13 @@ def sample_one(
     scene: Scene | Mixture, size: tuple[int, int], generator: torch.Generator | None = None
 ) -> Shot:
     """Draw for one image; in a mixture it is in one of the scenes. Arguments as of `sample`."""
-    if isinstance(scene, Scene):
-        return scene.sample(1, size, generator)
     size = check_size(size)
+    return shot_of_one(scene, scene.random_numbers(1, generator), size)
+
+
+def shot_of_one(scene: Scene | Mixture, u: Tensor, size: tuple[int, int]) -> Shot:
+    """Return the shot that the `random_numbers` of one image give, of `size` (height, width)."""
+    if isinstance(scene, Scene):
+        return scene.shot_of(u, size)
     scene.plan(size)  # as in a batch
-    u = scene.random_numbers(1, generator)
     return scene.shot_in(int(u[0, 0] * len(scene.scenes)), u, size)

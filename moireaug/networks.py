@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
+import sysconfig
 import threading
 import weakref
-from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
-from types import BuiltinFunctionType, ModuleType
+from collections.abc import Callable, Iterator, Sequence
+from types import CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import nn
 
-from moireaug.object_graph import walk
-
-COLLECTION_TYPES = (list, tuple, deque, Mapping)
+MAX_COLLECTION_LENGTH = 1000  # of a list or dict; a longer one holds data
+MODULE_TABLES = frozenset(vars(nn.Module()))  # of every nn.Module: its mode, hooks and parts
+OWN_PACKAGE = __name__.partition(".")[0]
+STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 
 # modules that are lent: how many blocks hold each, and the mode that the last of them restores
 _borrowers: weakref.WeakKeyDictionary[nn.Module, int] = weakref.WeakKeyDictionary()
@@ -35,10 +37,10 @@ def in_evaluation_mode(model: object) -> Iterator[None]:
 
     Args:
         model: a module, or any callable. The modes that change are those of its networks as
-            `networks_of` finds them. Others keep theirs, such as a network that the code looks up
-            in an object that cannot be called, imports or loads when it runs: call its `eval()`
-            yourself. A module that refuses a change of mode, as exported graphs do, and a `forward`
-            that changes modes itself cannot be protected.
+            `networks_of` finds them. Others keep theirs, such as a network in a slot, in a class,
+            in an object that cannot be called, or one that is loaded when the code runs: call its
+            `eval()` yourself. A module that refuses a change of mode, as exported graphs do, and a
+            `forward` that changes modes itself cannot be protected.
     """
     modules = _parents_first(networks_of(model))
     with _lock:
@@ -108,17 +110,11 @@ def _restore(modules: Sequence[nn.Module]) -> None:
 
 
 def networks_of(model: object) -> list[nn.Module]:
-    """Return the modules that a model computes with, each once, without their submodules.
-
-    Followed are bound methods to their object, partial functions, the closure, defaults and globals
-    of a function of the user's, the attributes, slots and class of callable objects, what a module
-    holds besides its submodules, and collections of these. Not followed are objects that cannot be
-    called, other than a method's own, collections of more than 1,000 entries, code of installed
-    packages, and what code imports, looks up or makes when it runs.
-    """
+    """Return the modules that a model computes with, each once, without their submodules: those
+    that `reachable` finds in what can be called, and in lists, tuples and dicts."""
     networks: list[nn.Module] = []
     inner: set[int] = set()
-    for part in walk(model, _can_hold_networks):
+    for part in reachable(model, _can_hold_networks):
         with contextlib.suppress(Exception):  # of proxies, and of mocks, which have no modules
             if isinstance(part, nn.Module) and id(part) not in inner:
                 inner.update(map(id, part.modules()))
@@ -127,9 +123,78 @@ def networks_of(model: object) -> list[nn.Module]:
 
 
 def _can_hold_networks(part: Any) -> bool:
-    if isinstance(part, (ModuleType, BuiltinFunctionType, Tensor)):
-        return False
-    return callable(part) or isinstance(part, (*COLLECTION_TYPES, staticmethod, property))
+    return callable(part) or isinstance(part, (list, tuple, dict))
+
+
+def reachable(root: object, is_searched: Callable[[Any], bool]) -> Iterator[Any]:
+    """Yield an object and what it leads to, each part once, always in the same order: the
+    attributes of an object and the submodules of a module, the entries of lists, tuples and dicts
+    of at most 1,000, the object of a bound method, the function and arguments of a partial one, and
+    the closure, the defaults and, outside installed packages, the globals that its code names, of a
+    function.
+
+    Args:
+        is_searched: function of a part that returns whether to search it, too.
+    """
+    parts = [root]
+    visited: set[int] = set()
+    for part in parts:  # which grows
+        if id(part) in visited:
+            continue
+        visited.add(id(part))
+        yield part
+        with contextlib.suppress(Exception):  # proxies and odd attributes raise anything
+            if is_searched(part):
+                parts += _parts_of(part)
+
+
+def _parts_of(owner: Any) -> list[Any]:
+    """Return the parts that an object leads to; see `reachable`."""
+    if isinstance(owner, (list, tuple, dict)):
+        entries = owner.values() if isinstance(owner, dict) else owner
+        return [] if len(owner) > MAX_COLLECTION_LENGTH else list(entries)
+    if isinstance(owner, functools.partial):
+        return [owner.func, *owner.args, *owner.keywords.values()]
+    if isinstance(owner, MethodType):
+        return [owner.__self__, *_attributes_of(owner.__self__)]
+    if isinstance(owner, FunctionType):
+        return [*_enclosed_values(owner), *(owner.__defaults__ or ()), *_globals_of(owner)]
+    return _attributes_of(owner)
+
+
+def _attributes_of(owner: Any) -> list[Any]:
+    """Return an object's attributes; a module's submodules, too, but neither parameters nor
+    hooks."""
+    if isinstance(owner, (type, ModuleType)):
+        return []
+    attributes = getattr(owner, "__dict__", {})
+    if not isinstance(owner, nn.Module):
+        return list(attributes.values())
+    others = [attributes[name] for name in attributes if name not in MODULE_TABLES]
+    return [*owner.children(), *others]
+
+
+def _enclosed_values(function: FunctionType) -> list[Any]:
+    """Return the values of a function's closure, without the cells that are still empty."""
+    values = []
+    for cell in function.__closure__ or ():
+        with contextlib.suppress(ValueError):
+            values.append(cell.cell_contents)
+    return values
+
+
+def _globals_of(function: FunctionType) -> list[Any]:
+    """Return the globals that a function's code, or that of a function in it, names; none of an
+    installed package, which lead everywhere."""
+    codes = [function.__code__]
+    file, package = codes[0].co_filename, str(function.__module__).partition(".")[0]
+    if package == OWN_PACKAGE or "-packages" in file or file.startswith(STANDARD_LIBRARY):
+        return []
+    names: dict[str, None] = {}
+    for code in codes:  # which grows
+        names |= dict.fromkeys(code.co_names)
+        codes += [inner for inner in code.co_consts if isinstance(inner, CodeType)]
+    return [function.__globals__[name] for name in names if name in function.__globals__]
 
 
 def device_of(model: object) -> torch.device | None:

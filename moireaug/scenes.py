@@ -76,8 +76,8 @@ class Scene(SceneRecord):
         sizes between two powers of 2. Computed once.
 
         Raises:
-            ValueError: the "point" or "box" exposure with a layout of slanted subpixels, or a size
-                that is not two positive integers.
+            ValueError: the "point" or "box" exposure with a layout of slanted subpixels, a size
+                that is not two positive integers, or one too large for `Panel.width`.
             RuntimeError: within torch.compile, if no plan of such a size was made before.
         """
         return self._planned(check_size(size))

@@ -12,8 +12,9 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
+from moireaug.draws import check_drawn
 from moireaug.geometry import grids
-from moireaug.geometry.homography import homography, magnification
+from moireaug.geometry.homography import camera_pose, homography
 from moireaug.geometry.lattice import (
     CFA,
     SampledPixels,
@@ -98,13 +99,14 @@ class ShotRecord(Draws):
     _numbers: dict[str, Tensor] = field(init=False, repr=False)  # which a photo asks for often
 
     def __post_init__(self) -> None:
-        """Bring drawn numbers of another dtype to float64, differentiably, and the size to a
-        tuple."""
+        """Check the drawn numbers, bring those of another dtype to float64, differentiably, and the
+        size to a tuple."""
         object.__setattr__(self, "size", tuple(self.size))
         numbers = values_of(self)
+        check_drawn(numbers, self.seed)
         changed = {}
         for name, values in numbers.items():
-            if isinstance(values, Tensor) and values.dtype != torch.float64:
+            if values.dtype != torch.float64:
                 changed[name] = values.double()
         if changed:
             numbers |= changed
@@ -147,9 +149,8 @@ class ShotRecord(Draws):
         return scale * self._magnification() * (torch.cos(yaw) * torch.cos(pitch)).sqrt()
 
     def _magnification(self) -> Tensor:
-        """Return how many photo pixels an image pixel takes; see `homography.magnification`."""
-        view = {k: getattr(self.view, k) for k in self.view.ranged}
-        return magnification(view, self.lens.k1, self.lens.k2, self.size, self.scene.view.fit)
+        """Return how many photo pixels an image pixel takes; see `homography.camera_pose`."""
+        return camera_pose(self.view, self.lens.k1, self.lens.k2, self.size)[1]
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
@@ -161,10 +162,8 @@ class ShotRecord(Draws):
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
         Differentiable in every View field that the scene's pose reads."""
-        view = {k: getattr(self.view, k) for k in self.view.ranged}
-        pose, fit, scale = self.scene.view.pose, self.scene.view.fit, self.scene.sensor.scale
-        k1, k2 = self.lens.k1, self.lens.k2
-        return homography(view, k1, k2, self.size, scale, pose=pose, fit=fit)
+        scale = self.scene.sensor.scale
+        return homography(self.view, self.lens.k1, self.lens.k2, self.size, scale)
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
         """Return which sensor rows and columns this photo reads."""

@@ -15,15 +15,14 @@ from moireaug.shot import ShotRecord
 
 
 def check_shot(shape: Sequence[int], shot: ShotRecord) -> None:
-    """Refuse a batch of the shape (B, 3, H, W) that a shot was not drawn for, and a shot whose
-    fields are not (B,) numbers that a scene may have.
+    """Refuse a batch of the shape (B, 3, H, W) that a shot was not drawn for, and a shot with a
+    number that no scene may have.
 
     Raises:
         TypeError: not a shot.
-        ValueError: another number or size of images, or other fields.
+        ValueError: another number or size of images, or such a number.
     """
     check_is_shot(shot)
-    _check_fields(shot)
     check_batch(shape, shot)
     _check_numbers(shot)
 
@@ -52,22 +51,6 @@ def check_is_shot(shot: object) -> None:
             f"a shot must be a Shot; got a {type(shot).__name__}. Draw one with "
             "scene.sample(len(images), images.shape[-2:])."
         )
-
-
-def _check_fields(shot: ShotRecord) -> None:
-    """Refuse a shot whose fields are not tensors of one number per image."""
-    seed = shot.seed
-    if not isinstance(seed, Tensor) or seed.dtype != torch.int64 or seed.ndim != 1:
-        got = f"{tuple(seed.shape)} {seed.dtype}" if isinstance(seed, Tensor) else repr(seed)
-        raise ValueError(f"a shot's seed must be (B,) int64; got {got}.")
-    n = len(shot)
-    for name, values in shot.numbers().items():
-        if not isinstance(values, Tensor) or values.shape != (n,):
-            got = str(tuple(values.shape)) if isinstance(values, Tensor) else repr(values)
-            raise ValueError(
-                "a shot's fields must be tensors of one number per image, here of shape "
-                f"({n},); got {got} as shot.{name}."
-            )
 
 
 def _check_numbers(shot: ShotRecord) -> None:
@@ -158,7 +141,6 @@ def check_raw(raw: Tensor, shot: ShotRecord) -> None:
         ValueError: another shape, or such a number.
     """
     check_is_shot(shot)
-    _check_fields(shot)
     if not isinstance(raw, Tensor) or not raw.is_floating_point():
         got = f"a tensor of {raw.dtype}" if isinstance(raw, Tensor) else f"a {type(raw).__name__}"
         raise TypeError(

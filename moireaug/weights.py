@@ -84,8 +84,8 @@ def _content(path: str | Path) -> Any:
 
 
 def _is_state_dict(content: Any) -> bool:
-    """Return whether a content is a mapping of names to tensors."""
-    if not isinstance(content, Mapping):
+    """Return whether a content is a mapping of names to tensors, one or more."""
+    if not isinstance(content, Mapping) or not content:
         return False
     return all(isinstance(name, str) and isinstance(content[name], Tensor) for name in content)
 

@@ -1,7 +1,5 @@
 """The networks that a model computes with, and the modes that they come back in."""
 
-import collections
-import dataclasses
 import functools
 import weakref
 from unittest import mock
@@ -62,24 +60,6 @@ class Called(Owner):
     __call__ = Owner.logits
 
 
-@dataclasses.dataclass(slots=True)
-class Slotted:
-    net: nn.Module
-
-    def __call__(self, x):
-        return self.net(x)
-
-
-def of_class(net):
-    class Holder:
-        model = net
-
-        def __call__(self, x):
-            return self.model(x)
-
-    return Holder()
-
-
 class Listed(nn.Module):
     """Holds a network that is not its submodule."""
 
@@ -99,7 +79,7 @@ def named(x):
 
 
 def _inner(x):
-    return GLOBAL(x)
+    return torch.stack([GLOBAL(part) for part in x.split(1)])
 
 
 CALLABLES = {
@@ -109,9 +89,7 @@ CALLABLES = {
     "lambda": lambda net: lambda x: net(x),
     "method": lambda net: Owner(net).logits,
     "object": Called,
-    "slots": Slotted,
-    "class": of_class,
-    "deque": lambda net: lambda x, nets=collections.deque([net]): nets[0](x),
+    "default": lambda net: lambda x, nets=(net,): nets[0](x),
     "list in a module": Listed,
     "defended lambda": lambda net: Defended(lambda x: net(x), lambda x: x),
 }
@@ -284,7 +262,7 @@ def test_what_raises_when_it_is_looked_at_is_passed_over():
 
     assert len(networks_of(Odd())) == 1
     assert networks_of(mock.Mock(spec=nn.Module)) == []
-    assert networks_of(lambda x, deep=[[i] * 900 for i in range(900)]: x) == []
+    assert networks_of(lambda x, data=[GLOBAL] * 1001: x) == []
 
 
 def test_a_device_is_known_by_weights_or_buffers():

@@ -1,10 +1,12 @@
 """Arithmetic whose gradient is right at the bounds."""
 
+import math
+
 import pytest
 import torch
 from torch.autograd import forward_ad
 
-from moireaug.numeric import bounded, clip, per_image, saturate
+from moireaug.numeric import bounded, clip, per_image, saturate, sinc
 
 
 def test_black_and_white_pixels_are_attackable():
@@ -26,6 +28,14 @@ def test_what_is_rounded_past_white_keeps_its_gradient():
     assert found.min() == 0 and found.max() == 1 and found[1] == x[1]
     found.sum().backward()
     assert torch.equal(x.grad, torch.ones(4))
+
+
+def test_the_derivatives_of_sinc_at_0():
+    x = torch.tensor([0.0, 0.5, 1.0], dtype=torch.float64, requires_grad=True)
+    torch.testing.assert_close(sinc(x), torch.sinc(x), rtol=0, atol=1e-16)
+    (first,) = torch.autograd.grad(sinc(x).sum(), x, create_graph=True)
+    (second,) = torch.autograd.grad(first.sum(), x)
+    assert first[0] == 0 and second[0].item() == pytest.approx(-(math.pi**2) / 3)
 
 
 def test_fields_of_a_shot_meet_images():

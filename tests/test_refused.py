@@ -50,6 +50,12 @@ def having(**fields):
     return dataclasses.replace(SHOT, view=SHOT.view.drawn(fields), seed=seed)
 
 
+def with_float(part, **fields):
+    """A shot of two with a plain number in a part, beside drawn ones."""
+    shot = SHOT.repeat(2)
+    return dataclasses.replace(shot, **{part: dataclasses.replace(getattr(shot, part), **fields)})
+
+
 class OnGpu(torch.Generator):
     device = torch.device("cuda:0")
 
@@ -59,6 +65,8 @@ REFUSED = [
     (lambda: expose(X, having(yaw=(0.0, 9.0))), "got (0.0, 9.0) as shot.view.yaw"),
     (lambda: capture(X, having(roll=np.zeros(1))), "got array([0.]) as shot.view.roll"),
     (lambda: develop(expose(X, SHOT), having(yaw=10.0)), "got 10.0 as shot.view.yaw"),
+    (lambda: with_float("lens", k1=0.01), "here of shape (2,); got 0.01 as shot.lens.k1"),
+    (lambda: with_float("panel", width=500.0), "got 500.0 as shot.panel.width"),
     (lambda: capture(X, having(seed=[5])), "a shot's seed must be (B,) int64; got [5]"),
     (lambda: capture(X, bent(-0.5)), "fold the photo onto itself"),
     (lambda: capture(X, bent(-1.0)), "fold the photo onto itself"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
@@ -69,8 +68,7 @@ def reflected(u: Tensor, v: Tensor, size: tuple[int, int], panel) -> Tensor:
 def white_readings(shot: ShotRecord) -> Tensor:
     """Return the mean reading of a white screen in each plane, (B, planes)."""
     layout = as_layout(shot.scene.panel.layout)
-    shares = emitting_share(shot.panel)
-    light = torch.stack([mean_light(layout, channel, *shares) for channel in range(3)], 1)
+    light = mean_light(layout, *emitting_share(shot.panel))
     light = (filters_of(shot) @ light[..., None])[..., 0]
     channels: list[int] = []
     for site in CFA[shot.scene.filter_cell]:

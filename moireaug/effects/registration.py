@@ -6,7 +6,7 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.exposure.bin_geometry import pixels_on_photo
-from moireaug.geometry import grids
+from moireaug.geometry.grids import look_up
 from moireaug.numeric import bounded
 from moireaug.scene.fields import bounds, varies
 from moireaug.scene.record import SizedScene
@@ -31,10 +31,10 @@ class Register(Effect):
         return called("black where the photo does not show the image; bins are read in its frame")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
-        if shot.scene.is_rectified:
-            _, on_photo = pixels_on_photo(shot)
-            return photo * on_photo.to(photo.dtype)[:, None]
-        return warp_to_image(photo, shot.matrix(), shot.distortion)
+        points, on_photo = pixels_on_photo(shot)
+        if not shot.scene.is_rectified:
+            photo = bounded(look_up(photo, *points.unbind(-1)))
+        return photo * on_photo.to(photo.dtype)[:, None]
 
 
 def _is_shown_whole(scene: SizedScene) -> bool:
@@ -43,20 +43,3 @@ def _is_shown_whole(scene: SizedScene) -> bool:
     view = scene.view
     shifted = varies(view.shift_x) or varies(view.shift_y)
     return view.fit and bounds(view.zoom)[1] <= 1 and not shifted
-
-
-def warp_to_image(photo: Tensor, matrix: Tensor, lens: grids.RadialCoefficients | None) -> Tensor:
-    """Return a photo (B, 3, H, W) in the image's frame, bilinear; black where it does not show the
-    image.
-
-    Args:
-        matrix: (B, 3, 3) from image to ideal photo coordinates.
-        lens: radial distortion, or None.
-    """
-    size = photo.shape[-2], photo.shape[-1]
-    points = grids.pixel_centres(size, photo.device).expand(len(photo), -1, -1, -1)
-    seen = grids.image_to_photo(points.flatten(1, 2), matrix, size, lens).reshape(points.shape)
-    x, y = seen.unbind(-1)
-    inside = (x >= 0) & (x <= size[1]) & (y >= 0) & (y <= size[0])
-    moved = grids.look_up(photo, x, y) * inside.to(photo.dtype)[:, None]
-    return bounded(moved)

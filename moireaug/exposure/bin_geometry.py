@@ -87,8 +87,7 @@ def photo_points(images: Tensor, shot: ShotRecord) -> tuple[Tensor, Tensor]:
     """Return where image points (B, h, w, 2) lie on the photo, float64, and which do, (B, h, w)
     bool; those that do not are put at its nearest edge. Of a photo that a picture fits, that is
     less than a pixel away: a lens may bend a border outwards between the points that are fitted."""
-    flat = grids.image_to_photo(images.flatten(1, 2), shot.matrix(), shot.size, shot.distortion)
-    points = flat.reshape(images.shape)
+    points = grids.image_to_photo(images, shot.matrix(), shot.size, shot.distortion)
     size = points.new_tensor(shot.size[::-1])
     on_photo = ((points >= 0) & (points <= size)).all(-1)
     return torch.minimum(torch.maximum(points, torch.zeros_like(size)), size), on_photo

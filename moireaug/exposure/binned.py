@@ -64,7 +64,7 @@ class Binned(ClosedForm):
     def read(self, screen: Screen, content: Content, bins: Bins, shot: ShotRecord) -> Tensor:
         """Return the readings of the pixels of each colour filter in bins: (B, 3, h, w)."""
         dtype, layout = screen.light.dtype, as_layout(shot.scene.panel.layout)
-        width, height = emitting_share(shot.panel)
+        shares = mean_light(layout, *emitting_share(shot.panel)).to(dtype)[..., None, None]
         filters = filters_of(shot).to(dtype)[..., None, None]
         passed_channels = OVERLAPPING if "crosstalk" in shot.plan else SEPARATE
         modulation = self.modulation(bins, layout, shot)
@@ -73,7 +73,7 @@ class Binned(ClosedForm):
         for plane in range(3):
             total = torch.zeros_like(picture[0])
             for channel in passed_channels[plane]:
-                share = mean_light(layout, channel, width, height).to(dtype)[:, None, None]
+                share = shares[:, channel]
                 if modulation:
                     share = share + modulation[plane][channel]
                 total = total + filters[:, plane, channel] * (picture[channel] * share)
@@ -135,12 +135,11 @@ class Binned(ClosedForm):
     def pattern_variance(self, shot: ShotRecord) -> Tensor:
         if not self.harmonics:
             return super().pattern_variance(shot)
-        layout, lit = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
-        filters = filters_of(shot)
+        layout, filters = as_layout(shot.scene.panel.layout), filters_of(shot)
         parts = amplitudes_of(layout, self.harmonics, shot.panel)
         real, imaginary = (torch.einsum("bpc,ckb->kbp", filters, part) for part in parts)
         total = (self._lost_power(layout, shot) * (real.square() + imaginary.square())).sum(0)
-        mean = torch.stack([mean_light(layout, channel, *lit) for channel in range(3)], -1)
+        mean = mean_light(layout, *emitting_share(shot.panel))
         return total / (filters @ mean[..., None])[..., 0].square().clamp(min=1e-12)
 
     def _lost_power(self, layout: Layout, shot: ShotRecord) -> Tensor:

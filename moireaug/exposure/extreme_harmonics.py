@@ -24,7 +24,7 @@ def harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
     """Return the harmonics whose contrast at the sensor can exceed the tolerance, strongest first;
     see `_harmonics`."""
     if bounds(scene.sensor.pitch)[1]:  # however large the picture is shown
-        scene = with_values(scene, {"panel.width": 0.0, "panel.scale": 1.0})
+        scene = with_values(scene, {"panel.scale": 1.0})
     return _harmonics(scene)
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.geometry.grids import image_to_photo, jacobian
-from moireaug.geometry.homography import homography, magnification
+from moireaug.geometry.homography import camera_pose, homography
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SizedScene
@@ -46,36 +46,34 @@ def extreme_jacobians(
 def _extreme_jacobians(
     v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool
 ) -> Tensor:
-    fields, k1, k2 = _poses(v, lens, zoom, bounds(v.fov)[1])
+    view, k1, k2 = _poses(v, lens, zoom, bounds(v.fov)[1])
     jacobians = []
     for size in shapes:
         h, w = size
-        m = homography(fields, k1, k2, size, scale, pose=v.pose, fit=v.fit)
+        m = homography(view, k1, k2, size, scale)
         picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **FLOAT64_ON_CPU)
         points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
         points = torch.cat([points, _in_the_photo(points, size)], 1)
         local = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
         if magnified:
-            local = local * magnification(fields, k1, k2, size, v.fit)[:, None, None, None, None]
+            local = local * camera_pose(view, k1, k2, size)[1][:, None, None, None, None]
         jacobians.append(local.flatten(0, 2))
     return torch.cat(jacobians).unique(dim=0)
 
 
 @functools.lru_cache(maxsize=64)
 def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
-    """Return the least and the greatest `homography.magnification` for the angles and lenses that a
-    scene allows at this zoom."""
+    """Return the least and the greatest photo pixels that an image pixel takes, see
+    `homography.camera_pose`, for the angles and lenses that a scene allows at this zoom."""
     every = []
     for fov in bounds(v.fov):
-        fields, k1, k2 = _poses(v, lens, zoom, fov)
-        every += [magnification(fields, k1, k2, size, v.fit) for size in PHOTO_SHAPES]
+        view, k1, k2 = _poses(v, lens, zoom, fov)
+        every += [camera_pose(view, k1, k2, size)[1] for size in PHOTO_SHAPES]
     return float(torch.cat(every).min()), float(torch.cat(every).max())
 
 
-def _poses(
-    v: View, lens: Lens, zoom: float, fov: float
-) -> tuple[dict[str, Tensor], Tensor, Tensor]:
-    """Return the fields of views of the angles that a scene allows, k1 and k2, (N,) each."""
+def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[View, Tensor, Tensor]:
+    """Return a drawn View of the angles that a scene allows, k1 and k2, (N,) each."""
     turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
     poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
@@ -83,7 +81,7 @@ def _poses(
     fields = {k: torch.zeros_like(yaw) for k in v.ranged}
     fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
     fields |= {"fov": torch.full_like(yaw, fov), "zoom": torch.full_like(yaw, zoom)}
-    return fields, k1, k2
+    return v.drawn(fields), k1, k2
 
 
 def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:

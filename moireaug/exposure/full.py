@@ -87,9 +87,9 @@ class FullReading(ClosedForm):
 
     def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:
         matrix = shot.matrix()
-        ideal = grids.image_to_photo(points.flatten(1, 2), matrix, shot.size, None)
+        ideal = grids.image_to_photo(points, matrix, shot.size, None)
         # a lens hardly changes how much a view spreads
-        step = panel_steps(ideal.reshape(points.shape), torch.linalg.inv(matrix), None, shot)
+        step = panel_steps(ideal, torch.linalg.inv(matrix), None, shot)
         return axis_views(shot.scene, step, optics_of(shot)), shot.panel_scale[:, None, None]
 
 
@@ -176,7 +176,7 @@ class Mean(FullReading):
 
     def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
-        share = mean_light(layout, channel, *emitting_share(shot.panel)).to(screen.light.dtype)
+        shares = mean_light(layout, *emitting_share(shot.panel)).to(screen.light.dtype)
         one = torch.ones_like(shot.panel.lit)
         x, y = (along_axis(axis, WHOLE_PIXEL, (one, one), sight, shot, screen) for axis in (0, 1))
-        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * share[:, None, None]
+        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * shares[:, channel, None, None]

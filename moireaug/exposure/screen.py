@@ -11,8 +11,6 @@ from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.scene.layout import as_layout
 from moireaug.shot import ShotRecord
 
-PANEL_PIXELS_PER_LOOKUP = 1  # the panel is built if it has at most this many pixels per look-up
-
 
 class Screen:
     """The pixels of the panel: they show the picture (B, 3, H, W) at their centres, and its edge
@@ -39,7 +37,7 @@ class Screen:
         )
         self.panel = None
         readings = math.prod(shot.raw_shape()[-2:])
-        if math.prod(self.size) <= PANEL_PIXELS_PER_LOOKUP * taps**2 * readings:
+        if math.prod(self.size) <= taps**2 * readings:
             self.panel = on_panel(self.picture, self.size, self.margin).flatten(2).unbind(1)
 
     def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> Tensor:

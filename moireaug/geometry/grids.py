@@ -109,13 +109,14 @@ def jacobian(
 def image_to_photo(
     points: Tensor, matrix: Tensor, size: tuple[int, int], lens: RadialCoefficients | None
 ) -> Tensor:
-    """Return where image points (B, N, 2) lie in the photo, through homography (B, 3, 3) and lens.
-    Differentiable."""
-    ideal = apply_homography(matrix, points)
-    if lens is None:
-        return ideal
-    centre = _centre(ideal, size)
-    return (ideal - centre) * inverse_radial_factor(ideal - centre, *lens, size)[..., None] + centre
+    """Return where image points (B, ..., 2) lie in the photo, through homography (B, 3, 3) and
+    lens. Differentiable."""
+    photo = apply_homography(matrix, points.flatten(1, -2))
+    if lens is not None:
+        centre = _centre(photo, size)
+        ideal = photo - centre
+        photo = ideal * inverse_radial_factor(ideal, *lens, size)[..., None] + centre
+    return photo.reshape(points.shape)
 
 
 def _centre(like: Tensor, size: tuple[int, int]) -> Tensor:

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from types import ModuleType
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.geometry.distortion import radial_factor
-
+DrawnView = Any  # a View of (B,) tensors, whose annotations are those of a scene's
 BEHIND_CAMERA = 1e9  # where points behind the camera are put
 LEAST_DEPTH = 1e-9  # depth above which a point counts as in front of the camera
 BORDER_STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -31,11 +33,11 @@ def _matrix(rows: Sequence[Sequence[Tensor | float]], like: Tensor) -> Tensor:
     return torch.stack(entries, -1).unflatten(-1, (len(rows), len(rows[0])))
 
 
-def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor, ...]:
+def _rotation_columns(yaw: Any, pitch: Any, roll: Any, xp: ModuleType) -> tuple[Any, ...]:
     """Return the rotated x, y and depth of a point (x, y) in the screen's plane, each as its two
     coefficients of x and y."""
     (sy, cy), (sp, cp), (sr, cr) = (
-        (torch.sin(a), torch.cos(a)) for a in map(torch.deg2rad, (yaw, pitch, roll))
+        (xp.sin(a), xp.cos(a)) for a in map(xp.deg2rad, (yaw, pitch, roll))
     )
     across = (cy * cr, cy * sr)
     down = (sp * sy * cr - cp * sr, sp * sy * sr + cp * cr)
@@ -44,34 +46,31 @@ def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor,
 
 
 def camera_pose(
-    view: dict[str, Tensor], k1: Tensor, k2: Tensor, size: tuple[int, int], fit: bool
-) -> Tensor:
-    """Return the homography (B, 3, 3) of a pinhole camera, about the centres of image and photo.
-    Arguments as in `homography`."""
+    view: DrawnView, k1: Any, k2: Any, size: tuple[int, int], xp: ModuleType = torch
+) -> tuple[Any, Any]:
+    """Return the homography (B, 3, 3) of a pinhole camera, about the centres of image and photo,
+    and how many photo pixels an image pixel in the middle of the picture takes along each axis
+    before it is turned, (B,).
+
+    Args:
+        view, k1, k2, size: as in `homography`.
+        xp: module of the arrays, torch or numpy, which is faster for so few numbers.
+    """
     h, w = size
-    zoom = magnification(view, k1, k2, size, fit)
-    right, down = view["shift_x"] * w, view["shift_y"] * h
-    return _matrix([[zoom, 0, right], [0, zoom, down], [0, 0, 1.0]], zoom) @ _turned(view, size)
+    xx, xy, yx, yy, zx, zy = _rotation_columns(view.yaw, view.pitch, view.roll, xp)
+    f = math.hypot(h, w) / 2 / xp.tan(xp.deg2rad(view.fov) / 2)
+    zx, zy, zoom = zx / f, zy / f, view.zoom
+    if view.fit:
+        x, y, depth = (xp.stack(pair) for pair in ((xx, xy), (yx, yy), (zx, zy)))
+        zoom = zoom * _fitting_zoom(x, y, depth, k1, k2, size, xp)
+    right, down = view.shift_x * w, view.shift_y * h
+    entries = [zoom * xx + right * zx, zoom * xy + right * zy, right]
+    entries += [zoom * yx + down * zx, zoom * yy + down * zy, down]
+    entries += [zx, zy, xp.ones_like(f)]
+    return xp.stack(entries, -1).reshape(-1, 3, 3), zoom
 
 
-def magnification(
-    view: dict[str, Tensor], k1: Tensor, k2: Tensor, size: tuple[int, int], fit: bool
-) -> Tensor:
-    """Return how many photo pixels an image pixel in the middle of the picture takes along each
-    axis before it is turned, (B,). Arguments as in `homography`."""
-    if not fit:
-        return view["zoom"]
-    return view["zoom"] * _fitting_zoom(_turned(view, size), k1, k2, size)
-
-
-def _turned(view: dict[str, Tensor], size: tuple[int, int]) -> Tensor:
-    """Return the homography (B, 3, 3) of a turned picture, as large in its middle as the photo."""
-    xx, xy, yx, yy, zx, zy = _rotation_columns(view["yaw"], view["pitch"], view["roll"])
-    f = math.hypot(*size) / 2 / torch.tan(torch.deg2rad(view["fov"]) / 2)
-    return _matrix([[xx, xy, 0.0], [yx, yy, 0.0], [zx / f, zy / f, 1.0]], f)
-
-
-def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
+def released_pose(view: DrawnView, size: tuple[int, int], scale: float) -> Tensor:
     """Return the homography (B, 3, 3) of the paper's released code, M = A2 T RX RY RZ A1 in indices
     of the sensor's raster, about the centres of image and photo.
 
@@ -79,7 +78,7 @@ def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) 
     a negative one is kept. There, gamma turns clockwise and theta moves the lower edge
     away: gamma = -roll, theta = -pitch and phi = yaw.
     """
-    theta, phi, gamma = (torch.deg2rad(a) for a in (-view["pitch"], view["yaw"], -view["roll"]))
+    theta, phi, gamma = (torch.deg2rad(a) for a in (-view.pitch, view.yaw, -view.roll))
     h, w = size[0] * scale, size[1] * scale
     one, zero = torch.ones_like(gamma), torch.zeros_like(gamma)
     sin_gamma = torch.sin(gamma)
@@ -109,42 +108,46 @@ def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) 
 
 
 def homography(
-    view: dict[str, Tensor],
-    k1: Tensor,
-    k2: Tensor,
-    size: tuple[int, int],
-    scale: float,
-    *,
-    pose: str = "camera",
-    fit: bool = True,
+    view: DrawnView, k1: Tensor, k2: Tensor, size: tuple[int, int], scale: float
 ) -> Tensor:
     """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
 
     Args:
-        view: the (B,) fields of `View` by name, angles in degrees.
+        view: a drawn View, whose fields are (B,).
         k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
         size: height and width of image and photo.
         scale: sensor pixels per photo pixel; only the "released" pose reads it.
-        pose, fit: see `View`.
     """
-    if pose == "released":
+    if view.pose == "released":
         m = released_pose(view, size, scale)
     else:
-        m = camera_pose(view, k1, k2, size, fit)
+        m, _ = camera_pose(view, k1, k2, size)
     h, w = size
     centre = m.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
     back = m.new_tensor([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])
     return centre @ m @ back
 
 
-def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
+def _fitting_zoom(
+    x: Any, y: Any, depth: Any, k1: Any, k2: Any, size: tuple[int, int], xp: ModuleType
+) -> Any:
     """Return the greatest magnification at which the picture's border still lies inside the photo,
-    (B,)."""
-    half = m.new_tensor([size[1] / 2, size[0] / 2])
-    border = apply_homography(m, (m.new_tensor(BORDER) * half).expand(m.shape[0], -1, -1))
-    to_edge = 1 / (border / half).abs().amax(-1)  # along the ray through each point, (B, 16)
-    edge = border * to_edge[..., None]
-    return (to_edge * radial_factor(edge, k1, k2, size)).amin(-1)
+    (B,).
+
+    Args:
+        x, y, depth: (2, B) each, coefficients of a point (x, y) of the picture in those of the
+            turned picture, whose depth is 1 in its middle.
+    """
+    h, w = size
+    points = [(right * (w / 2), down * (h / 2)) for right, down in BORDER]
+    border = np.array(points) if xp is np else x.new_tensor(points)
+    depth = border @ depth + 1  # (16, B)
+    ahead = depth > LEAST_DEPTH
+    depth = xp.where(ahead, depth, 1.0)
+    x, y = (xp.where(ahead, border @ row / depth, BEHIND_CAMERA) for row in (x, y))
+    to_edge = 1 / xp.maximum(xp.abs(x) / (w / 2), xp.abs(y) / (h / 2))  # along each point's ray
+    r2 = (x * x + y * y) * to_edge * to_edge * (4 / (h * h + w * w))
+    return xp.amin(to_edge * (1 + r2 * (k1 + k2 * r2)), 0)
 
 
 def apply_homography(m: Tensor, points: Tensor) -> Tensor:

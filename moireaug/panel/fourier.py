@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,7 +15,6 @@ from moireaug.scene.layout import Layout
 from moireaug.scene.subpixel import Subpixel
 
 Orders = tuple[int, int]  # of a harmonic along x and y: cycles per cell
-Numbers = TypeVar("Numbers", Tensor, np.ndarray)
 
 
 def coefficient(
@@ -53,10 +52,11 @@ def own_orders(subpixel: Subpixel, layout: Layout, k: Any, l: Any) -> tuple[Any,
     return k / across, l / down, (k % across == 0) & (l % down == 0)
 
 
-def mean_light(layout: Layout, channel: int, width: Numbers, height: Numbers) -> Numbers:
-    """Return the share of the panel's area that emits one channel, (B,), from the shares of a
+def mean_light(layout: Layout, width: Tensor, height: Tensor) -> Tensor:
+    """Return the share of the panel's area that emits each channel, (B, 3), from the shares of a
     subpixel's edges that do."""
-    return width * height * sum(subpixel.density for subpixel in layout.of(channel))
+    density = [sum(subpixel.density for subpixel in layout.of(channel)) for channel in range(3)]
+    return (width * height)[:, None] * width.new_tensor(density)
 
 
 def emitting_share(panel) -> tuple[Tensor, Tensor]:

@@ -86,10 +86,10 @@ class Part:
     def __post_init__(self) -> None:
         for f in fields(self):
             value = getattr(self, f.name)
-            name, bounds = f"{type(self).__name__}.{f.name}", f.metadata
+            name, limits = f"{type(self).__name__}.{f.name}", f.metadata
             if isinstance(f.default, bool) and not isinstance(value, bool):
                 raise TypeError(f"{name} must be True or False; got {value!r}.")
-            if "low" not in bounds or (hasattr(value, "shape") and not isinstance(value, Real)):
+            if "low" not in limits or (hasattr(value, "shape") and not isinstance(value, Real)):
                 continue
             if isinstance(value, (tuple, list)):
                 if len(value) != 2:
@@ -97,14 +97,14 @@ class Part:
                         f"{name} must be a number or a (low, high) pair; got {len(value)} values: "
                         f"{value!r}."
                     )
-                low, high = (check_number(name, v, **bounds, allowed=RANGE) for v in value)
+                low, high = (check_number(name, v, **limits, allowed=RANGE) for v in value)
                 if low > high:
                     raise ValueError(
                         f"{name} must be a (low, high) pair with low <= high; got {value!r}."
                     )
                 value = low if low == high else (low, high)
             else:
-                value = check_number(name, value, **bounds, allowed=RANGE)
+                value = check_number(name, value, **limits, allowed=RANGE)
             object.__setattr__(self, f.name, value)
 
 
@@ -130,7 +130,7 @@ def check_stated_once(name: str, value: Range, least: float, other: str, given: 
         name, value, least: the field, and the least that it may be if it is not 0.
         other, given: the other field.
     """
-    if hasattr(value, "shape"):
+    if hasattr(value, "shape") or hasattr(given, "shape"):
         return
     low, high = bounds(value)
     if high and low < least:

@@ -39,7 +39,7 @@ class Lens(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if hasattr(self.k1, "shape"):
+        if hasattr(self.k1, "shape") or hasattr(self.k2, "shape"):
             return
         for k1 in bounds(self.k1):
             for k2 in bounds(self.k2):

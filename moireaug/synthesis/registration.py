@@ -40,7 +40,8 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
 
     Raises:
         TypeError: pictures that are not (3, H, W) uint8.
-        ValueError: the picture was not found in the photo, or could not be aligned.
+        ValueError: the picture was not found in the photo, could not be aligned, or is hardly in
+            view.
     """
     for title, image in ((name, photo), ("the picture", picture)):
         if not isinstance(image, Tensor):
@@ -56,9 +57,12 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
     matrix = find_pose(photo, picture, name)
     height, width = picture.shape[1:]
     rows, columns = _visible(matrix, (height, width), tuple(photo.shape[1:]))
+    shown = picture[:, rows, columns]
+    if not shown.numel():
+        raise ValueError(f"{name} shows too little of the picture: it must show most of it.")
     warped = _warp(_interleaved(photo), matrix, (height, width))
     aligned = torch.from_numpy(warped).permute(2, 0, 1)
-    return aligned[:, rows, columns], picture[:, rows, columns]
+    return aligned[:, rows, columns], shown
 
 
 def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Matrix:
@@ -201,14 +205,16 @@ def _warp(photo: Grey, matrix: Matrix, size: tuple[int, int]) -> Grey:
 
 def _visible(matrix: Matrix, size: tuple[int, int], photo: tuple[int, ...]) -> tuple[slice, slice]:
     """Return rows and columns of the largest part of the picture, of its proportions and about its
-    visible middle, that lies in the photo."""
+    visible middle, that lies in the photo: none where that is less than a fiftieth of a side."""
     height, width = size
     x, y = np.meshgrid(np.linspace(0.5, width - 0.5, 65), np.linspace(0.5, height - 0.5, 65))
     inside = _is_in(photo, matrix, x, y)
     if inside.all():
         return slice(0, height), slice(0, width)
-    middle_x, middle_y = x[inside].mean(), y[inside].mean()
     best = (slice(0, 0), slice(0, 0))
+    if not inside.any():
+        return best
+    middle_x, middle_y = x[inside].mean(), y[inside].mean()
     for share in np.linspace(0.02, 1, 99):
         low_x, high_x = middle_x - share * width / 2, middle_x + share * width / 2
         low_y, high_y = middle_y - share * height / 2, middle_y + share * height / 2

@@ -13,14 +13,15 @@ from moireaug.scenes import Shot
 from moireaug.transforms._convert import at_size, move_boxes, photograph, shot_of_frames
 
 # name of each target to the depth of its nesting
-IMAGE_TARGETS = {"image": 0, "images": 1, "volume": 1, "volumes": 2}
-MASK_TARGETS = {"mask": 0, "masks": 1, "mask3d": 1, "masks3d": 2}
+IMAGE_TARGETS = {"image": 0, "images": 1, "volume": 1}
+MASK_TARGETS = {"mask": 0, "masks": 1, "mask3d": 1}
 
 
 def check_arrays(target: str, value: Any, depth: int) -> None:
-    """Refuse a value that is neither a numpy array nor a list of arrays, `depth` levels deep:
+    """Refuse a value that is neither a numpy array nor, where `depth` is 1, a list of them:
     TypeError."""
-    other_leaves = [leaf for leaf in _leaves(value, depth) if not isinstance(leaf, np.ndarray)]
+    leaves = value if depth and isinstance(value, (list, tuple)) else [value]
+    other_leaves = [leaf for leaf in leaves if not isinstance(leaf, np.ndarray)]
     if not other_leaves:
         return
     if isinstance(other_leaves[0], torch.Tensor):
@@ -32,12 +33,6 @@ def check_arrays(target: str, value: Any, depth: int) -> None:
         advice = "Convert it with np.asarray first."
     allowed = "a numpy array or a list of them" if depth else "a numpy array"
     raise TypeError(f"{target} must be {allowed}; got {_type_name(other_leaves[0])}. {advice}")
-
-
-def _leaves(value: Any, depth: int) -> list[Any]:
-    if not depth or not isinstance(value, (list, tuple)):
-        return [value]
-    return [leaf for inner in value for leaf in _leaves(inner, depth - 1)]
 
 
 def _type_name(value: Any) -> str:
@@ -154,27 +149,33 @@ def pictures_of(data: dict[str, Any]) -> dict[str, list[np.ndarray]]:
     """Return the images of each target of a call."""
     pictures = {}
     for target, depth in IMAGE_TARGETS.items():
-        if data.get(target) is None:
-            continue
-        images = [data[target]]
-        for _ in range(depth):
-            images = [inner for outer in images for inner in outer]
-        pictures[target] = images
+        value = data.get(target)
+        if value is not None:
+            pictures[target] = list(value) if depth else [value]
     return pictures
 
 
 def noise_of(
-    target: str,
-    n: int,
-    noise: list | None = None,
-    first: dict[str, int] | None = None,
-    **params: Any,
+    target: str, n: int, noise: dict[str, list] | None = None, **params: Any
 ) -> torch.Tensor | None:
-    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:])."""
-    if noise is None or first is None:
+    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:]), or
+    None where no attacker is at work.
+
+    Args:
+        noise: of each picture, as nested lists, by target.
+
+    Raises:
+        ValueError: there is no noise for as many pictures of this target.
+    """
+    if noise is None:
         return None
-    rows = noise[first[target] : first[target] + n]
-    return torch.tensor(rows, dtype=torch.float32, device="cpu")
+    if len(noise.get(target, [])) < n:
+        counts = ", ".join(f"{len(rows)} as {name}" for name, rows in noise.items()) or "none"
+        raise ValueError(
+            f"AdversarialMoire has noise for the pictures that it attacked: {counts}; got {n} as "
+            f"{target}. Pass them to a replay as they were recorded."
+        )
+    return torch.tensor(noise[target][:n], dtype=torch.float32, device="cpu")
 
 
 def label_of(data: dict[str, Any], key: str) -> int:

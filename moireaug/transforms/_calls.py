@@ -51,12 +51,8 @@ class SampledTransform(DualTransform):
 
     @property
     def targets(self) -> dict[str, Callable[..., Any]]:
-        # albumentationsx passes a volume to apply_to_images, and some versions know no `volumes`
-        targets = dict(super().targets)
-        targets["volume"] = self.apply_to_volume
-        targets["volumes"] = self.apply_to_volumes
-        targets["masks3d"] = self.apply_to_masks3d
-        return targets
+        # albumentationsx passes a volume to apply_to_images
+        return {**super().targets, "volume": self.apply_to_volume}
 
     def _check_targets(self, data: dict[str, Any]) -> None:
         depths = IMAGE_TARGETS | MASK_TARGETS if self._moves else IMAGE_TARGETS

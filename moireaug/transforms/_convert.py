@@ -16,13 +16,12 @@ from moireaug.image_checks import channels_last_hint, check_images, check_shape
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture, as_scenes
 from moireaug.networks import in_evaluation_mode
-from moireaug.numeric import as_float
+from moireaug.numeric import as_float, luma
 from moireaug.scene.presets import MIXTURES
 from moireaug.scenes import Scene, Shot, preset_name
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
 
-LUMA_WEIGHTS = (0.299, 0.587, 0.114)  # ITU-R BT.601, as in torchvision, PIL and OpenCV
 EDGE_POINTS = 17  # along each edge of a box: the arc of a bent edge is found to a 256th of its rise
 
 
@@ -135,11 +134,6 @@ def model_of_photos(
     except Exception:  # which one depends on the model
         return model
     return lambda photos: model(luma(photos))
-
-
-def luma(photo: Tensor) -> Tensor:
-    """Return the luma (B, 1, H, W) of a photo (B, 3, H, W)."""
-    return (photo * photo.new_tensor(LUMA_WEIGHTS)[:, None, None]).sum(1, keepdim=True)
 
 
 def as_input(photo: Tensor, images: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ import torch
 from albumentations.core.composition import BaseCompose
 from albumentations.core.transforms_interface import BasicTransform
 
-from moireaug.object_graph import walk
+from moireaug.networks import reachable
 
 SEED_STRIDE = 0x9E3779B1  # odd, so that seeds of different transforms and workers differ
 DATA_TYPES = (str, bytes, int, float, type(None), np.ndarray, np.generic, torch.Tensor)
@@ -25,17 +25,11 @@ def seed_worker(worker_id: int) -> None:
     first. The seeds follow torch's: distinct per worker, epoch and transform, the same after
     `torch.manual_seed`.
 
-    A transform is found wherever the data set leads to it:
-
-    - in an attribute or slot of an object, `nn.Module`s and other data sets included, or of a class
-      of your modules;
-    - in a list, tuple, deque or dict of at most 1,000 entries;
-    - in a function, lambda, method or `functools.partial`: its defaults, its closure, the object
-      that it is bound to, and the globals of your modules that its code names.
-
-    It is not found where nothing leads to it: one that is made or imported within a function, or is
-    held by a `collate_fn`, a set, an `A.Lambda`, a function or an iterator written in C, or a class
-    or global of an installed package. Seed such a transform in a `worker_init_fn` of your own.
+    A transform is found where the data set leads to it as `moireaug.networks.reachable` says: by
+    attributes, lists, tuples and dicts of at most 1,000 entries, bound methods, partial functions,
+    and the closures, defaults and globals of functions. It is not found in a slot, a class, a set
+    or a `collate_fn`, nor where a function makes it: seed such a transform in a `worker_init_fn` of
+    your own.
 
     Raises:
         ValueError: no transform is found.
@@ -63,7 +57,7 @@ def seed_worker(worker_id: int) -> None:
 def transforms_of(dataset: torch.utils.data.Dataset) -> list[BaseCompose | BasicTransform]:
     """Return the transforms that a data set leads to, by the ways listed in `seed_worker`, each of
     them once, always in the same order."""
-    parts = walk(dataset, lambda part: not isinstance(part, (*DATA_TYPES, *TRANSFORM_TYPES)))
+    parts = reachable(dataset, lambda part: not isinstance(part, (*DATA_TYPES, *TRANSFORM_TYPES)))
     return [part for part in parts if _is_transform(part)]
 
 

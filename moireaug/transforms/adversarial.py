@@ -18,7 +18,6 @@ from torchvision.tv_tensors import Video
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.checks import as_tensor, check_labels
-from moireaug.mixtures import as_scenes
 from moireaug.scenes import Scene
 from moireaug.transforms._convert import (
     as_float_rgb,
@@ -27,6 +26,7 @@ from moireaug.transforms._convert import (
     check_probability,
     describe,
     model_of_photos,
+    planned_scenes,
     with_rows,
 )
 from moireaug.transforms.torchvision import ANNOTATION_TYPES, IMAGE_TYPES, wrap
@@ -89,10 +89,11 @@ class AdversarialMoire(v2.Transform):
         p: float = 1.0,
     ) -> None:
         super().__init__()
+        self.scene = planned_scenes(scene)
         self.p = check_probability(p)
         self.attack = MoireAttack(
             model=model,
-            scene=scene,
+            scene=self.scene,
             eps=eps,
             steps=steps,
             step_size=step_size,
@@ -122,7 +123,7 @@ class AdversarialMoire(v2.Transform):
     def _image_index(self, leaves: list[Any], labels: Any) -> int:
         """Return the index of the leaf that is the batch of images."""
         has_annotations = any(isinstance(leaf, ANNOTATION_TYPES) for leaf in leaves)
-        if has_annotations and as_scenes(self.attack.scene).moves:
+        if has_annotations and self.scene.moves:
             raise ValueError(
                 "masks, boxes and key points would not move with the images, because this scene's "
                 "photo stays in the camera's frame (Develop(registered=False)). Set "
@@ -163,7 +164,7 @@ class AdversarialMoire(v2.Transform):
     def extra_repr(self) -> str:
         a = self.attack
         return (
-            f"scene={describe(as_scenes(a.scene))}, eps={a.eps}, steps={a.steps}, "
+            f"scene={describe(self.scene)}, eps={a.eps}, steps={a.steps}, "
             f"step_size={a.step_size}, loss={a.loss!r}, random_start={a.random_start}, p={self.p}"
         )
 

@@ -133,10 +133,6 @@ class RandomMoire(SampledTransform):
     def apply_to_volume(self, volume: np.ndarray, **params: Any) -> np.ndarray:
         return self.apply_to_images(volume, target="volume", **params)
 
-    def apply_to_volumes(self, volumes: np.ndarray, **params: Any) -> np.ndarray:
-        slices = np.reshape(volumes, (-1, *np.shape(volumes)[2:]))
-        return self.apply_to_images(slices, target="volumes", **params).reshape(np.shape(volumes))
-
     def apply_to_mask(self, mask: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
         return move_mask(mask, self._shot(shot)) if self._moves else mask
 
@@ -147,13 +143,6 @@ class RandomMoire(SampledTransform):
         self, mask3d: np.ndarray, shot: dict[str, Any], **params: Any
     ) -> np.ndarray:
         return self.apply_to_masks(mask3d, shot=shot, **params)
-
-    def apply_to_masks3d(
-        self, masks3d: np.ndarray, shot: dict[str, Any], **params: Any
-    ) -> np.ndarray:
-        if not self._moves:
-            return masks3d
-        return np.stack([self.apply_to_masks(m, shot=shot, **params) for m in masks3d])
 
     def apply_to_bboxes(
         self, bboxes: np.ndarray, shot: dict[str, Any], shape: tuple[int, ...], **params: Any
@@ -261,9 +250,8 @@ class AdversarialMoire(RandomMoire):
                 )
         pictures = pictures_of(data)
         if not any(pictures.values()):
-            return drawn
+            return drawn | {"noise": {}}
         counts = [len(of_target) for of_target in pictures.values()]
-        first = dict(zip(pictures, itertools.accumulate(counts, initial=0), strict=False))
         images = [planes(picture) for picture in itertools.chain(*pictures.values())]
         model = self.attack.model
         rgb = torch.cat([as_float_rgb(picture) for picture in images]).to(device_of(model))
@@ -276,4 +264,6 @@ class AdversarialMoire(RandomMoire):
             shot=shot_of_frames(self._shot(drawn["shot"]).repeat(len(counts)), counts),
             generator=generator,
         )
-        return drawn | {"noise": noise_tensor(result).cpu().tolist(), "first": first}
+        rows = iter(noise_tensor(result).cpu().tolist())
+        noise = {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
+        return drawn | {"noise": noise}

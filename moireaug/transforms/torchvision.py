@@ -16,6 +16,7 @@ from torchvision.transforms.v2 import functional as F
 from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
 
 from moireaug.mixed_shot import MixedShot
+from moireaug.mixtures import shot_of_one
 from moireaug.numeric import as_dtype
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._convert import (
@@ -108,7 +109,11 @@ class RandomMoire(v2.Transform):
         if not len(chosen):
             return inpt
         height, width = F.get_size(inpt)
-        shot = self.scene.shot_of(u[chosen], (height, width))
+        shot: Shot | MixedShot
+        if len(chosen) == 1:  # of one scene: a mixture's takes three times as long
+            shot = shot_of_one(self.scene, u[chosen], (height, width))
+        else:
+            shot = self.scene.shot_of(u[chosen], (height, width))
         if len(chosen) == len(u):
             return apply_shot(inpt, shot)
         plain, rows = inpt.as_subclass(Tensor), chosen.to(inpt.device)

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
+from moireaug.exposure.screen import Screen
 from moireaug.scene.layout import Layout
 
 OWN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1.75, 1.0)), (2, 1))
@@ -172,7 +173,7 @@ def test_mean_is_the_same_camera_without_moire(images):
 def looked_up(picture, shot):
     """The exposure of a panel that counts as too large to be built."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("moireaug.exposure.screen.PANEL_PIXELS_PER_LOOKUP", 0)
+        patch.setattr(Screen, "look", Screen._on_picture)
         return expose(picture, shot)
 
 

@@ -107,4 +107,5 @@ def test_a_gapped_row_has_the_harmonics_of_a_pulse():
     for k, l in PAIRS:
         expected = math.prod(torch.sinc(number([k * 0.15, l * 0.72])).tolist()) * 0.15 * 0.72
         assert coefficient(red, k, l, width, height).item() == pytest.approx(expected)
-    assert mean_light(LAYOUTS["rgb_stripe"], 0, width, height).item() == pytest.approx(0.15 * 0.72)
+    light = mean_light(LAYOUTS["rgb_stripe"], width, height)[0]
+    assert light.tolist() == pytest.approx([0.15 * 0.72] * 3)

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
+from moireaug.synthesis import registration
 from moireaug.synthesis.registration import _visible, _warp, find_pose, register
 
 SIZE = (288, 384)
@@ -108,6 +109,14 @@ def test_what_the_photo_does_not_show_is_cut_off_both(picture):
     assert 0.3 * SIZE[0] < original.shape[1] < 0.8 * SIZE[0]
     # no part of it is the black that lies off the photo
     assert aligned.float().mean(0).flatten().quantile(0.02) > 10
+
+
+@pytest.mark.parametrize("shift", [380.0, 5000.0])
+def test_a_picture_that_is_hardly_in_view_is_refused(picture, shift, monkeypatch):
+    pose = np.array([[1, 0, shift], [0, 1, 0], [0, 0, 1]])
+    monkeypatch.setattr(registration, "find_pose", lambda *_: pose)
+    with pytest.raises(ValueError, match="it must show most of it"):
+        registration.register(picture, picture)
 
 
 def test_a_photo_of_something_else_is_refused(picture):

@@ -220,6 +220,7 @@ def test_a_file_that_cannot_be_read_is_named(damage, suffix, tmp_path, monkeypat
         [torch.zeros(2)],
         {"state_dict": {"a": 2}},
         {"epoch": 3},
+        {"state_dict": {}},
         {"model": [torch.zeros(2)]},
         torch.zeros(3),
     ],

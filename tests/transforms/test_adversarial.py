@@ -7,7 +7,7 @@ from torch import nn
 from torchvision import tv_tensors
 from torchvision.transforms import v2
 
-from moireaug import Scene, Sensor
+from moireaug import Panel, Scene, Sensor
 from moireaug.transforms import AdversarialMoire
 
 SCENE = Scene(sensor=Sensor(gain=2.0))
@@ -156,6 +156,12 @@ def test_the_memory_layout_is_kept(p, model):
     shown, _ = drawn(attack(model, p=p), images, LABELS)
     assert shown.stride() == images.stride()
     assert torch.equal(shown, drawn(attack(model, p=p), IMAGES, LABELS)[0])
+
+
+def test_a_scene_that_cannot_be_photographed_is_refused_when_it_is_made(model):
+    slanted = Scene(sensor=Sensor(exposure="point"), panel=Panel(layout="chevron"))
+    with pytest.raises(ValueError, match="slanted"):
+        AdversarialMoire(model, slanted)
 
 
 def test_labels_may_be_numpy_arrays(model):

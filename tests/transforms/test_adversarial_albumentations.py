@@ -42,7 +42,7 @@ def test_it_raises_the_loss(dtype, shape, model, registered):
             return nn.functional.cross_entropy(model.eval()(x), torch.tensor([1])).item()
 
     assert loss(out["image"]) > loss(plain)
-    assert np.abs(np.array(params["noise"])).max() <= 16 / 255 + 1e-6
+    assert np.abs(np.array(params["noise"]["image"])).max() <= 16 / 255 + 1e-6
 
 
 def test_mode_is_kept_and_draws_follow_the_seed(model, registered):
@@ -89,20 +89,17 @@ def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered
         "image": images[0],
         "images": images[1:3],
         "volume": images[1:],
-        "volumes": images.reshape(2, 2, 12, 14, 3),
     }
     out = steps(**given, label=1)
     params = out["replay"]["transforms"][0]["params"]
-    noise = torch.tensor(params["noise"])
-    assert len(noise) == 10 and len(noise.unique(dim=0)) == 10
-    assert params["first"] == {"image": 0, "images": 1, "volume": 3, "volumes": 6}
-    for target, i in (("images", 1), ("volume", 2), ("volumes", 3)):
-        pictures, photos = (x[target].reshape(-1, 12, 14, 3) for x in (given, out))
-        row = params["first"][target] + i
+    noise = {target: torch.tensor(rows) for target, rows in params["noise"].items()}
+    assert list(map(len, noise.values())) == [1, 2, 3]
+    assert len(torch.cat([*noise.values()]).unique(dim=0)) == 6
+    for target, i in (("images", 1), ("volume", 2)):
         shot = Shot.from_dict(params["shot"])
         shot = dataclasses.replace(shot, seed=shot.seed + i)
-        expected = moire.apply_shot(pictures[i], shot, noise[row : row + 1])
-        assert np.array_equal(photos[i], expected)
+        expected = moire.apply_shot(given[target][i], shot, noise[target][i : i + 1])
+        assert np.array_equal(out[target][i], expected)
 
 
 def test_a_replay_needs_no_model(model, registered):
@@ -113,6 +110,14 @@ def test_a_replay_needs_no_model(model, registered):
     assert np.array_equal(again["image"], out["image"])
     with pytest.raises(ValueError, match=r"recorded at, \(12, 14\); got \(24, 28\)"):
         A.ReplayCompose.replay(out["replay"], image=frames(1, (24, 28, 3))[0])
+
+
+@pytest.mark.parametrize("other", [{"images": frames(3)}, {"image": frames(1)[0]}], ids=len)
+def test_a_replay_on_pictures_without_noise_is_refused(other, model, registered):
+    steps = A.ReplayCompose([moire.AdversarialMoire(model, registered, steps=1, p=1)])
+    replay = steps(images=frames(2), volume=frames(2), label=1)["replay"]
+    with pytest.raises(ValueError, match="attacked: 2 as images, 2 as volume; got"):
+        A.ReplayCompose.replay(replay, **other)
 
 
 def test_it_is_written_as_lambda_is(model, registered):

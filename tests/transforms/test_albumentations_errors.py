@@ -21,7 +21,6 @@ SAMPLES = {
     "images tensor": ({"images": TENSOR[None]}, f"images {SEVERAL} torch.Tensor. {BEFORE}"),
     "images of tensors": ({"images": [TENSOR]}, f"images {SEVERAL} torch.Tensor. {BEFORE}"),
     "volume": ({"volume": TENSOR[None]}, f"volume {SEVERAL} torch.Tensor. {BEFORE}"),
-    "volumes": ({"volumes": TENSOR[None, None]}, f"volumes {SEVERAL} torch.Tensor. {BEFORE}"),
     "mask": ({"image": IMAGE, "mask": TENSOR[0]}, f"mask {ONE} torch.Tensor. {BEFORE}"),
     "masks": ({"image": IMAGE, "masks": TENSOR}, f"masks {SEVERAL} torch.Tensor. {BEFORE}"),
     "PIL image": ({"image": PIL.Image.fromarray(IMAGE)}, f"image {ONE} PIL.Image.Image. {CONVERT}"),

@@ -2,8 +2,6 @@
 
 # isort: skip  # after moireaug, which keeps it from asking for its newest version
 import functools
-import types
-from collections import deque
 
 import albumentations as A
 import numpy as np
@@ -84,19 +82,6 @@ def test_seeding_outside_a_worker_says_so():
         moire.seed_worker(0)
 
 
-class Slotted(Dataset):
-    __slots__ = ("transform",)
-
-    def __init__(self, transform):
-        self.transform = transform
-
-
-def test_transforms_in_slots_and_partial_functions_are_found(registered):
-    one, other = (A.Compose([RandomMoire(registered, p=1)]) for _ in range(2))
-    assert transforms_of(Slotted(one)) == [one]
-    assert transforms_of(Slotted([one, functools.partial(len, other)])) == [one, other]
-
-
 def test_a_transform_that_two_attributes_share_is_found_once(registered):
     one = A.Compose([RandomMoire(registered, p=1)])
     data = Views(one, one, again=[one, {"deep": (one,)}])
@@ -107,55 +92,15 @@ def seeded():
     return A.Compose([A.GaussNoise(p=1)], seed=0)
 
 
-GLOBAL, NESTED, OF_A_METHOD = seeded(), seeded(), seeded()
-augmentation = types.ModuleType("augmentation")
-augmentation.STEPS = seeded()
+GLOBAL = seeded()
 
 
 def by_global(image):
     return GLOBAL(image=image)
 
 
-def by_nested_global(image):
-    def call():
-        return NESTED(image=image)
-
-    return call()
-
-
-def by_module(image):
-    return augmentation.STEPS(image=image)
-
-
 def in_closure(transform):
     return lambda image: transform(image=image)
-
-
-def in_keyword_default(transform):
-    def call(image, *, steps=transform):
-        return steps(image=image)
-
-    return call
-
-
-def in_decorated_function(transform):
-    return functools.lru_cache(maxsize=0)(functools.wraps(len)(in_closure(transform)))
-
-
-class Property:
-    @property
-    def steps(self):
-        return OF_A_METHOD
-
-    def __call__(self, image):
-        return self.steps(image=image)
-
-
-class OfClass:
-    steps = seeded()
-
-    def __call__(self, image):
-        return self.steps(image=image)
 
 
 class Module(nn.Module):
@@ -168,18 +113,11 @@ class Module(nn.Module):
 HOLDERS = {
     "closure": in_closure,
     "default": lambda t: lambda image, steps=t: steps(image=image),
-    "keyword default": in_keyword_default,
     "global": lambda t: by_global,
-    "global of a nested function": lambda t: by_nested_global,
-    "a module's attribute": lambda t: by_module,
-    "decorated function": in_decorated_function,
     "partial function": lambda t: functools.partial(in_closure(t)),
     "bound method": lambda t: Wrapped(t).call,
-    "global of a property": lambda t: Property(),
-    "class attribute": lambda t: OfClass(),
     "modules": lambda t: Module(Module(t)),
     "torchvision Compose": lambda t: v2.Compose([v2.Lambda(in_closure(t))]),
-    "deque": lambda t: functools.partial(lambda q, image: q[0](image=image), deque([t])),
 }
 
 
@@ -201,9 +139,6 @@ UNREACHED = {
     "long list": functools.partial(made_anew, image=[seeded()] * 1001),
     "set": {seeded()},
     "iterator": map(seeded().__call__, []),
-    "tensor": torch.zeros(3),
-    "library's class": A.Compose,
-    "library": torch,
 }
 
 

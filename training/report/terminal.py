@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from moireaug.printing import printable
 from training.report.numbers import codes, duration, number, percent, points, short
 from training.report.page import render, title_of
 from training.report.run_view import run_view
 from training.runs.metrics import RunMetrics, SuiteMetrics
+from training.system.printing import printable
 
 TITLE_WIDTH, NAME_WIDTH = 27, 10
 

@@ -6,7 +6,7 @@ import re
 import sys
 from typing import Any, TextIO
 
-from moireaug.printing import use_legible
+from training.system.printing import use_legible
 
 EXPECTED_ERRORS = (ValueError, TypeError, FloatingPointError, OSError)
 LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import

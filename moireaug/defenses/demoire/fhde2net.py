@@ -10,13 +10,13 @@ from torch import Tensor, nn
 
 from moireaug.defenses.demoire.base import DemoireNet, scaled
 from moireaug.defenses.demoire.layers import Residual, UNet, conv, resized
+from moireaug.numeric import LUMA_WEIGHTS
 
 GLOBAL_CHANNELS = (52, 104, 208, 416)  # channels of the levels of GDN, and of LRN
 FUSION_CHANNELS = (36, 72, 144, 288)  # of FRN
 SPECTRAL_CHANNELS, SPECTRAL_BLOCKS = 98, 4  # channels and residual blocks of FDN
 GDN_REDUCTION = 4  # factor by which the image that GDN sees is reduced
 DCT_SIDE = 8  # of the blocks of the cosine transform, in pixels
-LUMA_WEIGHTS = (0.299, 0.587, 0.114)  # BT.601
 
 
 class FHDe2Net(DemoireNet):

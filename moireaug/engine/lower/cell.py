@@ -67,5 +67,4 @@ def cell_of_whole_pixels(taps: int) -> Cell:
 def mean_light_of(shot: ShotRecord) -> np.ndarray:
     """Return the share of the panel's area that emits each colour, (B, 3) float64."""
     layout = as_layout(shot.scene.panel.layout)
-    width, height = (share.detach().numpy() for share in emitting_share(shot.panel))
-    return np.stack([mean_light(layout, channel, width, height) for channel in range(3)], 1)
+    return mean_light(layout, *emitting_share(shot.panel)).detach().numpy()

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from moireaug.engine.lower import pose
+from moireaug.geometry.homography import camera_pose
 from moireaug.scene.fields import bounds
 from moireaug.shot import ShotRecord
 
@@ -36,7 +37,8 @@ def homography_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> tuple[np.nd
     if shot.scene.view.pose != "camera":
         matrix = pose.centred(shot.matrix().detach().numpy(), shot.size)
         return matrix, np.ones(len(shot))
-    return pose.camera_pose(drawn, shot.size, shot.scene.view.fit)
+    view = shot.view.drawn({name: drawn[f"view.{name}"] for name in shot.view.ranged})
+    return camera_pose(view, drawn["lens.k1"], drawn["lens.k2"], shot.size, np)
 
 
 def panel_scale_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
