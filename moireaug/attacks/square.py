@@ -31,8 +31,8 @@ class SquareMoire(MoireAttack):
 
     Args:
         steps: queries per restart that try noise: one for the stripes, one for each window. One
-            more follows on the noise that is kept, and with `until_fooled` another, which asks
-            whether the model repeats its answer.
+            more follows on the noise that is kept. The call's last one judges the result, and with
+            `until_fooled` another asks whether the model repeats its answer.
         loss: a key of `attacks.LOSSES`, by which a window is judged.
         others: see `MoireAttack`. Settings that only gradients use keep their defaults: step_size,
             rule, random_start, optimise and eot.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from numbers import Integral, Real
 
 import torch
@@ -70,6 +71,23 @@ def straight_through(images: Tensor, values: Tensor) -> Tensor:
     """Return `values` bit for bit, with the identity as gradient to `images`; both have the same
     shape and dtype."""
     return _StraightThrough.apply(images, values.detach())
+
+
+def output_of(part: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
+    """Return the images that a network or another callable makes of images (B, 3, H, W), clipped to
+    [0, 1], in their dtype; the gradient is that of the unclipped ones.
+
+    Raises:
+        ValueError: a callable that changes the images' shape.
+    """
+    out = part(images)
+    if out.shape != images.shape:
+        name = getattr(part, "__name__", type(part).__name__)
+        raise ValueError(
+            f"a defence must keep the images' shape {tuple(images.shape)}; {name} gave "
+            f"{tuple(out.shape)}."
+        )
+    return straight_through(out, out.clamp(0, 1)).to(images.dtype)
 
 
 def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor:

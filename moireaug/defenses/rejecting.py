@@ -60,5 +60,7 @@ class Rejecting(nn.Module):
                 f"the detector must return scores ({len(logits)},), one per image; got "
                 f"{tuple(scores.shape)}."
             )
-        rejection = logits.amax(1) + (scores - self.threshold).to(logits)
+        excess = (scores - self.threshold).to(logits)
+        # an infinite score rejects too, whereas an infinite logit would be no answer
+        rejection = logits.amax(1) + excess.clamp(max=torch.finfo(logits.dtype).max / 4)
         return torch.cat([logits, rejection[:, None]], 1)

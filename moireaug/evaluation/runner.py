@@ -213,5 +213,5 @@ class Runner:
 def _seconds_since(start: float, device: torch.device) -> float:
     """Return the seconds since `start`, once the device has finished its work."""
     if device.type == "cuda":
-        torch.cuda.synchronize()
+        torch.cuda.synchronize(device)
     return time.perf_counter() - start

@@ -134,7 +134,12 @@ def model_of_photos(
             model(grey.clone())
     except Exception:  # which one depends on the model
         return model
-    return lambda photos: model(luma(photos))
+
+    def of_luma(photos: Tensor) -> Tensor:
+        return model(luma(photos))
+
+    of_luma.rejects = getattr(model, "rejects", False)  # type: ignore[attr-defined]
+    return of_luma
 
 
 def luma(photo: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, check_callable, straight_through
+from moireaug.defenses.base import Defence, check_callable, output_of
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,4 @@ class Demoire(Defence):
         x = images
         if isinstance(self.network, nn.Module):
             x = images.to(next(self.network.parameters(), images).dtype)
-        out = self.network(x)
-        if out.shape != images.shape:
-            name = getattr(self.network, "__name__", type(self.network).__name__)
-            raise ValueError(
-                f"a demoiréing network must keep the images' shape {tuple(images.shape)}; {name} "
-                f"gave {tuple(out.shape)}."
-            )
-        return straight_through(out, out.clamp(0, 1)).to(images.dtype)
+        return output_of(self.network, x).to(images.dtype)
