@@ -18,7 +18,6 @@ from moireaug.attacks.checks import (
     check_eps,
     check_goals,
     check_gradient,
-    check_model,
     check_sizes,
 )
 from moireaug.attacks.losses import LOSSES, loss_curve
@@ -29,6 +28,7 @@ from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.search import Search, Step
 from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot
+from moireaug.networks import check_callable
 from moireaug.numeric import as_single
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
@@ -80,7 +80,7 @@ class Attack(ABC):
     until_fooled: bool = False
 
     def __post_init__(self) -> None:
-        check_model(self.model)
+        check_callable("an attack's model", self.model)
         check_eps(self.eps)
         object.__setattr__(self, "eps", float(self.eps))  # it may be NumPy's
         check_count("steps", self.steps, 0)

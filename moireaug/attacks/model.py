@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from moireaug.attacks.answers import is_same_answer
 from moireaug.attacks.checks import check_classes
-from moireaug.networks import in_evaluation_mode, networks_of
+from moireaug.networks import first_weight, in_evaluation_mode, networks_of
 
 # messages of torch where weights and images differ in precision or device, or in channels
 TYPE_MISMATCH = r"same dtype|type .* should be the same|expected scalar type"
@@ -105,7 +105,7 @@ def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) 
                 "torchvision.transforms.v2.functional.rgb_to_grayscale."
             ) from error
         reason = str(error).partition("\n")[0]
-        if message := _mismatch_message(_first_weight(model), images, reason):
+        if message := _mismatch_message(first_weight(*networks_of(model)), images, reason):
             raise TypeError(message) from error
         raise
 
@@ -130,12 +130,3 @@ def repeats_answers(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor
     """Return whether a model, asked twice, answers each image (B, 3, H, W) the same, (B,) bool; see
     `is_same_answer`. Its state is restored."""
     return is_same_answer(ask(model, images), ask(model, images))
-
-
-def _first_weight(model: object) -> Tensor | None:
-    """Return the first weight in floating point of a model's networks; None where it has none."""
-    for network in networks_of(model):
-        for weight in network.parameters():
-            if weight.is_floating_point():
-                return weight
-    return None

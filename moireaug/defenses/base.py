@@ -101,12 +101,6 @@ def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor
     return torch.where(index < size, index, 2 * size - 1 - index)
 
 
-def check_callable(name: str, part: object, advice: str = "") -> None:
-    """Refuse what cannot be called, and a class in place of an instance: TypeError."""
-    if not callable(part) or isinstance(part, type):
-        raise TypeError(f"{name} must be callable on images; got {part!r}.{advice}")
-
-
 def check_whole(name: str, value: object, low: int, high: int | None = None) -> None:
     """Refuse anything but a whole number in [low, high]; TypeError or ValueError."""
     allowed = f"a whole number of at least {low}"

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, check_callable, check_whole, output_of
+from moireaug.defenses.base import Defence, check_whole, output_of
 from moireaug.image_checks import check_images
+from moireaug.networks import check_callable
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Compose(Defence):
                 f"Compose takes one tuple of defences, Compose((a, b)); got {self.defences!r}."
             )
         for defence in self.defences:
-            check_callable("a defence", defence, " Is it DEFENSES[name]()?")
+            check_callable("a defence", defence, "images", " Is it DEFENSES[name]()?")
         object.__setattr__(self, "defences", tuple(self.defences))
         randomised = [d for d in self.defences if getattr(d, "randomised", False)]
         object.__setattr__(self, "randomised", bool(randomised))

@@ -8,7 +8,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from moireaug.defenses.base import check_callable, check_real
+from moireaug.defenses.base import check_real
+from moireaug.networks import check_callable
 
 
 class Rejecting(nn.Module):
@@ -44,7 +45,7 @@ class Rejecting(nn.Module):
     ) -> None:
         super().__init__()
         check_callable("model", model)
-        check_callable("detector", detector)
+        check_callable("detector", detector, "scores (B,)")
         self.model, self.detector = model, detector
         value = threshold.item() if isinstance(threshold, Tensor) else threshold
         check_real("threshold", value, -math.inf)

@@ -10,10 +10,9 @@ import pandas as pd
 import torch
 from tqdm import tqdm
 
-from moireaug.attacks.checks import check_bounds, check_count, check_model
+from moireaug.attacks.checks import check_count
 from moireaug.attacks.model import class_count
 from moireaug.defenses import Defence
-from moireaug.defenses.base import check_callable
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import ImageTransform, Model
 from moireaug.evaluation.frame import images_frame
@@ -26,7 +25,7 @@ from moireaug.evaluation.suites import OPTION_SUITES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, Table, paper_defences
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
-from moireaug.networks import device_of
+from moireaug.networks import check_callable, device_of
 from moireaug.scenes import Scene
 
 
@@ -94,18 +93,18 @@ def evaluate(
             a part on another device than the model; a folder with a callable that cannot be
             identified; an lpips file of another network.
     """
-    for name, one in {"model": model, **(targets or {})}.items():
-        check_model(one, name)
-    for name, defence in (defences or {}).items():
-        check_callable(name, defence)
-    _check_devices(model, {**(targets or {}), **(defences or {}), **(networks or {})})
+    models = {"model": model, **(targets or {})}
+    transforms = {**(defences or {}), **(networks or {})}
+    for name, one in models.items():
+        check_callable(name, one)
+    for name, one in transforms.items():
+        check_callable(name, one, "images")
+    _check_devices(model, models | transforms)
     if eps is not None:
         eps = tuple(np.atleast_1d(eps).tolist())
-        check_bounds(eps)
     check_count("steps", steps, 0)
     check_count("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
-    batches = collect_batches(loader, n)
     config = SuiteConfig(
         scene=as_scenes(scene),
         eps=eps,
@@ -114,6 +113,7 @@ def evaluate(
         defences=paper_defences() | dict(defences or {}),
         networks={name: Demoire(network) for name, network in (networks or {}).items()},
     )
+    batches = collect_batches(loader, n)
     tables = tables_of(suite, config)
     options: dict[str, object] = {"eps": eps, "targets": targets, "defences": defences}
     options |= {"networks": networks, "lpips": lpips}

@@ -15,7 +15,7 @@ from moireaug.capture import photo_of
 from moireaug.image_checks import channels_last_hint, check_images, check_shape
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture, as_scenes
-from moireaug.networks import in_evaluation_mode
+from moireaug.networks import first_weight, in_evaluation_mode
 from moireaug.numeric import as_float
 from moireaug.scene.presets import MIXTURES
 from moireaug.scenes import Scene, Shot, preset_name
@@ -108,12 +108,8 @@ def as_float_rgb(images: Tensor) -> Tensor:
 
 def as_model_takes(images: Tensor, model: object) -> Tensor:
     """Return float images in the dtype of a module's weights; as they are for any other model."""
-    if not isinstance(model, nn.Module):
-        return images
-    for parameter in model.parameters():
-        if parameter.is_floating_point():
-            return images.to(parameter.dtype)
-    return images
+    weight = first_weight(model) if isinstance(model, nn.Module) else None
+    return images if weight is None else images.to(weight.dtype)
 
 
 def model_of_photos(

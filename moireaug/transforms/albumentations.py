@@ -18,7 +18,6 @@ import torch
 from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack
-from moireaug.attacks.result import noise_tensor
 from moireaug.mixtures import sample_one, scenes_of
 from moireaug.networks import device_of
 from moireaug.scenes import Scene, Shot
@@ -276,4 +275,4 @@ class AdversarialMoire(RandomMoire):
             shot=shot_of_frames(self._shot(drawn["shot"]).repeat(len(counts)), counts),
             generator=generator,
         )
-        return drawn | {"noise": noise_tensor(result).cpu().tolist(), "first": first}
+        return drawn | {"noise": [noise.tolist() for noise in result.noise], "first": first}

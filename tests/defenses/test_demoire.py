@@ -192,7 +192,7 @@ def test_files_that_hold_no_network_are_refused(tmp_path):
         (lambda: demoire.build("amnet", width=float("nan")), ValueError, "width must be"),
         (lambda: demoire.build("amnet", width="1"), TypeError, "width must be"),
         (lambda: demoire.save(nn.Identity(), "x.pt"), TypeError, "takes a network of demoire.b"),
-        (lambda: demoire.Demoire(demoire.DemoireNet), TypeError, "callable on images"),
+        (lambda: demoire.Demoire(demoire.DemoireNet), TypeError, "to images; got"),
         (lambda: losses.VGGFeatures("none.pt", "esdnet"), ValueError, "vgg: there is no weights"),
         (lambda: small("amnet")(torch.zeros(2, 3, 8)), ValueError, r"shape \(B, 3, H, W\)"),
         (lambda: small("amnet")(torch.zeros(1, 8, 8, 3)), ValueError, "channels seem to be last"),

@@ -116,8 +116,8 @@ def test_rejecting_is_no_class(grey):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Rejecting(None, red, 0.5), "model must be callable"),
-        (lambda: Rejecting(Bright(), Rejecting, 0.5), "detector must be callable"),
+        (lambda: Rejecting(None, red, 0.5), "model must be a function"),
+        (lambda: Rejecting(Bright(), Rejecting, 0.5), "detector must be a function"),
         (
             lambda: Rejecting(Bright(), red, float("nan")),
             "must be a finite number; got nan",

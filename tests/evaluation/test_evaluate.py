@@ -264,7 +264,10 @@ def test_a_suite_of_several_tables(known, loader):
             {"defences": {"bits_4": torch.relu}, "suite": "adaptive"},
             "suite=adaptive has no row for a defence 'bits_4'",
         ),
-        ({"defences": {"mine": JPEG}, "suite": "defences"}, "mine must be callable on images"),
+        (
+            {"defences": {"mine": JPEG}, "suite": "defences"},
+            "mine must be a function .* to images; got",
+        ),
         (
             {"targets": {"other": torch.nn.Linear(1, 1, device="meta")}, "suite": "transfer"},
             r"other is on meta, the model on cpu: pass other.to\('cpu'\)",

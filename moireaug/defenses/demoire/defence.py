@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, check_callable, output_of
+from moireaug.defenses.base import Defence, output_of
+from moireaug.networks import check_callable, first_weight
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Demoire(Defence):
     network: Callable[[Tensor], Tensor]
 
     def __post_init__(self) -> None:
-        check_callable("network", self.network, " Is it demoire.load(FILE)?")
+        check_callable("network", self.network, "images", " Is it demoire.load(FILE)?")
         randomised = bool(getattr(self.network, "randomised", False))
         object.__setattr__(self, "randomised", randomised)
 
@@ -40,7 +41,6 @@ class Demoire(Defence):
         return (self.network,) if isinstance(self.network, nn.Module) else ()
 
     def apply(self, images: Tensor) -> Tensor:
-        x = images
-        if isinstance(self.network, nn.Module):
-            x = images.to(next(self.network.parameters(), images).dtype)
+        weight = first_weight(*self.networks)
+        x = images if weight is None else images.to(weight.dtype)
         return output_of(self.network, x).to(images.dtype)

@@ -61,7 +61,7 @@ def success(config: SuiteConfig) -> Table:
             ),
         }
         cells += undefended_row(eps_row(eps), columns)
-    pictures = [(cell.row, cell.column) for cell in cells if cell.row == eps_row(config.middle)]
+    pictures = [cell.place for cell in cells if cell.row == eps_row(config.middle)]
     return Table("success", tuple(cells), pictures=tuple(pictures))
 
 
@@ -132,7 +132,7 @@ def budget(config: SuiteConfig) -> Table:
             "bim": PixelAttacker(attack="bim", eps=eps, steps=config.steps, until_fooled=False),
         }
         cells += undefended_row(eps_row(eps), columns)
-    pictures = [(cell.row, cell.column) for cell in cells if cell.column in ("ma", "bim")]
+    pictures = [cell.place for cell in cells if cell.column in ("ma", "bim")]
     return Table("budget", tuple(cells), pictures=tuple(pictures))
 
 
