@@ -20,15 +20,6 @@ class NoAnswerError(ValueError):
     robust."""
 
 
-def check_model(model: object, name: str = "an attack's model") -> None:
-    """Refuse a model that cannot be called, and a class in place of an instance: TypeError."""
-    if not callable(model) or isinstance(model, type):
-        raise TypeError(
-            f"{name} must be a function or a torch module from images (B, 3, H, W) to logits "
-            f"(B, K); got {model!r}."
-        )
-
-
 def check_eps(eps: object) -> None:
     """Refuse an `eps` that is not one number in [0, 1]: ValueError."""
     if isinstance(eps, bool) or not is_finite(eps) or eps < 0:  # type: ignore[operator]

@@ -14,7 +14,6 @@ from moireaug.attacks.checks import (
     check_count,
     check_goals,
     check_gradient,
-    check_model,
     check_positive,
 )
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
@@ -25,6 +24,7 @@ from moireaug.attacks.rules import choose
 from moireaug.attacks.search import Search
 from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot
+from moireaug.networks import check_callable
 from moireaug.scenes import Shot
 
 TANH_LIMIT = 1 - 1e-6  # a pixel's largest |tanh(w)|: black and white would lie at infinity
@@ -62,7 +62,7 @@ class CW:
     lr: float = 0.01
 
     def __post_init__(self) -> None:
-        check_model(self.model)
+        check_callable("an attack's model", self.model)
         check_count("steps", self.steps, 0)
         check_count("binary_search_steps", self.binary_search_steps, 1)
         check_positive("c", self.c)

@@ -18,7 +18,6 @@ from moireaug.attacks.checks import (
     check_eps,
     check_goals,
     check_gradient,
-    check_model,
     check_sizes,
 )
 from moireaug.attacks.losses import LOSSES, loss_curve
@@ -29,6 +28,7 @@ from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.search import Search, Step
 from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot
+from moireaug.networks import check_callable
 from moireaug.numeric import as_single
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
@@ -80,7 +80,7 @@ class Attack(ABC):
     until_fooled: bool = False
 
     def __post_init__(self) -> None:
-        check_model(self.model)
+        check_callable("an attack's model", self.model)
         check_eps(self.eps)
         object.__setattr__(self, "eps", float(self.eps))  # it may be NumPy's
         check_count("steps", self.steps, 0)
@@ -165,14 +165,12 @@ class Attack(ABC):
         for restart in range(self.restarts):
             if search.is_over:
                 break
-            search.losses = []
-            for point, images, logits in self._steps(search, self._start(search, restart)):
-                if images is None or logits is None:
+            search.begin_run()
+            for point, logits in self._steps(search, self._start(search, restart)):
+                if logits is None:
                     logits = search.logits(point)
                 elif self.until_fooled and not search.losses:
-                    search.drops_fooled = search.is_deterministic(
-                        images, search.goals(None)[0], logits
-                    )
+                    search.drop_fooled_if_deterministic(point, logits)
                 search.keep(point, logits)
         return search.best
 
@@ -203,7 +201,7 @@ class Attack(ABC):
                 if name in rules and gradient is not None:
                     # a NaN would stay in the point, and with it in every later image
                     ascent[name] = search.scatter(gradient.nan_to_num())
-            yield Step(point, images.detach(), logits.detach())
+            yield Step(point, logits.detach())
             if search.is_over:
                 return
             for name, gradient in ascent.items():

@@ -4,11 +4,12 @@ their own, and their results joined."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from moireaug.attacks.result import Result, noise_tensor
+from moireaug.attacks.result import Result
 from moireaug.mixed_shot import MixedShot, in_order
 
 
@@ -22,12 +23,16 @@ def joined(
         results: Result of each scene.
         noise_at: as of `MoireAttack`.
     """
-    # the mixture, not the draw, says whether noise fits into one tensor
+    noises: list[Any] = [result.noise for result in results]  # of one scene, so a tensor, each
     noise: Tensor | list[Tensor]
+    # the mixture, not the draw, says whether noise fits into one tensor
     if noise_at == "photo" or len(shot.raw_shapes()) == 1:
-        noise = in_order(rows, [noise_tensor(result) for result in results])
+        noise = in_order(rows, noises)
     else:
-        noise = _noise_list(rows, results)
+        noise_by_row: dict[int, Tensor] = {}
+        for scene_rows, scene_noise in zip(rows, noises, strict=True):
+            noise_by_row |= dict(zip(scene_rows.tolist(), scene_noise, strict=True))
+        noise = [noise_by_row[row] for row in sorted(noise_by_row)]
     scene_shots = [(at, result.shot) for at, result in zip(rows, results, strict=True)]
     return Result(
         images=in_order(rows, [result.images for result in results]),
@@ -37,14 +42,6 @@ def joined(
         eps=results[0].eps,
         shot=MixedShot.joined(shot.scenes, shot.which, scene_shots),
     )
-
-
-def _noise_list(rows: Sequence[Tensor], results: Sequence[Result]) -> list[Tensor]:
-    """Return the noise of each image of the batch."""
-    noise_by_row: dict[int, Tensor] = {}
-    for scene_rows, result in zip(rows, results, strict=True):
-        noise_by_row |= dict(zip(scene_rows.tolist(), result.noise, strict=True))
-    return [noise_by_row[row] for row in sorted(noise_by_row)]
 
 
 def _mean_loss(results: Sequence[Result]) -> Tensor:

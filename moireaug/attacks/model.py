@@ -10,7 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.answers import is_same_answer
-from moireaug.networks import in_evaluation_mode, networks_of
+from moireaug.attacks.checks import check_classes
+from moireaug.networks import first_weight, in_evaluation_mode, networks_of
 
 # messages of torch where weights and images differ in precision or device, or in channels
 TYPE_MISMATCH = r"same dtype|type .* should be the same|expected scalar type"
@@ -46,6 +47,7 @@ class Normalized(nn.Module):
                 f"all, and every std must be above 0; got mean = {mean}, std = {std}."
             )
         self.model = model
+        self.rejects = getattr(model, "rejects", False)
         self.register_buffer("mean", means.view(-1, 1, 1), persistent=False)
         self.register_buffer("std", stds.view(-1, 1, 1), persistent=False)
 
@@ -103,23 +105,28 @@ def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) 
                 "torchvision.transforms.v2.functional.rgb_to_grayscale."
             ) from error
         reason = str(error).partition("\n")[0]
-        if message := _mismatch_message(_first_weight(model), images, reason):
+        if message := _mismatch_message(first_weight(*networks_of(model)), images, reason):
             raise TypeError(message) from error
         raise
+
+
+def ask(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
+    """Return a model's logits (B, K) of images (B, 3, H, W), without gradients; its state is
+    restored."""
+    with evaluating(model, images), torch.no_grad():
+        return model(images.clone())  # it may work in place
+
+
+def class_count(model: Callable[[Tensor], Tensor], images: Tensor, labels: Tensor) -> int:
+    """Return the number of classes of a model, by its answer to the first of some images
+    (B, 3, H, W), and refuse logits and labels as `check_classes` does."""
+    logits = ask(model, images[:1])
+    rejects = getattr(model, "rejects", False)
+    check_classes(labels.amax(0, keepdim=True), logits, rejects=rejects)
+    return logits.shape[1] - rejects
 
 
 def repeats_answers(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
     """Return whether a model, asked twice, answers each image (B, 3, H, W) the same, (B,) bool; see
     `is_same_answer`. Its state is restored."""
-    with evaluating(model, images), torch.no_grad():
-        logits, second_logits = model(images.clone()), model(images.clone())  # it may work in place
-    return is_same_answer(logits, second_logits)
-
-
-def _first_weight(model: object) -> Tensor | None:
-    """Return the first weight in floating point of a model's networks; None where it has none."""
-    for network in networks_of(model):
-        for weight in network.parameters():
-            if weight.is_floating_point():
-                return weight
-    return None
+    return is_same_answer(ask(model, images), ask(model, images))

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import is_success
+from moireaug.attacks.answers import is_same_answer
 from moireaug.attacks.checks import check_answers, check_classes, check_count
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.losses import likeliest_wrong_classes, margin
+from moireaug.attacks.losses import likeliest_wrong_classes
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
 from moireaug.mixed_shot import MixedShot
@@ -64,31 +64,22 @@ class MultiTargeted:
         return self.attack.attack_batch(self._best_result, images, labels, None, shot, generator)
 
     def _best_result(self, search: Search) -> Result:
-        """Return the result of the searches toward each class, each of the images that are still
+        """Return the result of a search toward each class in turn, of the images that are still
         right."""
-        best = search.problem.clean_point()
-        images, logits = search.photo(best)
+        point = search.problem.clean_point()
+        _, logits = search.photo(point)
         check_classes(search.labels, logits)
         check_answers(logits, self.attack.model, search.problem.images)
-        is_deterministic = search.is_deterministic(images, search.labels, logits)
-        is_fooled = is_success(logits, search.labels, None) & is_deterministic
-        margins = margin(logits.float(), search.labels)
+        _, second_logits = search.photo(point)
+        repeats = bool(is_same_answer(logits, second_logits).all())
+        search.keep(point, logits.repeat(search.problem.views, 1))
         values, classes = likeliest_wrong_classes(logits, search.labels, self.targets)
         for value, targets in zip(values.T, classes.T, strict=True):
-            # images that are still right, and whose class minus infinity does not rule out
-            rows = (~is_fooled & value.isfinite()).nonzero()[:, 0]
-            if not len(rows):
+            search.drop(~value.isfinite())  # minus infinity rules a class out, and those after it
+            if repeats:
+                search.drop_fooled()
+            if not len(search.rows):
                 break
-            toward = search.toward(targets[rows], rows)
-            point = self.attack.best(toward)
-            _, logits = toward.photo(point)
-            success = is_success(logits, toward.labels, None) & is_deterministic
-            new_margins = margin(logits.float(), toward.labels)
-            is_better = success | (new_margins > margins[rows])
-            better_rows = rows[is_better]
-            is_fooled[better_rows] = success[is_better]
-            margins[better_rows] = new_margins[is_better]
-            for name, x in point.items():
-                best[name] = best[name].index_copy(0, better_rows, x[is_better])
-            search.losses = toward.losses
-        return self.attack.result(search, best)
+            search.loss_targets = targets
+            self.attack.best(search)
+        return self.attack.result(search, search.best)

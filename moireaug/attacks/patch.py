@@ -25,6 +25,10 @@ class PatchProblem(PixelProblem):
     def render(self, point: Point) -> Tensor:
         return clip(self.images + self.mask * point["noise"]).to(self.images.dtype)
 
+    def start(self, radius: float, generator: torch.Generator | None, random_pose: bool) -> Point:
+        point = super().start(radius, generator, random_pose)
+        return {"noise": self.mask * point["noise"]}
+
     def subset(self, rows: Tensor) -> PatchProblem:
         return PatchProblem(self.images[rows], self.mask[rows])
 

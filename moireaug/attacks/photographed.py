@@ -8,8 +8,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.checks import check_model
 from moireaug.capture import capture, develop, expose
+from moireaug.networks import check_callable
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
 
@@ -62,7 +62,7 @@ class Photographed(nn.Module):
         noise_at: str = "raw",
     ) -> None:
         super().__init__()
-        check_model(model, "Photographed's model")
+        check_callable("Photographed's model", model)
         self.model, self.shot = model, shot
         self.rejects = getattr(model, "rejects", False)
         self.noise_at = one_of("noise_at", noise_at, CAMERAS)

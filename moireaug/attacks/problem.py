@@ -24,8 +24,6 @@ class Problem(ABC):
         base: (B, ...) reading or image that the noise is added to, or None where it differs from
             step to step.
         effective_range: low and high end of base + noise, beyond which more noise changes no photo.
-        mask: (B, 1, H, W) mask, 1 where noise changes the image and 0 elsewhere; None is
-            everywhere.
         pose: (B, F) pose in [-1, 1] at which the search starts; None where none is searched.
         noise_frozen: whether the noise stays 0, because only the pose is searched.
     """
@@ -35,7 +33,6 @@ class Problem(ABC):
     views: int = 1
     base: Tensor | None = None
     effective_range: tuple[float, float] = (-math.inf, math.inf)
-    mask: Tensor | None = None
     pose: Tensor | None = None
     noise_frozen: bool = False
 
@@ -68,8 +65,8 @@ class Problem(ABC):
         point = self.clean_point()
         if radius and not self.noise_frozen:
             noise = torch.empty(self.shape, dtype=torch.float32, device="cpu")
-            noise = noise.uniform_(-radius, radius, generator=generator).to(point["noise"])
-            point["noise"] = noise if self.mask is None else noise * self.mask
+            noise = noise.uniform_(-radius, radius, generator=generator)
+            point["noise"] = noise.to(point["noise"])
         if self.pose is not None and random_pose:
             shape, dtype = self.pose.shape, torch.float64
             fraction = torch.rand(shape, generator=generator, dtype=dtype, device="cpu")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from moireaug.mixed_shot import MixedShot
@@ -48,12 +47,3 @@ class Result:
             steps = f"{len(self.loss)} step{'s' if len(self.loss) > 1 else ''}"
             parts.append(f"loss {self.loss[0]:.3g} to {self.loss[-1]:.3g} in {steps}")
         return f"Result({', '.join(parts)})"
-
-
-def noise_tensor(result: Result) -> Tensor:
-    """Return a result's noise as one tensor, (B, ...).
-
-    Raises:
-        RuntimeError: noise of different shapes, in a mixture.
-    """
-    return result.noise if isinstance(result.noise, Tensor) else torch.stack(result.noise)

@@ -21,13 +21,11 @@ class Step(NamedTuple):
 
     Args:
         point: point of all n images.
-        images: (views * b, 3, H, W) images at that point, of those that take the step; None at the
-            last point, from which no step is taken.
-        logits: (views * b, K) their logits, or None.
+        logits: (views * b, K) logits of the images that take the step; None at the last point, from
+            which no step is taken.
     """
 
     point: Point
-    images: Tensor | None = None
     logits: Tensor | None = None
 
 
@@ -48,8 +46,8 @@ class Search:
         active: problem of these b images.
         best: each image's point of the greatest margin, over steps and restarts.
         margins: (n,) greatest margins.
-        scales: (n,) greatest size of the two logits whose difference is a margin.
-        losses: mean cross-entropy before each step of the last restart.
+        rounding: (n,) margins that rounding, which differs between batches, may bring about.
+        losses: mean cross-entropy before each step of the last run.
         drops_fooled: whether fooled images take no further steps.
     """
 
@@ -68,15 +66,9 @@ class Search:
         self.rows, self.active = torch.arange(len(labels), device=labels.device), problem
         self.best: Point = {}
         self.margins = torch.full_like(labels, -math.inf, dtype=torch.float32)
-        self.scales = torch.zeros_like(self.margins)
+        self.rounding = torch.zeros_like(self.margins)
         self.losses: list[Tensor] = []
         self.drops_fooled = False
-
-    def toward(self, loss_targets: Tensor, rows: Tensor) -> Search:
-        """Return a new search on the images at indices (b,), by steps toward one class each,
-        `loss_targets` (b,), where any wrong class is a success."""
-        problem, labels = self.problem.subset(rows), self.labels[rows]
-        return Search(self.model, problem, labels, None, loss_targets, self.generator)
 
     @property
     def is_over(self) -> bool:
@@ -114,21 +106,23 @@ class Search:
             return rejection_as_label(logits, labels)
         return logits
 
-    def is_deterministic(self, images: Tensor, labels: Tensor, logits: Tensor) -> bool:
-        """Return whether the model, asked again, answers every image the same, see
-        `is_same_answer`."""
-        with torch.no_grad():
-            second_logits = self.ask(images, labels)
-        return bool(is_same_answer(logits, second_logits).all())
-
     def check(self, logits: Tensor) -> None:
         """Refuse the first logits of the active images where they do not match the classes, or
         where neither they nor those of the clean images are finite."""
         labels, targets = self.goals(self.loss_targets)
         check_classes(labels if targets is None else torch.maximum(labels, targets), logits)
-        # in a later restart, the images that go on may well be those without an answer
+        # in a later run, the images that go on may well be those without an answer
         if len(self.rows) == len(self.labels):
             check_answers(logits, self.model, self.problem.images)
+
+    def begin_run(self) -> None:
+        """Begin another run from a starting point; the best points and margins stay."""
+        self.losses = []
+
+    def drop_fooled_if_deterministic(self, point: Point, logits: Tensor) -> None:
+        """From now on, drop fooled images if the model, asked again, gives every active image the
+        same logits (b, K), see `is_same_answer`."""
+        self.drops_fooled = bool(is_same_answer(logits, self.logits(point)).all())
 
     @torch.no_grad()
     def logits(self, point: Point) -> Tensor:
@@ -149,7 +143,12 @@ class Search:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
         of the active images, and drop fooled images where `drops_fooled`."""
         labels, targets = self.goals(self.targets)
-        margins = attack_margin(logits, labels, targets).view(self.active.views, -1).mean(0)
+        views = self.active.views
+        margins = attack_margin(logits, labels, targets).view(views, -1).mean(0)
+        sizes = logits.amax(1).float().abs().view(views, -1).amax(0) + margins.abs()
+        # half of the logits' digits
+        rounding = sizes.nan_to_num(0, 0, 0) * torch.finfo(logits.dtype).eps ** 0.5
+        self.rounding = torch.maximum(self.rounding, self.scatter(rounding))
         better = torch.zeros_like(self.margins, dtype=torch.bool)
         better[self.rows] = margins > self.margins[self.rows]
         self.margins = torch.where(better, self.scatter(margins), self.margins)
@@ -157,14 +156,14 @@ class Search:
         self.best = {name: choose(better, x, best[name]) for name, x in point.items()}
         self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
         if self.drops_fooled:
-            self._drop_fooled(margins, logits)
+            self.drop_fooled()
 
-    def _drop_fooled(self, margins: Tensor, logits: Tensor) -> None:
-        """Take no further steps for images that are fooled for good: by more than rounding, which
-        differs between batches, so by half of the digits of their logits (b, K)."""
-        sizes = (logits.amax(1).float().abs() + margins.abs()).nan_to_num(0, 0, 0)
-        self.scales = torch.maximum(self.scales, self.scatter(sizes))
-        is_fooled = self.margins > self.scales * torch.finfo(logits.dtype).eps ** 0.5
-        rows = self.rows[~is_fooled[self.rows]]
+    def drop_fooled(self) -> None:
+        """Take no further steps for images that are fooled by more than rounding."""
+        self.drop(self.margins > self.rounding)
+
+    def drop(self, is_done: Tensor) -> None:
+        """Take no further steps for images of which `is_done` (n,) is true."""
+        rows = self.rows[~is_done[self.rows]]
         if len(rows) < len(self.rows):
             self.rows, self.active = rows, self.problem.subset(rows)

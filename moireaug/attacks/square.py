@@ -31,8 +31,8 @@ class SquareMoire(MoireAttack):
 
     Args:
         steps: queries per restart that try noise: one for the stripes, one for each window. One
-            more follows on the noise that is kept, and with `until_fooled` another, which asks
-            whether the model repeats its answer.
+            more follows on the noise that is kept. The call's last one judges the result, and with
+            `until_fooled` another asks whether the model repeats its answer.
         loss: a key of `attacks.LOSSES`, by which a window is judged.
         others: see `MoireAttack`. Settings that only gradients use keep their defaults: step_size,
             rule, random_start, optimise and eot.
@@ -67,15 +67,12 @@ class SquareMoire(MoireAttack):
         for query in range(self.steps):
             if search.is_over:
                 return
-            images = search.active.forward_views(search.active_point(point))
+            logits = search.logits(point)
             labels, targets = search.goals(search.loss_targets)
-            logits = search.ask(images, labels)
-            if query == 0:
-                search.check(logits)
             loss = LOSSES[self.loss](as_single(logits), labels, targets)
             # no loss, of an image without an answer, is below any other
             loss = search.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
-            yield Step(point, images, logits)
+            yield Step(point, logits)
             better = (loss > highest) if query else torch.ones_like(loss, dtype=torch.bool)
             highest = torch.where(better, loss.to(highest), highest)
             best = {"noise": choose(better, point["noise"], best["noise"])}

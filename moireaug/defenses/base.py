@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from numbers import Integral, Real
 
 import torch
@@ -72,6 +73,23 @@ def straight_through(images: Tensor, values: Tensor) -> Tensor:
     return _StraightThrough.apply(images, values.detach())
 
 
+def output_of(part: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
+    """Return the images that a network or another callable makes of images (B, 3, H, W), clipped to
+    [0, 1], in their dtype; the gradient is that of the unclipped ones.
+
+    Raises:
+        ValueError: a callable that changes the images' shape.
+    """
+    out = part(images)
+    if out.shape != images.shape:
+        name = getattr(part, "__name__", type(part).__name__)
+        raise ValueError(
+            f"a defence must keep the images' shape {tuple(images.shape)}; {name} gave "
+            f"{tuple(out.shape)}."
+        )
+    return straight_through(out, out.clamp(0, 1)).to(images.dtype)
+
+
 def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor:
     """Return indices (before + size + after,) that extend an axis by its mirror image, edge pixels
     twice: c b a | a b c | c b.
@@ -81,12 +99,6 @@ def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor
     """
     index = torch.arange(-before, size + after, device=device) % (2 * size)
     return torch.where(index < size, index, 2 * size - 1 - index)
-
-
-def check_callable(name: str, part: object, advice: str = "") -> None:
-    """Refuse what cannot be called, and a class in place of an instance: TypeError."""
-    if not callable(part) or isinstance(part, type):
-        raise TypeError(f"{name} must be callable on images; got {part!r}.{advice}")
 
 
 def check_whole(name: str, value: object, low: int, high: int | None = None) -> None:

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, check_callable, check_whole, straight_through
+from moireaug.defenses.base import Defence, check_whole, output_of
 from moireaug.image_checks import check_images
+from moireaug.networks import check_callable
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,8 @@ class Compose(Defence):
             such as a demoiréing network, whose output is clipped to [0, 1]. A randomised one says
             so by an attribute `randomised = True`. An empty tuple is the identity.
 
-    Between two, the images have the dtype they came with.
+    Between two, the images have the dtype they came with. An image that one of them turns into NaN
+    comes out as NaN.
 
     Backward: through each in turn; where an output is clipped, that of the unclipped one.
 
@@ -39,7 +41,7 @@ class Compose(Defence):
                 f"Compose takes one tuple of defences, Compose((a, b)); got {self.defences!r}."
             )
         for defence in self.defences:
-            check_callable("a defence", defence, " Is it DEFENSES[name]()?")
+            check_callable("a defence", defence, "images", " Is it DEFENSES[name]()?")
         object.__setattr__(self, "defences", tuple(self.defences))
         randomised = [d for d in self.defences if getattr(d, "randomised", False)]
         object.__setattr__(self, "randomised", bool(randomised))
@@ -62,17 +64,12 @@ class Compose(Defence):
         return self.apply(images)  # each handles half precision itself
 
     def apply(self, images: Tensor) -> Tensor:
+        lost = torch.zeros(len(images), 1, 1, 1, dtype=torch.bool, device=images.device)
         for defence in self.defences:
-            out = defence(images)
-            if not isinstance(defence, Defence):
-                if out.shape != images.shape:
-                    raise ValueError(
-                        f"a defence must keep the images' shape {tuple(images.shape)}; "
-                        f"{type(defence).__name__} gave {tuple(out.shape)}."
-                    )
-                out = straight_through(out, out.clamp(0, 1)).to(images.dtype)
-            images = out
-        return images
+            out = defence(images) if isinstance(defence, Defence) else output_of(defence, images)
+            lost = lost | out.isnan().flatten(1).any(1).view(-1, 1, 1, 1)
+            images = torch.where(lost, 0, out)  # the next defence would refuse the batch
+        return torch.where(lost, math.nan, images)
 
 
 class Defended(nn.Module):

@@ -8,7 +8,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from moireaug.defenses.base import check_callable, check_real
+from moireaug.defenses.base import check_real
+from moireaug.networks import check_callable
 
 
 class Rejecting(nn.Module):
@@ -44,7 +45,7 @@ class Rejecting(nn.Module):
     ) -> None:
         super().__init__()
         check_callable("model", model)
-        check_callable("detector", detector)
+        check_callable("detector", detector, "scores (B,)")
         self.model, self.detector = model, detector
         value = threshold.item() if isinstance(threshold, Tensor) else threshold
         check_real("threshold", value, -math.inf)
@@ -60,5 +61,7 @@ class Rejecting(nn.Module):
                 f"the detector must return scores ({len(logits)},), one per image; got "
                 f"{tuple(scores.shape)}."
             )
-        rejection = logits.amax(1) + (scores - self.threshold).to(logits)
+        excess = (scores - self.threshold).to(logits)
+        # an infinite score rejects too, whereas an infinite logit would be no answer
+        rejection = logits.amax(1) + excess.clamp(max=torch.finfo(logits.dtype).max / 4)
         return torch.cat([logits, rejection[:, None]], 1)

@@ -12,6 +12,7 @@ from moireaug.evaluation.frame import images_frame, rates
 from moireaug.evaluation.statistics import paired_gain, wilson
 from moireaug.evaluation.suites import GROUPS, SUITES, tables_of
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
+from moireaug.evaluation.trust_checks import checks
 
 __all__ = [
     "GROUPS",
@@ -19,6 +20,7 @@ __all__ = [
     "Cell",
     "SuiteConfig",
     "Table",
+    "checks",
     "evaluate",
     "images_frame",
     "paired_gain",

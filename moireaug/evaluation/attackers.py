@@ -65,7 +65,8 @@ class Attacker(Condition):
         return self.knows.draws
 
     def show(self, batch: EvalBatch) -> Tensor:
-        batch = dataclasses.replace(batch, model=self.knows.defended(batch.model))
+        model = self.knows.defended(batch.model, batch.max_images)
+        batch = dataclasses.replace(batch, model=model)
         size = -(-len(batch.images) // self.n_splits)
         images = []
         for first in range(0, len(batch.images), size):

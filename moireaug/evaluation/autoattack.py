@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
-from moireaug.attacks import MultiTargeted, SquareMoire, evaluating
+from moireaug.attacks import MultiTargeted, SquareMoire
 from moireaug.attacks.answers import rejection_as_label
 from moireaug.attacks.losses import attack_margin
-from moireaug.attacks.model import repeats_answers
+from moireaug.attacks.model import ask, class_count, repeats_answers
 from moireaug.attacks.rules import choose
 from moireaug.evaluation.attackers import Attacker, attack_shot
 from moireaug.evaluation.conditions import EvalBatch
@@ -36,9 +35,7 @@ class APGDTAttacker(Attacker):
     classes: int = 9
 
     def perturb(self, batch: EvalBatch) -> Tensor:
-        with evaluating(batch.model, batch.images), torch.no_grad():
-            logits = batch.model(batch.images[:1].clone())
-        classes = logits.shape[1] - getattr(batch.model, "rejects", False)
+        classes = class_count(batch.model, batch.images, batch.labels)
         loss = "dlr" if classes >= 4 else "margin"
         attack = self.moire_attack(batch, rule="apgd", loss=loss, until_fooled=True)
         toward_classes = MultiTargeted(attack, targets=self.classes)
@@ -74,8 +71,7 @@ class APGDAttacker(Attacker):
 
 def _margins(batch: EvalBatch, images: Tensor) -> Tensor:
     """Return the margins (B,) of images shown to the batch's model."""
-    with evaluating(batch.model, images), torch.no_grad():
-        logits = batch.model(images.clone())
+    logits = ask(batch.model, images)
     if getattr(batch.model, "rejects", False):
         logits = rejection_as_label(logits, batch.labels)
     return attack_margin(logits, batch.labels)

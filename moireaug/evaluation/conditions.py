@@ -41,6 +41,7 @@ class EvalBatch:
         generator: generator of the condition's own random numbers.
         lpips: `LPIPS` that measures the visibility of an attack, besides the other figures, or
             None.
+        max_images: number of images that a model or defence takes at once; None takes the batch.
     """
 
     model: Model
@@ -50,6 +51,7 @@ class EvalBatch:
     shot: Shot
     generator: torch.Generator
     lpips: nn.Module | None = None
+    max_images: int | None = None
 
     def __getitem__(self, rows: slice | Tensor) -> EvalBatch:
         return dataclasses.replace(

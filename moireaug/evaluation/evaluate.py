@@ -8,25 +8,25 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
-from torch import Tensor
 from tqdm import tqdm
 
-from moireaug.attacks.checks import as_tensor, check_bounds, check_count, check_model
+from moireaug.attacks.checks import check_count
+from moireaug.attacks.model import class_count
+from moireaug.defenses import Defence
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import ImageTransform, Model
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity as identity_of
 from moireaug.evaluation.identity import require_identity
+from moireaug.evaluation.loader import Batch, collect_batches
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.suites import OPTION_SUITES, check_used, tables_of
-from moireaug.evaluation.tables import SuiteConfig, paper_defences
+from moireaug.evaluation.tables import SuiteConfig, Table, paper_defences
 from moireaug.evaluation.visibility import LPIPS
-from moireaug.image_checks import check_images
 from moireaug.mixtures import as_scenes
+from moireaug.networks import check_callable, device_of
 from moireaug.scenes import Scene
-
-Batch = tuple[Tensor, Tensor]  # images and labels
 
 
 def evaluate(
@@ -61,14 +61,15 @@ def evaluate(
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
             photographed in one of them, the same for all conditions. One shot is drawn per image.
         eps: bounds of the noise, in [0, 1] units: ladder, full_ladder, success, mean_normalised,
-            budget and standard attack at each, the others at the middle one. None is 2, 4 and
-            8/255, or the suite's own: those that the paper prints, or 4 and 8/255 for standard.
-            worst_case always has these two; threat and unseen attack nothing.
+            budget and standard attack at each, the others at the middle one, of two at the greater.
+            None is 2, 4 and 8/255, or the suite's own: those that the paper prints, or 4 and 8/255
+            for standard. worst_case always has these two; threat and unseen attack nothing.
         steps: gradient steps of every attack.
         n: number of images; None is all.
         seed: of shots, targets and random starts.
         targets: name to model, for the suites "transfer" and "trust".
         defences: name to defence, in addition to the paper's, or replacing the one of that name.
+            jpeg, mean_normalised and noise_position have rows for the paper's alone.
         networks: name to demoiréing network, for the suite "demoireing": from `demoire.load`, or
             any callable from images to images. "mopnet", "mddm", "fhde2net" and "amnet" are shown
             with the paper's figures.
@@ -88,18 +89,22 @@ def evaluate(
 
     Raises:
         ValueError, TypeError: an unknown suite, or an option that it has no use for; no images;
-            images, labels or logits that cannot be read; a folder with a callable that cannot be
+            images, labels or logits that cannot be read; a defence that the suite has no row for;
+            a part on another device than the model; a folder with a callable that cannot be
             identified; an lpips file of another network.
     """
-    for name, one in {"model": model, **(targets or {})}.items():
-        check_model(one, name)
+    models = {"model": model, **(targets or {})}
+    transforms = {**(defences or {}), **(networks or {})}
+    for name, one in models.items():
+        check_callable(name, one)
+    for name, one in transforms.items():
+        check_callable(name, one, "images")
+    _check_devices(model, models | transforms)
     if eps is not None:
         eps = tuple(np.atleast_1d(eps).tolist())
-        check_bounds(eps)
     check_count("steps", steps, 0)
     check_count("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
-    batches = collect_batches(loader, n)
     config = SuiteConfig(
         scene=as_scenes(scene),
         eps=eps,
@@ -108,20 +113,23 @@ def evaluate(
         defences=paper_defences() | dict(defences or {}),
         networks={name: Demoire(network) for name, network in (networks or {}).items()},
     )
+    batches = collect_batches(loader, n)
     tables = tables_of(suite, config)
     options: dict[str, object] = {"eps": eps, "targets": targets, "defences": defences}
     options |= {"networks": networks, "lpips": lpips}
     for option, value in options.items():
         if value:
             check_used(suite, option, OPTION_SUITES[option])
+    _check_judged(suite, tables, config, defences or {})
     lpips_network = None
     if lpips is not None:
         lpips_network = LPIPS(lpips)
         lpips_network.require_side(min(min(images.shape[-2:]) for images, _ in batches))
-    records = Records()
     if folder is not None:
         _require_identities(model, identity, config)
-        records = RecordFolder(Path(folder))
+    labels = torch.cat([labels for _, labels in batches])
+    class_count(model, batches[0][0].to(device_of(model)), labels)
+    records = Records() if folder is None else RecordFolder(Path(folder))
     with records:
         runner = Runner(
             model,
@@ -138,6 +146,32 @@ def evaluate(
         for _ in show_progress(done, len(jobs) * len(batches), suite, enabled=progress):
             pass
         return images_frame(tables, runner, indices)
+
+
+def _check_devices(model: Model, parts: Mapping[str, Model]) -> None:
+    """Refuse modules on another device than the model: ValueError."""
+    device = device_of(model)
+    for name, part in parts.items():
+        for network in part.networks if isinstance(part, Defence) else (part,):
+            other = device_of(network)
+            if None not in (device, other) and other != device:
+                raise ValueError(
+                    f"{name} is on {other}, the model on {device}: pass {name}.to({str(device)!r})."
+                )
+
+
+def _check_judged(
+    suite: str, tables: Sequence[Table], config: SuiteConfig, names: Iterable[str]
+) -> None:
+    """Refuse the name of a defence that stands in no table: ValueError."""
+    judged = {id(cell.judge.defence) for table in tables for cell in table.cells}
+    known = [name for name, defence in config.defences.items() if id(defence) in judged]
+    for name in names:
+        if name not in known:
+            raise ValueError(
+                f"suite={suite} has no row for a defence {name!r}, but for {', '.join(known)}. Use "
+                "one of these names, or suite=defences or adaptive."
+            )
 
 
 def _require_identities(model: Model, stated: str | bytes | None, config: SuiteConfig) -> None:
@@ -157,74 +191,3 @@ def show_progress(jobs: Iterable[Job], total: int, title: str, *, enabled: bool)
             bar.set_postfix_str(job.condition.name[:30], refresh=False)
             bar.update()
             yield job
-
-
-def collect_batches(loader: Iterable[Batch], n: int | None) -> list[Batch]:
-    """Return the first n images of a loader, in its batches; empty ones are left out.
-
-    Raises:
-        ValueError, TypeError: no images, an n below 1, or batches that are not pairs of images and
-            labels.
-    """
-    if n is not None:
-        check_count("n", n, 1, "how many images, or None for all")
-        n = int(n)  # NumPy's may wrap around
-    if not isinstance(loader, Iterable):
-        raise TypeError(
-            f"loader must yield batches of (images, labels); got a {type(loader).__name__}."
-        )
-    batches = []
-    left = n
-    for pair in loader:
-        images, labels = (part[:left] for part in _as_tensors(pair))
-        if len(images):
-            batches.append((check_images(images), labels))
-        if left is not None:
-            left -= len(images)
-            if left <= 0:
-                break
-    if not batches:
-        raise ValueError("loader yields no images: there is nothing to attack.")
-    return batches
-
-
-def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
-    """Return a batch of a loader as images and labels; uint8 images as float in [0, 1]."""
-    if isinstance(pair, Tensor):
-        raise ValueError(
-            "loader must yield (images, labels); got a tensor. Put a single batch into a list: "
-            "[(images, labels)]."
-        )
-    if not isinstance(pair, Sequence) or len(pair) != 2:
-        description, selectors = f"a {type(pair).__name__}", "b['image'], b['label']"
-        if isinstance(pair, Sequence):
-            description, selectors = f"{description} of {len(pair)}", "b[0], b[1]"
-        raise ValueError(
-            f"loader must yield (images, labels); got {description}. Wrap it: (({selectors}) for b "
-            "in loader)."
-        )
-    images, labels = (
-        part if isinstance(part, Tensor) else as_tensor(np.asarray(part), name)
-        for part, name in zip(pair, ("images", "labels"), strict=True)
-    )
-    if labels.ndim == 2 and len(labels) == len(images) and images.ndim == 4:
-        raise ValueError(
-            f"loader must yield labels (B,), one class each; got {tuple(labels.shape)}. Pass "
-            "labels.argmax(1) if they are one-hot."
-        )
-    if labels.ndim != 1:
-        raise ValueError(
-            "loader must yield batches of images (B, 3, H, W) and labels (B,); got "
-            f"{tuple(images.shape)} and {tuple(labels.shape)}. Wrap single images: "
-            "DataLoader(data, 32)."
-        )
-    if len(labels) != len(images) and images.ndim == 4:
-        raise ValueError(
-            f"loader must yield one label per image; got {len(labels)} labels for {len(images)} "
-            "images."
-        )
-    if images.dtype == torch.uint8:
-        images = images.float() / 255
-    if images.is_floating_point():
-        images = images.float()
-    return images, labels

@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import torch
 from torch import Tensor
 
-from moireaug.attacks import evaluating, predicted
+from moireaug.attacks import predicted
 from moireaug.attacks.checks import check_classes
+from moireaug.attacks.model import ask
 from moireaug.defenses import Defended, restore_mean
 from moireaug.evaluation.conditions import EvalBatch, ImageTransform, Model
 from moireaug.evaluation.identity import identity
+from moireaug.evaluation.memory import in_parts
 
 DEFENCE_DRAWS = 20  # of a randomised defence, as many as AutoAttack's version "rand" averages over
 
@@ -46,11 +47,12 @@ class Judge:
             return self
         return Judge(f"{self.name}, undefended", model=self.model)
 
-    def defended(self, model: Model) -> Model:
-        """Return a model behind the judge's defence."""
+    def defended(self, model: Model, max_images: int | None) -> Model:
+        """Return a model behind the judge's defence, where each takes `max_images` at once."""
+        model = in_parts(model, max_images)
         if self.defence is None:
             return model
-        return Defended(model, self.defence, draws=self.draws)
+        return Defended(model, in_parts(self.defence, max_images), draws=self.draws)
 
     def predictions(self, batch: EvalBatch, images: Tensor) -> Tensor:
         """Return the predicted classes (B,) of shown images; every model's state is restored.
@@ -60,9 +62,9 @@ class Judge:
         """
         if self.restores_mean:
             images = restore_mean(images, batch.images)
-        model = self.defended(batch.model if self.model is None else self.model)
-        with evaluating(model, images), torch.no_grad():
-            logits = model(images.clone())  # it may work in place
+        attacked = batch.model if self.model is None else self.model
+        model = self.defended(attacked, batch.max_images)
+        logits = ask(model, images)
         rejects = getattr(model, "rejects", False)
         check_classes(batch.labels, logits, rejects=rejects)
         return predicted(logits, rejects=rejects)

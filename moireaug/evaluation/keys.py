@@ -61,7 +61,7 @@ class RecordKeys:
     def read_batch(self, index: int, images: Tensor, labels: Tensor) -> None:
         """Take the content of a batch into its keys."""
         sha256 = hashlib.sha256(images.detach().cpu().contiguous().numpy().tobytes())
-        sha256.update(str(labels.tolist()).encode())
+        sha256.update(f"{tuple(images.shape)} {labels.tolist()}".encode())
         self._batch_digests[index] = sha256.hexdigest()[:16]
 
     def _condition_fields(self, condition: Condition) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A batch that does not fit the device's memory: the model takes it in parts."""
+"""A batch that does not fit the device's memory: models and defences take it in parts."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ T = TypeVar("T")
 
 
 class InParts(nn.Module):
-    """A model that takes a batch in parts and holds one part's activations at a time: the backward
-    pass computes them again.
+    """A model or defence that takes a batch in parts and holds one part's activations at a time:
+    the backward pass computes them again.
 
     Args:
-        model: (B, 3, H, W) images to (B, K) logits.
+        model: (B, 3, H, W) images to logits (B, K), or to images.
         size: images of a part.
     """
 
@@ -29,32 +29,39 @@ class InParts(nn.Module):
         self.model = model
         self.size = size
         self.rejects = getattr(model, "rejects", False)
+        self.randomised = getattr(model, "randomised", False)
 
     def forward(self, images: Tensor) -> Tensor:
-        logits = []
+        outputs = []
         for part in images.split(self.size):
-            logits.append(checkpoint(self._logits, part, use_reentrant=False))
-        return torch.cat(logits)
+            outputs.append(checkpoint(self._output, part, use_reentrant=False))
+        return torch.cat(outputs)
 
-    def _logits(self, images: Tensor) -> Tensor:
+    def _output(self, images: Tensor) -> Tensor:
         return self.model(images.clone())  # it may work in place
 
 
+def in_parts(model: Model, size: int | None) -> Model:
+    """Return a model or defence that takes at most `size` images at once; None is the batch."""
+    return model if size is None else InParts(model, size)
+
+
 def within_memory(compute: Callable[[EvalBatch], T], batch: EvalBatch) -> T:
-    """Return what `compute` makes of a batch; where that does not fit the device's memory, with a
-    model that takes its images in halves, in quarters and so on. Random numbers are still drawn for
-    the whole batch, so that no figure depends on the memory, unless the model itself is randomised.
+    """Return what `compute` makes of a batch; where that does not fit the device's memory, with
+    models and defences that take its images in halves, in quarters and so on. Random numbers are
+    still drawn for the whole batch, so that no figure depends on the memory, unless the model
+    itself is randomised.
 
     Raises:
-        torch.OutOfMemoryError: not even single images fit, or it is not the model that is too
-            large.
+        torch.OutOfMemoryError: not even single images fit, or it is neither model nor defence that
+            is too large.
     """
     generators = _generators(batch)
     states = [generator.get_state() for generator in generators]
-    model, size = batch.model, len(batch.images)
+    size = len(batch.images)
     while True:
         try:
-            return compute(dataclasses.replace(batch, model=model))
+            return compute(batch)
         except torch.OutOfMemoryError as error:
             if size <= 1:
                 error.add_note(f"The batch has {len(batch.images)} images: pass smaller batches.")
@@ -64,7 +71,7 @@ def within_memory(compute: Callable[[EvalBatch], T], batch: EvalBatch) -> T:
         if batch.images.is_cuda:  # outside of the handler, whose traceback keeps the tensors alive
             torch.cuda.empty_cache()
         size = -(-size // 2)
-        model = InParts(batch.model, size)
+        batch = dataclasses.replace(batch, max_images=size)
 
 
 def _generators(batch: EvalBatch) -> list[torch.Generator]:

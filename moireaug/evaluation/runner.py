@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks import evaluating
-from moireaug.attacks.checks import check_classes, check_labels
+from moireaug.attacks.checks import check_labels
+from moireaug.attacks.model import class_count
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.draws import BatchDraws
 from moireaug.evaluation.identity import identity
@@ -58,12 +59,16 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
     return [Job(conditions[name], tuple(judges[name].values())) for name in conditions]
 
 
-class Goals(NamedTuple):
-    """The true classes (B,) of a batch's images, and the classes (B,) that targeted attacks aim
-    at."""
+@dataclass(frozen=True)
+class _Batch:
+    """Images (B, 3, H, W), their classes (B,), the classes (B,) that targeted attacks aim at, and
+    the random numbers of the batch."""
 
+    index: int
+    images: Tensor
     labels: Tensor
     targets: Tensor
+    draws: BatchDraws
 
 
 class Runner:
@@ -111,14 +116,12 @@ class Runner:
             self.keys.read_batch(index, images, labels)
             images = images.to(self.device)
             labels = check_labels(labels, len(images), "labels").to(images.device)
-            goals = None
+            batch = None
             for job in jobs:
                 judges = self._pending_judges(job, index)
                 if judges:
-                    if goals is None:
-                        goals = self._goals(images, labels, index)
-                    batches = self._scene_batches(job.condition, images, goals, index)
-                    self.records.append(self._judge(job.condition, judges, batches, goals, index))
+                    batch = batch or self._batch(index, images, labels)
+                    self.records.append(self._judge(job.condition, judges, batch))
                 yield job
 
     def missing(self, jobs: Sequence[Job], indices: Iterable[int]) -> int:
@@ -145,67 +148,54 @@ class Runner:
                 pending.append(judge)
         return pending
 
-    def _goals(self, images: Tensor, labels: Tensor, index: int) -> Goals:
-        with evaluating(self.model, images), torch.no_grad():
-            logits = self.model(images[:1].clone())
-        rejects = getattr(self.model, "rejects", False)
-        check_classes(labels[:1], logits, rejects=rejects)
-        classes = logits.shape[1] - rejects
-        return Goals(labels, BatchDraws(self.seed, index).targets(labels, classes))
-
-    def _scene_batches(
-        self, condition: Condition, images: Tensor, goals: Goals, index: int
-    ) -> SceneBatches:
-        """Return the images with their shots, a batch for each scene of a mixture."""
+    def _batch(self, index: int, images: Tensor, labels: Tensor) -> _Batch:
         draws = BatchDraws(self.seed, index)
-        generator = draws.condition_generator(condition.name)
+        targets = draws.targets(labels, class_count(self.model, images, labels))
+        return _Batch(index, images, labels, targets, draws)
+
+    def _scene_batches(self, condition: Condition, batch: _Batch) -> SceneBatches:
+        """Return the images with their shots, a batch for each scene of a mixture."""
+        generator = batch.draws.condition_generator(condition.name)
         scene = self.scene if condition.scene is None else condition.scene
         all_rows, batches = [], []
-        for rows, shot in draws.shots(scene, images):
-            labels, targets = goals.labels[rows], goals.targets[rows]
+        for rows, shot in batch.draws.shots(scene, batch.images):
+            goals = batch.labels[rows], batch.targets[rows]
             batches.append(
-                EvalBatch(self.model, images[rows], labels, targets, shot, generator, self.lpips)
+                EvalBatch(self.model, batch.images[rows], *goals, shot, generator, self.lpips)
             )
             all_rows.append(rows)
         return SceneBatches(all_rows, batches)
 
-    def _judge(
-        self,
-        condition: Condition,
-        judges: Sequence[Judge],
-        batches: SceneBatches,
-        goals: Goals,
-        index: int,
-    ) -> list[Record]:
+    def _judge(self, condition: Condition, judges: Sequence[Judge], batch: _Batch) -> list[Record]:
         """Show the images of a condition to judges; return a record of each."""
-        draws = BatchDraws(self.seed, index)
-        with draws.global_generators(goals.labels.device), torch.no_grad():
+        scene_batches, draws = self._scene_batches(condition, batch), batch.draws
+        with draws.global_generators(batch.labels.device), torch.no_grad():
             draws.seed_showing(condition.name)
             start = time.perf_counter()
-            images = batches.show(condition)
+            images = scene_batches.show(condition)
             seconds_shown = _seconds_since(start, images.device)
-            measures = batches.measure(condition, images)
+            measures = scene_batches.measure(condition, images)
             records = []
             for judge in judges:
                 draws.seed_judging(condition.name, judge.name)
                 start = time.perf_counter()
-                predictions = batches.predictions(judge, images)
+                predictions = scene_batches.predictions(judge, images)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
-                    "key": self.key(condition, judge, index),
+                    "key": self.key(condition, judge, batch.index),
                     "model": self.name,
                     "condition": condition.name,
                     "settings": condition.settings(),
                     "judge": judge.name,
-                    "batch": index,
-                    "labels": goals.labels.tolist(),
-                    "targets": goals.targets.tolist(),
+                    "batch": batch.index,
+                    "labels": batch.labels.tolist(),
+                    "targets": batch.targets.tolist(),
                     "predicted": predictions.tolist(),
                     "measured": measures,
                     "seconds": seconds,
                 }
                 records.append(record)
-        if index == 0:
+        if batch.index == 0:
             self.records.keep_picture(self.picture_name(condition), images)
         return records
 
@@ -213,5 +203,5 @@ class Runner:
 def _seconds_since(start: float, device: torch.device) -> float:
     """Return the seconds since `start`, once the device has finished its work."""
     if device.type == "cuda":
-        torch.cuda.synchronize()
+        torch.cuda.synchronize(device)
     return time.perf_counter() - start

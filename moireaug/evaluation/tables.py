@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from moireaug.attacks.checks import check_bounds
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import Condition, ImageTransform, Model, Photo, in_255ths
@@ -26,6 +27,11 @@ class Cell:
     conditions: tuple[Condition, ...]
     judge: Judge = UNDEFENDED
     worst: bool = False
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Row and column."""
+        return self.row, self.column
 
 
 @dataclass(frozen=True)
@@ -60,14 +66,14 @@ class Table:
         return list(dict.fromkeys(cell.column for cell in self.cells))
 
     def __post_init__(self) -> None:
-        places = [(cell.row, cell.column) for cell in self.cells]
+        places = [cell.place for cell in self.cells]
         if len(set(places)) < len(places):
             raise ValueError(f"table {self.name!r} has two cells of one row and column.")
 
     def cell(self, row: str, column: str) -> Cell | None:
         """Return the cell of that row and column, or None."""
         for cell in self.cells:
-            if (cell.row, cell.column) == (row, column):
+            if cell.place == (row, column):
                 return cell
         return None
 
@@ -92,7 +98,7 @@ class SuiteConfig:
         without: name of a missing defence to the reason.
 
     Raises:
-        ValueError: no or repeated bounds, or names that are taken.
+        ValueError: bounds that are none, repeated or not in [0, 1], or names that are taken.
     """
 
     scene: Scene | Mixture
@@ -105,8 +111,9 @@ class SuiteConfig:
 
     def __post_init__(self) -> None:
         if self.eps is not None:
+            check_bounds(self.eps)
             object.__setattr__(self, "eps", tuple(map(_exact, self.eps)))
-            if not self.eps or len(set(self.eps)) < len(self.eps):
+            if len(set(self.eps)) < len(self.eps):
                 raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
         names = [*self.targets, *self.defences, *self.networks]
         for name in names:

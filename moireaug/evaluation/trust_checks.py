@@ -8,7 +8,7 @@ gets right when clean.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -35,9 +35,6 @@ class CheckResult:
     verdict: str
     says: str
 
-    def to_dict(self) -> dict[str, str]:
-        return asdict(self)
-
 
 def check(name: str, says: str, *, fails: bool = False, warns: bool = False) -> CheckResult:
     """Return the result of a check whose name states what it confirms."""
@@ -50,9 +47,9 @@ def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> li
     model gets no image right.
 
     Args:
-        config: config of the suite.
-        images: frame with a row per cell and image, see `images_frame`.
-        lines: its rates, see `rates`.
+        config: scene, bounds, steps and targets of the evaluation.
+        images: frame of the suite "trust", as `evaluate` returns it.
+        lines: its `rates`.
     """
     images = images[(images["table"] == "trust") & (images["column"] == MODEL_COLUMN)]
     lines = lines[lines["table"] == "trust"]

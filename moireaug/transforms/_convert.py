@@ -15,7 +15,7 @@ from moireaug.capture import photo_of
 from moireaug.image_checks import channels_last_hint, check_images, check_shape
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture, as_scenes
-from moireaug.networks import in_evaluation_mode
+from moireaug.networks import first_weight, in_evaluation_mode
 from moireaug.numeric import as_float, luma
 from moireaug.scene.presets import MIXTURES
 from moireaug.scenes import Scene, Shot, preset_name
@@ -107,12 +107,8 @@ def as_float_rgb(images: Tensor) -> Tensor:
 
 def as_model_takes(images: Tensor, model: object) -> Tensor:
     """Return float images in the dtype of a module's weights; as they are for any other model."""
-    if not isinstance(model, nn.Module):
-        return images
-    for parameter in model.parameters():
-        if parameter.is_floating_point():
-            return images.to(parameter.dtype)
-    return images
+    weight = first_weight(model) if isinstance(model, nn.Module) else None
+    return images if weight is None else images.to(weight.dtype)
 
 
 def model_of_photos(
@@ -133,7 +129,12 @@ def model_of_photos(
             model(grey.clone())
     except Exception:  # which one depends on the model
         return model
-    return lambda photos: model(luma(photos))
+
+    def of_luma(photos: Tensor) -> Tensor:
+        return model(luma(photos))
+
+    of_luma.rejects = getattr(model, "rejects", False)  # type: ignore[attr-defined]
+    return of_luma
 
 
 def as_input(photo: Tensor, images: Tensor) -> Tensor:

@@ -177,13 +177,13 @@ def classes_of(labels: Any, n: int) -> Tensor:
     """
     if isinstance(labels, np.ndarray):
         labels = as_tensor(labels, "labels")
-        if labels.dtype in (torch.uint16, torch.uint32, torch.uint64):
-            labels = labels.long()  # torch compares none of them
     if not isinstance(labels, Tensor):
         raise TypeError(
             f"labels must be a tensor, (B,) or (B, classes); got {type(labels).__name__}. Say "
             "where they are in the sample with labels_getter."
         )
+    if labels.dtype in (torch.uint16, torch.uint32, torch.uint64):
+        labels = labels.long()  # torch compares none of them
     if labels.ndim == 2:
         if labels.shape[1] == 1:
             raise ValueError(

@@ -18,7 +18,6 @@ import torch
 from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack
-from moireaug.attacks.result import noise_tensor
 from moireaug.mixtures import sample_one, scenes_of
 from moireaug.networks import device_of
 from moireaug.scenes import Scene, Shot
@@ -264,6 +263,6 @@ class AdversarialMoire(RandomMoire):
             shot=shot_of_frames(self._shot(drawn["shot"]).repeat(len(counts)), counts),
             generator=generator,
         )
-        rows = iter(noise_tensor(result).cpu().tolist())
+        rows = iter([noise.tolist() for noise in result.noise])
         noise = {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
         return drawn | {"noise": noise}

@@ -139,6 +139,8 @@ def nan_when_shown_noise(clean):
     "make",
     [
         lambda m: PGD(m, eps=EPS, steps=3),
+        # which answers otherwise when it is asked again
+        lambda m: MultiTargeted(PGD(lambda x: m(x) * (1 + torch.rand(())), eps=EPS, steps=3)),
         lambda m: MoireAttack(
             m,
             scene=Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0)),

@@ -8,6 +8,7 @@ from torch import nn
 
 from moireaug import attacks
 from moireaug.defenses import (
+    JPEG,
     Compose,
     Defended,
     Gain,
@@ -115,6 +116,14 @@ def test_an_attack_goes_through_the_defence(name, photos):
         return nn.functional.cross_entropy(model(x), labels)
 
     assert loss(attacked) > loss(images) + 0.01
+
+
+def test_an_image_without_an_answer_leaves_the_others_theirs(photos):
+    """A network's NaN in one image, before a defence that would refuse the batch."""
+    images = photos()
+    broken = torch.tensor([torch.nan, 0.0]).view(2, 1, 1, 1)
+    out = Compose((lambda x: x + broken, JPEG(60)))(images)
+    assert out[0].isnan().all() and torch.equal(out[1], JPEG(60)(images)[1])
 
 
 def test_no_images_pass_a_network(photos):

@@ -162,7 +162,9 @@ def test_files_that_hold_no_network_are_refused(tmp_path):
     torch.save(network.state_dict(), tmp_path / "bare.pt")
     torch.save(network, tmp_path / "code.pt")
     torch.save(good | {"network": "unet"}, tmp_path / "unknown.pt")
+    torch.save(good | {"network": ["amnet"]}, tmp_path / "list.pt")
     torch.save(good | {"width": "wide"}, tmp_path / "width.pt")
+    torch.save(good | {"width": 9}, tmp_path / "wide.pt")
     torch.save(good | {"state": {}}, tmp_path / "empty.pt")
     torch.save(good | {"state": None}, tmp_path / "none.pt")
     (tmp_path / "cut.pt").write_bytes((tmp_path / "good.pt").read_bytes()[:999])
@@ -171,12 +173,14 @@ def test_files_that_hold_no_network_are_refused(tmp_path):
         "bare": "holds no network, width and state",
         "code": "could not be read .* or holds more than tensors",
         "unknown": "holds a network 'unet', which this version does not know",
-        "width": "width must be a finite number",
+        "list": r"holds a network \['amnet'\]",
+        "width": "holds the width 'wide', which is no number",
+        "wide": "width must be a finite number",
         "empty": "the weights in .* are not of amnet of width 0.1",
         "none": "the weights in .* are not of amnet of width 0.1",
         "cut": "it is damaged",
     }.items():
-        with pytest.raises((ValueError, TypeError), match=message):
+        with pytest.raises(ValueError, match=message):
             demoire.load(tmp_path / f"{name}.pt")
 
 
@@ -188,7 +192,7 @@ def test_files_that_hold_no_network_are_refused(tmp_path):
         (lambda: demoire.build("amnet", width=float("nan")), ValueError, "width must be"),
         (lambda: demoire.build("amnet", width="1"), TypeError, "width must be"),
         (lambda: demoire.save(nn.Identity(), "x.pt"), TypeError, "takes a network of demoire.b"),
-        (lambda: demoire.Demoire(demoire.DemoireNet), TypeError, "callable on images"),
+        (lambda: demoire.Demoire(demoire.DemoireNet), TypeError, "to images; got"),
         (lambda: losses.VGGFeatures("none.pt", "esdnet"), ValueError, "vgg: there is no weights"),
         (lambda: small("amnet")(torch.zeros(2, 3, 8)), ValueError, r"shape \(B, 3, H, W\)"),
         (lambda: small("amnet")(torch.zeros(1, 8, 8, 3)), ValueError, "channels seem to be last"),

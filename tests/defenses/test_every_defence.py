@@ -154,10 +154,10 @@ def test_the_same_defence_equals_itself_and_survives_pickling(name, photos):
         (lambda: Quilting(torch.rand(3, 3, 5, 5) - 1), ValueError, "finite"),
         (lambda: Quilting(torch.rand(3, 3, 5, 5), overlap=3), ValueError, "half of patch = 5"),
         (lambda: Compose(Gain()), TypeError, "one tuple"),
-        (lambda: Compose((Gain,)), TypeError, "callable"),
+        (lambda: Compose((Gain,)), TypeError, "from images"),
         (lambda: Compose((Gain(), "jpeg")), TypeError, "'jpeg'"),
         (lambda: Defended(torch.nn.Flatten(), Gain(), draws=0), ValueError, "draws must be"),
-        (lambda: Defended(3, Gain()), TypeError, "callable"),
+        (lambda: Defended(3, Gain()), TypeError, "from images"),
         (
             lambda: restore_mean(torch.rand(1, 3, 4, 4), torch.rand(1, 3, 4, 5)),
             ValueError,

@@ -7,6 +7,7 @@ from torch import nn
 from moireaug import attacks, evaluation
 from moireaug.attacks import predicted
 from moireaug.defenses import Compose, Defended, Rejecting
+from moireaug.transforms import AdversarialMoire
 
 RED, GREEN = 0, 1
 
@@ -58,12 +59,33 @@ def test_an_attack_goes_around_model_and_detector_together(grey):
         lambda model: attacks.PGD(model, eps=0.5, steps=3, until_fooled=True),
         lambda model: attacks.CW(model, steps=3),
         lambda model: attacks.MultiTargeted(attacks.PGD(model, eps=0.5, steps=3)),
+        lambda model: attacks.PGD(attacks.Normalized(model), eps=0.5, steps=3),
         lambda model: attacks.PGD(Defended(model, Compose(())), eps=0.5, steps=3),
     ],
 )
 def test_no_attack_succeeds_where_everything_is_rejected(attack, grey):
     images, labels = grey
-    assert not attack(Rejecting(Bright(), red, -1.0))(images, labels).success.any()
+    assert not attack(Rejecting(Bright(), red, -9.0))(images, labels).success.any()
+
+
+def test_a_grey_models_rejection_is_no_class():
+    def grey(images):
+        lead = images.mean((1, 2, 3)) - 0.5
+        if images.shape[1] == 3:
+            raise ValueError("one channel")
+        return torch.stack([-lead, lead], 1)
+
+    rejecting = Rejecting(grey, lambda images: images.mean((1, 2, 3)), 0.5)
+    adversarial = AdversarialMoire(rejecting, steps=1)
+    with pytest.raises(ValueError, match=r"must lie in \[0, 1\]"):
+        adversarial(torch.rand(2, 1, 8, 8), torch.tensor([0, 2]))
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.float32, torch.float64], ids=str)
+def test_an_infinite_score_rejects(dtype):
+    model = Rejecting(Bright(), lambda images: images.sum((1, 2, 3)) + torch.inf, 0.5)
+    logits = model(torch.rand(2, 3, 8, 8).to(dtype))
+    assert predicted(logits, rejects=True).tolist() == [attacks.REJECTED] * 2
 
 
 def test_an_evaluation_tells_rejected_images_from_fooled_ones(grey):
@@ -94,8 +116,8 @@ def test_rejecting_is_no_class(grey):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Rejecting(None, red, 0.5), "model must be callable"),
-        (lambda: Rejecting(Bright(), Rejecting, 0.5), "detector must be callable"),
+        (lambda: Rejecting(None, red, 0.5), "model must be a function"),
+        (lambda: Rejecting(Bright(), Rejecting, 0.5), "detector must be a function"),
         (
             lambda: Rejecting(Bright(), red, float("nan")),
             "must be a finite number; got nan",

@@ -9,6 +9,7 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from moireaug import capture, evaluation
 from moireaug.attacks import MoireAttack
+from moireaug.defenses import JPEG, Compose
 from moireaug.evaluation import (
     Cell,
     SuiteConfig,
@@ -99,11 +100,26 @@ def test_a_suite_attacks_at_the_bounds_asked_for(suite, own):
         assert {row for row, _ in table.pictures} <= set(table.rows)
 
 
-@pytest.mark.parametrize("suite", ["jpeg", "adaptive", "mean_normalised"])
-def test_a_defence_stands_beside_the_papers(known, loader, suite):
-    settings = {"suite": suite, "steps": 1, "n": 2, "progress": False}
-    frame = evaluate(known[0], loader, defences={"mine": torch.relu}, **settings)
-    assert ("mine" in set(frame["row"])) == (suite == "adaptive")  # the others lay out their own
+@pytest.mark.parametrize("suite", ["defences", "adaptive"])
+def test_a_defence_stands_beside_the_papers(suite):
+    defences = paper_defences() | {"jpeg_75": JPEG(75)}
+    (table,) = tables_of(suite, SuiteConfig(scene=SCENE, defences=defences))
+    assert "jpeg_75" in table.rows and "jpeg_80" not in table.rows
+
+
+def test_labels_and_classes_are_checked_before_the_first_attack(known):
+    model, (batch, (images, labels)) = known
+    asked = []
+
+    def counting(images):
+        asked.append(len(images))
+        return model(images)
+
+    for label, allowed in ((-1, ">= 0"), (4, r"in \[0, 3\]")):
+        later = (images, torch.full_like(labels, label))
+        with pytest.raises(ValueError, match=f"{allowed}.*; got {label}"):
+            evaluate(counting, [batch, later], progress=False)
+    assert asked == [1]
 
 
 class Rounded(torch.nn.Module):
@@ -229,7 +245,7 @@ def test_a_suite_of_several_tables(known, loader):
             "nothing tells the model, a function",
         ),
         (
-            {"defences": {"mine": lambda x: x}, "folder": "out", "suite": "jpeg"},
+            {"defences": {"mine": lambda x: x}, "folder": "out", "suite": "adaptive"},
             "nothing tells mine, a function",
         ),
         (
@@ -240,6 +256,26 @@ def test_a_suite_of_several_tables(known, loader):
         ({"identity": "", "folder": "out"}, "identity must be a text"),
         ({"targets": {"other": torch.nn.Identity()}}, "targets= is for suite=transfer or trust"),
         ({"defences": {"mine": torch.relu}}, "defences= is for suite=.*suite=ladder has no use"),
+        (
+            {"defences": {"mine": torch.relu}, "suite": "noise_position"},
+            "suite=noise_position has no row for a defence 'mine', but for jpeg_20, jpeg_40. Use",
+        ),
+        (
+            {"defences": {"bits_4": torch.relu}, "suite": "adaptive"},
+            "suite=adaptive has no row for a defence 'bits_4'",
+        ),
+        (
+            {"defences": {"mine": JPEG}, "suite": "defences"},
+            "mine must be a function .* to images; got",
+        ),
+        (
+            {"targets": {"other": torch.nn.Linear(1, 1, device="meta")}, "suite": "transfer"},
+            r"other is on meta, the model on cpu: pass other.to\('cpu'\)",
+        ),
+        (
+            {"defences": {"d": Compose((torch.nn.Linear(1, 1, device="meta"),))}},
+            "d is on meta, the model on cpu",
+        ),
         ({"networks": {"mine": torch.relu}}, "networks= is for suite=demoireing or paper"),
         ({"eps": 0.1, "suite": "unseen"}, "eps= is for suite=ladder.*suite=unseen has no use"),
         ({"eps": 0.1, "suite": "recipes"}, "suite=recipes has no use for it"),

@@ -263,6 +263,7 @@ def test_a_key_changes_with_model_scene_and_pixels(known):
         Runner(model, batches, Scene.preset("phone_at_laptop"), Records(), seed=3),
         Runner(model, [(x * 0.5, y) for x, y in batches], SCENE, Records(), seed=3),
         Runner(model, [(x, (y + 1) % 4) for x, y in batches], SCENE, Records(), seed=3),
+        Runner(model, [(x.view(8, 3, 8, 32), y) for x, y in batches], SCENE, Records(), seed=3),
         Runner(torch.relu, batches, SCENE, Records(), seed=3),
         Runner(torch.sigmoid, batches, SCENE, Records(), seed=3),
     ]

@@ -10,7 +10,7 @@ import torch
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown
 from moireaug.evaluation.autoattack import SquareAttacker
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
-from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.memory import within_memory
 from moireaug.evaluation.scene_batches import SceneBatches
 from tests.evaluation.haze import EPS, SCENE
@@ -21,6 +21,7 @@ CONDITIONS = {
     "unknown pose": PoseUnknown(eps=EPS, steps=2, shots=2),
     "search": SquareAttacker(eps=EPS, steps=8),
     "pixels": PixelAttacker(attack="pgd", eps=EPS, steps=2),
+    "defence": MoireAttacker(eps=EPS, steps=2, knows=Judge("dark", defence=lambda x: 0.5 * x)),
 }
 MAX_IMAGES = 2  # of 6 that fit
 
@@ -45,20 +46,45 @@ def limited(model):
     return small
 
 
+def confined(condition):
+    """The same condition, whose defence is on a device that holds few images."""
+    knows = getattr(condition, "knows", UNDEFENDED)
+    if knows is UNDEFENDED:
+        return condition
+    knows = dataclasses.replace(knows, defence=limited(knows.defence))
+    return dataclasses.replace(condition, knows=knows)
+
+
+def noisy(limit):
+    """A randomised defence whose draws decide answers, on a device of that limit."""
+    defence = limit(lambda images: images * torch.rand(len(images), 3, 1, 1, dtype=torch.float64))
+    defence.randomised = True
+    return defence
+
+
 @pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
 def test_the_images_do_not_depend_on_the_memory(condition, batch):
     shown = []
-    for model in (batch.model, limited(batch.model)):
+    for model, one in ((batch.model, condition), (limited(batch.model), confined(condition))):
         batch.generator.manual_seed(2)
-        shown.append(within_memory(condition.show, dataclasses.replace(batch, model=model)))
+        shown.append(within_memory(one.show, dataclasses.replace(batch, model=model)))
     assert torch.allclose(*shown, atol=1e-6)
 
 
-def test_nor_do_the_answers(batch):
+@pytest.mark.parametrize("part", ["model", "target", "defence"])
+def test_nor_do_the_answers(part, batch):
     answers = []
-    for model in (batch.model, limited(batch.model)):
+    for limit in (lambda model: model, limited):
+        judge, model = UNDEFENDED, batch.model
+        if part == "model":
+            model = limit(model)
+        elif part == "target":
+            judge = Judge("target", model=limit(model))
+        else:
+            judge = Judge("noisy", noisy(limit), draws=2)
         whole = SceneBatches([torch.arange(6)], [dataclasses.replace(batch, model=model)])
-        answers.append(whole.predictions(UNDEFENDED, batch.images))
+        torch.manual_seed(0)
+        answers.append(whole.predictions(judge, batch.images))
     assert torch.equal(*answers)
 
 
@@ -73,7 +99,11 @@ def test_a_randomised_model_draws_as_if_the_failed_attempt_had_not_been(batch):
         return batch.model(images)
 
     torch.manual_seed(0)
-    within_memory(lambda own: own.model(own.images), dataclasses.replace(batch, model=model))
+
+    def answers(own):
+        return UNDEFENDED.defended(own.model, own.max_images)(own.images)
+
+    within_memory(answers, dataclasses.replace(batch, model=model))
     torch.manual_seed(0)
     assert torch.equal(torch.cat(drawn), torch.rand(6))
 

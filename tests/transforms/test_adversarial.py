@@ -49,6 +49,7 @@ KINDS = {
     "one-hot": ONE_HOT,
     "one-hot float": ONE_HOT.double(),
     "one-hot bool": ONE_HOT.bool(),
+    "one-hot uint16": ONE_HOT.to(torch.uint16),
     "mixed": 0.6 * ONE_HOT + 0.4 * ONE_HOT.flip(0),
 }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -165,7 +165,7 @@ class SuiteAttack:
         if self.check:
             trust_images = images_frame([self.trust_table], self.runner, self.checked_batches)
             trust_checks = checks(self.config, trust_images, rates(trust_images))
-            check_metrics["trust"] = [one.to_dict() for one in trust_checks]
+            check_metrics["trust"] = [asdict(one) for one in trust_checks]
             check_metrics["trust_n"] = int(trust_images["image"].nunique())
         return AttackResult(
             tables=[table for table in self.tables if table.name != "trust"],

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from moireaug.defenses.base import Defence, check_callable, straight_through
+from moireaug.defenses.base import Defence, output_of
+from moireaug.networks import check_callable, first_weight
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Demoire(Defence):
     network: Callable[[Tensor], Tensor]
 
     def __post_init__(self) -> None:
-        check_callable("network", self.network, " Is it demoire.load(FILE)?")
+        check_callable("network", self.network, "images", " Is it demoire.load(FILE)?")
         randomised = bool(getattr(self.network, "randomised", False))
         object.__setattr__(self, "randomised", randomised)
 
@@ -40,14 +41,6 @@ class Demoire(Defence):
         return (self.network,) if isinstance(self.network, nn.Module) else ()
 
     def apply(self, images: Tensor) -> Tensor:
-        x = images
-        if isinstance(self.network, nn.Module):
-            x = images.to(next(self.network.parameters(), images).dtype)
-        out = self.network(x)
-        if out.shape != images.shape:
-            name = getattr(self.network, "__name__", type(self.network).__name__)
-            raise ValueError(
-                f"a demoiréing network must keep the images' shape {tuple(images.shape)}; {name} "
-                f"gave {tuple(out.shape)}."
-            )
-        return straight_through(out, out.clamp(0, 1)).to(images.dtype)
+        weight = first_weight(*self.networks)
+        x = images if weight is None else images.to(weight.dtype)
+        return output_of(self.network, x).to(images.dtype)

@@ -104,10 +104,15 @@ def _read(path: str | Path) -> dict[str, Any]:
         raise ValueError(
             f"demoire: the file {str(path)!r} holds no network, width and state. {_advice()}"
         )
-    if content["network"] not in NETWORKS:
+    name, width = content["network"], content["width"]
+    if not isinstance(name, str) or name not in NETWORKS:
         raise ValueError(
-            f"demoire: {str(path)!r} holds a network {content['network']!r}, which this version "
-            f"does not know. {_advice()}"
+            f"demoire: {str(path)!r} holds a network {name!r}, which this version does not know. "
+            f"{_advice()}"
+        )
+    if isinstance(width, bool) or not isinstance(width, (int, float)):
+        raise ValueError(
+            f"demoire: {str(path)!r} holds the width {width!r}, which is no number. {_advice()}"
         )
     return dict(content)
 

@@ -13,11 +13,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from moireaug.attacks.model import Normalized
 from moireaug.defenses.demoire.layers import resized
 from moireaug.defenses.demoire.mopnet import sobel
 from moireaug.weights import read_state_dict
 
-IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 FEATURE_DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
 DEFAULT_FEATURE_DEPTH = 16  # up to the ReLU after conv3_3
 NETWORKS_WITHOUT_FEATURES = ("mddm",)  # whose loss compares none
@@ -41,31 +41,26 @@ class VGGFeatures(nn.Module):
         ValueError: a file that is missing, damaged or of another network.
     """
 
-    mean: Tensor
-    std: Tensor
-
     def __init__(self, path: str | Path, network: str) -> None:
         import torchvision  # takes seconds to import
 
         super().__init__()
         with torch.device("meta"):  # the file's weights replace the random ones
             whole = torchvision.models.vgg16().features
-        self.layers = whole[: FEATURE_DEPTHS.get(network, DEFAULT_FEATURE_DEPTH)]
+        layers = whole[: FEATURE_DEPTHS.get(network, DEFAULT_FEATURE_DEPTH)]
         state = read_state_dict(path, "vgg", WEIGHTS_ADVICE)
         try:
-            own = {key: state[f"features.{key}"].float() for key in self.layers.state_dict()}
-            self.layers.load_state_dict(own, assign=True)
+            own = {key: state[f"features.{key}"].float() for key in layers.state_dict()}
+            layers.load_state_dict(own, assign=True)
         except (KeyError, TypeError, RuntimeError, AttributeError) as error:
             raise ValueError(
                 f"vgg: the weights in {str(path)!r} are not of VGG-16. {WEIGHTS_ADVICE}"
             ) from error
-        for name, values in (("mean", IMAGENET_MEAN), ("std", IMAGENET_STD)):
-            buffer = torch.tensor(values, dtype=torch.float32, device="cpu").view(-1, 1, 1)
-            self.register_buffer(name, buffer, persistent=False)
+        self.layers = Normalized(layers)
         self.eval().requires_grad_(False)
 
     def forward(self, images: Tensor) -> Tensor:
-        return self.layers((images - self.mean) / self.std)
+        return self.layers(images)
 
 
 def esdnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:

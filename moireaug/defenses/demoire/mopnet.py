@@ -14,7 +14,6 @@ BOTTLENECK_FACTOR = 4  # channels of a dense layer's bottleneck, as a multiple o
 EDGE_CHANNELS = (60, 120, 240, 480)  # channels of the levels of the edge predictor
 N_ATTRIBUTES = 3  # colour; frequency and shape
 HEAD_UNITS, HEAD_GRID = 256, 3  # of a classifier's head: units, and side of its input map
-VGG16 = (64, 64, "M", 128, 128, "M", 256, 256, 256, "M", 512, 512, 512, "M", 512, 512, 512, "M")
 MAX_SOBEL_SUM = 4.0  # the largest sum of a Sobel kernel over values in [0, 1]
 
 
@@ -104,7 +103,8 @@ class Classifier(nn.Module):
         from torchvision.models import vgg  # takes seconds to import
 
         super().__init__()
-        layers = [layer if layer == "M" else scaled(int(layer), width) for layer in VGG16]
+        vgg16 = vgg.cfgs["D"]
+        layers = [layer if layer == "M" else scaled(int(layer), width) for layer in vgg16]
         self.features = vgg.make_layers(layers)
         inputs = HEAD_GRID**2 * int(layers[-2])
         hidden = scaled(HEAD_UNITS, width)

@@ -17,6 +17,6 @@ def appearance(config: SuiteConfig) -> Table:
         "patch": PixelAttacker(attack="patch", eps=Patch.eps, steps=steps, until_fooled=False),
     }
     cells = undefended_row(eps_row(eps), columns)
-    pictures = [(cell.row, cell.column) for cell in cells]
+    pictures = [cell.place for cell in cells]
     facts = {"area": Patch.area}
     return Table("appearance", tuple(cells), pictures=tuple(pictures), facts=facts)

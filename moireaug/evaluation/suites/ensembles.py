@@ -55,5 +55,5 @@ def worst_case(config: SuiteConfig) -> Table:
 
 def _first_row_places(cells: list[Cell]) -> tuple[tuple[str, str], ...]:
     """Return the places of the first row's cells but the worst case, which has no picture."""
-    places = [(cell.row, cell.column) for cell in cells if not cell.worst]
+    places = [cell.place for cell in cells if not cell.worst]
     return tuple(place for place in places if place[0] == cells[0].row)

@@ -25,6 +25,7 @@ from moireaug.scenes import Scene
 PAPER_EPS = (2 / 255, 4 / 255, 6 / 255, 8 / 255)
 BUDGET_EPS = (4 / 255, 8 / 255, 16 / 255, 32 / 255)
 JPEG_QUALITIES = (20, 40, 60, 80)
+DEFENCES_OF_OTHER_TABLES = (*(f"jpeg_{quality}" for quality in JPEG_QUALITIES), "gain")
 ROLL_ANGLES = (0, 5, 10, 15, 30, 45)  # degrees
 
 
@@ -60,7 +61,7 @@ def success(config: SuiteConfig) -> Table:
             ),
         }
         cells += undefended_row(eps_row(eps), columns)
-    pictures = [(cell.row, cell.column) for cell in cells if cell.row == eps_row(config.middle)]
+    pictures = [cell.place for cell in cells if cell.row == eps_row(config.middle)]
     return Table("success", tuple(cells), pictures=tuple(pictures))
 
 
@@ -95,7 +96,7 @@ def defences(config: SuiteConfig) -> Table:
     """Paper, table 4: the attacks after other input transformations."""
     judges = {"undefended": UNDEFENDED}
     for name in config.defences:
-        if not name.startswith("jpeg_") and name != "gain":
+        if name not in DEFENCES_OF_OTHER_TABLES:
             judges[name] = config.behind(name)
     return _attacks_table("defences", config, judges, config.without)
 
@@ -131,7 +132,7 @@ def budget(config: SuiteConfig) -> Table:
             "bim": PixelAttacker(attack="bim", eps=eps, steps=config.steps, until_fooled=False),
         }
         cells += undefended_row(eps_row(eps), columns)
-    pictures = [(cell.row, cell.column) for cell in cells if cell.column in ("ma", "bim")]
+    pictures = [cell.place for cell in cells if cell.column in ("ma", "bim")]
     return Table("budget", tuple(cells), pictures=tuple(pictures))
 
 

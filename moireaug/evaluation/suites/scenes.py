@@ -57,7 +57,7 @@ def unseen(config: SuiteConfig) -> Table:
     cells = undefended_row(OWN_SCENE_ROW, columns)
     for name, scene in other_scenes(config.scene).items():
         cells += undefended_row(name, {key: c.at(name, scene) for key, c in columns.items()})
-    pictures = [(cell.row, cell.column) for cell in cells if cell.column == "moire"]
+    pictures = [cell.place for cell in cells if cell.column == "moire"]
     names = [preset_name(one) for one in scenes_of(config.scene)]
     own_names = " or ".join(names) if all(names) else ""
     return Table("unseen", tuple(cells), pictures=tuple(pictures), facts={"own": own_names})

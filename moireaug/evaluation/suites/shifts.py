@@ -58,5 +58,5 @@ def shifts(config: SuiteConfig) -> Table:
         for amount in amounts:
             corrupted = Corrupted(corruption=corruption, amount=amount)
             cells.append(Cell(corrupted.name, UNATTACKED_COLUMN, (corrupted,)))
-    pictures = [(cell.row, cell.column) for cell in cells if cell.column == UNATTACKED_COLUMN]
+    pictures = [cell.place for cell in cells if cell.column == UNATTACKED_COLUMN]
     return Table("shifts", tuple(cells), pictures=tuple(pictures), facts={"codes": in_255ths(eps)})

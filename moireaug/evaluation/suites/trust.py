@@ -11,7 +11,7 @@ from moireaug.defenses import BitDepth
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, SquareAttacker
 from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise
-from moireaug.evaluation.judges import Judge
+from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, eps_row
 
 LONGER_FACTOR = 2  # times as many steps
@@ -24,7 +24,7 @@ class CleanTwice(Clean):
     kind = "clean_twice"
 
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
-        differ = ~repeats_answers(batch.model, images)
+        differ = ~repeats_answers(UNDEFENDED.defended(batch.model, batch.max_images), images)
         return {"differ": differ.float().tolist()}
 
 
@@ -36,9 +36,10 @@ class PhotoGradient(Photo):
 
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
         gradient = None
-        with evaluating(batch.model, images), torch.enable_grad():
+        model = UNDEFENDED.defended(batch.model, batch.max_images)
+        with evaluating(model, images), torch.enable_grad():
             photo = images.detach().clone().requires_grad_()
-            logits = batch.model(photo.clone())
+            logits = model(photo.clone())
             if logits.requires_grad:
                 loss = LOSSES["ce"](logits, batch.labels).sum()
                 (gradient,) = torch.autograd.grad(loss, photo, allow_unused=True)

@@ -1,0 +1,85 @@
+"""The images and labels of an evaluation, read from any loader."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from moireaug.attacks.checks import as_tensor, check_count, check_labels
+from moireaug.image_checks import check_images
+
+Batch = tuple[Tensor, Tensor]  # images and labels
+
+
+def collect_batches(loader: Iterable[Batch], n: int | None) -> list[Batch]:
+    """Return the first n images of a loader, in its batches; empty ones are left out.
+
+    Raises:
+        ValueError, TypeError: no images, an n below 1, or batches that are not pairs of images and
+            class indices.
+    """
+    if n is not None:
+        check_count("n", n, 1, "how many images, or None for all")
+        n = int(n)  # NumPy's may wrap around
+    if not isinstance(loader, Iterable):
+        raise TypeError(
+            f"loader must yield batches of (images, labels); got a {type(loader).__name__}."
+        )
+    batches = []
+    left = n
+    for pair in loader:
+        images, labels = (part[:left] for part in _as_tensors(pair))
+        if len(images):
+            batches.append((check_images(images), check_labels(labels, len(images), "labels")))
+        if left is not None:
+            left -= len(images)
+            if left <= 0:
+                break
+    if not batches:
+        raise ValueError("loader yields no images: there is nothing to attack.")
+    return batches
+
+
+def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
+    """Return a batch of a loader as images and labels; uint8 images as float in [0, 1]."""
+    if isinstance(pair, Tensor):
+        raise ValueError(
+            "loader must yield (images, labels); got a tensor. Put a single batch into a list: "
+            "[(images, labels)]."
+        )
+    if not isinstance(pair, Sequence) or len(pair) != 2:
+        description, selectors = f"a {type(pair).__name__}", "b['image'], b['label']"
+        if isinstance(pair, Sequence):
+            description, selectors = f"{description} of {len(pair)}", "b[0], b[1]"
+        raise ValueError(
+            f"loader must yield (images, labels); got {description}. Wrap it: (({selectors}) for b "
+            "in loader)."
+        )
+    images, labels = (
+        part if isinstance(part, Tensor) else as_tensor(np.asarray(part), name)
+        for part, name in zip(pair, ("images", "labels"), strict=True)
+    )
+    if labels.ndim == 2 and len(labels) == len(images) and images.ndim == 4:
+        raise ValueError(
+            f"loader must yield labels (B,), one class each; got {tuple(labels.shape)}. Pass "
+            "labels.argmax(1) if they are one-hot."
+        )
+    if labels.ndim != 1:
+        raise ValueError(
+            "loader must yield batches of images (B, 3, H, W) and labels (B,); got "
+            f"{tuple(images.shape)} and {tuple(labels.shape)}. Wrap single images: "
+            "DataLoader(data, 32)."
+        )
+    if len(labels) != len(images) and images.ndim == 4:
+        raise ValueError(
+            f"loader must yield one label per image; got {len(labels)} labels for {len(images)} "
+            "images."
+        )
+    if images.dtype == torch.uint8:
+        images = images.float() / 255
+    if images.is_floating_point():
+        images = images.float()
+    return images, labels
