@@ -3,6 +3,7 @@
 import ast
 import os
 import threading
+import time
 from pathlib import Path
 
 import numba
@@ -104,6 +105,16 @@ def test_kernels_are_compiled_for_one_type_of_shot():
     shots = [scene.sample(n, (8, 8)) for scene in scenes for n in (1, 2)]
     lowered = [lower_exposure(shot, decoded=False)[0] for shot in shots]
     assert len({numba.typeof(exposure) for exposure in lowered}) == 1
+
+
+def test_kernels_that_nobody_uses_are_removed_with_the_next(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    unused, used = tmp_path / "moireaug-1", tmp_path / "moireaug-2"
+    for path, days in ((unused, 31), (used, 29)):
+        (path / "cpu").mkdir(parents=True)
+        os.utime(path, (0, time.time() - days * 24 * 3600))
+    folder = Path(compiling.folder.__wrapped__())
+    assert set(tmp_path.iterdir()) == {used, folder}
 
 
 def test_without_a_home_kernels_are_kept_beside_the_sources(tmp_path, monkeypatch):

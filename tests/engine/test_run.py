@@ -4,12 +4,14 @@ import dataclasses
 import subprocess
 import sys
 import threading
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import torch
 
 from moireaug import Scene, capture, develop, expose
+from moireaug.capture import reading_of
 from moireaug.engine.cpu import (
     compiling,
     first_use,
@@ -190,15 +192,25 @@ def test_nothing_is_compiled_ahead_where_kernels_are_not_kept(tmp_path, started)
     assert not started
 
 
+@pytest.mark.parametrize(("exit_code", "stays"), [(None, False), (0, True)])
+def test_what_ended_early_is_compiled_ahead_again(tmp_path, exit_code, stays):
+    marker = tmp_path / "ahead"
+    marker.touch()
+    first_use._stop(Mock(poll=lambda: exit_code), marker)
+    assert marker.exists() == stays
+
+
 def test_what_is_compiled_ahead_is_what_is_called(tmp_path):
     (tmp_path / "torch.py").write_text("raise SystemExit('a file of the folder was run')")
     raw = expose(IMAGES, SHOT).requires_grad_()
+    reading_of((255 * IMAGES).byte(), SHOT)
     develop(raw, SHOT).sum().backward()  # compiled now, if never before
     count = """
-from moireaug.engine.cpu import develop_kernels as kernels
-print([len(k.stats.cache_misses) for k in (kernels.develop_kernel, kernels.develop_back_kernel)])
+from moireaug.engine.cpu import develop_kernels as develop, expose_kernels as expose
+kernels = expose.show_kernel, develop.develop_kernel, develop.develop_back_kernel
+print([len(kernel.stats.cache_misses) for kernel in kernels])
 """
     given = [a + count if a == first_use.PROGRAM else a for a in first_use.PYTHON_ARGUMENTS]
     command = [sys.executable, *given]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
-    assert done.stdout == "[0, 0]\n", done.stderr
+    assert done.stdout == "[0, 0, 0]\n", done.stderr

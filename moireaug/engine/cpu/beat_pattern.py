@@ -39,9 +39,9 @@ def _power_of(b, i, h, filters, plane):
 
 
 @loop
-def lost_pattern_variance(b, i, filters, camera, table, steps):
-    """Return the variance of the panel's pattern that bins average away in the middle of the
-    reading of image i, as a share of the squared mean light, by colour filter, (3,) float32.
+def lost_pattern_variance(out, b, i, filters, camera, table, steps):
+    """Fill out (3,) float32 with the variance of the panel's pattern that bins average away in the
+    middle of the reading of image i, as a share of the squared mean light, by colour filter.
 
     b: see `exposure_records.Beats`. table, steps: from `beat_grid.transfer_of`.
     """
@@ -55,10 +55,8 @@ def lost_pattern_variance(b, i, filters, camera, table, steps):
         for plane in range(3):
             lost = 1 - min(shares[1 if plane == 1 else 0], 1.0)
             power[plane] += passed * passed / 2 * lost * _power_of(b, i, h, filters, plane)
-    out = np.empty(3, np.float32)
     for plane in range(3):
         light = 0.0
         for channel in range(3):
             light += filters[plane, channel] * b.mean[i, channel]
         out[plane] = power[plane] / max(light * light, 1e-12)
-    return out

@@ -87,7 +87,9 @@ def beat_terms_of(b, i, camera, filters, size, sites, budget):
     _fill_lines(lines, peak, amplitude, strong, ends, weight, shown)
     wave, sign = np.empty((len(strong), 5), np.float64), np.empty((len(strong), 2), np.float32)
     _fill_waves(wave, sign, terms, strong, cycles, camera.scale_u, size)
-    lost = lost_pattern_variance(b, i, filters, camera, table, steps)
+    lost = np.zeros(3, np.float32)
+    if b.saturates:
+        lost_pattern_variance(lost, b, i, filters, camera, table, steps)
     return Terms(harmonic, wave, sign, lines, peak, budget.beat_amplitude, step_v, lost)
 
 

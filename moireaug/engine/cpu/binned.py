@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu import beats, rows, stencil
-from moireaug.engine.cpu.compiling import copy, fill, inner, once, part
+from moireaug.engine.cpu.compiling import copy, fill, inner, part
 from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance
-from moireaug.engine.cpu.register import photo_row, undistortion
+from moireaug.engine.cpu.register import WayBack, photo_row, way_back
 from moireaug.engine.cpu.rows import LIGHT, Places, Row, U, V, X, Y, places_of, row_of
 from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, reflect
 from moireaug.engine.cpu.view import inverse
@@ -25,8 +25,7 @@ class _Work(NamedTuple):
     Args:
         places, row: see there. modulation: (3, 3, w) float32, see `beats.modulate`. lines: (5, w)
             float32. passes: (3, 3) bool, which channels each colour filter passes.
-        ideal: (3, w), forward: (3, 3), factor: (n,) and per_square, float64, see
-            `register.photo_row`.
+        ideal, way: see `register.photo_row`; of a rectified camera.
     """
 
     places: Places
@@ -35,21 +34,27 @@ class _Work(NamedTuple):
     lines: np.ndarray
     passes: np.ndarray
     ideal: np.ndarray
-    forward: np.ndarray
-    factor: np.ndarray
-    per_square: float
+    way: WayBack
+
+
+@part
+def _way_back(sensor):
+    """Return the WayBack of bins that lie in the image's frame; the others need none."""
+    forward, rows_of = np.empty((3, 3), np.float64), inverse(sensor)
+    for i in range(3):
+        for j in range(3):
+            forward[i, j] = rows_of[i][j]
+    k1, k2 = (sensor.k1, sensor.k2) if sensor.rectified != 0 else (0.0, 0.0)
+    return way_back(forward, k1, k2)
 
 
 @part
 def work_of_bins(w, planes, image):
     """Return the _Work of a reading w wide."""
-    forward, passes = np.empty((3, 3), np.float64), np.empty((3, 3), np.bool_)
-    back = inverse(image.sensor)
+    passes = np.empty((3, 3), np.bool_)
     for i in range(3):
         for j in range(3):
             passes[i, j] = image.filters[i, j] != 0
-            forward[i, j] = back[i][j]
-    factor, per_square = undistortion(image.sensor.k1, image.sensor.k2)
     every_colour = np.ones((3, 3))  # in the irradiance; filters come after the beats
     return _Work(
         places_of(w, planes, image.sites, image.nodes, every_colour),
@@ -58,9 +63,7 @@ def work_of_bins(w, planes, image):
         np.empty((5, w), np.float32),
         passes,
         np.empty((3, w), np.float64),
-        forward,
-        factor,
-        per_square,
+        _way_back(image.sensor),
     )
 
 
@@ -69,7 +72,7 @@ def locate_bins(work, r, v, sensor, size):
     """Fill where row r of the bins, v about the centre, lies on the photo."""
     at = work.row.position
     if sensor.rectified != 0:
-        photo_row(at[U], at[V], work.ideal, r, work.forward, work.factor, work.per_square, size)
+        photo_row(at[U], at[V], work.ideal, r, work.way, size)
         return
     u = work.places.u[0]
     for i in range(len(u)):
@@ -94,7 +97,7 @@ def add_modulated(light, content, modulation, passed, mean):
         light[i] += content[i] * (passed * (mean + modulation[i]))
 
 
-@once
+@inner
 def _expose_rows(raw, slope, panel, image, work, top, bottom):
     """Do the same as `expose_binned_image`, in buffers that it allocated."""
     planes, h, w = raw.shape

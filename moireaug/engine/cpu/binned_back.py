@@ -7,9 +7,9 @@ import numpy as np
 
 from moireaug.engine.cpu import beats, stencil
 from moireaug.engine.cpu.binned import add_modulated, flicker, locate_bins, work_of_bins
-from moireaug.engine.cpu.compiling import fill, once, part
+from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.full import fill_row_weights
-from moireaug.engine.cpu.irradiance import BackWork, panel_irradiance_back
+from moireaug.engine.cpu.irradiance import panel_irradiance_back
 from moireaug.engine.cpu.rows import LIGHT, U, V, X, Y
 from moireaug.engine.cpu.sensor import attenuate, read_back
 from moireaug.engine.cpu.view import look
@@ -17,21 +17,21 @@ from moireaug.engine.cpu.view import look
 ZERO = np.float32(0)
 
 
-@once
-def _expose_rows_back(panel_grad, grad, slope, image, bins, work):
+@inner
+def _expose_rows_back(panel_grad, grad, slope, image, work):
     """Do the same as `expose_binned_image_back`, in buffers that it allocated."""
     planes, h, w = grad.shape
-    pattern, sites, row, passes = image.pattern, image.sites, bins.row, bins.passes
+    pattern, sites, row, passes = image.pattern, image.sites, work.row, work.passes
     position, first_row, light = row.position, sites.rows[0], row.floats[LIGHT]
-    modulation, lines = bins.modulation, bins.lines
+    modulation, lines = work.modulation, work.lines
     for r in range(h):
         v = sites.rows[r]
-        locate_bins(bins, r, v, image.sensor, (h, w))
+        locate_bins(work, r, v, image.sensor, (h, w))
         if image.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
         else:
             fill_row_weights(row, image, sites.rows, r, 0)
-            look(position[X], position[Y], bins.places.u[0], v, image.camera)
+            look(position[X], position[Y], work.places.u[0], v, image.camera)
         beats.modulate(modulation, lines, image.terms, pattern, passes, position, v, first_row)
         fill(row.irradiance.reshape(-1), ZERO)
         for plane in range(planes):
@@ -57,6 +57,4 @@ def expose_binned_image_back(panel_grad, grad, slope, image):
     """Add the gradient in the panel, of its shape, from that in a binned reading (planes, h, w);
     slope and image as in `binned.expose_binned_image`."""
     planes, _, w = grad.shape
-    bins = work_of_bins(w, planes, image)
-    work = BackWork(bins.places, bins.row, np.empty(len(bins.row.weights_y), np.float32))
-    _expose_rows_back(panel_grad, grad, slope, image, bins, work)
+    _expose_rows_back(panel_grad, grad, slope, image, work_of_bins(w, planes, image))

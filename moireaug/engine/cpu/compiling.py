@@ -7,7 +7,9 @@ import functools
 import gc
 import hashlib
 import os
+import shutil
 import threading
+import time
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from filelock import FileLock
 from numba import njit
 
 KERNELS = Path(__file__).parent
+MAX_UNUSED_SECONDS = 30 * 24 * 3600  # of a folder of kernels
 PACKAGE = KERNELS.parents[1]
 # files outside this folder whose numbers and records are compiled into kernels
 CONSTANT_SOURCES = (
@@ -69,12 +72,25 @@ def folder() -> str | None:
             continue
         try:
             path = Path(parent).expanduser() / f"moireaug-{name}"
+            is_new = not path.is_dir()
             path.mkdir(parents=True, exist_ok=True)
+            path.touch()  # the time of its last use
         except (OSError, RuntimeError):  # not writable, or a user without a home
             continue
         if os.access(path, os.W_OK):
+            if is_new:
+                _remove_unused(path.parent)
             return str(path)
     return None
+
+
+def _remove_unused(parent: Path) -> None:
+    """Remove the folders of other sources' kernels that nobody has used for long."""
+    earliest = time.time() - MAX_UNUSED_SECONDS
+    for path in parent.glob("moireaug-*"):
+        with contextlib.suppress(OSError):
+            if path.stat().st_mtime < earliest:
+                shutil.rmtree(path, ignore_errors=True)
 
 
 def cold(module: str = "") -> bool:

@@ -8,16 +8,16 @@ from moireaug.engine.cpu import finish
 from moireaug.engine.cpu.compiling import fill, kernel, part
 from moireaug.engine.cpu.develop import develop_image
 from moireaug.engine.cpu.develop_back import develop_image_back
-from moireaug.engine.cpu.register import flat_length, register, register_back, rows_read
+from moireaug.engine.cpu.register import flat_length, register, register_back, rows_read, way_back
 
 ZERO = np.float32(0)
 
 
 @part
 def _way_back(registration, i):
-    """Return the homography, k1 and k2 of image i."""
+    """Return the WayBack of image i."""
     k1, k2 = registration.lenses[i]
-    return registration.forward[i], k1, k2
+    return way_back(registration.forward[i], k1, k2)
 
 
 def photo_size(d) -> int:
@@ -32,16 +32,16 @@ def _fill_photo(out, raw, d, i, top, bottom):
     photo, in_camera = out.photos[i], out.photos[i]
     highest, lowest = top, bottom
     if d.registers:
-        forward, k1, k2 = _way_back(d.registration, i)
+        way = _way_back(d.registration, i)
         in_camera = out.in_camera[: 3 * h * w].reshape(3, h, w)
-        highest, lowest = rows_read(forward, k1, k2, h, w, top, bottom)
+        highest, lowest = rows_read(way, h, w, top, bottom)
     if d.finishes:
         unclipped = out.unclipped[i : i + 1]
         finish.finish_image(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)
     else:
         develop_image(in_camera, raw, d.codes, i, highest, lowest)
     if d.registers:
-        register(photo, out.in_camera, forward, k1, k2, top, bottom)
+        register(photo, out.in_camera, way, top, bottom)
 
 
 @kernel
@@ -57,9 +57,8 @@ def _fill_raw_grad(raw_grad, grad, in_camera, unclipped, raw, d, i):
     """Fill raw_grad with the gradient in image i's raw, from that in its photo."""
     h, w = d.size
     if d.registers:
-        forward, k1, k2 = _way_back(d.registration, i)
         fill(in_camera, ZERO)
-        register_back(in_camera, grad, forward, k1, k2)
+        register_back(in_camera, grad, _way_back(d.registration, i))
         grad = in_camera[: 3 * h * w].reshape(3, h, w)
     if d.finishes:
         h, w = d.detail.size

@@ -6,64 +6,56 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.cpu import binned_back, full_back, panel_back, picture, point_back
-from moireaug.engine.cpu.compiling import fill, kernel, part
+from moireaug.engine.cpu.compiling import fill, kernel
 from moireaug.engine.cpu.expose_kernels import (
     binned_image,
     camera_of,
     full_image,
     panel_of,
     point_image,
+    points_of,
 )
 
 ZERO = np.float32(0)
 
 
-@part
-def _picture_back(grad, light_grad, pictures, e, i):
-    """Fill grad (3, H, W) with the gradient in picture i, from that in its light."""
-    picture.fill_light_back(
-        grad, light_grad, pictures[i], e.coded, e.black[i], e.neighbour_share[i]
-    )
-
-
 @kernel
-def show_back_kernel(grads, shown_grads, light_grad, pictures, e, first, last):
-    """Fill the gradients from `first` to `last` in pictures (B, 3, H, W) float32, from those in
-    what `show_kernel` fills; arguments as there. shown_grads is written to."""
-    for i in range(first, last):
-        alpha = camera_of(e.cameras[i]).alpha
-        panel_grad = panel_of(shown_grads[i - first], alpha, e)
+def show_back_kernel(grads, shown_grad, light_grad, pictures, e, at_points, i):
+    """Fill the gradient in picture i of (B, 3, H, W) float32, from that in what `show_kernel`
+    fills; arguments as there. shown_grad is written to."""
+    alpha = camera_of(e.cameras[i]).alpha
+    if at_points:
+        point_back.fill_shown_back(light_grad, points_of(shown_grad, alpha, e), alpha)
+    else:
+        panel_grad = panel_of(shown_grad, alpha, e)
         panel_back.fill_panel_back(light_grad, panel_grad, alpha, e.cell, e.dark)
-        _picture_back(grads[i], light_grad, pictures, e, i)
+    black, neighbour_share = e.black[i], e.neighbour_share[i]
+    picture.fill_light_back(grads[i], light_grad, pictures[i], e.coded, black, neighbour_share)
 
 
 @kernel
-def expose_full_back_kernel(shown_grads, raw_grads, slopes, e, view, first, last):
-    """Fill the gradients from `first` to `last` in what `show_kernel` fills, from those in readings
-    (B, planes, h, w); slopes: as `expose_full_kernel` filled them."""
-    for i in range(first, last):
-        image, shown_grad = full_image(e, view, i), shown_grads[i - first]
-        fill(shown_grad, ZERO)
-        panel_grad = panel_of(shown_grad, image.camera.alpha, e)
-        full_back.expose_full_image_back(panel_grad, raw_grads[i], slopes[i], image)
+def expose_full_back_kernel(shown_grad, raw_grads, slopes, e, view, nodes, i):
+    """Fill the gradient in what `show_kernel` fills, from that in reading i of (B, planes, h, w);
+    slopes: as `expose_full_kernel` filled them, the rest as there."""
+    image = full_image(e, nodes, i)
+    fill(shown_grad, ZERO)
+    panel_grad = panel_of(shown_grad, image.camera.alpha, e)
+    full_back.expose_full_image_back(panel_grad, raw_grads[i], slopes[i], image)
 
 
 @kernel
-def expose_binned_back_kernel(shown_grads, raw_grads, slopes, e, view, first, last):
-    """Do the same as `expose_full_back_kernel` for binned readings."""
-    for i in range(first, last):
-        image, shown_grad = binned_image(e, view, i), shown_grads[i - first]
-        fill(shown_grad, ZERO)
-        panel_grad = panel_of(shown_grad, image.camera.alpha, e)
-        binned_back.expose_binned_image_back(panel_grad, raw_grads[i], slopes[i], image)
+def expose_binned_back_kernel(shown_grad, raw_grads, slopes, e, view, nodes, i):
+    """Do the same as `expose_full_back_kernel` for a binned reading."""
+    image = binned_image(e, view, nodes, i)
+    fill(shown_grad, ZERO)
+    panel_grad = panel_of(shown_grad, image.camera.alpha, e)
+    binned_back.expose_binned_image_back(panel_grad, raw_grads[i], slopes[i], image)
 
 
 @kernel
-def expose_point_back_kernel(grads, raw_grads, slopes, pictures, e, view, first, last):
-    """Fill the gradients from `first` to `last` in pictures (B, 3, H, W) float32, from those in
-    readings at points of the panel."""
-    light_grad = np.empty((3, e.size[0], e.size[1]), np.float32)
-    for i in range(first, last):
-        image = point_image(e, view, i)
-        point_back.expose_point_image_back(light_grad, raw_grads[i], slopes[i], image)
-        _picture_back(grads[i], light_grad, pictures, e, i)
+def expose_point_back_kernel(shown_grad, raw_grads, slopes, e, view, nodes, i):
+    """Do the same as `expose_full_back_kernel` for a reading at points of the panel."""
+    image = point_image(e, view, i)
+    fill(shown_grad, ZERO)
+    points_grad = points_of(shown_grad, image.camera.alpha, e)
+    point_back.expose_point_image_back(points_grad, raw_grads[i], slopes[i], image)

@@ -7,14 +7,22 @@ import math
 
 import numpy as np
 
-from moireaug.engine.cpu import beat_terms, beats, nodes, panel, picture, stencil
+from moireaug.engine.cpu import beat_terms, beats, nodes, panel, picture, point, stencil
 from moireaug.engine.cpu.binned import expose_binned_image
 from moireaug.engine.cpu.compiling import kernel, loop, part
 from moireaug.engine.cpu.full import expose_full_image
 from moireaug.engine.cpu.point import expose_point_image
-from moireaug.engine.cpu.records import BinnedImage, FullImage, Pattern, PointImage, Readout
+from moireaug.engine.cpu.records import (
+    BinnedImage,
+    BinnedNodes,
+    FullImage,
+    Pattern,
+    PointImage,
+    Readout,
+)
 from moireaug.engine.lower.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
 from moireaug.engine.lower.exposure_records import Camera, Cell
+from moireaug.exposure.displayed import EDGE_PIXELS
 
 
 @loop
@@ -62,27 +70,39 @@ def panel_of(shown, alpha, e):
     return shown[: 3 * h * w].reshape(3, h, w)
 
 
-def panel_size(e) -> int:
-    """Return how many values the largest picture takes as the panel shows it."""
+@part
+def points_of(shown, alpha, e):
+    """Return the part of shown that a picture takes as points see it, (3, n)."""
+    height, width = point.shown_pixels(e.size[0], alpha), point.shown_pixels(e.size[1], alpha)
+    n = point.shown_values(height, width)
+    return shown[: 3 * n].reshape(3, n)
+
+
+def shown_size(e, at_points) -> int:
+    """Return how many values `show_kernel` fills at most."""
+    if at_points:
+        h, w = e.size[0] + 2 * EDGE_PIXELS, e.size[1] + 2 * EDGE_PIXELS
+        return 3 * point.shown_values.py_func(h, w)
     alpha = e.cameras[:, Camera._fields.index("alpha")].max()
     h, w = panel.shape.py_func(e.size, alpha, e.cell)
     return int(3 * h * w)
 
 
 @kernel
-def show_kernel(shown, light, pictures, e, first, last):
-    """Fill shown with the pictures from `first` to `last` as the panel shows them.
+def show_kernel(shown, light, pictures, e, at_points, i):
+    """Fill shown with picture i as the panel shows it, or as points of it see it.
 
     Args:
-        shown: (last - first, `panel_size`(e)) float32, or more rows. light: (3, H, W) float32,
-            workspace.
+        shown: (`shown_size`(e, at_points),) float32. light: (3, H, W) float32, workspace.
         pictures: (B, 3, H, W) float32 or uint8.
         e: see `exposure_records.Exposure`.
     """
-    for i in range(first, last):
-        alpha = camera_of(e.cameras[i]).alpha
-        picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
-        panel.fill_panel(panel_of(shown[i - first], alpha, e), light, alpha, e.cell, e.dark)
+    alpha = camera_of(e.cameras[i]).alpha
+    picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
+    if at_points:
+        point.fill_shown(points_of(shown, alpha, e), light, alpha)
+    else:
+        panel.fill_panel(panel_of(shown, alpha, e), light, alpha, e.cell, e.dark)
 
 
 @part
@@ -108,28 +128,33 @@ def _size_on_panel(alpha, e):
     return math.ceil(alpha * e.size[0]), math.ceil(alpha * e.size[1])
 
 
+@kernel
+def full_nodes_kernel(e, view, i):
+    """Return the Nodes of image i; view: a FullView."""
+    return _nodes(camera_of(e.cameras[i]), e.cell, e, view, i)
+
+
 @part
-def full_image(e, view, i):
-    """Return the FullImage of image i; view: a FullView."""
+def full_image(e, nodes, i):
+    """Return the FullImage of image i; nodes: from `full_nodes_kernel`."""
     camera = camera_of(e.cameras[i])
     return FullImage(
-        camera, _size_on_panel(camera.alpha, e), e.cell, _nodes(camera, e.cell, e, view, i),
-        e.sites, e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
+        camera, _size_on_panel(camera.alpha, e), e.cell, nodes, e.sites, e.filters[i], e.white[i],
+        e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
 
 @kernel
-def expose_full_kernel(raw, slopes, shown, e, view, span):
-    """Fill a part of raw (B, planes, h, w) float32 with the readings of pictures, from what
+def expose_full_kernel(raw, slopes, shown, e, view, nodes, span):
+    """Fill a part of raw (B, planes, h, w) float32 with the reading of a picture, from what
     `show_kernel` filled shown with.
 
-    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. view: a FullView. span: a
-    `records.Span`.
+    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. view: a FullView. nodes:
+    from `full_nodes_kernel`. span: a `records.Span`.
     """
-    for i in range(span.first, span.last):
-        image = full_image(e, view, i)
-        panel = panel_of(shown[i - span.first], image.camera.alpha, e)
-        expose_full_image(raw[i], slopes[i], panel, image, span.top, span.bottom)
+    image = full_image(e, nodes, span.i)
+    panel = panel_of(shown, image.camera.alpha, e)
+    expose_full_image(raw[span.i], slopes[span.i], panel, image, span.top, span.bottom)
 
 
 @part
@@ -163,30 +188,35 @@ def beats_fit(e, b):
     return out
 
 
+@kernel
+def binned_nodes_kernel(e, view, i):
+    """Return the BinnedNodes of image i; view: a BinnedView."""
+    camera, sensor = camera_of(e.cameras[i]), camera_of(view.beats.cameras[i])
+    cell = _cell_of(e.cell, view.beats.centres[i])
+    nodes, bin_stencil = _content(camera, sensor, cell, e, view.picture, i)
+    terms = beats.beat_terms_of(view.beats, i, sensor, e.filters[i], e.size, e.sites, e.budget)
+    return BinnedNodes(nodes, bin_stencil, terms)
+
+
 @part
-def binned_image(e, view, i):
-    """Return the BinnedImage of image i; view: a BinnedView."""
-    b = view.beats
-    camera, cell = camera_of(e.cameras[i]), _cell_of(e.cell, b.centres[i])
-    sensor = camera_of(b.cameras[i])
+def binned_image(e, view, nodes, i):
+    """Return the BinnedImage of image i; view: a BinnedView. nodes: from `binned_nodes_kernel`."""
+    b, camera = view.beats, camera_of(e.cameras[i])
     pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer)
-    content = _content(camera, sensor, cell, e, view.picture, i)
-    terms = beats.beat_terms_of(b, i, sensor, e.filters[i], e.size, e.sites, e.budget)
     return BinnedImage(
-        camera, sensor, _size_on_panel(camera.alpha, e), cell, content[0], content[1], e.sites,
-        terms, pattern,
+        camera, camera_of(b.cameras[i]), _size_on_panel(camera.alpha, e),
+        _cell_of(e.cell, b.centres[i]), nodes.nodes, nodes.stencil, e.sites, nodes.terms, pattern,
         e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
 
 @kernel
-def expose_binned_kernel(raw, slopes, shown, e, view, span):
-    """Fill a part of raw (B, planes, h, w) float32 with the binned readings of pictures; view: a
-    BinnedView. The rest as in `expose_full_kernel`."""
-    for i in range(span.first, span.last):
-        image = binned_image(e, view, i)
-        panel = panel_of(shown[i - span.first], image.camera.alpha, e)
-        expose_binned_image(raw[i], slopes[i], panel, image, span.top, span.bottom)
+def expose_binned_kernel(raw, slopes, shown, e, view, nodes, span):
+    """Do the same as `expose_full_kernel` for a binned reading; view: a BinnedView. nodes: from
+    `binned_nodes_kernel`."""
+    image = binned_image(e, view, nodes, span.i)
+    panel = panel_of(shown, image.camera.alpha, e)
+    expose_binned_image(raw[span.i], slopes[span.i], panel, image, span.top, span.bottom)
 
 
 @part
@@ -194,17 +224,15 @@ def point_image(e, view, i):
     """Return the PointImage of image i; view: a PointView."""
     camera = camera_of(e.cameras[i])
     return PointImage(
-        camera, e.cell, view, view.lit[i], e.sites,
+        camera, e.size, e.cell, view, view.lit[i], e.sites,
         e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i), e.dark,
     )  # fmt: skip
 
 
 @kernel
-def expose_point_kernel(raw, slopes, pictures, e, view, first, last):
-    """Fill raw (B, planes, h, w) float32 with the readings of the pictures from `first` to `last`
-    at points of the panel; view: a PointView. The rest as in `show_kernel` and
-    `expose_full_kernel`."""
-    light = np.empty((3, e.size[0], e.size[1]), np.float32)
-    for i in range(first, last):
-        picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
-        expose_point_image(raw[i], slopes[i], light, point_image(e, view, i))
+def expose_point_kernel(raw, slopes, shown, e, view, nodes, span):
+    """Do the same as `expose_full_kernel` for a reading at points of the panel; view: a PointView.
+    nodes: None."""
+    image = point_image(e, view, span.i)
+    points = points_of(shown, image.camera.alpha, e)
+    expose_point_image(raw[span.i], slopes[span.i], points, image, span.top, span.bottom)

@@ -7,6 +7,7 @@ while this one compiles what it needs now, which halves the wait for a machine's
 from __future__ import annotations
 
 import atexit
+import contextlib
 import functools
 import logging
 import subprocess
@@ -27,9 +28,11 @@ from moireaug.engine.cpu import launch_expose
 from moireaug.engine.lower.exposure import lower_exposure
 
 shot = Scene.preset("screen_photo").sample(1, (8, 8))
+exposure, _ = lower_exposure(shot, decoded=False)
 raw = torch.zeros(shot.raw_shape(), requires_grad=True)
+launch_expose.compile_show(exposure, torch.float32)
 photo = develop(raw, shot)
-launch_expose.compile_show(lower_exposure(shot, decoded=False)[0])
+launch_expose.compile_show(exposure, torch.uint8)
 photo.sum().backward()
 """
 # -P: a torch.py in the folder that somebody works in is not what the code means
@@ -59,7 +62,7 @@ def prepare_back() -> None:
 
 
 def compile_ahead(folder: str | None) -> None:
-    """Start a process that compiles the kernels of developing, of showing a picture and of
+    """Start a process that compiles the kernels of showing a picture, of developing and of
     developing backwards, unless one was started before for this folder of kernels. It ends with
     this process, if not before.
 
@@ -72,8 +75,9 @@ def compile_ahead(folder: str | None) -> None:
     # an interpreter that a program embeds may answer to the program's own options
     if folder is None or not Path(sys.executable or "").stem.startswith("python"):
         return
+    marker = Path(folder, "ahead")
     try:
-        Path(folder, "ahead").touch(exist_ok=False)
+        marker.touch(exist_ok=False)
         process = subprocess.Popen(
             [sys.executable, *PYTHON_ARGUMENTS],
             stdin=subprocess.DEVNULL,
@@ -82,9 +86,13 @@ def compile_ahead(folder: str | None) -> None:
         )
     except OSError:
         return
-    atexit.register(_stop, process)
+    atexit.register(_stop, process, marker)
 
 
-def _stop(process: subprocess.Popen) -> None:
+def _stop(process: subprocess.Popen, marker: Path) -> None:
+    """End the process; if it has not compiled all, another may be started."""
+    if process.poll() is None:
+        with contextlib.suppress(OSError):
+            marker.unlink()
     process.terminate()
     process.wait()

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import fill, inner, once, part
+from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.irradiance import panel_irradiance
 from moireaug.engine.cpu.nodes import bracket
 from moireaug.engine.cpu.rows import LIGHT, NOISE, NOISE_BITS, Places, Row, V, places_of, row_of
@@ -19,11 +19,18 @@ from moireaug.engine.lower.budget import MIN_BANDS
 ZERO = np.float32(0)
 
 
-class _Work(NamedTuple):
+class Work(NamedTuple):
     """What a row of a reading is computed in; see `rows`."""
 
     places: Places
     row: Row
+
+
+@part
+def work_of_pixels(w, planes, image):
+    """Return the Work of a reading w wide."""
+    places = places_of(w, planes, image.sites, image.nodes, image.filters)
+    return Work(places, row_of(w, image.cell, image.nodes))
 
 
 @inner
@@ -52,7 +59,7 @@ def fill_row_weights(row, image, positions, r, top):
         fill_band_weights(row.weights, image.nodes, middle, positions[0])
 
 
-@once
+@inner
 def _expose_rows(raw, slope, panel, image, work, top, bottom):
     """Do the same as `expose_full_image`, in buffers that it allocated."""
     planes, h, w = raw.shape
@@ -92,6 +99,4 @@ def expose_full_image(raw, slope, panel, image, top, bottom):
         image: see `records.FullImage`.
     """
     planes, _, w = raw.shape
-    places = places_of(w, planes, image.sites, image.nodes, image.filters)
-    work = _Work(places, row_of(w, image.cell, image.nodes))
-    _expose_rows(raw, slope, panel, image, work, top, bottom)
+    _expose_rows(raw, slope, panel, image, work_of_pixels(w, planes, image), top, bottom)

@@ -5,17 +5,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import fill, once, part
-from moireaug.engine.cpu.full import fill_row_weights
-from moireaug.engine.cpu.irradiance import BackWork, panel_irradiance_back
-from moireaug.engine.cpu.rows import LIGHT, V, places_of, row_of
+from moireaug.engine.cpu.compiling import fill, inner, part
+from moireaug.engine.cpu.full import fill_row_weights, work_of_pixels
+from moireaug.engine.cpu.irradiance import panel_irradiance_back
+from moireaug.engine.cpu.rows import LIGHT, V
 from moireaug.engine.cpu.sensor import attenuate, read_back
 from moireaug.engine.cpu.vectors import add
 
 ZERO = np.float32(0)
 
 
-@once
+@inner
 def _expose_rows_back(panel_grad, grad, slope, image, work):
     """Do the same as `expose_full_image_back`, in buffers that it allocated."""
     planes, h, _ = grad.shape
@@ -46,7 +46,4 @@ def expose_full_image_back(panel_grad, grad, slope, image):
     """Add the gradient in the panel, of its shape, from that in a reading (planes, h, w); slope
     and image as in `full.expose_full_image`."""
     planes, _, w = grad.shape
-    places = places_of(w, planes, image.sites, image.nodes, image.filters)
-    row = row_of(w, image.cell, image.nodes)
-    work = BackWork(places, row, np.empty(len(row.weights_y), np.float32))
-    _expose_rows_back(panel_grad, grad, slope, image, work)
+    _expose_rows_back(panel_grad, grad, slope, image, work_of_pixels(w, planes, image))

@@ -5,8 +5,6 @@ Subpixels are sorted, so that what neighbours share is computed once.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from moireaug.engine.cpu import harmonics, lookup, rows
@@ -14,20 +12,11 @@ from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.nodes import bracket
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import TapWeights
-from moireaug.engine.cpu.rows import Places, Row, X, Y
+from moireaug.engine.cpu.rows import X, Y
 from moireaug.engine.cpu.tap_weights import weights_per_node
 from moireaug.engine.cpu.view import look
 
 ZERO = np.float32(0)
-
-
-class BackWork(NamedTuple):
-    """What the gradient of rows is computed in; see `rows`. The row's irradiance holds the gradient
-    in it; weights_x is like its weights_y."""
-
-    places: Places
-    row: Row
-    weights_x: np.ndarray
 
 
 @inner
@@ -179,7 +168,7 @@ def panel_irradiance(work, panel, image, plane, v):
 @part
 def panel_irradiance_back(work, panel_grad, image, plane, v):
     """Add the gradient in the panel, of its shape, from that in a plane's irradiance on row v,
-    which the row holds; work: a BackWork."""
+    which the row holds; work: as in `panel_irradiance`."""
     row, cell, taps = work.row, image.cell, image.nodes.taps
     look(row.position[X], row.position[Y], work.places.u[plane], v, image.camera)
     stride = panel_grad.shape[2]
@@ -191,12 +180,12 @@ def panel_irradiance_back(work, panel_grad, image, plane, v):
             continue
         weights = _locate_subpixel(work, stride, image, plane, v, i, before)
         before = i
-        lookup.fill_weights(work.weights_x, weights, taps[kind])
+        lookup.fill_weights(row.weights_x, weights, taps[kind])
         content, base = row.floats[rows.CONTENT], row.ints[rows.BASE_INDEX]
         fill(content, ZERO)
         harmonics.add_product(content, row.irradiance[colour], row.floats[rows.MODULATION])
         down = np.int32(cell.period[kind, 1] * stride)
         lookup.content_back(
-            pixels[colour], content, base, down, work.weights_x, row.weights_y, taps[kind],
+            pixels[colour], content, base, down, row.weights_x, row.weights_y, taps[kind],
             cell.radius,
         )  # fmt: skip

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from moireaug.engine.cpu import expose_back_kernels as back_kernels
@@ -22,13 +23,33 @@ from moireaug.engine.lower.exposure_records import (
     PointView,
 )
 
-Reader = Callable[[np.ndarray, Span], None]  # fills a part of the readings from what is shown
-READING_KERNELS = {FullView: kernels.expose_full_kernel, BinnedView: kernels.expose_binned_kernel}
-READING_BACK_KERNELS = {
-    FullView: back_kernels.expose_full_back_kernel,
-    BinnedView: back_kernels.expose_binned_back_kernel,
+
+class Reading(NamedTuple):
+    """The kernels of a kind of reading: of what varies slowly over a photo, of rows of one, and of
+    the gradient of one."""
+
+    nodes: Callable
+    expose: Callable
+    expose_back: Callable
+
+
+READINGS = {
+    FullView: Reading(
+        kernels.full_nodes_kernel,
+        kernels.expose_full_kernel,
+        back_kernels.expose_full_back_kernel,
+    ),
+    BinnedView: Reading(
+        kernels.binned_nodes_kernel,
+        kernels.expose_binned_kernel,
+        back_kernels.expose_binned_back_kernel,
+    ),
+    PointView: Reading(
+        lambda exposure, view, i: None,
+        kernels.expose_point_kernel,
+        back_kernels.expose_point_back_kernel,
+    ),
 }
-SHOWN_VALUES_AT_ONCE = 2**16  # of small panels, which are filled before any is read
 
 
 def fits(exposure: Exposure, view: PanelView) -> np.ndarray:
@@ -44,10 +65,10 @@ def fits(exposure: Exposure, view: PanelView) -> np.ndarray:
     return fitting
 
 
-def compile_show(exposure: Exposure) -> None:
-    """Compile the kernel that shows float32 pictures, by showing none."""
-    shown, pictures = np.empty((0, 0), np.float32), np.empty((0, 3, 0, 0), np.float32)
-    kernels.show_kernel(shown, _light_of(exposure), pictures, exposure, 0, 0)
+def compile_show(exposure: Exposure, dtype: torch.dtype) -> None:
+    """Compile the kernel that shows pictures of a dtype, by showing one."""
+    pictures = torch.zeros(1, 3, *exposure.size, dtype=dtype).numpy()
+    kernels.show_kernel(*_buffers(exposure, False), pictures, exposure, False, 0)
 
 
 def launch_expose(
@@ -63,17 +84,27 @@ def launch_expose(
     h, w = len(sites.rows) // sites.step, len(sites.cols) // sites.step
     raw, slopes = empty(n, len(sites.channel), h, w), empty(n, len(sites.channel), h, saves * w)
     arrays, pictures = (raw.numpy(), slopes.numpy()), array_of(picture)
-    if isinstance(view, PointView):
+    reading, at_points = READINGS[type(view)], isinstance(view, PointView)
 
-        def read_points(first: int, last: int) -> None:
-            kernels.expose_point_kernel(*arrays, pictures, exposure, view, first, last)
+    def read(i: int, buffers: tuple[np.ndarray, np.ndarray], each_part: Callable) -> None:
+        nodes = reading.nodes(exposure, view, i)
+        kernels.show_kernel(*buffers, pictures, exposure, at_points, i)
 
-        each(read_points, n)
-        return raw, slopes
-    whole, read = n - surplus(n, h), _reader(*arrays, exposure, view)
-    each(functools.partial(_read_images, read, pictures, exposure), whole)
+        def read_rows(top: int, bottom: int) -> None:
+            span = Span(i, top, bottom)
+            reading.expose(*arrays, buffers[0], exposure, view, nodes, span)
+
+        each_part(read_rows, h)
+
+    def read_images(first: int, last: int) -> None:
+        buffers = _buffers(exposure, at_points)
+        for i in range(first, last):
+            read(i, buffers, lambda read_rows, h: read_rows(0, h))
+
+    whole = n - surplus(n, h)
+    each(read_images, whole)
     for i in range(whole, n):
-        _share_image(read, pictures, exposure, i, h)
+        read(i, _buffers(exposure, at_points), each_share)
     return raw, slopes
 
 
@@ -85,63 +116,22 @@ def launch_expose_back(
     prepare_back()
     out = empty(*picture.shape)
     grads, pictures, read_grads = out.numpy(), array_of(picture), (array_of(grad), slopes.numpy())
+    reading, at_points = READINGS[type(view)], isinstance(view, PointView)
 
-    def point_grads(first: int, last: int) -> None:
-        given = *read_grads, pictures, exposure, view, first, last
-        back_kernels.expose_point_back_kernel(grads, *given)
+    def fill_grads(first: int, last: int) -> None:
+        shown_grad, light_grad = _buffers(exposure, at_points)
+        for i in range(first, last):
+            nodes = reading.nodes(exposure, view, i)
+            reading.expose_back(shown_grad, *read_grads, exposure, view, nodes, i)
+            given = pictures, exposure, at_points, i
+            back_kernels.show_back_kernel(grads, shown_grad, light_grad, *given)
 
-    def image_grads(first: int, last: int) -> None:
-        """Fill the gradients of what the panel shows, then of pictures."""
-        light, shown = _light_of(exposure), _shown_of(exposure)
-        for start in range(first, last, len(shown)):
-            end = min(start + len(shown), last)
-            READING_BACK_KERNELS[type(view)](shown, *read_grads, exposure, view, start, end)
-            back_kernels.show_back_kernel(grads, shown, light, pictures, exposure, start, end)
-
-    each(point_grads if isinstance(view, PointView) else image_grads, len(picture))
+    each(fill_grads, len(picture))
     return out
 
 
-def _reader(
-    readings: np.ndarray, slopes: np.ndarray, exposure: Exposure, view: PanelView
-) -> Reader:
-    """Return the Reader of some readings, full or binned, whose kernel is compiled."""
-    kernel = READING_KERNELS[type(view)]
-
-    def read(shown: np.ndarray, span: Span) -> None:
-        kernel(readings, slopes, shown, exposure, view, span)
-
-    if not kernel.signatures:  # before `show_kernel`, which another process compiles meanwhile
-        read(np.empty((0, 0), np.float32), Span(0, 0, 0, 0))
-    return read
-
-
-def _read_images(
-    read: Reader, pictures: np.ndarray, exposure: Exposure, first: int, last: int
-) -> None:
-    """Fill the readings from `first` to `last`: show some pictures, then read them."""
-    light, shown = _light_of(exposure), _shown_of(exposure)
-    rows = len(exposure.sites.rows) // exposure.sites.step
-    for start in range(first, last, len(shown)):
-        end = min(start + len(shown), last)
-        kernels.show_kernel(shown, light, pictures, exposure, start, end)
-        read(shown, Span(start, end, 0, rows))
-
-
-def _share_image(read: Reader, pictures: np.ndarray, exposure: Exposure, i: int, rows: int) -> None:
-    """Fill reading i: all threads share its rows."""
-    shown = np.empty((1, kernels.panel_size(exposure)), np.float32)
-    kernels.show_kernel(shown, _light_of(exposure), pictures, exposure, i, i + 1)
-    each_share(lambda top, bottom: read(shown, Span(i, i + 1, top, bottom)), rows)
-
-
-def _shown_of(exposure: Exposure) -> np.ndarray:
-    """Return workspace for some pictures as the panel shows them, (n,
-    `expose_kernels.panel_size`)."""
-    size = kernels.panel_size(exposure)
-    return np.empty((max(1, SHOWN_VALUES_AT_ONCE // size), size), np.float32)
-
-
-def _light_of(exposure: Exposure) -> np.ndarray:
-    """Return workspace for a picture's light, (3, H, W) float32."""
-    return np.empty((3, *exposure.size), np.float32)
+def _buffers(exposure: Exposure, at_points: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return workspace for a picture as the panel shows it, (`expose_kernels.shown_size`,) float32,
+    and for its light, (3, H, W) float32."""
+    shown = np.empty(kernels.shown_size(exposure, at_points), np.float32)
+    return shown, np.empty((3, *exposure.size), np.float32)

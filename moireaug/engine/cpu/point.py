@@ -58,12 +58,24 @@ def _empty_axis_light(n):
 
 
 @inner
+def shown_pixels(size, alpha):
+    """Return how many pixels are shown of `size` picture pixels."""
+    return math.ceil(alpha * size) + 2 * EDGE_PIXELS if alpha < 1 else size
+
+
+@inner
+def shown_values(height, width):
+    """Return how many values of each colour are kept for so many pixels shown: a bilinear look-up's
+    right or lower pixel may lie beyond the last, where its share is 0."""
+    return (height + 1) * width + 1
+
+
+@inner
 def _axis(size, alpha, raster, dark):
     """Return the _Axis of `size` picture pixels, on a panel of at most its pixels, as in
     `exposure.displayed.DisplayedPicture`."""
     if alpha < 1:
-        count = math.ceil(alpha * size) + 2 * EDGE_PIXELS
-        return _Axis(1.0, EDGE_PIXELS, count, alpha * size, raster, dark)
+        return _Axis(1.0, EDGE_PIXELS, shown_pixels(size, alpha), alpha * size, raster, dark)
     return _Axis(alpha, 0, size, alpha * size, raster, dark)
 
 
@@ -134,18 +146,17 @@ def _add_content(out, shown, along_x, along_y, width, passed):
         poke(out, i, out[i] + content * peek(across, i) * peek(down, i) * passed)
 
 
-@loop
-def _shown(light, alpha, height, width):
-    """Return what is shown of a picture's light (3, H, W), (3, ...): rows one after another."""
-    # a bilinear look-up's right or lower pixel may lie beyond the last, where its share is 0
-    shown = np.zeros((3, height * width + width + 1), np.float32)
+@part
+def fill_shown(shown, light, alpha):
+    """Fill shown (3, `shown_values`) with a picture's light (3, H, W): rows one after another."""
+    height, width = shown_pixels(light.shape[1], alpha), shown_pixels(light.shape[2], alpha)
+    fill(shown.reshape(-1), ZERO)
     for c in range(3):
         if alpha < 1:
             panel = shown[c, : height * width].reshape(height, width)
             shrink(panel, light[c], alpha, 1, EDGE_PIXELS, EDGE_PIXELS)
         else:
             copy(shown[c], light[c].reshape(-1))
-    return shown
 
 
 class _Work(NamedTuple):
@@ -170,8 +181,9 @@ class _Work(NamedTuple):
 
 
 @part
-def work_of_points(w, size, image):
-    """Return the _Work of a reading w wide of a picture of `size`."""
+def work_of_points(w, image):
+    """Return the _Work of a reading w wide."""
+    size = image.size
     raster, alpha = float(image.point.raster), image.camera.alpha
     return _Work(
         _axis(size[1], alpha, raster, image.dark),
@@ -208,16 +220,16 @@ def see(work, image, i):
 
 
 @loop
-def expose_point_image(raw, slope, light, image):
-    """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is
-    float32; image: see `records.PointImage`, slope: see `full.expose_full_image`."""
+def expose_point_image(raw, slope, shown, image, top, bottom):
+    """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of a picture.
+
+    shown: from `fill_shown`. image: see `records.PointImage`. slope: see `full.expose_full_image`.
+    """
     planes, h, w = raw.shape
     camera, sites = image.camera, image.sites
-    work = work_of_points(w, light.shape[1:], image)
-    line, width = work.light, np.int32(work.columns.size)
-    shown = _shown(light, camera.alpha, work.rows.size, work.columns.size)
-    step = sites.step
-    for r in range(h * step):
+    work = work_of_points(w, image)
+    line, width, step = work.light, np.int32(work.columns.size), sites.step
+    for r in range(top * step, bottom * step):
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:

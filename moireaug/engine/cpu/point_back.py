@@ -1,13 +1,13 @@
-"""The gradient of a point exposure in a picture's light, one image per call: `point` row by row,
-transposed."""
+"""The gradient of a point exposure in what is shown, and in a picture's light, one image per call:
+`point` transposed."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import copy, fill, inner, loop
+from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
 from moireaug.engine.cpu.panel_back import shrink_back
-from moireaug.engine.cpu.point import locate_points, see, work_of_points
+from moireaug.engine.cpu.point import locate_points, see, shown_pixels, work_of_points
 from moireaug.engine.cpu.sensor import attenuate, read_back
 from moireaug.exposure.displayed import EDGE_PIXELS
 
@@ -33,9 +33,11 @@ def _add_content_back(shown, grad, along_x, along_y, width, passed):
         shown[np.uint32(np.int32(k + ONE32))] += below * f
 
 
-@loop
-def _fill_light_grad(light_grad, shown, alpha, height, width):
-    """Fill light_grad (3, H, W) from the gradient in what `point._shown` returns."""
+@part
+def fill_shown_back(light_grad, shown, alpha):
+    """Fill light_grad (3, H, W) from the gradient in what `point.fill_shown` fills."""
+    _, h, w = light_grad.shape
+    height, width = shown_pixels(h, alpha), shown_pixels(w, alpha)
     for c in range(3):
         if alpha < 1:
             fill(light_grad[c].reshape(-1), ZERO)
@@ -46,15 +48,13 @@ def _fill_light_grad(light_grad, shown, alpha, height, width):
 
 
 @loop
-def expose_point_image_back(light_grad, grad, slope, image):
-    """Fill light_grad (3, H, W) with the gradient in a picture's light, from that in its reading
-    (planes, h, w); slope and image as in `point.expose_point_image`."""
+def expose_point_image_back(shown_grad, grad, slope, image):
+    """Add the gradient in what `point.fill_shown` fills, from that in a reading (planes, h, w);
+    slope and image as in `point.expose_point_image`."""
     planes, h, w = grad.shape
     camera, sites = image.camera, image.sites
-    work = work_of_points(w, light_grad.shape[1:], image)
-    line, height, width = work.light, work.rows.size, np.int32(work.columns.size)
-    shown = np.zeros((3, height * width + width + 1), np.float32)
-    step = sites.step
+    work = work_of_points(w, image)
+    line, width, step = work.light, np.int32(work.columns.size), sites.step
     for r in range(h * step):
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for plane in range(planes):
@@ -70,5 +70,4 @@ def expose_point_image_back(light_grad, grad, slope, image):
                     continue
                 see(work, image, i)
                 lit = np.float32(image.lit * passed)
-                _add_content_back(shown[colour], line, work.along_x, work.along_y, width, lit)
-    _fill_light_grad(light_grad, shown, camera.alpha, height, work.columns.size)
+                _add_content_back(shown_grad[colour], line, work.along_x, work.along_y, width, lit)

@@ -91,11 +91,12 @@ class PointImage(NamedTuple):
     """What one image's point exposure is computed from.
 
     Args:
-        lit: share of each subpixel that emits.
+        size: height and width of the picture. lit: share of each subpixel that emits.
         filters, white, flicker: the image's rows of its Exposure; dark: as there.
     """
 
     camera: Camera
+    size: tuple[int, int]
     cell: Cell
     point: PointView
     lit: float
@@ -118,7 +119,7 @@ class Terms(NamedTuple):
             of a row; those below least_amplitude are left out there. step_v: from one row of nodes
             to the next.
         lost_pattern_variance: (3,) float32, of the panel's pattern that bins average away, as a
-            share of the squared mean light, by colour filter.
+            share of the squared mean light, by colour filter; 0 if it cannot saturate.
     """
 
     harmonic: np.ndarray
@@ -156,12 +157,24 @@ class BinStencil(NamedTuple):
     step_v: float
 
 
+class BinnedNodes(NamedTuple):
+    """What varies slowly over one image's binned photo.
+
+    Args:
+        nodes, stencil: of the picture; one of them is empty. terms: of the beats.
+    """
+
+    nodes: Nodes
+    stencil: BinStencil
+    terms: Terms
+
+
 class BinnedImage(NamedTuple):
     """What one image's binned reading is computed from.
 
     Args:
         camera: of photo pixels. sensor: of sensor pixels. size: as in `FullImage`.
-        nodes, stencil: one of them is empty.
+        nodes, stencil, terms: see `BinnedNodes`.
         filters, white, flicker: the image's rows of its Exposure; see there.
     """
 
@@ -181,11 +194,9 @@ class BinnedImage(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Which part of a batch is computed: rows `top` to `bottom` of the readings from `first` to
-    `last`."""
+    """Which part of a batch is computed: rows `top` to `bottom` of reading i."""
 
-    first: int
-    last: int
+    i: int
     top: int
     bottom: int
 

@@ -26,16 +26,30 @@ def flat_length(h: int, w: int) -> int:
     return 3 * h * w + w + 1
 
 
+class WayBack(NamedTuple):
+    """Where the pixels of an image's frame look on its photo.
+
+    Args:
+        forward: (3, 3) float64, homography from image coordinates about the centre to ideal photo
+            coordinates about it.
+        factor: (UNDISTORTION_STEPS + 2,) float64, takes ideal points to photo points, at squares of
+            the ideal radius from 0 to that of the photo's corners. per_square: its steps per unit.
+    """
+
+    forward: np.ndarray
+    factor: np.ndarray
+    per_square: float
+
+
 @loop
-def undistortion(k1, k2):
-    """Return a table of the factor that takes ideal points to photo points, at UNDISTORTION_STEPS +
-    2 squares of the ideal radius from 0 to that of the photo's corners; and its steps per unit."""
-    edge = (1 + k1 + k2) ** 2
-    out = np.empty(UNDISTORTION_STEPS + 2)
-    for i in range(UNDISTORTION_STEPS + 2):
-        ideal = math.sqrt(i * edge / UNDISTORTION_STEPS)
-        out[i] = undistorted(ideal, k1, k2) / ideal if ideal > 1e-12 else 1.0
-    return out, UNDISTORTION_STEPS / edge
+def way_back(forward, k1, k2):
+    """Return the WayBack of an image; k1, k2: of the lens."""
+    edge, factor = (1 + k1 + k2) ** 2, np.ones(UNDISTORTION_STEPS + 2)
+    if k1 != 0 or k2 != 0:
+        for i in range(1, len(factor)):
+            ideal = math.sqrt(i * edge / UNDISTORTION_STEPS)
+            factor[i] = undistorted(ideal, k1, k2) / ideal
+    return WayBack(forward, factor, UNDISTORTION_STEPS / edge)
 
 
 class _Row(NamedTuple):
@@ -43,7 +57,7 @@ class _Row(NamedTuple):
 
     Args:
         ideal: (3, w) float64, X and Y about the centre on a photo without distortion, and the
-            SQUARE of the radius as a place in the table of `undistortion`.
+            SQUARE of the radius as a place in the table of a WayBack.
         at: (w,) int32, the upper left pixels that are looked at.
         share: (3, w) float32, fractions towards the lower right ones, along X and Y, and the
             WEIGHT: 1 inside the photo, 0 outside.
@@ -61,8 +75,9 @@ def _row_of(w):
 
 
 @inner
-def _fill_ideal(x, y, square, r, forward, per_square, h, w):
+def _fill_ideal(x, y, square, r, way, h, w):
     """Fill x, y and square (w,), the `_Row`'s ideal, for row r of an image."""
+    forward, per_square = way.forward, way.per_square
     v = r + 0.5 - h / 2
     half_w, bend, last = w / 2, 4.0 / (h * h + w * w), UNDISTORTION_STEPS + 0.5
     ax, bx = forward[0, 0], forward[0, 1] * v + forward[0, 2]
@@ -78,15 +93,20 @@ def _fill_ideal(x, y, square, r, forward, per_square, h, w):
 
 
 @inner
-def photo_row(u, v, ideal, r, forward, factor, per_square, size):
+def _factor_at(factor, square):
+    """Return what a WayBack's factor is at a place in its table."""
+    k = np.int32(square)
+    low = peek(factor, k)
+    return low + (square - k) * (peek(factor, np.int32(k + ONE32)) - low)
+
+
+@inner
+def photo_row(u, v, ideal, r, way, size):
     """Fill u and v (w,) with where row r of an image (height, width) lies on the photo, about its
-    centre; ideal: (3, w) float64, workspace. The rest as in `register`."""
-    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, forward, per_square, size[0], size[1])
+    centre; ideal: (3, w) float64, workspace. way: a WayBack."""
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, way, size[0], size[1])
     for i in range(len(u)):
-        square = peek(ideal[SQUARE], i)
-        k = np.int32(square)
-        low = peek(factor, k)
-        bent = low + (square - k) * (peek(factor, np.int32(k + ONE32)) - low)
+        bent = _factor_at(way.factor, peek(ideal[SQUARE], i))
         poke(u, i, peek(ideal[X], i) * bent)
         poke(v, i, peek(ideal[Y], i) * bent)
 
@@ -97,10 +117,7 @@ def _distort(at, share, ideal, factor, h, w):
     fx, fy, weight = share[X], share[Y], share[WEIGHT]
     half_w, half_h = w / 2, h / 2
     for i in range(len(at)):
-        square = peek(ideal[SQUARE], i)
-        k = np.int32(square)
-        low = peek(factor, k)
-        bent = low + (square - k) * (peek(factor, np.int32(k + ONE32)) - low)
+        bent = _factor_at(factor, peek(ideal[SQUARE], i))
         x, y = peek(ideal[X], i) * bent, peek(ideal[Y], i) * bent
         inside = (abs(x) <= half_w) & (abs(y) <= half_h)
         x, y = min(max(x + half_w - 0.5, 0.0), w - 1.0), min(max(y + half_h - 0.5, 0.0), h - 1.0)
@@ -112,12 +129,12 @@ def _distort(at, share, ideal, factor, h, w):
 
 
 @inner
-def _place(row, r, forward, factor, per_square, h, w):
+def _place(row, r, way, h, w):
     """Fill the _Row with where row r of an image (h, w) looks."""
     ideal = row.ideal
     # in a loop without look-ups, which vectorises
-    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, forward, per_square, h, w)
-    _distort(row.at, row.share, ideal, factor, h, w)
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, way, h, w)
+    _distort(row.at, row.share, ideal, way.factor, h, w)
 
 
 @inner
@@ -150,49 +167,44 @@ def _scatter(photo, grad, at, share, down):
 
 
 @part
-def rows_read(forward, k1, k2, h, w, top, bottom):
+def rows_read(way, h, w, top, bottom):
     """Return the first and one past the last row of a photo (3, h, w) that `register` reads for
     rows `top` to `bottom`."""
     if bottom - top == h:
         return 0, h
-    factor, per_square = undistortion(k1, k2)
     row = _row_of(w)
     first, last = h, 0
     for r in range(top, bottom):
-        _place(row, r, forward, factor, per_square, h, w)
+        _place(row, r, way, h, w)
         for i in range(w):
             first, last = min(first, row.at[i] // w), max(last, row.at[i] // w)
     return first, min(last + 2, h)
 
 
 @part
-def register(out, photo, forward, k1, k2, top, bottom):
+def register(out, photo, way, top, bottom):
     """Resample photo to rows `top` to `bottom` of out (3, H, W) float32: bilinear, black where the
     photo does not show the image.
 
     Args:
         photo: (`flat_length`(H, W),) float32, the planes one after another, and zeros.
-        forward: (3, 3) float64, homography from image coordinates about the centre to ideal photo
-            coordinates about it.
-        k1, k2: of the lens.
+        way: a WayBack.
     """
     _, h, w = out.shape
-    factor, per_square = undistortion(k1, k2)
     row = _row_of(w)
     for r in range(top, bottom):
-        _place(row, r, forward, factor, per_square, h, w)
+        _place(row, r, way, h, w)
         for c in range(3):
             _sample(out[c, r], photo[c * h * w :], row.at, row.share, np.int32(w))
 
 
 @part
-def register_back(photo_grad, grad, forward, k1, k2):
+def register_back(photo_grad, grad, way):
     """Add the gradient in the photo to photo_grad, laid out as the photo of `register`, from grad
     (3, H, W), that in the registered one; arguments as in `register`."""
     _, h, w = grad.shape
-    factor, per_square = undistortion(k1, k2)
     row = _row_of(w)
     for r in range(h):
-        _place(row, r, forward, factor, per_square, h, w)
+        _place(row, r, way, h, w)
         for c in range(3):
             _scatter(photo_grad[c * h * w :], grad[c, r], row.at, row.share, np.int32(w))

@@ -105,8 +105,9 @@ class Row(NamedTuple):
         floats: (7, w) float32, each pixel's CELL_OFFSET from the nearest cell, in cells, and its
             PHASE_SHARE of `records.TapWeights`; a subpixel's CONTENT, and the MODULATION
             of it; the LIGHT of all colours, and the sensor's NOISE.
-        irradiance: (3, w) float32, the panel's light of each colour. weights_y: (w * WIDE_TAPS,)
-            float32, the tap weights along y.
+        irradiance: (3, w) float32, the panel's light of each colour, or the gradient in it.
+        weights_x, weights_y: (w * WIDE_TAPS,) float32, the tap weights along x, of the gradient
+            alone, and along y.
         wave: (6, K + 1, w), EVEN to SIN_X, and wave_y: (2, L + 1, w), COS_Y and SIN_Y, float32; see
             `harmonics`.
         orders: (kinds,) int64, how many k each kind has, 0 included.
@@ -118,6 +119,7 @@ class Row(NamedTuple):
     ints: np.ndarray
     floats: np.ndarray
     irradiance: np.ndarray
+    weights_x: np.ndarray
     weights_y: np.ndarray
     wave: np.ndarray
     wave_y: np.ndarray
@@ -159,6 +161,7 @@ def row_of(w, cell, nodes):
         np.empty((7, w), np.int32),
         np.empty((7, w), np.float32),
         np.empty((3, w), np.float32),
+        np.empty(w * lookup.WIDE_TAPS, np.float32),
         np.empty(w * lookup.WIDE_TAPS, np.float32),
         wave,
         wave_y,
