@@ -10,7 +10,8 @@ Errors are those of the raw reading, in % of its mean; ciede2000 is the mean col
 the developed photos, all exposed so that they are as bright as the picture. The brute force
 averages n x n points of every aperture; the error left in it is estimated from n / 2, and is a part
 of every error that is not the method's. Times are those that `moireaug.expose` in float32 spends
-on a core, so that other load hardly matters, with plans made and caches warm.
+on a core, so that other load hardly matters, with plans made and caches warm. The engine runs
+point and spectral, and what auto chooses of these; the others run in the reference.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ STYLES = {  # Okabe and Ito (2008), told apart by every common kind of colour vi
     "point": ("#D55E00", "X"),
     "box": ("#CC79A7", "s"),
     "spectral": ("#009E73", "D"),
-    "auto": ("#000000", "+"),
+    "auto": ("#000000", "*"),
 }
 
 
@@ -165,9 +166,9 @@ def drawn(table: pd.DataFrame) -> Figure:
     family = table["method"].str.split("[: ]").str[0]
     for name, (colour, marker) in STYLES.items():
         rows = table[family == name]
-        axes.plot(rows["ms"], rows["rmse_percent"], marker, color=colour, alpha=0.25, markersize=4)
         middle = rows.groupby("method", sort=False)[["ms", "rmse_percent"]].median()
-        axes.plot(middle["ms"], middle["rmse_percent"], marker=marker, color=colour, label=name)
+        axes.plot(middle["ms"], middle["rmse_percent"], f"{marker}-", color=colour, label=name)
+        axes.scatter(rows["ms"], rows["rmse_percent"], 16, colour, marker, alpha=0.25)
     axes.set(xscale="log", yscale="log", xlabel="time of an image on a core, ms")
     axes.set_ylabel("RMSE of the raw reading, % of its mean")
     for axis in (axes.xaxis, axes.yaxis):
