@@ -263,6 +263,6 @@ class AdversarialMoire(RandomMoire):
             shot=shot_of_frames(self._shot(drawn["shot"]).repeat(len(counts)), counts),
             generator=generator,
         )
-        rows = iter([noise.tolist() for noise in result.noise])
+        rows = (noise.tolist() for noise in result.noise)
         noise = {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
         return drawn | {"noise": noise}
