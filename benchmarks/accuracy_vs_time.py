@@ -166,16 +166,9 @@ def drawn(table: pd.DataFrame) -> Figure:
     family = table["method"].str.split("[: ]").str[0]
     for name, (colour, marker) in STYLES.items():
         rows = table[family == name]
-        axes.plot(rows["ms"], rows["rmse_percent"], marker, color=colour, alpha=0.25, markersize=4)
         middle = rows.groupby("method", sort=False)[["ms", "rmse_percent"]].median()
-        axes.plot(
-            middle["ms"],
-            middle["rmse_percent"],
-            marker=marker,
-            color=colour,
-            markersize=8,
-            label=name,
-        )
+        axes.plot(middle["ms"], middle["rmse_percent"], f"{marker}-", color=colour, label=name)
+        axes.scatter(rows["ms"], rows["rmse_percent"], 16, colour, marker=marker, alpha=0.25)
     axes.set(xscale="log", yscale="log", xlabel="time of an image on a core, ms")
     axes.set_ylabel("RMSE of the raw reading, % of its mean")
     for axis in (axes.xaxis, axes.yaxis):
