@@ -168,7 +168,7 @@ def drawn(table: pd.DataFrame) -> Figure:
         rows = table[family == name]
         middle = rows.groupby("method", sort=False)[["ms", "rmse_percent"]].median()
         axes.plot(middle["ms"], middle["rmse_percent"], f"{marker}-", color=colour, label=name)
-        axes.scatter(rows["ms"], rows["rmse_percent"], 16, colour, marker, alpha=0.25)
+        axes.scatter(rows["ms"], rows["rmse_percent"], 16, colour, marker=marker, alpha=0.25)
     axes.set(xscale="log", yscale="log", xlabel="time of an image on a core, ms")
     axes.set_ylabel("RMSE of the raw reading, % of its mean")
     for axis in (axes.xaxis, axes.yaxis):
