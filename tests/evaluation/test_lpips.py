@@ -101,7 +101,7 @@ def test_it_stands_beside_the_other_figures_where_it_is_given(measure, images):
             "vgg16",
         ),
         (b"no weights", r"could not be read \(\w+\): it is damaged"),
-        ({}, "does not hold the weights of any of these networks"),
+        ({}, "holds something other than a state_dict"),
         ([1, 2], "holds something other than a state_dict"),
         ("resnet18", "does not hold the weights of any of these networks"),
         ("another width", "does not hold the weights of any of these networks"),

@@ -53,8 +53,11 @@ def plain_run(
         role: "start" or "baseline", for the messages.
     """
     with run.locked():
-        difference = data_difference(run, splits.files, splits.classes)
-        if reason := damage(run) or weights_difference(run) or difference:
+        if reason := (
+            damage(run)
+            or weights_difference(run)
+            or data_difference(run, splits.files, splits.classes)
+        ):
             say(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
         elif run.stage() in ("trained", "finished") and (metrics := RunMetrics.read(run.folder)):
