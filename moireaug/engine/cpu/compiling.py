@@ -87,7 +87,8 @@ def folder() -> str | None:
 def _remove_unused(parent: Path) -> None:
     """Remove the folders of other sources' kernels that nobody has used for long."""
     earliest = time.time() - MAX_UNUSED_SECONDS
-    for path in parent.glob("moireaug-*"):
+    # a cache folder may be one for everything, such as /tmp: only names that `folder` gives
+    for path in parent.glob("moireaug-" + "[0-9a-f]" * 16):
         with contextlib.suppress(OSError):
             if path.stat().st_mtime < earliest:
                 shutil.rmtree(path, ignore_errors=True)
