@@ -131,7 +131,7 @@ def effect_row(
 
 def run_by(scene: Scene) -> str:
     """Return the stages of a capture that the engine runs, and with which effect it leaves off."""
-    parts = program.program_of(scene, scene.plan())
+    parts = program.program_of_scene(scene, scene.plan())
     why_not = {"expose": parts.why_not_expose, "develop": parts.why_not_develop}
     stages = [stage for stage, reason in why_not.items() if not reason]
     line = " and ".join(stages) or "nothing"

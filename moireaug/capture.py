@@ -16,7 +16,7 @@ from torch import Tensor
 
 from moireaug import pipeline
 from moireaug.engine import dispatch
-from moireaug.engine.program import program_for
+from moireaug.engine.program import program_of_call
 from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import as_float, as_single
@@ -88,12 +88,12 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
 
 def photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photo of a reading of a shot that has been checked; see `develop`."""
-    light = as_single(raw)
+    reading = as_single(raw)
     with torch.autocast(raw.device.type, enabled=False):
-        program = program_for(light, shot)
+        program = program_of_call(reading, shot)
         if program.why_not_develop:
-            return pipeline.develop(light, shot).to(raw.dtype)
-        return dispatch.engine_photo(light, shot, program).to(raw.dtype)
+            return pipeline.develop(reading, shot).to(raw.dtype)
+        return dispatch.engine_photo(reading, shot, program).to(raw.dtype)
 
 
 def photo_of(
@@ -138,7 +138,7 @@ def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
     check_shot(image.shape, shot)
     light = as_single(image)
     with torch.autocast(image.device.type, enabled=False):
-        program = program_for(light, shot)
+        program = program_of_call(light, shot)
         if program.why_not_expose:
             return pipeline.expose(as_float(light), shot)
         return dispatch.engine_reading(light, shot, program)

@@ -70,7 +70,7 @@ def test_the_reference_runs_where_numba_compiles_nothing(environment, reason, mo
     backends._without_numba.cache_clear()
     try:
         scene = Scene.preset("screen_photo")
-        found = program.program_of(scene, scene.plan())
+        found = program.program_of_scene(scene, scene.plan())
         for why in (found.why_not_expose, found.why_not_develop):
             assert why.startswith(reason) and bool(why) == bool(reason)
     finally:

@@ -11,8 +11,9 @@ of its shot, and the kernels of cpu/ or gpu/ fill its photo. Importing this pack
 numba nor Triton; the first photo does.
 
 From a batch to a row, exposing goes through `dispatch.engine_reading`, a backend's `launch_expose`,
-and on the CPU `expose_full_kernel` for some images, `expose_full_image` for one and `_expose_rows`;
-developing likewise.
+and on the CPU `show_kernel` and `full_nodes_kernel` for one image, `expose_full_kernel` and
+`_expose_rows` for some of its rows; developing, through `develop_kernel` for some images or some
+rows.
 """
 
 import moireaug.engine.cpu.forks  # noqa: F401  one thread in forked processes, before any is forked

@@ -47,7 +47,7 @@ class Program(NamedTuple):
     reference_effects: tuple[str, ...]
 
 
-def program_of(
+def program_of_scene(
     scene: SceneRecord, plan: Plan, device_type: str = "cpu", why_not: str = ""
 ) -> Program:
     """Return the Program of a scene's photos of this plan.
@@ -70,10 +70,10 @@ def program_of(
     )
 
 
-def program_for(values: Tensor, shot: ShotRecord) -> Program:
+def program_of_call(values: Tensor, shot: ShotRecord) -> Program:
     """Return the Program of photographing images (B, 3, H, W), or of developing readings."""
     why_not = _why_not_take(values) or _why_not_derive(values, shot)
-    return program_of(shot.scene, shot.plan, values.device.type, why_not)
+    return program_of_scene(shot.scene, shot.plan, values.device.type, why_not)
 
 
 def explain(scene: SceneRecord) -> str:
@@ -95,7 +95,7 @@ def explain(scene: SceneRecord) -> str:
         )
     plan, lines = pipeline.make_plan(scene.at()), []
     for backend in BACKENDS:
-        program = program_of(scene, plan, backend.device_type)
+        program = program_of_scene(scene, plan, backend.device_type)
         reasons = {"expose": program.why_not_expose, "develop": program.why_not_develop}
         for stage, reason in reasons.items():
             by = f"reference: {reason}" if reason else f"{backend.name} kernels, in float32"

@@ -35,8 +35,8 @@ def kernels_of(backend: Backend) -> ModuleType | None:
 
 def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
     """Return whether a stage's kernels give the reference's results on the device of `values`, and
-    a gradient if one is asked for. Tried once a process, device, dtype and kind of kernels; again
-    if the first batch was too large to compare.
+    a gradient if one is asked for. Tried once a process, device, dtype and kind of kernels, and
+    again when a gradient is first asked for; also if the first batch was too large to compare.
 
     Args:
         kind: name of the kernels, the same only if they are compiled alike.
@@ -47,7 +47,7 @@ def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
     back = autograd.is_asked(values)
     key = kind, values.dtype, values.device, back
     if key not in _agreements:
-        failure = why_not(stage, values.detach(), back=back)
+        failure = failure_of(stage, values.detach(), back=back)
         if failure is None:
             return True
         _agreements[key] = not failure
@@ -57,7 +57,7 @@ def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
 
 
 @torch.no_grad()
-def why_not(stage: Stage, values: Tensor, *, back: bool) -> str | None:
+def failure_of(stage: Stage, values: Tensor, *, back: bool) -> str | None:
     """Return how a stage's kernels fail, an empty string if they do not, or None if a batch is too
     large for the reference, which takes more memory.
 

@@ -20,7 +20,7 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
 
-POINTS_AT_ONCE = 2**14  # of all sensor pixels, at least one of each
+MAX_POINTS_AT_ONCE = 2**14  # of an image, over the sensor pixels of one site; at least one a pixel
 
 
 class Sampled(ExposureMethod):
@@ -36,16 +36,19 @@ class Sampled(ExposureMethod):
         for site in CFA[cfa]:
             row, column = rows[site.row :: period], cols[site.column :: period]
             total = light.new_zeros(())
-            at_once = max(1, POINTS_AT_ONCE // max(1, len(row) * len(column)))
-            for below, beside in zip(down.split(at_once, 1), across.split(at_once, 1), strict=True):
-                v, u = row + below[..., None], column + beside[..., None]
+            at_once = max(1, MAX_POINTS_AT_ONCE // max(1, len(row) * len(column)))
+            for v_offsets, u_offsets in zip(
+                down.split(at_once, 1), across.split(at_once, 1), strict=True
+            ):
+                v, u = row + v_offsets[..., None], column + u_offsets[..., None]
                 points = grids.grid(v.flatten(0, 1), u.flatten(0, 1))
-                points = points.unflatten(0, below.shape).flatten(1, 2)  # one below the other
+                # the grids of these points stacked along v
+                points = points.unflatten(0, v_offsets.shape).flatten(1, 2)
                 points_on_image = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
                 x, y = (points_on_image * alpha[..., None]).unbind(-1)
                 readings = [self.read(picture, x, y, shot, channel) for channel in site.channels]
                 plane = torch.stack(readings, 1)
-                total = total + plane.unflatten(2, (below.shape[1], len(row))).sum(2)
+                total = total + plane.unflatten(2, (v_offsets.shape[1], len(row))).sum(2)
             planes.append(total / offsets.shape[2])
         return through_filters(torch.cat(planes, 1), shot)
 

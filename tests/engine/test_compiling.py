@@ -109,12 +109,13 @@ def test_kernels_are_compiled_for_one_type_of_shot():
 
 def test_kernels_that_nobody_uses_are_removed_with_the_next(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    unused, used = tmp_path / "moireaug-1", tmp_path / "moireaug-2"
-    for path, days in ((unused, 31), (used, 29)):
+    unused, used = (tmp_path / f"moireaug-{digit * 16}" for digit in "1f")
+    other = tmp_path / "moireaug-results"  # a user's own
+    for path, days in ((unused, 31), (used, 29), (other, 31)):
         (path / "cpu").mkdir(parents=True)
         os.utime(path, (0, time.time() - days * 24 * 3600))
     folder = Path(compiling.folder.__wrapped__())
-    assert set(tmp_path.iterdir()) == {used, folder}
+    assert set(tmp_path.iterdir()) == {used, other, folder}
 
 
 def test_without_a_home_kernels_are_kept_beside_the_sources(tmp_path, monkeypatch):

@@ -123,7 +123,7 @@ def both(scene, size, n=2):
     reading = torch.rand(shot.raw_shape()) * 1.3 - 0.1
     reading[..., :3] = reading[..., :3].round()  # exactly on the bounds, too
     raw, precise = reading.clone().requires_grad_(), reading.double().requires_grad_()
-    assert not program.program_for(raw, shot).why_not_develop
+    assert not program.program_of_call(raw, shot).why_not_develop
     photo, expected = develop(raw, shot), pipeline.develop(precise, shot)
     ahead = torch.randn_like(photo)
     (grad,), (slope,) = (

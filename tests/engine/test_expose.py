@@ -68,7 +68,7 @@ def test_random_scenes(part):
         scene = random_scene(5 * part + i)
         shot = scene.sample(1, (14, 19), torch.Generator().manual_seed(i))
         images = torch.rand(1, 3, 14, 19, generator=torch.Generator().manual_seed(i))
-        if not program.program_for(images, shot).why_not_expose:
+        if not program.program_of_call(images, shot).why_not_expose:
             assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
 
 

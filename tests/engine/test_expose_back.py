@@ -74,7 +74,7 @@ def error(got, expected):
 @pytest.mark.parametrize("name", SCENES)
 def test_equals_the_references_and_changes_no_reading(name, monkeypatch):
     shot, images = shot_and_images(name)
-    assert not program.program_for(images, shot).why_not_expose
+    assert not program.program_of_call(images, shot).why_not_expose
     expected, _ = gradient(pipeline.expose, images.double(), shot)
     got, raw = gradient(expose, images, shot)
     assert torch.equal(raw, expose(images, shot))

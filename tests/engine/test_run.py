@@ -210,7 +210,7 @@ from moireaug.engine.cpu import develop_kernels as develop, expose_kernels as ex
 kernels = expose.show_kernel, develop.develop_kernel, develop.develop_back_kernel
 print([len(kernel.stats.cache_misses) for kernel in kernels])
 """
-    given = [a + count if a == first_use.PROGRAM else a for a in first_use.PYTHON_ARGUMENTS]
+    given = [a + count if a == first_use.HELPER_CODE else a for a in first_use.PYTHON_ARGUMENTS]
     command = [sys.executable, *given]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.stdout == "[0, 0, 0]\n", done.stderr

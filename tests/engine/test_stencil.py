@@ -44,7 +44,7 @@ def of(scene, *size, n=2):
 
 
 def assert_reads_alike(images, shot):
-    assert not program.program_for(images, shot).why_not_expose
+    assert not program.program_of_call(images, shot).why_not_expose
     assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
 
 

@@ -52,13 +52,13 @@ def stage_of(name):
 @pytest.mark.parametrize("name", STAGES)
 def test_kernels_are_held_against_the_reference(name):
     message = STAGES[name][2]
-    failure = trial.why_not(stage_of(name), torch.rand(2, 3, 4, 5), back=True)
+    failure = trial.failure_of(stage_of(name), torch.rand(2, 3, 4, 5), back=True)
     assert re.match(message, failure) and bool(failure) == bool(message)
 
 
 def test_a_gradient_is_tried_where_one_is_asked_for():
     stage = stage_of("no launch of the gradient")
-    assert not trial.why_not(stage, torch.rand(2, 3, 4, 5), back=False)
+    assert not trial.failure_of(stage, torch.rand(2, 3, 4, 5), back=False)
 
 
 @pytest.fixture
@@ -75,8 +75,8 @@ def test_a_batch_too_large_for_the_reference_is_not_compared(monkeypatch):
 
     monkeypatch.setattr(trial, "_agreements", {})
     stage = stage_of("equal")._replace(reference=lacks_memory)
-    assert trial.why_not(stage, torch.rand(2, 3, 4, 5), back=True) is None
-    monkeypatch.setattr(trial, "why_not", lambda *_, back: None)
+    assert trial.failure_of(stage, torch.rand(2, 3, 4, 5), back=True) is None
+    monkeypatch.setattr(trial, "failure_of", lambda *_, back: None)
     assert trial.agrees(stage, "developing", torch.empty(1, 3, 2, 2, device="meta"))
     assert not trial._agreements
 
@@ -84,7 +84,7 @@ def test_a_batch_too_large_for_the_reference_is_not_compared(monkeypatch):
 def test_kernels_are_tried_for_each_dtype_and_a_failure_is_reported_once(said, monkeypatch):
     failures = {torch.float32: "", torch.uint8: "do not run"}
     monkeypatch.setattr(trial, "_agreements", {})
-    monkeypatch.setattr(trial, "why_not", lambda stage, values, back: failures[values.dtype])
+    monkeypatch.setattr(trial, "failure_of", lambda stage, values, back: failures[values.dtype])
     # any device but the CPU
     batches = [torch.empty(1, 3, 2, 2, device="meta", dtype=dtype) for dtype in failures]
     verdicts = [trial.agrees(stage_of("equal"), "exposing", batch) for batch in 2 * batches]

@@ -39,18 +39,18 @@ def _power_of(b, i, h, filters, plane):
 
 
 @loop
-def lost_pattern_variance(out, b, i, filters, camera, table, steps):
+def lost_pattern_variance(out, b, i, filters, camera, table, steps_per_cycle):
     """Fill out (3,) float32 with the variance of the panel's pattern that bins average away in the
     middle of the reading of image i, as a share of the squared mean light, by colour filter.
 
-    b: see `exposure_records.Beats`. table, steps: from `beat_grid.transfer_of`.
+    b: see `exposure_records.Beats`. table, steps_per_cycle: from `beat_grid.transfer_of`.
     """
     middle = np.zeros(1, np.float64)
     grid = grid_at(middle, middle, camera, b, i, b.orders)
     power, shares = np.zeros(3, np.float64), np.empty(2, np.float64)
     for h in range(len(b.orders)):
         fu, fv = grid.frequency[0, 0, h]
-        passed = transfer_at(fu, fv, table, steps, camera)
+        passed = transfer_at(fu, fv, table, steps_per_cycle, camera)
         _fill_power_shares(shares, fu, fv, b.bayer, grid.sides[0, 0], grid.triangle)
         for plane in range(3):
             lost = 1 - min(shares[1 if plane == 1 else 0], 1.0)

@@ -32,11 +32,11 @@ def sinc(x):
 
 
 @loop
-def max_amplitudes(grid, strength, table, steps, camera):
+def max_amplitudes(grid, strength, table, steps_per_cycle, camera):
     """Return the highest amplitude of each harmonic in a reading, (K,)."""
     out = np.empty(len(strength), np.float64)
     for h in range(len(strength)):
-        passed = _max_optics_transfer(grid.frequency, h, table, steps, camera)
+        passed = _max_optics_transfer(grid.frequency, h, table, steps_per_cycle, camera)
         out[h] = strength[h] * passed * max(camera.gain, 1.0)
     return out
 
@@ -46,22 +46,22 @@ def can_follow_beats(sites, camera, b, i, budget):
     """Return whether the kernels can follow the view of image i: not if its beats change too fast,
     or are too many; b: see `exposure_records.Beats`."""
     grid = sampled_grid(sites, camera, b, i)
-    table, steps = transfer_of(grid, camera)
-    amplitude = max_amplitudes(grid, b.strength[i], table, steps, camera)
+    table, steps_per_cycle = transfer_of(grid, camera)
+    amplitude = max_amplitudes(grid, b.strength[i], table, steps_per_cycle, camera)
     across, down = node_counts(grid, amplitude, sites, camera, budget)
     few = len(candidate_terms(grid, amplitude, budget.beat_amplitude)) < MAX_BEAT_TERMS
     return few and max(across, down) <= MAX_BEAT_NODES
 
 
 @inner
-def _max_optics_transfer(frequency, h, table, steps, camera):
+def _max_optics_transfer(frequency, h, table, steps_per_cycle, camera):
     """Return about the highest transfer of aperture and lens for a harmonic, from every fourth
     sample."""
     most = 0.0
     for i in range(0, VIEW_SAMPLES, 4):
         for j in range(0, VIEW_SAMPLES, 4):
             fu, fv = frequency[i, j, h, 0], frequency[i, j, h, 1]
-            most = max(most, abs(optics.transfer_at(fu, fv, table, steps, camera)))
+            most = max(most, abs(optics.transfer_at(fu, fv, table, steps_per_cycle, camera)))
     return min(TRANSFER_MARGIN * most, 1.0)
 
 
@@ -215,10 +215,10 @@ def plane_transfers(even_u, even_v, m_u, m_v, bayer):
 
 
 @loop
-def amplitudes(grid, terms, least, table, steps, camera, bayer):
+def amplitudes(grid, terms, least, table, steps_per_cycle, camera, bayer):
     """Return (rows, cols, T, 2) float32, each term's amplitude at nodes, as the planes of red and
     blue, and of green, read it. Terms are sorted; of those of a harmonic that are below `least`
-    (H,), some are 0. table, steps: from `transfer_of`."""
+    (H,), some are 0. table, steps_per_cycle: from `transfer_of`."""
     rows, cols = grid.sides.shape[:2]
     out = np.empty((rows, cols, len(terms), 2), np.float32)
     for r in range(rows):
@@ -234,7 +234,7 @@ def amplitudes(grid, terms, least, table, steps, camera, bayer):
                 if abs(transfer) < least[h]:
                     continue
                 if passed == UNKNOWN_TRANSFER:
-                    passed = optics.transfer_at(fu, fv, table, steps, camera)
+                    passed = optics.transfer_at(fu, fv, table, steps_per_cycle, camera)
                     even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
                 coloured, green = plane_transfers(even_u, even_v, m_u, m_v, bayer)
                 transfer *= passed

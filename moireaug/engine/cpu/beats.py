@@ -57,8 +57,8 @@ def beat_terms_of(b, i, camera, filters, size, sites, budget):
     """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor.
     budget: an `ErrorBudget`."""
     rough = sampled_grid(sites, camera, b, i)
-    table, steps = transfer_of(rough, camera)
-    most = beat_terms.max_amplitudes(rough, b.strength[i], table, steps, camera)
+    table, steps_per_cycle = transfer_of(rough, camera)
+    most = beat_terms.max_amplitudes(rough, b.strength[i], table, steps_per_cycle, camera)
     terms = beat_terms.candidate_terms(rough, most, budget.beat_amplitude)
     used = beat_terms.number_harmonics(terms)
     own, strength = np.empty((len(used), 2), np.int64), np.empty(len(used), np.float64)
@@ -73,7 +73,7 @@ def beat_terms_of(b, i, camera, filters, size, sites, budget):
     us, step_u = node_line(sites.cols, n_u)
     vs, step_v = node_line(sites.rows, n_v)
     grid = grid_at(us, vs, camera, b, i, own)
-    amplitude = beat_terms.amplitudes(grid, terms, least, table, steps, camera, b.bayer)
+    amplitude = beat_terms.amplitudes(grid, terms, least, table, steps_per_cycle, camera, b.bayer)
     strong = beat_terms.strong_terms(amplitude, terms, strength, budget.beat_amplitude)
     w = len(sites.cols)
     ends, weight = np.empty(n_u - 2, np.int64), np.empty((4, w), np.float32)
@@ -89,7 +89,7 @@ def beat_terms_of(b, i, camera, filters, size, sites, budget):
     _fill_waves(wave, sign, terms, strong, cycles, camera.scale_u, size)
     lost = np.zeros(3, np.float32)
     if b.saturates:
-        lost_pattern_variance(lost, b, i, filters, camera, table, steps)
+        lost_pattern_variance(lost, b, i, filters, camera, table, steps_per_cycle)
     return Terms(harmonic, wave, sign, lines, peak, budget.beat_amplitude, step_v, lost)
 
 

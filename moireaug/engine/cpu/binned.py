@@ -11,7 +11,7 @@ from moireaug.engine.cpu import beats, rows, stencil
 from moireaug.engine.cpu.compiling import copy, fill, inner, part
 from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance
-from moireaug.engine.cpu.register import WayBack, photo_row, way_back
+from moireaug.engine.cpu.register import ImageToPhoto, fill_photo_positions, image_to_photo
 from moireaug.engine.cpu.rows import LIGHT, Places, Row, U, V, X, Y, places_of, row_of
 from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, reflect
 from moireaug.engine.cpu.view import inverse
@@ -25,7 +25,7 @@ class _Work(NamedTuple):
     Args:
         places, row: see there. modulation: (3, 3, w) float32, see `beats.modulate`. lines: (5, w)
             float32. passes: (3, 3) bool, which channels each colour filter passes.
-        ideal, way: see `register.photo_row`; of a rectified camera.
+        ideal, to_photo: see `register.fill_photo_positions`; of a rectified camera.
     """
 
     places: Places
@@ -34,18 +34,18 @@ class _Work(NamedTuple):
     lines: np.ndarray
     passes: np.ndarray
     ideal: np.ndarray
-    way: WayBack
+    to_photo: ImageToPhoto
 
 
 @part
-def _way_back(sensor):
-    """Return the WayBack of bins that lie in the image's frame; the others need none."""
+def _image_to_photo(sensor):
+    """Return the ImageToPhoto of bins that lie in the image's frame; the others need none."""
     forward, rows_of = np.empty((3, 3), np.float64), inverse(sensor)
     for i in range(3):
         for j in range(3):
             forward[i, j] = rows_of[i][j]
     k1, k2 = (sensor.k1, sensor.k2) if sensor.rectified != 0 else (0.0, 0.0)
-    return way_back(forward, k1, k2)
+    return image_to_photo(forward, k1, k2)
 
 
 @part
@@ -63,7 +63,7 @@ def work_of_bins(w, planes, image):
         np.empty((5, w), np.float32),
         passes,
         np.empty((3, w), np.float64),
-        _way_back(image.sensor),
+        _image_to_photo(image.sensor),
     )
 
 
@@ -72,7 +72,7 @@ def locate_bins(work, r, v, sensor, size):
     """Fill where row r of the bins, v about the centre, lies on the photo."""
     at = work.row.position
     if sensor.rectified != 0:
-        photo_row(at[U], at[V], work.ideal, r, work.way, size)
+        fill_photo_positions(at[U], at[V], work.ideal, r, work.to_photo, size)
         return
     u = work.places.u[0]
     for i in range(len(u)):

@@ -87,20 +87,21 @@ def folder() -> str | None:
 def _remove_unused(parent: Path) -> None:
     """Remove the folders of other sources' kernels that nobody has used for long."""
     earliest = time.time() - MAX_UNUSED_SECONDS
-    for path in parent.glob("moireaug-*"):
+    # a cache folder may be one for everything, such as /tmp: only names that `folder` gives
+    for path in parent.glob("moireaug-" + "[0-9a-f]" * 16):
         with contextlib.suppress(OSError):
             if path.stat().st_mtime < earliest:
                 shutil.rmtree(path, ignore_errors=True)
 
 
-def cold(module: str = "") -> bool:
+def is_cold(module: str = "") -> bool:
     """Return whether the kernels of a module, or all, are yet to be compiled on this machine."""
     path = folder()
     return path is None or not any(Path(path).rglob(f"{module}*.nbi"))
 
 
 def kernel(function):
-    """Compile a function that threads call for whole images, without the GIL and once per machine:
+    """Compile a function that Python calls, from any thread, without the GIL and once per machine:
     of processes that start together, such as workers, one compiles and the others wait.
 
     Numba's own cache checks only the function's own file, and would miss a change in what the

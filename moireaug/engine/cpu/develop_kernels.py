@@ -8,16 +8,22 @@ from moireaug.engine.cpu import finish
 from moireaug.engine.cpu.compiling import fill, kernel, part
 from moireaug.engine.cpu.develop import develop_image
 from moireaug.engine.cpu.develop_back import develop_image_back
-from moireaug.engine.cpu.register import flat_length, register, register_back, rows_read, way_back
+from moireaug.engine.cpu.register import (
+    flat_length,
+    image_to_photo,
+    register,
+    register_back,
+    rows_read,
+)
 
 ZERO = np.float32(0)
 
 
 @part
-def _way_back(registration, i):
-    """Return the WayBack of image i."""
+def _image_to_photo(registration, i):
+    """Return the ImageToPhoto of image i."""
     k1, k2 = registration.lenses[i]
-    return way_back(registration.forward[i], k1, k2)
+    return image_to_photo(registration.forward[i], k1, k2)
 
 
 def photo_size(d) -> int:
@@ -32,16 +38,16 @@ def _fill_photo(out, raw, d, i, top, bottom):
     photo, in_camera = out.photos[i], out.photos[i]
     highest, lowest = top, bottom
     if d.registers:
-        way = _way_back(d.registration, i)
+        to_photo = _image_to_photo(d.registration, i)
         in_camera = out.in_camera[: 3 * h * w].reshape(3, h, w)
-        highest, lowest = rows_read(way, h, w, top, bottom)
+        highest, lowest = rows_read(to_photo, h, w, top, bottom)
     if d.finishes:
         unclipped = out.unclipped[i : i + 1]
         finish.finish_image(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)
     else:
         develop_image(in_camera, raw, d.codes, i, highest, lowest)
     if d.registers:
-        register(photo, out.in_camera, way, top, bottom)
+        register(photo, out.in_camera, to_photo, top, bottom)
 
 
 @kernel
@@ -58,7 +64,7 @@ def _fill_raw_grad(raw_grad, grad, in_camera, unclipped, raw, d, i):
     h, w = d.size
     if d.registers:
         fill(in_camera, ZERO)
-        register_back(in_camera, grad, _way_back(d.registration, i))
+        register_back(in_camera, grad, _image_to_photo(d.registration, i))
         grad = in_camera[: 3 * h * w].reshape(3, h, w)
     if d.finishes:
         h, w = d.detail.size

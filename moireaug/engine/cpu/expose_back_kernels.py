@@ -1,5 +1,5 @@
-"""The kernels of the gradient in pictures, each on some of a batch's images: those of
-`expose_kernels`, transposed."""
+"""The kernels of the gradient in pictures, each on one image: those of `expose_kernels`,
+transposed."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def expose_full_back_kernel(shown_grad, raw_grads, slopes, e, view, nodes, i):
 
 
 @kernel
-def expose_binned_back_kernel(shown_grad, raw_grads, slopes, e, view, nodes, i):
+def expose_binned_back_kernel(shown_grad, raw_grads, slopes, e, view, setup, i):
     """Do the same as `expose_full_back_kernel` for a binned reading."""
-    image = binned_image(e, view, nodes, i)
+    image = binned_image(e, view, setup, i)
     fill(shown_grad, ZERO)
     panel_grad = panel_of(shown_grad, image.camera.alpha, e)
     binned_back.expose_binned_image_back(panel_grad, raw_grads[i], slopes[i], image)

@@ -1,5 +1,5 @@
-"""The kernels of exposing that Python calls, each on some of a batch's images, or on some rows of
-one. The other modules' loops are compiled into them."""
+"""The kernels of exposing that Python calls: of a whole batch (`views_fit`, `beats_fit`), of one
+image, or of some rows of one. The other modules' loops are compiled into them."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ import math
 
 import numpy as np
 
-from moireaug.engine.cpu import beat_terms, beats, nodes, panel, picture, point, stencil
+from moireaug.engine.cpu import beat_terms, beats, panel, picture, point, stencil
 from moireaug.engine.cpu.binned import expose_binned_image
 from moireaug.engine.cpu.compiling import kernel, loop, part
 from moireaug.engine.cpu.full import expose_full_image
+from moireaug.engine.cpu.nodes import can_follow_view, no_nodes, nodes_of
 from moireaug.engine.cpu.point import expose_point_image
 from moireaug.engine.cpu.records import (
     BinnedImage,
-    BinnedNodes,
+    BinnedSetup,
     FullImage,
     Pattern,
     PointImage,
@@ -50,7 +51,7 @@ def views_fit(e, view):
     for i in range(len(out)):
         camera = camera_of(e.cameras[i])
         h, w = panel.shape(e.size, camera.alpha, e.cell)
-        out[i] = h * w <= most and nodes.can_follow_view(
+        out[i] = h * w <= most and can_follow_view(
             camera,
             camera_of(view.lenses[i]),
             e.cell,
@@ -109,7 +110,7 @@ def show_kernel(shown, light, pictures, e, at_points, i):
 def _nodes(camera, cell, e, view, i):
     """Return the Nodes of image i; view: a FullView."""
     lens, widths, added_variance = camera_of(view.lenses[i]), view.widths[i], view.added_variance[i]
-    return nodes.nodes_of(
+    return nodes_of(
         camera, lens, cell, view.coefficients[i], widths, added_variance, e.sites, e.budget
     )
 
@@ -153,17 +154,17 @@ def expose_full_kernel(raw, slopes, shown, e, view, nodes, span):
     from `full_nodes_kernel`. span: a `records.Span`.
     """
     image = full_image(e, nodes, span.i)
-    panel = panel_of(shown, image.camera.alpha, e)
-    expose_full_image(raw[span.i], slopes[span.i], panel, image, span.top, span.bottom)
+    shown_panel = panel_of(shown, image.camera.alpha, e)
+    expose_full_image(raw[span.i], slopes[span.i], shown_panel, image, span.top, span.bottom)
 
 
 @part
-def _content(camera, sensor, cell, e, view, i):
+def _nodes_and_stencil(camera, sensor, cell, e, view, i):
     """Return the Nodes and the BinStencil of image i of a binned reading: one of them is empty;
     view: of the picture, a FullView."""
     if not stencil.has_stencil(camera, sensor):
         return _nodes(camera, cell, e, view, i), stencil.no_stencil()
-    none, lens = nodes.no_nodes(len(view.widths[i])), camera_of(view.lenses[i])
+    none, lens = no_nodes(len(view.widths[i])), camera_of(view.lenses[i])
     return none, stencil.stencil_of(
         camera, lens, cell, view.widths[i], view.added_variance[i], e.sites, e.budget
     )
@@ -190,33 +191,33 @@ def beats_fit(e, b):
 
 @kernel
 def binned_nodes_kernel(e, view, i):
-    """Return the BinnedNodes of image i; view: a BinnedView."""
+    """Return the BinnedSetup of image i; view: a BinnedView."""
     camera, sensor = camera_of(e.cameras[i]), camera_of(view.beats.cameras[i])
     cell = _cell_of(e.cell, view.beats.centres[i])
-    nodes, bin_stencil = _content(camera, sensor, cell, e, view.picture, i)
+    nodes, bin_stencil = _nodes_and_stencil(camera, sensor, cell, e, view.picture, i)
     terms = beats.beat_terms_of(view.beats, i, sensor, e.filters[i], e.size, e.sites, e.budget)
-    return BinnedNodes(nodes, bin_stencil, terms)
+    return BinnedSetup(nodes, bin_stencil, terms)
 
 
 @part
-def binned_image(e, view, nodes, i):
-    """Return the BinnedImage of image i; view: a BinnedView. nodes: from `binned_nodes_kernel`."""
+def binned_image(e, view, setup, i):
+    """Return the BinnedImage of image i; view: a BinnedView. setup: from `binned_nodes_kernel`."""
     b, camera = view.beats, camera_of(e.cameras[i])
     pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer)
     return BinnedImage(
         camera, camera_of(b.cameras[i]), _size_on_panel(camera.alpha, e),
-        _cell_of(e.cell, b.centres[i]), nodes.nodes, nodes.stencil, e.sites, nodes.terms, pattern,
+        _cell_of(e.cell, b.centres[i]), setup.nodes, setup.stencil, e.sites, setup.terms, pattern,
         e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
 
 @kernel
-def expose_binned_kernel(raw, slopes, shown, e, view, nodes, span):
-    """Do the same as `expose_full_kernel` for a binned reading; view: a BinnedView. nodes: from
+def expose_binned_kernel(raw, slopes, shown, e, view, setup, span):
+    """Do the same as `expose_full_kernel` for a binned reading; view: a BinnedView. setup: from
     `binned_nodes_kernel`."""
-    image = binned_image(e, view, nodes, span.i)
-    panel = panel_of(shown, image.camera.alpha, e)
-    expose_binned_image(raw[span.i], slopes[span.i], panel, image, span.top, span.bottom)
+    image = binned_image(e, view, setup, span.i)
+    shown_panel = panel_of(shown, image.camera.alpha, e)
+    expose_binned_image(raw[span.i], slopes[span.i], shown_panel, image, span.top, span.bottom)
 
 
 @part

@@ -16,9 +16,11 @@ from pathlib import Path
 
 from moireaug.engine.cpu import compiling
 
-COMPILING = "moireaug compiles its CPU kernels{}, once on this machine; this takes up to a minute."
+COMPILING_MESSAGE = (
+    "moireaug compiles its CPU kernels{}, once on this machine; this takes up to a minute."
+)
 PACKAGE_PARENT = Path(__file__).parents[3]
-PROGRAM = """
+HELPER_CODE = """
 import sys
 sys.path.append(sys.argv[1])
 
@@ -36,7 +38,7 @@ launch_expose.compile_show(exposure, torch.uint8)
 photo.sum().backward()
 """
 # -P: a torch.py in the folder that somebody works in is not what the code means
-PYTHON_ARGUMENTS = ("-P", "-c", PROGRAM, str(PACKAGE_PARENT))
+PYTHON_ARGUMENTS = ("-P", "-c", HELPER_CODE, str(PACKAGE_PARENT))
 
 
 def announce(message: str) -> None:
@@ -48,17 +50,17 @@ def announce(message: str) -> None:
 def prepare() -> None:
     """Announce, on a machine's first call, that kernels are being compiled, and start on those that
     come later."""
-    if not compiling.cold():
+    if not compiling.is_cold():
         return
-    announce(COMPILING.format(""))
+    announce(COMPILING_MESSAGE.format(""))
     compile_ahead(compiling.folder())
 
 
 @functools.lru_cache(maxsize=1)
 def prepare_back() -> None:
     """Announce, on a machine's first gradient in images, that its kernels are being compiled."""
-    if compiling.cold("expose_back_kernels"):
-        announce(COMPILING.format(" of the gradient in images"))
+    if compiling.is_cold("expose_back_kernels"):
+        announce(COMPILING_MESSAGE.format(" of the gradient in images"))
 
 
 def compile_ahead(folder: str | None) -> None:

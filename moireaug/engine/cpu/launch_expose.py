@@ -24,7 +24,7 @@ from moireaug.engine.lower.exposure_records import (
 )
 
 
-class Reading(NamedTuple):
+class ExposeKernels(NamedTuple):
     """The kernels of a kind of reading: of what varies slowly over a photo, of rows of one, and of
     the gradient of one."""
 
@@ -33,18 +33,18 @@ class Reading(NamedTuple):
     expose_back: Callable
 
 
-READINGS = {
-    FullView: Reading(
+KERNELS_OF_VIEW = {
+    FullView: ExposeKernels(
         kernels.full_nodes_kernel,
         kernels.expose_full_kernel,
         back_kernels.expose_full_back_kernel,
     ),
-    BinnedView: Reading(
+    BinnedView: ExposeKernels(
         kernels.binned_nodes_kernel,
         kernels.expose_binned_kernel,
         back_kernels.expose_binned_back_kernel,
     ),
-    PointView: Reading(
+    PointView: ExposeKernels(
         lambda exposure, view, i: None,
         kernels.expose_point_kernel,
         back_kernels.expose_point_back_kernel,
@@ -84,15 +84,15 @@ def launch_expose(
     h, w = len(sites.rows) // sites.step, len(sites.cols) // sites.step
     raw, slopes = empty(n, len(sites.channel), h, w), empty(n, len(sites.channel), h, saves * w)
     arrays, pictures = (raw.numpy(), slopes.numpy()), array_of(picture)
-    reading, at_points = READINGS[type(view)], isinstance(view, PointView)
+    view_kernels, at_points = KERNELS_OF_VIEW[type(view)], isinstance(view, PointView)
 
     def read(i: int, buffers: tuple[np.ndarray, np.ndarray], each_part: Callable) -> None:
-        nodes = reading.nodes(exposure, view, i)
+        nodes = view_kernels.nodes(exposure, view, i)
         kernels.show_kernel(*buffers, pictures, exposure, at_points, i)
 
         def read_rows(top: int, bottom: int) -> None:
             span = Span(i, top, bottom)
-            reading.expose(*arrays, buffers[0], exposure, view, nodes, span)
+            view_kernels.expose(*arrays, buffers[0], exposure, view, nodes, span)
 
         each_part(read_rows, h)
 
@@ -116,13 +116,13 @@ def launch_expose_back(
     prepare_back()
     out = empty(*picture.shape)
     grads, pictures, read_grads = out.numpy(), array_of(picture), (array_of(grad), slopes.numpy())
-    reading, at_points = READINGS[type(view)], isinstance(view, PointView)
+    view_kernels, at_points = KERNELS_OF_VIEW[type(view)], isinstance(view, PointView)
 
     def fill_grads(first: int, last: int) -> None:
         shown_grad, light_grad = _buffers(exposure, at_points)
         for i in range(first, last):
-            nodes = reading.nodes(exposure, view, i)
-            reading.expose_back(shown_grad, *read_grads, exposure, view, nodes, i)
+            nodes = view_kernels.nodes(exposure, view, i)
+            view_kernels.expose_back(shown_grad, *read_grads, exposure, view, nodes, i)
             given = pictures, exposure, at_points, i
             back_kernels.show_back_kernel(grads, shown_grad, light_grad, *given)
 

@@ -51,13 +51,13 @@ def look_up(table, f):
 
 
 @inner
-def transfer_at(fu, fv, table, scale, camera):
+def transfer_at(fu, fv, table, steps_per_cycle, camera):
     """Return the transfer of aperture and lens at a frequency in cycles per sensor pixel along u
     and v.
 
-    table: from `transfer_table`. scale: its steps per cycle per sensor pixel.
+    table: from `transfer_table`. steps_per_cycle: its steps per cycle per sensor pixel.
     """
-    passed = look_up(table, abs(fu) * scale) * look_up(table, abs(fv) * scale)
+    passed = look_up(table, abs(fu) * steps_per_cycle) * look_up(table, abs(fv) * steps_per_cycle)
     if camera.motion_x != 0 or camera.motion_y != 0:
         along = fu * camera.motion_x + fv * camera.motion_y
         passed *= math.exp(-2 * math.pi * math.pi * along * along)
@@ -82,11 +82,11 @@ def _fill_steps(steps, us, vs, camera, cell):
 
 
 @inner
-def _transmit(out, coefficients, step, table, scale, camera):
+def _transmit(out, coefficients, step, table, steps_per_cycle, camera):
     """Fill out (n, m), which holds zeros, with the amplitudes of harmonics (n, m) after the optics
     at a node.
 
-    step: (4,), from `_fill_steps`. table, scale: as in `transfer_at`.
+    step: (4,), from `_fill_steps`. table, steps_per_cycle: as in `transfer_at`.
     """
     ux, uy, vx, vy = step
     n, m = coefficients.shape
@@ -95,7 +95,7 @@ def _transmit(out, coefficients, step, table, scale, camera):
             if coefficients[k, l] == 0:
                 continue
             fu, fv = k * ux + (l - m // 2) * uy, k * vx + (l - m // 2) * vy
-            out[k, l] = coefficients[k, l] * transfer_at(fu, fv, table, scale, camera)
+            out[k, l] = coefficients[k, l] * transfer_at(fu, fv, table, steps_per_cycle, camera)
 
 
 @loop
@@ -109,11 +109,11 @@ def amplitudes(us, vs, camera, cell, coefficients):
     steps = np.empty((len(vs), len(us), kinds, 4), np.float64)
     most = _fill_steps(steps, us, vs, camera, cell)
     count = transfer_steps(most)
-    table, scale = transfer_table(camera, most, count), count / most
+    table, steps_per_cycle = transfer_table(camera, most, count), count / most
     out = np.zeros((len(vs), len(us), kinds, n, m), np.float32)
     for r in range(len(vs)):
         for c in range(len(us)):
             for kind in range(kinds):
                 step, amplitude = steps[r, c, kind], out[r, c, kind]
-                _transmit(amplitude, coefficients[kind], step, table, scale, camera)
+                _transmit(amplitude, coefficients[kind], step, table, steps_per_cycle, camera)
     return out

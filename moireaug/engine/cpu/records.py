@@ -157,7 +157,7 @@ class BinStencil(NamedTuple):
     step_v: float
 
 
-class BinnedNodes(NamedTuple):
+class BinnedSetup(NamedTuple):
     """What varies slowly over one image's binned photo.
 
     Args:
@@ -174,7 +174,7 @@ class BinnedImage(NamedTuple):
 
     Args:
         camera: of photo pixels. sensor: of sensor pixels. size: as in `FullImage`.
-        nodes, stencil, terms: see `BinnedNodes`.
+        nodes, stencil, terms: see `BinnedSetup`.
         filters, white, flicker: the image's rows of its Exposure; see there.
     """
 

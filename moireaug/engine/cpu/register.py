@@ -26,7 +26,7 @@ def flat_length(h: int, w: int) -> int:
     return 3 * h * w + w + 1
 
 
-class WayBack(NamedTuple):
+class ImageToPhoto(NamedTuple):
     """Where the pixels of an image's frame look on its photo.
 
     Args:
@@ -42,14 +42,14 @@ class WayBack(NamedTuple):
 
 
 @loop
-def way_back(forward, k1, k2):
-    """Return the WayBack of an image; k1, k2: of the lens."""
+def image_to_photo(forward, k1, k2):
+    """Return the ImageToPhoto of an image; k1, k2: of the lens."""
     edge, factor = (1 + k1 + k2) ** 2, np.ones(UNDISTORTION_STEPS + 2)
     if k1 != 0 or k2 != 0:
         for i in range(1, len(factor)):
             ideal = math.sqrt(i * edge / UNDISTORTION_STEPS)
             factor[i] = undistorted(ideal, k1, k2) / ideal
-    return WayBack(forward, factor, UNDISTORTION_STEPS / edge)
+    return ImageToPhoto(forward, factor, UNDISTORTION_STEPS / edge)
 
 
 class _Row(NamedTuple):
@@ -57,7 +57,7 @@ class _Row(NamedTuple):
 
     Args:
         ideal: (3, w) float64, X and Y about the centre on a photo without distortion, and the
-            SQUARE of the radius as a place in the table of a WayBack.
+            SQUARE of the radius as a place in the table of an ImageToPhoto.
         at: (w,) int32, the upper left pixels that are looked at.
         share: (3, w) float32, fractions towards the lower right ones, along X and Y, and the
             WEIGHT: 1 inside the photo, 0 outside.
@@ -75,9 +75,9 @@ def _row_of(w):
 
 
 @inner
-def _fill_ideal(x, y, square, r, way, h, w):
+def _fill_ideal(x, y, square, r, to_photo, h, w):
     """Fill x, y and square (w,), the `_Row`'s ideal, for row r of an image."""
-    forward, per_square = way.forward, way.per_square
+    forward, per_square = to_photo.forward, to_photo.per_square
     v = r + 0.5 - h / 2
     half_w, bend, last = w / 2, 4.0 / (h * h + w * w), UNDISTORTION_STEPS + 0.5
     ax, bx = forward[0, 0], forward[0, 1] * v + forward[0, 2]
@@ -94,19 +94,19 @@ def _fill_ideal(x, y, square, r, way, h, w):
 
 @inner
 def _factor_at(factor, square):
-    """Return what a WayBack's factor is at a place in its table."""
+    """Return what an ImageToPhoto's factor is at a place in its table."""
     k = np.int32(square)
     low = peek(factor, k)
     return low + (square - k) * (peek(factor, np.int32(k + ONE32)) - low)
 
 
 @inner
-def photo_row(u, v, ideal, r, way, size):
+def fill_photo_positions(u, v, ideal, r, to_photo, size):
     """Fill u and v (w,) with where row r of an image (height, width) lies on the photo, about its
-    centre; ideal: (3, w) float64, workspace. way: a WayBack."""
-    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, way, size[0], size[1])
+    centre; ideal: (3, w) float64, workspace. to_photo: an ImageToPhoto."""
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, to_photo, size[0], size[1])
     for i in range(len(u)):
-        bent = _factor_at(way.factor, peek(ideal[SQUARE], i))
+        bent = _factor_at(to_photo.factor, peek(ideal[SQUARE], i))
         poke(u, i, peek(ideal[X], i) * bent)
         poke(v, i, peek(ideal[Y], i) * bent)
 
@@ -129,12 +129,12 @@ def _distort(at, share, ideal, factor, h, w):
 
 
 @inner
-def _place(row, r, way, h, w):
+def _place(row, r, to_photo, h, w):
     """Fill the _Row with where row r of an image (h, w) looks."""
     ideal = row.ideal
     # in a loop without look-ups, which vectorises
-    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, way, h, w)
-    _distort(row.at, row.share, ideal, way.factor, h, w)
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, to_photo, h, w)
+    _distort(row.at, row.share, ideal, to_photo.factor, h, w)
 
 
 @inner
@@ -167,7 +167,7 @@ def _scatter(photo, grad, at, share, down):
 
 
 @part
-def rows_read(way, h, w, top, bottom):
+def rows_read(to_photo, h, w, top, bottom):
     """Return the first and one past the last row of a photo (3, h, w) that `register` reads for
     rows `top` to `bottom`."""
     if bottom - top == h:
@@ -175,36 +175,36 @@ def rows_read(way, h, w, top, bottom):
     row = _row_of(w)
     first, last = h, 0
     for r in range(top, bottom):
-        _place(row, r, way, h, w)
+        _place(row, r, to_photo, h, w)
         for i in range(w):
             first, last = min(first, row.at[i] // w), max(last, row.at[i] // w)
     return first, min(last + 2, h)
 
 
 @part
-def register(out, photo, way, top, bottom):
+def register(out, photo, to_photo, top, bottom):
     """Resample photo to rows `top` to `bottom` of out (3, H, W) float32: bilinear, black where the
     photo does not show the image.
 
     Args:
         photo: (`flat_length`(H, W),) float32, the planes one after another, and zeros.
-        way: a WayBack.
+        to_photo: an ImageToPhoto.
     """
     _, h, w = out.shape
     row = _row_of(w)
     for r in range(top, bottom):
-        _place(row, r, way, h, w)
+        _place(row, r, to_photo, h, w)
         for c in range(3):
             _sample(out[c, r], photo[c * h * w :], row.at, row.share, np.int32(w))
 
 
 @part
-def register_back(photo_grad, grad, way):
+def register_back(photo_grad, grad, to_photo):
     """Add the gradient in the photo to photo_grad, laid out as the photo of `register`, from grad
     (3, H, W), that in the registered one; arguments as in `register`."""
     _, h, w = grad.shape
     row = _row_of(w)
     for r in range(h):
-        _place(row, r, way, h, w)
+        _place(row, r, to_photo, h, w)
         for c in range(3):
             _scatter(photo_grad[c * h * w :], grad[c, r], row.at, row.share, np.int32(w))

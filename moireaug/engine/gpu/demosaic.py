@@ -2,7 +2,7 @@
 
 Readings of three planes are colours already. Those of four are the colour filters of 2 x 2 sensor
 pixels, R, G, G, B, whose other colours a linear demosaic takes from the pixels around them.
-`coding` is a `develop_arrays.Coding`.
+`variant` is a `develop_arrays.CodesVariant`.
 """
 
 from __future__ import annotations
@@ -48,26 +48,26 @@ def _taps(data: bytes) -> tuple[Tap, ...]:
 
 
 @triton.jit
-def packed_reading(raw, plane, pixels, coding: tl.constexpr):
+def packed_reading(raw, plane, pixels, variant: tl.constexpr):
     """Return readings of a plane: saturated, and rounded as by the converter."""
-    at = address(raw, pixels, coding.planes) + plane * raw.height * raw.width
+    at = address(raw, pixels, variant.planes) + plane * raw.height * raw.width
     value = tl.load(at, mask=pixels.exist, other=0.0)
-    if coding.saturates:
+    if variant.saturates:
         value = tl.minimum(value, 1.0)
-    if coding.levels > 0:
-        steps = tl.minimum(tl.maximum(value, 0.0), 1.0) * coding.levels
-        value = ((steps + ROUNDING_OFFSET) - ROUNDING_OFFSET) / coding.levels
+    if variant.levels > 0:
+        steps = tl.minimum(tl.maximum(value, 0.0), 1.0) * variant.levels
+        value = ((steps + ROUNDING_OFFSET) - ROUNDING_OFFSET) / variant.levels
     return value
 
 
 @triton.jit
-def store_reading_grad(raw_grad, raw, plane, pixels, grad, coding: tl.constexpr):
+def store_reading_grad(raw_grad, raw, plane, pixels, grad, variant: tl.constexpr):
     """Store the gradient in readings of a plane, from that in `packed_reading`."""
     offset = plane * raw.height * raw.width
-    if coding.saturates:
-        value = tl.load(address(raw, pixels, coding.planes) + offset, mask=pixels.exist, other=0.0)
+    if variant.saturates:
+        value = tl.load(address(raw, pixels, variant.planes) + offset, mask=pixels.exist, other=0.0)
         grad = tl.where(value <= 1.0, grad, 0.0)
-    tl.store(address(raw_grad, pixels, coding.planes) + offset, grad, mask=pixels.exist)
+    tl.store(address(raw_grad, pixels, variant.planes) + offset, grad, mask=pixels.exist)
 
 
 @triton.jit
@@ -81,24 +81,24 @@ def at_site(weight: tl.constexpr, odd_row, odd_col):
 
 
 @triton.jit
-def sensor_colours(raw, pixels, coding: tl.constexpr):
+def sensor_colours(raw, pixels, variant: tl.constexpr):
     """Return red, green and blue light of Pixels of the sensor. Past the border, the outermost
     cells are repeated."""
-    if coding.planes == 3:
+    if variant.planes == 3:
         return (
-            packed_reading(raw, 0, pixels, coding),
-            packed_reading(raw, 1, pixels, coding),
-            packed_reading(raw, 2, pixels, coding),
+            packed_reading(raw, 0, pixels, variant),
+            packed_reading(raw, 1, pixels, variant),
+            packed_reading(raw, 2, pixels, variant),
         )
     odd_row, odd_col, colours = pixels.row % 2 == 1, pixels.col % 2 == 1, black(pixels.exist)
-    for k in tl.static_range(len(coding.taps)):
-        y, x = pixels.row + coding.taps[k][0], pixels.col + coding.taps[k][1]
+    for k in tl.static_range(len(variant.taps)):
+        y, x = pixels.row + variant.taps[k][0], pixels.col + variant.taps[k][1]
         cell_row = tl.minimum(tl.maximum(y >> 1, 0), raw.height - 1)
         cell_col = tl.minimum(tl.maximum(x >> 1, 0), raw.width - 1)
         cell = Pixels(pixels.image, cell_row, cell_col, pixels.exist)
-        value, total = packed_reading(raw, (y & 1) * 2 + (x & 1), cell, coding), ()
+        value, total = packed_reading(raw, (y & 1) * 2 + (x & 1), cell, variant), ()
         for colour in tl.static_range(3):
-            weight = coding.taps[k][2][colour]
+            weight = variant.taps[k][2][colour]
             if len(weight) > 0:
                 total = total + (colours[colour] + at_site(weight, odd_row, odd_col) * value,)
             else:
@@ -108,17 +108,17 @@ def sensor_colours(raw, pixels, coding: tl.constexpr):
 
 
 @triton.jit
-def mosaic_grad(light_grad, pixels, coding: tl.constexpr):
+def mosaic_grad(light_grad, pixels, variant: tl.constexpr):
     """Return the gradient in Pixels of the mosaic, which may lie past the border, from that in the
     light of every sensor pixel."""
     total = tl.full(pixels.exist.shape, 0.0, tl.float32)
-    for k in tl.static_range(len(coding.taps)):
-        y, x = pixels.row - coding.taps[k][0], pixels.col - coding.taps[k][1]
+    for k in tl.static_range(len(variant.taps)):
+        y, x = pixels.row - variant.taps[k][0], pixels.col - variant.taps[k][1]
         exist = pixels.exist & (y >= 0) & (y < light_grad.height)
         exist = exist & (x >= 0) & (x < light_grad.width)
         at = address(light_grad, Pixels(pixels.image, y, x, exist), 3)
         for colour in tl.static_range(3):
-            weight = coding.taps[k][2][colour]
+            weight = variant.taps[k][2][colour]
             if len(weight) > 0:
                 plane = colour * light_grad.height * light_grad.width
                 value = tl.load(at + plane, mask=exist, other=0.0)
@@ -145,7 +145,7 @@ def copy_of(cell, k, end):
 
 
 @triton.jit
-def demosaic_back_kernel(raw_grad, light_grad, raw, coding: tl.constexpr, TILE: tl.constexpr):
+def demosaic_back_kernel(raw_grad, light_grad, raw, variant: tl.constexpr, TILE: tl.constexpr):
     """Fill raw_grad (B, 4, h, w) from light_grad (B, 3, 2 h, 2 w), of every sensor pixel."""
     cells, (_, first_row, first_col) = tile(raw, TILE), tile_corner(raw, TILE)
     row_copies = max_copies(first_row, TILE[0], raw.height)
@@ -158,5 +158,5 @@ def demosaic_back_kernel(raw_grad, light_grad, raw, coding: tl.constexpr, TILE: 
                 x, col_exists = copy_of(cells.col, j, raw.width)
                 exist = cells.exist & row_exists & col_exists
                 site = Pixels(cells.image, 2 * y + plane // 2, 2 * x + plane % 2, exist)
-                total += mosaic_grad(light_grad, site, coding)
-        store_reading_grad(raw_grad, raw, plane, cells, total, coding)
+                total += mosaic_grad(light_grad, site, variant)
+        store_reading_grad(raw_grad, raw, plane, cells, total, variant)

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from moireaug.engine.gpu.demosaic import demosaic_back_kernel, sensor_colours, store_reading_grad
 from moireaug.engine.gpu.detail import filter_detail, filter_detail_back
-from moireaug.engine.gpu.develop_arrays import CodesArrays, Coding, develop_arrays
+from moireaug.engine.gpu.develop_arrays import CodesArrays, CodesVariant, develop_arrays
 from moireaug.engine.gpu.register import register, register_back
 from moireaug.engine.gpu.resize import resize_back, resized
 from moireaug.engine.gpu.tile import launch, store, tile
@@ -28,56 +28,56 @@ from moireaug.engine.lower.development_records import Development
 @triton.jit
 def sensor_codes(source, pixels):
     """Return the codes of Pixels of the sensor, as `resize.resized` takes them."""
-    raw, look, coding = source
-    return codes(sensor_colours(raw, pixels, coding), look, coding)
+    raw, look, variant = source
+    return codes(sensor_colours(raw, pixels, variant), look, variant)
 
 
 @triton.jit
-def develop_kernel(photo, raw, arrays, coding: tl.constexpr, TILE: tl.constexpr):
-    """Fill photo (B, 3, H, W) from raw: means of sensor pixels' codes; arrays, coding: see
+def develop_kernel(photo, raw, arrays, variant: tl.constexpr, TILE: tl.constexpr):
+    """Fill photo (B, 3, H, W) from raw: means of sensor pixels' codes; arrays, variant: see
     `develop_arrays`."""
     pixels = tile(photo, TILE)
-    source = raw, look_of(arrays.looks, pixels.image), coding
+    source = raw, look_of(arrays.looks, pixels.image), variant
     store(photo, pixels, resized(sensor_codes, source, pixels, arrays.rows, arrays.cols))
 
 
 @triton.jit
-def light_back_kernel(out, grad, raw, arrays, coding: tl.constexpr, TILE: tl.constexpr):
+def light_back_kernel(out, grad, raw, arrays, variant: tl.constexpr, TILE: tl.constexpr):
     """Fill out with the gradient in raw, or before a demosaic in the light of every sensor pixel,
     (B, 3, ...), from grad (B, 3, H, W). The rest as in `develop_kernel`."""
     pixels = tile(out, TILE)
     code_grads = resize_back(grad, pixels, arrays.rows, arrays.cols)
-    look, light = look_of(arrays.looks, pixels.image), sensor_colours(raw, pixels, coding)
-    grads = codes_back(code_grads, light, look, coding)
-    if coding.planes == 4:
+    look, light = look_of(arrays.looks, pixels.image), sensor_colours(raw, pixels, variant)
+    grads = codes_back(code_grads, light, look, variant)
+    if variant.planes == 4:
         store(out, pixels, grads)
     else:
         for plane in tl.static_range(3):
-            store_reading_grad(out, raw, plane, pixels, grads[plane], coding)
+            store_reading_grad(out, raw, plane, pixels, grads[plane], variant)
 
 
-def _codes_of(raw: Tensor, arrays: CodesArrays, coding: Coding) -> Tensor:
+def _codes_of(raw: Tensor, arrays: CodesArrays, variant: CodesVariant) -> Tensor:
     """Return the codes (B, 3, h, w) of readings, resized, in the camera's frame."""
     photo = raw.new_empty(len(raw), 3, arrays.rows.photo_size, arrays.cols.photo_size)
-    launch(develop_kernel, photo, raw, arrays, coding=coding)
+    launch(develop_kernel, photo, raw, arrays, variant=variant)
     return photo
 
 
-def _codes_back(grad: Tensor, raw: Tensor, arrays: CodesArrays, coding: Coding) -> Tensor:
+def _codes_back(grad: Tensor, raw: Tensor, arrays: CodesArrays, variant: CodesVariant) -> Tensor:
     """Return the gradient in readings, from that in their codes."""
     light_grad = raw.new_empty(len(raw), 3, arrays.rows.size, arrays.cols.size)
-    launch(light_back_kernel, light_grad, grad, raw, arrays, coding=coding)
-    if coding.planes == 3:
+    launch(light_back_kernel, light_grad, grad, raw, arrays, variant=variant)
+    if variant.planes == 3:
         return light_grad
     raw_grad = torch.empty_like(raw)
-    launch(demosaic_back_kernel, raw_grad, light_grad, raw, coding=coding)
+    launch(demosaic_back_kernel, raw_grad, light_grad, raw, variant=variant)
     return raw_grad
 
 
 def develop(raw: Tensor, development: Development) -> Tensor:
     """Return the photos (B, 3, H, W) float32 of readings (B, planes, h, w) float32."""
-    arrays, coding = develop_arrays(development, raw.device)
-    photo = _codes_of(raw.contiguous(), arrays.codes, coding)
+    arrays, variant = develop_arrays(development, raw.device)
+    photo = _codes_of(raw.contiguous(), arrays.codes, variant)
     if arrays.detail is not None:
         photo = filter_detail(photo, arrays.detail)
     if arrays.registration is not None:
@@ -87,10 +87,10 @@ def develop(raw: Tensor, development: Development) -> Tensor:
 
 def develop_back(grad: Tensor, raw: Tensor, development: Development) -> Tensor:
     """Return the gradient in readings (B, planes, h, w), from that in photos (B, 3, H, W)."""
-    arrays, coding = develop_arrays(development, raw.device)
+    arrays, variant = develop_arrays(development, raw.device)
     raw, grad = raw.contiguous(), grad.contiguous()
     if arrays.registration is not None:
         grad = register_back(grad, arrays.registration)
     if arrays.detail is not None:
-        grad = filter_detail_back(grad, _codes_of(raw, arrays.codes, coding), arrays.detail)
-    return _codes_back(grad, raw, arrays.codes, coding)
+        grad = filter_detail_back(grad, _codes_of(raw, arrays.codes, variant), arrays.detail)
+    return _codes_back(grad, raw, arrays.codes, variant)

@@ -20,7 +20,7 @@ from moireaug.engine.lower.development_records import (
 )
 
 
-class Coding(NamedTuple):
+class CodesVariant(NamedTuple):
     """What kernels that make codes of readings are compiled with.
 
     Args:
@@ -83,17 +83,17 @@ class DevelopArrays(NamedTuple):
     registration: RegistrationArrays | None
 
 
-def develop_arrays(d: Development, device: torch.device) -> tuple[DevelopArrays, Coding]:
-    """Return a Development on a device, and the Coding of its codes."""
+def develop_arrays(d: Development, device: torch.device) -> tuple[DevelopArrays, CodesVariant]:
+    """Return a Development on a device, and the CodesVariant of its codes."""
     codes = CodesArrays(_looks(d.codes), d.codes.rows, d.codes.cols)
     detail = _detail_arrays(d.detail) if d.finishes else None
     registration = _registration_arrays(d.registration) if d.registers else None
-    return upload(DevelopArrays(codes, detail, registration), device), _coding(d.codes)
+    return upload(DevelopArrays(codes, detail, registration), device), _variant(d.codes)
 
 
-def _coding(c: Codes) -> Coding:
+def _variant(c: Codes) -> CodesVariant:
     planes, taps = (4, taps_of(c.demosaic)) if c.mosaic else (3, ())
-    return Coding(planes, taps, c.saturates, float(c.levels), c.coded, c.toned)
+    return CodesVariant(planes, taps, c.saturates, float(c.levels), c.coded, c.toned)
 
 
 def _looks(c: Codes) -> np.ndarray:

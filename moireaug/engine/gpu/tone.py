@@ -74,12 +74,12 @@ def mix(colours, matrix):
 
 
 @triton.jit
-def code(light, look, coding: tl.constexpr):
+def code(light, look, variant: tl.constexpr):
     """Return the code of one colour's light, in [0, 1], and its derivative."""
     x, slope = light, tl.full(light.shape, 1.0, tl.float32)
-    if coding.coded:
+    if variant.coded:
         x, slope = encode(light)
-    if coding.toned:
+    if variant.toned:
         slope = clip_back(slope, x)
         x = clip(x)
         inverse = 1 / (1 + look.shoulder * x)
@@ -92,16 +92,16 @@ def code(light, look, coding: tl.constexpr):
 
 
 @triton.jit
-def codes(colours, look, coding: tl.constexpr):
-    """Return the codes of a pixel's colours, as the sensor has them; coding: see
-    `develop_arrays.Coding`."""
-    return [code(light, look, coding)[0] for light in mix(colours, look.matrix)]
+def codes(colours, look, variant: tl.constexpr):
+    """Return the codes of a pixel's colours, as the sensor has them; variant: see
+    `develop_arrays.CodesVariant`."""
+    return [code(light, look, variant)[0] for light in mix(colours, look.matrix)]
 
 
 @triton.jit
-def codes_back(grad, colours, look, coding: tl.constexpr):
+def codes_back(grad, colours, look, variant: tl.constexpr):
     """Return the gradient in a pixel's colours, as the sensor has them, from that in its codes."""
-    slopes = [code(light, look, coding)[1] for light in mix(colours, look.matrix)]
+    slopes = [code(light, look, variant)[1] for light in mix(colours, look.matrix)]
     red, green, blue = grad[0] * slopes[0], grad[1] * slopes[1], grad[2] * slopes[2]
     matrix = look.matrix
     return (

@@ -23,7 +23,7 @@ from moireaug.engine.lower.numbers import (
     bin_scale_of,
     distortion_of,
     homography_of,
-    rows_of,
+    number_table,
 )
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
 from moireaug.geometry.lattice import SampledPixels
@@ -31,16 +31,16 @@ from moireaug.scene.record import SceneRecord
 from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_by
 
 
-class _Lowered(NamedTuple):
-    """A Development, and what it was made of; rows: see `rows_of`."""
+class _LastDevelopment(NamedTuple):
+    """A Development, and what it was made of; numbers: see `number_table`."""
 
     scene: SceneRecord
     size: tuple[int, int]
-    rows: np.ndarray
+    numbers: np.ndarray
     development: Development
 
 
-_last: _Lowered | None = None
+_last: _LastDevelopment | None = None
 
 
 def lower_development(shot: ShotRecord) -> Development:
@@ -48,16 +48,16 @@ def lower_development(shot: ShotRecord) -> Development:
     at the codes of every sensor pixel. Made once for equal shots in a row, as of an attack's steps.
     """
     global _last
-    last, rows = _last, rows_of(shot)  # numbers, as tensors may be changed in place
+    last, numbers = _last, number_table(shot)  # a copy, as tensors may be changed in place
     if (
         last is None
         or last.scene is not shot.scene
         or last.size != shot.size
-        or not np.array_equal(last.rows, rows)
+        or not np.array_equal(last.numbers, numbers)
     ):
-        drawn = dict(zip(shot.numbers(), rows, strict=True))
+        drawn = dict(zip(shot.numbers(), numbers, strict=True))
         development = _development_of(shot.to("cpu"), drawn)
-        _last = last = _Lowered(shot.scene, shot.size, rows, development)
+        _last = last = _LastDevelopment(shot.scene, shot.size, numbers, development)
     return last.development
 
 
@@ -152,8 +152,10 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
 def _resampling(
     scene: SceneRecord, size: tuple[int, int], *, whole: bool
 ) -> tuple[np.ndarray, Resize, Resize]:
-    """Return the demosaic's weights, and the resize along rows and columns; whether effects that
-    need whole sensor pixels come before the resize."""
+    """Return the demosaic's weights, and the resize along rows and columns.
+
+    whole: effects that need every sensor pixel come before the resize.
+    """
     how, mosaic = scene.develop, scene.filter_cell == "rggb"
     rows, cols = sampled_by(scene, size)
     demosaic, reach = np.zeros((4, 3, 4, 3, 3), np.float32), 0

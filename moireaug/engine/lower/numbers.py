@@ -15,10 +15,10 @@ MAX_CACHED_SCENES = 64  # scenes and sizes whose tables are cached
 
 def numbers_of(shot: ShotRecord) -> dict[str, np.ndarray]:
     """Return the drawn numbers by name, "view.yaw", (B,) float64 each."""
-    return dict(zip(shot.numbers(), rows_of(shot), strict=True))
+    return dict(zip(shot.numbers(), number_table(shot), strict=True))
 
 
-def rows_of(shot: ShotRecord) -> np.ndarray:
+def number_table(shot: ShotRecord) -> np.ndarray:
     """Return a copy of the drawn numbers, (numbers, B) float64, by one transfer from a GPU."""
     return torch.stack(list(shot.numbers().values())).detach().cpu().numpy()
 

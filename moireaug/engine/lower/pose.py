@@ -6,8 +6,8 @@ import numpy as np
 
 
 def from_corner(m: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return homographies (B, 3, 3) to image coordinates about the centre as those to image
-    coordinates."""
+    """Move the origin of the image coordinates that homographies (B, 3, 3) lead to, from the
+    image's centre to its corner."""
     (h, w), out = size, m.copy()
     out[:, 0] += w / 2 * out[:, 2]
     out[:, 1] += h / 2 * out[:, 2]

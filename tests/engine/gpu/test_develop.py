@@ -11,7 +11,7 @@ from moireaug import Develop, Scene, Sensor, View, pipeline
 from moireaug.engine.gpu import develop as gpu
 from moireaug.engine.gpu import tile, tone
 from moireaug.engine.lower.development import lower_development
-from moireaug.engine.program import program_of
+from moireaug.engine.program import program_of_scene
 from tests.engine.test_develop import SCENES
 
 SEVERAL_TILES = Scene(
@@ -33,7 +33,7 @@ def assert_equal(scene, size, n=1):
     shot, raw = shot_and_reading(scene, size, n)
     development = lower_development(shot)
     precise = raw.double().requires_grad_()
-    effects = program_of(shot.scene, shot.plan).engine_effects
+    effects = program_of_scene(shot.scene, shot.plan).engine_effects
     expected = pipeline.apply(effects, precise, shot)
     ahead = torch.randn(expected.shape, generator=torch.Generator().manual_seed(3))
     (slope,) = torch.autograd.grad(expected, precise, ahead.double())
