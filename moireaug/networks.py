@@ -158,7 +158,8 @@ def _parts_of(owner: Any) -> list[Any]:
     if isinstance(owner, MethodType):
         return [owner.__self__, *_attributes_of(owner.__self__)]
     if isinstance(owner, FunctionType):
-        return [*_enclosed_values(owner), *(owner.__defaults__ or ()), *_globals_of(owner)]
+        defaults = [*(owner.__defaults__ or ()), *(owner.__kwdefaults__ or {}).values()]
+        return [*_enclosed_values(owner), *defaults, *_globals_of(owner)]
     return _attributes_of(owner)
 
 
