@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from numbers import Integral
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -19,6 +20,40 @@ from moireaug.scene.record import SceneRecord
 
 MAX_CACHED_SCENES = 64
 ANGLES = ("view.yaw", "view.pitch", "view.roll")
+
+
+class Draws(ABC):
+    """Numbers drawn for a batch, a row for each image; indexed like the batch."""
+
+    seed: Tensor
+
+    @abstractmethod
+    def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
+        """Return the same draws with `f` of each of their tensors (B,)."""
+
+    def __len__(self) -> int:
+        return len(self.seed)
+
+    @property
+    def device(self) -> torch.device:
+        return self.seed.device
+
+    def to(self, device: torch.device | str) -> Self:
+        """Return the same draws on another device."""
+        return (
+            self if torch.device(device) == self.device else self.map_rows(lambda t: t.to(device))
+        )
+
+    def __getitem__(self, rows: Any) -> Self:
+        """Return some rows: of a slice, a mask, an index tensor or list, or one integer (a batch of
+        one)."""
+        if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
+            rows = [int(rows)]
+        return self.map_rows(lambda t: t[rows])
+
+    def repeat(self, n: int) -> Self:
+        """Return the whole batch n times, one after another."""
+        return self if n == 1 else self.map_rows(lambda t: t.repeat(n))
 
 
 def random_numbers(n: int, count: int, generator: torch.Generator | None) -> Tensor:

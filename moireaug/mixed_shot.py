@@ -10,7 +10,8 @@ from typing import Any, Generic, Self, TypeVar
 import torch
 from torch import Tensor
 
-from moireaug.shot import Draws, ShotRecord
+from moireaug.draws import Draws
+from moireaug.shot import ShotRecord
 
 S = TypeVar("S", bound=ShotRecord)
 UNFOLLOWED = (
@@ -27,7 +28,7 @@ class MixedShot(Draws, Generic[S]):
 
     Args:
         scenes: the Scenes of the mixture.
-        which: (B,) int64, the index of each image's scene.
+        scene_index: (B,) int64, the index of each image's scene.
         size: height and width of the images.
         drawn: the drawn numbers by name, such as "view.yaw", (B,) float64 each: all scenes have the
             same fields.
@@ -35,27 +36,31 @@ class MixedShot(Draws, Generic[S]):
     """
 
     scenes: tuple[Any, ...]
-    which: Tensor
+    scene_index: Tensor
     size: tuple[int, int]
     drawn: dict[str, Tensor]
     seed: Tensor
 
     @staticmethod
     def joined(
-        scenes: tuple[Any, ...], which: Tensor, shots: Sequence[tuple[Tensor, S]]
+        scenes: tuple[Any, ...], scene_index: Tensor, shots: Sequence[tuple[Tensor, S]]
     ) -> MixedShot[S]:
         """Return the inverse of `by_scene`: one or more shots and the rows of each, which together
-        are all rows of `which`."""
+        are all rows of `scene_index`."""
         numbers = [shot.numbers() for _, shot in shots]
         seed = torch.cat([shot.seed for _, shot in shots])
         order = torch.cat([rows for rows, _ in shots]).argsort().to(seed.device)
         drawn = {name: torch.cat([one[name] for one in numbers])[order] for name in numbers[0]}
-        which, size = which.to(seed.device), shots[0][1].size
-        return MixedShot(scenes=scenes, which=which, size=size, drawn=drawn, seed=seed[order])
+        scene_index, size = scene_index.to(seed.device), shots[0][1].size
+        return MixedShot(
+            scenes=scenes, scene_index=scene_index, size=size, drawn=drawn, seed=seed[order]
+        )
 
     def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
         drawn = {name: f(values) for name, values in self.drawn.items()}
-        return dataclasses.replace(self, which=f(self.which), drawn=drawn, seed=f(self.seed))
+        return dataclasses.replace(
+            self, scene_index=f(self.scene_index), drawn=drawn, seed=f(self.seed)
+        )
 
     def numbers(self) -> dict[str, Tensor]:
         """Return the drawn numbers, (B,) each, by name."""
@@ -73,15 +78,16 @@ class MixedShot(Draws, Generic[S]):
             raise RuntimeError(UNFOLLOWED)
         parts = []
         for k in range(len(self.scenes)):
-            rows = (self.which == k).nonzero().flatten()
+            rows = (self.scene_index == k).nonzero().flatten()
             if len(rows):
                 parts.append((rows, self._in(k, rows)))
         if sum(len(rows) for rows, _ in parts) != len(self):
             raise ValueError(
                 f"a mixture of {len(self.scenes)} scenes numbers them from 0 to "
-                f"{len(self.scenes) - 1}; got {self.which.tolist()}. Was it drawn by another one?"
+                f"{len(self.scenes) - 1}; got {self.scene_index.tolist()}. Was it drawn by another "
+                "one?"
             )
-        return parts or [(self.which, self._in(0, self.which))]
+        return parts or [(self.scene_index, self._in(0, self.scene_index))]
 
     def _in(self, k: int, rows: Tensor) -> S:
         """Return the shot of some rows in scene k."""
@@ -115,7 +121,7 @@ class MixedShot(Draws, Generic[S]):
 
     def raw_shapes(self) -> set[tuple[int, ...]]:
         """Return the shapes (planes, h, w) of a reading in the mixture's scenes."""
-        none = self.which[:0]
+        none = self.scene_index[:0]
         return {self._in(k, none).raw_shape()[1:] for k in range(len(self.scenes))}
 
     def raw_shape(self) -> tuple[int, ...]:

@@ -44,13 +44,14 @@ class Mixture:
     def shot_of(self, u: Tensor, size: tuple[int, int]) -> MixedShot[Shot]:
         """Return the draw that `random_numbers` give of images of `size` (height, width)."""
         self.plan(size)  # refuses a scene that cannot be photographed, drawn or not
-        which = (u[:, 0] * len(self.scenes)).long()
+        scene_index = (u[:, 0] * len(self.scenes)).long()
         shots = []
         for k in range(len(self.scenes)):
-            rows = (which == k).nonzero().flatten()
+            rows = (scene_index == k).nonzero().flatten()
             if len(rows):
                 shots.append((rows, self.shot_in(k, u[rows], size)))
-        return MixedShot.joined(self.scenes, which, shots or [(which, self.shot_in(0, u, size))])
+        shots = shots or [(scene_index, self.shot_in(0, u, size))]
+        return MixedShot.joined(self.scenes, scene_index, shots)
 
     def shot_in(self, k: int, u: Tensor, size: tuple[int, int]) -> Shot:
         """Return the shot that `random_numbers` give in scene k, of images of `size` (height,
@@ -114,7 +115,7 @@ def scenes_of(scene: Scene | Mixture) -> tuple[Scene, ...]:
     return scene.scenes if isinstance(scene, Mixture) else (scene,)
 
 
-def each(scene: Scene | Mixture, change: Callable[[Scene], Scene]) -> Scene | Mixture:
+def map_scenes(scene: Scene | Mixture, change: Callable[[Scene], Scene]) -> Scene | Mixture:
     """Return the scene, or every scene of a mixture, changed."""
     return as_scenes([change(one) for one in scenes_of(scene)])
 

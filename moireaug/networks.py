@@ -61,6 +61,7 @@ def _parents_first(networks: Sequence[nn.Module]) -> list[nn.Module]:
     where several parents share a child."""
     modules: dict[nn.Module, None] = {}
     for network in networks:
+        # the module itself: a proxy of it cannot be hashed
         _add_children_first(next(network.modules()), modules, set())
     # TorchScript's frozen modules have no mode
     return [module for module in reversed(modules) if hasattr(module, "training")]
@@ -77,7 +78,8 @@ def _add_children_first(
 
 
 def _enter_evaluation(modules: Sequence[nn.Module]) -> None:
-    """Put modules into evaluation, those in training that stand outermost with all inside them."""
+    """Put modules, parents first, into evaluation mode; `eval()` of the outermost one in training
+    also sets those inside it."""
     in_evaluation: set[nn.Module] = set()
     for module in modules:
         if not module.training or module in in_evaluation:
@@ -91,8 +93,8 @@ def _enter_evaluation(modules: Sequence[nn.Module]) -> None:
 
 
 def _restore(modules: Sequence[nn.Module]) -> None:
-    """Give modules back: each that no other block holds gets its own mode, parents before their
-    children, which leave their parents' mode for their own."""
+    """Release modules, and restore the mode of each that no other block holds. Parents come first,
+    because `train()` of a parent also sets its children, whose own modes are then restored."""
     for module in modules:
         _borrowers[module] -= 1
         if not _borrowers[module]:
@@ -158,7 +160,8 @@ def _parts_of(owner: Any) -> list[Any]:
     if isinstance(owner, MethodType):
         return [owner.__self__, *_attributes_of(owner.__self__)]
     if isinstance(owner, FunctionType):
-        return [*_enclosed_values(owner), *(owner.__defaults__ or ()), *_globals_of(owner)]
+        defaults = [*(owner.__defaults__ or ()), *(owner.__kwdefaults__ or {}).values()]
+        return [*_enclosed_values(owner), *defaults, *_globals_of(owner)]
     return _attributes_of(owner)
 
 

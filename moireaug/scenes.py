@@ -208,9 +208,10 @@ class Shot(ShotRecord):
         object.__setattr__(self, "plan", self.scene._planned(self.size))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the plan out of copies and pickles: another version may plan otherwise."""
-        made = ("plan", "_numbers")
-        return {name: value for name, value in vars(self).items() if name not in made}
+        """Leave out the plan, which another version may make otherwise, and the table of numbers,
+        which `__post_init__` makes again."""
+        derived_fields = ("plan", "_numbers")
+        return {name: value for name, value in vars(self).items() if name not in derived_fields}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)

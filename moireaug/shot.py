@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from numbers import Integral
 from typing import Any, Self
 
 import torch
 from torch import Tensor
 
-from moireaug.draws import check_drawn
+from moireaug.draws import Draws, check_drawn
 from moireaug.geometry import grids
 from moireaug.geometry.homography import camera_pose, homography
 from moireaug.geometry.lattice import (
@@ -32,7 +30,9 @@ from moireaug.scene.record import SceneRecord
 DEMOSAIC_REACH = {"bilinear": 1, "malvar": 2}
 
 
-def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels, SampledPixels]:
+def sampled_rows_and_columns(
+    scene: SceneRecord, size: tuple[int, int]
+) -> tuple[SampledPixels, SampledPixels]:
     """Return which sensor rows and columns a photo of `size` (height, width) reads; of a binned
     reading, its cells."""
     if scene.is_binned:
@@ -45,40 +45,6 @@ def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels
     resize = "all" if develop.denoise or filtered else develop.resize
     rows, cols = (sampled_pixels(n, sensor.scale, resize, reach) for n in size)
     return rows, cols
-
-
-class Draws(ABC):
-    """Numbers drawn for a batch, a row for each image; indexed like the batch."""
-
-    seed: Tensor
-
-    @abstractmethod
-    def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
-        """Return the same draws with `f` of each of their tensors (B,)."""
-
-    def __len__(self) -> int:
-        return len(self.seed)
-
-    @property
-    def device(self) -> torch.device:
-        return self.seed.device
-
-    def to(self, device: torch.device | str) -> Self:
-        """Return the same draws on another device."""
-        return (
-            self if torch.device(device) == self.device else self.map_rows(lambda t: t.to(device))
-        )
-
-    def __getitem__(self, rows: Any) -> Self:
-        """Return some rows: of a slice, a mask, an index tensor or list, or one integer (a batch of
-        one)."""
-        if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
-            rows = [int(rows)]
-        return self.map_rows(lambda t: t[rows])
-
-    def repeat(self, n: int) -> Self:
-        """Return the whole batch n times, one after another."""
-        return self if n == 1 else self.map_rows(lambda t: t.repeat(n))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -167,7 +133,7 @@ class ShotRecord(Draws):
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
         """Return which sensor rows and columns this photo reads."""
-        return sampled_by(self.scene, self.size)
+        return sampled_rows_and_columns(self.scene, self.size)
 
     def raw_shape(self) -> tuple[int, int, int, int]:
         """Return the shape of the raw reading and of the attacker's noise: four Bayer planes

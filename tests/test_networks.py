@@ -90,6 +90,7 @@ CALLABLES = {
     "method": lambda net: Owner(net).logits,
     "object": Called,
     "default": lambda net: lambda x, nets=(net,): nets[0](x),
+    "keyword-only default": lambda net: lambda x, *, own=net: own(x),
     "list in a module": Listed,
     "defended lambda": lambda net: Defended(lambda x: net(x), lambda x: x),
 }

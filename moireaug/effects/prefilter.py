@@ -37,7 +37,7 @@ class Prefilter(Effect):
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         largest = shot.plan.prefilter_variance
         if largest <= MAX_NEIGHBOUR_VARIANCE:
-            return blur_by_neighbours(light, share_at_centre(shot))
+            return blur_by_neighbours(light, neighbour_share(shot))
         places = grids.pixel_centres(shot.size, light.device)
         variance = shot.plan.method.lost_variance(places, shot)
         return blur_by_pyramid(light, variance[:, None].to(light.dtype), levels_of(largest))
@@ -50,7 +50,7 @@ def max_lost_variance(scene: SizedScene) -> float:
     return method_of(scene).max_lost_variance(scene)
 
 
-def share_at_centre(shot: ShotRecord) -> Tensor:
+def neighbour_share(shot: ShotRecord) -> Tensor:
     """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the
     variance that the middle of the picture needs, in squared image pixels, up to 1/2."""
     height, width = shot.panel_scale.new_tensor(shot.size)[:, None]

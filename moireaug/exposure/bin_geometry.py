@@ -33,9 +33,9 @@ class Bins(NamedTuple):
 
 
 def bins_at(
-    rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot: ShotRecord
+    rows: Tensor, cols: Tensor, inverse: Tensor, dtype: torch.dtype, shot: ShotRecord
 ) -> Bins:
-    """Return the bins of photo pixels in rows x cols; step and sides of dtype `accuracy`.
+    """Return the bins of photo pixels in rows x cols; step, sides and triangle of that dtype.
 
     In the camera's frame they are squares of the sensor; in the image's, of the image. Pixels of
     the image that lie outside the photo get the bin at its nearest edge.
@@ -45,15 +45,15 @@ def bins_at(
     """
     points = grids.grid(rows, cols).expand(len(inverse), -1, -1, -1)
     if shot.scene.is_rectified:
-        return _bins(points, photo_points(points, shot)[0], inverse, accuracy, shot)
-    images = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
-    return _bins(images, points, inverse, accuracy, shot)
+        return _bins(points, clamped_photo_points(points, shot)[0], inverse, dtype, shot)
+    image_points = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
+    return _bins(image_points, points, inverse, dtype, shot)
 
 
 def bins_on_image(points: Tensor, shot: ShotRecord) -> Bins:
     """Return the bins that see image points (B, h, w, 2)."""
     inverse = torch.linalg.inv(shot.matrix())
-    return _bins(points, photo_points(points, shot)[0], inverse, inverse.dtype, shot)
+    return _bins(points, clamped_photo_points(points, shot)[0], inverse, inverse.dtype, shot)
 
 
 def middle_bins(shot: ShotRecord) -> Bins:
@@ -65,38 +65,44 @@ def middle_bins(shot: ShotRecord) -> Bins:
 
 
 def _bins(
-    images: Tensor, points: Tensor, inverse: Tensor, accuracy: torch.dtype, shot: ShotRecord
+    image_points: Tensor,
+    photo_points: Tensor,
+    inverse: Tensor,
+    dtype: torch.dtype,
+    shot: ShotRecord,
 ) -> Bins:
     """Return the bins that see image points from photo points, (B, h, w, 2) each."""
     alpha, scale = (t[:, None, None, None] for t in (shot.panel_scale, shot.sensor_scale))
-    jacobian = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, shot.distortion)
-    step = jacobian * (alpha / scale).to(accuracy)[..., None]
-    photo_pixel = torch.eye(2, dtype=accuracy, device=jacobian.device)
+    jacobian = grids.jacobian(photo_points.to(dtype), inverse.to(dtype), shot.size, shot.distortion)
+    step = jacobian * (alpha / scale).to(dtype)[..., None]
+    photo_pixel = torch.eye(2, dtype=dtype, device=jacobian.device)
     if shot.scene.is_rectified:
         photo_pixel = _inverse(jacobian)
     enlarged = (1 / shot.bin_scale).clamp(min=1)
     wide = scale[..., None] * enlarged[:, None, None, None, None]
-    sides = (photo_pixel * wide.to(accuracy)).expand_as(step)
+    sides = (photo_pixel * wide.to(dtype)).expand_as(step)
     triangle = torch.zeros_like(enlarged)
     if shot.scene.develop.resize == "antialias":  # which interpolates between larger sensor pixels
         triangle = 1 / enlarged
-    return Bins(images * alpha, points * scale, step, sides, triangle.to(accuracy)[:, None, None])
+    position, centre = image_points * alpha, photo_points * scale
+    return Bins(position, centre, step, sides, triangle.to(dtype)[:, None, None])
 
 
-def photo_points(images: Tensor, shot: ShotRecord) -> tuple[Tensor, Tensor]:
+def clamped_photo_points(image_points: Tensor, shot: ShotRecord) -> tuple[Tensor, Tensor]:
     """Return where image points (B, h, w, 2) lie on the photo, float64, and which do, (B, h, w)
     bool; those that do not are put at its nearest edge. Of a photo that a picture fits, that is
-    less than a pixel away: a lens may bend a border outwards between the points that are fitted."""
-    points = grids.image_to_photo(images, shot.matrix(), shot.size, shot.distortion)
+    at most 0.3 % of a side away, see `View.fit`: a lens may bend a border outwards between the
+    points that are fitted."""
+    points = grids.image_to_photo(image_points, shot.matrix(), shot.size, shot.distortion)
     size = points.new_tensor(shot.size[::-1])
     on_photo = ((points >= 0) & (points <= size)).all(-1)
     return torch.minimum(torch.maximum(points, torch.zeros_like(size)), size), on_photo
 
 
 def pixels_on_photo(shot: ShotRecord) -> tuple[Tensor, Tensor]:
-    """Return `photo_points` of the centres of all pixels of the image."""
-    images = grids.pixel_centres(shot.size, shot.device).expand(len(shot), -1, -1, -1)
-    return photo_points(images, shot)
+    """Return `clamped_photo_points` of the centres of all pixels of the image."""
+    centres = grids.pixel_centres(shot.size, shot.device).expand(len(shot), -1, -1, -1)
+    return clamped_photo_points(centres, shot)
 
 
 def _inverse(m: Tensor) -> Tensor:

@@ -71,10 +71,10 @@ class FullReading(ClosedForm):
 
         `inverse` is the homography (B, 3, 3) from ideal photo to image coordinates.
         """
-        accuracy = torch.float64 if self.fine else screen.light.dtype
+        dtype = torch.float64 if self.fine else screen.light.dtype
 
         def reading_of(band: Tensor) -> Tensor:
-            sight = look_at_panel(band, cols, inverse, accuracy, shot)
+            sight = look_at_panel(band, cols, inverse, dtype, shot)
             colours = [self.read(screen, channel, sight, shot) for channel in site.channels]
             return torch.stack(colours, 1)
 

@@ -43,12 +43,12 @@ class AlongAxis(NamedTuple):
 
 
 def look_at_panel(
-    rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot: ShotRecord
+    rows: Tensor, cols: Tensor, inverse: Tensor, dtype: torch.dtype, shot: ShotRecord
 ) -> Sight:
     """Return where the sensor pixels at photo coordinates rows x cols look on the panel."""
     points = grids.grid(rows, cols)
     position = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
-    step = panel_steps(points.to(accuracy), inverse, shot.distortion, shot)
+    step = panel_steps(points.to(dtype), inverse, shot.distortion, shot)
     return Sight(position * shot.panel_scale[:, None, None, None], step)
 
 

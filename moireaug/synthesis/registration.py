@@ -11,7 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-Grey = NDArray[Any]  # of uint8
+Grey = NDArray[Any]  # (H, W) uint8
+Picture = NDArray[Any]  # (H, W, 3) uint8
 Matrix = NDArray[Any]  # of float64
 
 FEATURE_SIDE = 1600  # longest side in pixels of the pictures that features are found in
@@ -93,7 +94,7 @@ def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Matrix
     return matrix
 
 
-def _interleaved(picture: Tensor) -> Grey:
+def _interleaved(picture: Tensor) -> Picture:
     return np.ascontiguousarray(picture.permute(1, 2, 0).numpy())
 
 
@@ -193,7 +194,7 @@ def _enlargement(matrix: Matrix, size: tuple[int, ...]) -> float:
     return (area / (height * width)) ** 0.5
 
 
-def _warp(photo: Grey, matrix: Matrix, size: tuple[int, int]) -> Grey:
+def _warp(photo: Picture, matrix: Matrix, size: tuple[int, int]) -> Picture:
     """Return the photo in the picture's frame of `size` (height, width), black off the photo."""
     enlargement = _enlargement(matrix, size)
     if enlargement > 1:  # a pixel of the picture is several of the photo: their mean

@@ -67,10 +67,10 @@ def spectrum(planes: Sequence[Plane], content: Sequence[Plane] | None, busy: Pla
         content: the same planes of the picture that is shown, whose power is subtracted.
         busy: (H, W) amount of detail in the picture.
     """
-    corners = _flattest(busy)
-    power = np.sum([_power(plane, corners) for plane in planes], axis=0)
+    places = _flattest(busy)
+    power = np.sum([_power(plane, places) for plane in planes], axis=0)
     if content is not None:
-        content_power = np.sum([_power(plane, corners) for plane in content], axis=0)
+        content_power = np.sum([_power(plane, places) for plane in content], axis=0)
         power = np.clip(power - content_power, 0, None)
     return Spectrum(power, _floor(power))
 
@@ -91,9 +91,9 @@ def _flattest(busy: Plane) -> list[tuple[slice, slice]]:
     return [place for *_, place in windows[: max(1, round(WINDOW_SHARE * len(windows)))]]
 
 
-def _power(plane: Plane, corners: Sequence[tuple[slice, slice]]) -> Power:
+def _power(plane: Plane, places: Sequence[tuple[slice, slice]]) -> Power:
     taper = _taper(side_of(plane.shape))
-    windows = np.stack([plane[place] for place in corners])
+    windows = np.stack([plane[place] for place in places])
     windows = (windows - _weighted_mean(windows, taper)) * taper
     transform = fft.fft2(windows)
     power = transform.real**2 + transform.imag**2

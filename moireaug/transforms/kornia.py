@@ -157,7 +157,7 @@ def to_params(shot: Shot | MixedShot) -> dict[str, Tensor]:
     parameters of a draw."""
     drawn = {_key(name): values for name, values in shot.numbers().items()}
     if isinstance(shot, MixedShot):
-        drawn["scene"] = shot.which
+        drawn["scene"] = shot.scene_index
     return {**drawn, "seed": shot.seed}
 
 
@@ -179,8 +179,8 @@ def from_params(
     drawn = {name: params[_key(name)] for name in values_of(scenes_of(scene)[0])}
     seed = params["seed"]
     if isinstance(scene, Mixture):
-        which, scenes = params["scene"], scene.scenes
-        return MixedShot(scenes=scenes, which=which, size=size, drawn=drawn, seed=seed)
+        scene_index, scenes = params["scene"], scene.scenes
+        return MixedShot(scenes=scenes, scene_index=scene_index, size=size, drawn=drawn, seed=seed)
     return scene.shot_from_numbers(size, drawn, seed)
 
 

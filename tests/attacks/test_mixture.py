@@ -101,7 +101,7 @@ def test_a_draw_follows_the_generator_and_a_list_of_one_is_that_scene(model, bat
 
     first, again = attacked(ALIKE, 1), attacked(ALIKE, 1)
     assert torch.equal(first.images, again.images)
-    assert torch.equal(first.shot.which, drawn(ALIKE, batch).which)
+    assert torch.equal(first.shot.scene_index, drawn(ALIKE, batch).scene_index)
     assert not torch.equal(first.images, attacked(ALIKE, 2).images)
     assert torch.equal(attacked([SCENE], 1).images, attacked(SCENE, 1).images)
     assert isinstance(attacked([SCENE], 1).shot, type(SCENE.sample(1, (4, 4))))

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
-from moireaug.mixtures import Mixture, as_scenes, each, sample_one, scenes_of
+from moireaug.mixtures import Mixture, as_scenes, map_scenes, sample_one, scenes_of
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.presets import MIXTURES, PRESETS
@@ -34,7 +34,7 @@ def same(a, b):
     """Whether two draws of mixtures are bit for bit the same."""
     ours, theirs = a.numbers(), b.numbers()
     alike = all(torch.equal(ours[name], theirs[name]) for name in ours)
-    return alike and torch.equal(a.which, b.which) and torch.equal(a.seed, b.seed)
+    return alike and torch.equal(a.scene_index, b.scene_index) and torch.equal(a.seed, b.seed)
 
 
 def test_a_list_holds_scenes_names_and_dicts():
@@ -161,7 +161,7 @@ def test_one_image_has_a_plain_shot():
     for k in range(6):
         shot = sample_one(MIXTURE, SIZE, seeded(k))
         mixed = MIXTURE.sample(1, SIZE, seeded(k))
-        assert shot.scene == MIXTURE.scenes[mixed.which.item()] and len(shot) == 1
+        assert shot.scene == MIXTURE.scenes[mixed.scene_index.item()] and len(shot) == 1
         assert torch.equal(shot.seed, mixed.seed) and shot.size == SIZE
     plain = Scene.preset("paper")
     assert torch.equal(
@@ -237,7 +237,7 @@ REFUSED = {
     "points": (lambda: SHOT.to_photo(torch.zeros(3, 1, 2)), ValueError, "each of the 4 images"),
     "mask": (lambda: SHOT.to_photo_mask(torch.zeros(5, 1, 16, 20)), ValueError, "each of the 4"),
     "strange": (
-        lambda: dataclasses.replace(SHOT, which=SHOT.which + 2).by_scene(),
+        lambda: dataclasses.replace(SHOT, scene_index=SHOT.scene_index + 2).by_scene(),
         ValueError,
         "numbers them from 0 to 2; got",
     ),
@@ -282,7 +282,7 @@ def test_every_scene_is_changed():
     def brightened(scene):
         return dataclasses.replace(scene, sensor=Sensor(gain=9.0))
 
-    changed = each(MIXTURE, brightened)
+    changed = map_scenes(MIXTURE, brightened)
     assert isinstance(changed, Mixture) and len(changed.scenes) == 3
     assert all(one.sensor.gain == 9 for one in changed.scenes)
-    assert each(MIXTURE.scenes[0], brightened) == changed.scenes[0]
+    assert map_scenes(MIXTURE.scenes[0], brightened) == changed.scenes[0]

@@ -28,7 +28,7 @@ from moireaug.engine.lower.numbers import (
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
 from moireaug.geometry.lattice import SampledPixels
 from moireaug.scene.record import SceneRecord
-from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_by
+from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_rows_and_columns
 
 
 class _LastDevelopment(NamedTuple):
@@ -157,7 +157,7 @@ def _resampling(
     whole: effects that need every sensor pixel come before the resize.
     """
     how, mosaic = scene.develop, scene.filter_cell == "rggb"
-    rows, cols = sampled_by(scene, size)
+    rows, cols = sampled_rows_and_columns(scene, size)
     demosaic, reach = np.zeros((4, 3, 4, 3, 3), np.float32), 0
     if mosaic:
         demosaic, reach = demosaic_weights(DEMOSAICS[how.demosaic]), DEMOSAIC_REACH[how.demosaic]

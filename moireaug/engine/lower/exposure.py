@@ -20,7 +20,7 @@ from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, homography_of, numb
 from moireaug.exposure.filters import filters_of
 from moireaug.geometry.lattice import CFA
 from moireaug.scene.record import SceneRecord
-from moireaug.shot import ShotRecord, sampled_by
+from moireaug.shot import ShotRecord, sampled_rows_and_columns
 
 
 def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelView]:
@@ -43,7 +43,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelV
     if "black_level" in plan and not decoded:
         black[:] = drawn["panel.black"]
     if "prefilter" in plan and not decoded:
-        share[:] = prefilter.share_at_centre(shot).detach().float().numpy()
+        share[:] = prefilter.neighbour_share(shot).detach().float().numpy()
     exposure = Exposure(
         size=shot.size,
         cameras=cameras,
@@ -88,7 +88,7 @@ def _flicker_of(shot: ShotRecord) -> np.ndarray:
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
-    rows, cols = (pixels.positions().numpy() for pixels in sampled_by(scene, size))
+    rows, cols = (pixels.positions().numpy() for pixels in sampled_rows_and_columns(scene, size))
     # (row, column, channels) of each site of a cell, in the planes' order
     cfa = CFA[scene.filter_cell]
     planes = [(r, c, channel) for r, c, channels in cfa for channel in channels]

@@ -18,7 +18,7 @@ from moireaug.evaluation.conditions import (
 )
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, undefended_row
-from moireaug.mixtures import each, scenes_of
+from moireaug.mixtures import map_scenes, scenes_of
 from moireaug.scene.fields import bounds
 from moireaug.scenes import Scene
 
@@ -141,12 +141,12 @@ def factors(config: SuiteConfig) -> Table:
     screen."""
     scenes = {}
     for roll in ROLL_ANGLES:
-        scenes[f"roll_{roll}"] = each(config.scene, partial(_rolled, roll=roll))
+        scenes[f"roll_{roll}"] = map_scenes(config.scene, partial(_rolled, roll=roll))
     # at odd multiples a point-sampled photo reads one sensor pixel, at even ones the mean of two,
     # which is a filter
     points = any(scene.develop.resize == "point" for scene in scenes_of(config.scene))
     for alpha in (1, 3, 5) if points else (1, 2, 3):
-        scenes[f"alpha_{alpha}"] = each(config.scene, partial(_enlarged, alpha=alpha))
+        scenes[f"alpha_{alpha}"] = map_scenes(config.scene, partial(_enlarged, alpha=alpha))
     columns: dict[str, Condition] = {
         "no_moire": PhotoWithoutMoire(),
         "moire": Photo(),

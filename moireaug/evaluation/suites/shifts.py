@@ -10,7 +10,7 @@ from moireaug.evaluation.conditions import Clean, Condition, Photo, in_255ths
 from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
-from moireaug.mixtures import Mixture, each
+from moireaug.mixtures import Mixture, map_scenes
 from moireaug.scenes import Scene
 
 UNATTACKED_COLUMN, ATTACKED_COLUMN = "unattacked", "attacked"
@@ -23,7 +23,7 @@ def shifted_scenes(own_scene: Scene | Mixture) -> dict[str, Scene | Mixture]:
     scenes = {OWN_SCENE_ROW: own_scene, **other_scenes(own_scene)}
     changes = {f"photo_jpeg_{JPEG_QUALITY}": _saved_as_jpeg, "camera_frame": _unregistered}
     for name, change in changes.items():
-        changed = each(own_scene, change)
+        changed = map_scenes(own_scene, change)
         if changed != own_scene:
             scenes[name] = changed
     return scenes
