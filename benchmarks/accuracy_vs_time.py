@@ -81,37 +81,37 @@ def main() -> None:
     parser.set_defaults(threads=1)
     args, sizes, _ = measure.begin(parser, FULL, QUICK)
     rows: list[dict[str, Any]] = []
-    for numbers in sizes["problems"]:
-        rows += solve(problem(**numbers), sizes)
+    for settings in sizes["problems"]:
+        rows += solve(problem(**settings), sizes)
     table = pd.DataFrame(rows)
     folder = measure.results(args)
     measure.publish(table, folder / "accuracy_vs_time.csv")
     pictures = ROOT / "docs" if folder == measure.RESULTS else folder
-    drawn(table).savefig(pictures / "accuracy_vs_time.png", dpi=110)
+    figure(table).savefig(pictures / "accuracy_vs_time.png", dpi=110)
 
 
 @torch.no_grad()
-def solve(problem: Problem, sizes: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def solve(case: Problem, sizes: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield the row of every method on one problem."""
-    shown = images(problem.picture, sizes["batch"], problem.side(sizes["sensor_pixels"]))
+    shown = images(case.picture, sizes["batch"], case.side(sizes["sensor_pixels"]))
     shots = {}
     for name, changes in METHODS.items():
-        shots[name] = draw(with_method(problem.scene, **changes), shown)
+        shots[name] = draw(with_method(case.scene, **changes), shown)
     calls = {name: partial(expose, shown, shot) for name, shot in shots.items()}
     times = measure.timed_together(
         calls, sizes["repeats"], sizes["warmup"], BUDGET_SECONDS, time.process_time
     )
 
     first = shown[:1]
-    exact, error_left = converged(problem.scene, first, sizes["points"])
+    exact, error_left = converged(case.scene, first, sizes["points"])
     brightness = float(first.mean() / exact.mean())
-    photo = developed(exact, draw(problem.scene, first), brightness)
+    photo = developed(exact, draw(case.scene, first), brightness)
     for name, shot in shots.items():
         raw = expose(first, shot[:1]).double()
         error = raw - exact
         seconds = times[name] / len(shown)
         yield {
-            "problem": problem.title,
+            "problem": case.title,
             "method": name,
             "plan": shot.scene.plan().exposure,
             "ms": 1e3 * seconds.median,
@@ -159,10 +159,10 @@ def developed(raw: Tensor, shot: Shot, brightness: float) -> Tensor:
     return (develop(raw, shot) * brightness).clamp(0, 1)
 
 
-def drawn(table: pd.DataFrame) -> Figure:
+def figure(table: pd.DataFrame) -> Figure:
     """Return error over time: a pale mark a problem, and each method's medians."""
-    figure = Figure(figsize=(7, 4.4), layout="constrained", facecolor="white")
-    axes = figure.subplots()
+    fig = Figure(figsize=(7, 4.4), layout="constrained", facecolor="white")
+    axes = fig.subplots()
     family = table["method"].str.split("[: ]").str[0]
     for name, (colour, marker) in STYLES.items():
         rows = table[family == name]
@@ -176,7 +176,7 @@ def drawn(table: pd.DataFrame) -> Figure:
     axes.grid(color="#DDDDDD", linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, ncols=len(STYLES), loc="lower center", bbox_to_anchor=(0.5, 1))
-    return figure
+    return fig
 
 
 if __name__ == "__main__":

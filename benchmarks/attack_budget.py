@@ -54,7 +54,7 @@ def attackers(steps: int) -> dict[str, Attacker]:
     }
 
 
-def measured(
+def measure_run(
     model: nn.Module, batches: Batches, scene: Scene, settings: dict[str, Any]
 ) -> list[dict[str, Any]]:
     """Return accuracy and seconds per image of every attacker at every budget."""
@@ -122,7 +122,7 @@ def main() -> None:
         parser.error(str(error))
     rows, chosen = [], []
     for name, (model, batches, scene) in models.items():
-        of_run = measured(model, batches, scene, settings)
+        of_run = measure_run(model, batches, scene, settings)
         best = recommended(of_run)
         chosen.append(
             f"{name}: cheapest within a point of the lowest accuracy: {best['attacker']}, "

@@ -112,14 +112,14 @@ def ridge(x: Tensor, y: Tensor) -> Callable[[Tensor], Tensor]:
     return lambda new: pad((new - mean) / std, (0, 1), value=1.0) @ weights
 
 
-def drawn(images: dict[str, Tensor]) -> Figure:
+def figure(images: dict[str, Tensor]) -> Figure:
     """Return one picture as each makes it, at native pixels."""
-    figure = Figure(figsize=(2.4 * len(images), 2.7), layout="constrained", facecolor="white")
-    for ax, (name, image) in zip(figure.subplots(1, len(images)), images.items(), strict=True):
+    fig = Figure(figsize=(2.4 * len(images), 2.7), layout="constrained", facecolor="white")
+    for ax, (name, image) in zip(fig.subplots(1, len(images)), images.items(), strict=True):
         ax.imshow(image.permute(1, 2, 0))
         ax.set_title(name, size=8)
         ax.axis("off")
-    return figure
+    return fig
 
 
 @torch.no_grad()
@@ -182,7 +182,7 @@ def main() -> None:
     astronaut = torch.from_numpy(skimage.data.astronaut()[:SIDE, 100 : 100 + SIDE].copy())
     shown = astronaut.permute(2, 0, 1)[None] / 255
     images = {"the picture": shown[0]} | {name: moire(shown)[0] for name, moire in found.items()}
-    drawn(images).savefig(out / "other_libraries.png", dpi=100)
+    figure(images).savefig(out / "other_libraries.png", dpi=100)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.measure import timed_together
-from benchmarks.rows import Row, Size, in_ms
+from benchmarks.rows import Row, Size, time_row
 from moireaug import Scene, capture, expose
 
 
@@ -25,13 +25,15 @@ def panels(size: Size) -> Iterator[Row]:
     for name, scene in scenes.items():
         plan = scene.plan((size.side, size.side))
         what = f"{name}: {plan.exposure}, {len(plan.harmonics)} harmonics"
-        yield in_ms(what, times[name], "rgb_stripe, lit 1", times["plain"], bar=1.3)
+        yield time_row(what, times[name], "rgb_stripe, lit 1", times["plain"], bar=1.3)
     calls = {
         "default": running(capture, default, images),
         "even": running(capture, without_lattice(), images),
     }
     times = timed_together(calls, size.repeats)
-    yield in_ms("capture without any lattice", times["even"], "the default scene", times["default"])
+    yield time_row(
+        "capture without any lattice", times["even"], "the default scene", times["default"]
+    )
 
 
 def black_matrices(lit: Iterable[float]) -> tuple[Scene, dict[str, Scene]]:

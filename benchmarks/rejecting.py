@@ -100,7 +100,7 @@ def outcome_rows(frame: pd.DataFrame, attacker: str) -> list[dict[str, Any]]:
     return rows
 
 
-def measured(folder: Path, sizes: dict[str, Any]) -> list[dict[str, Any]]:
+def measure_run(folder: Path, sizes: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the rows of a run's classifier behind a detector."""
     torch.manual_seed(0)
     run = trained.read(folder)
@@ -129,7 +129,7 @@ def main() -> None:
     args, sizes, _ = measure.begin(parser, FULL, QUICK)
     rows = []
     for folder in args.runs:
-        rows += [{"run": str(folder)} | row for row in measured(folder, sizes)]
+        rows += [{"run": str(folder)} | row for row in measure_run(folder, sizes)]
     measure.publish(pd.DataFrame(rows), measure.results(args) / "rejecting.csv")
 
 

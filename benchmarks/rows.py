@@ -60,7 +60,7 @@ class Row:
         return asdict(self) | {"ratio": self.ratio, "met": self.met}
 
 
-def in_ms(
+def time_row(
     what: str, time: Timing, against: str = "", other: Timing | None = None, **bars: float
 ) -> Row:
     """Return a row of a time, compared with another."""

@@ -23,9 +23,9 @@ import torch
 from kornia.augmentation import RandomJPEG
 from torch import Tensor
 
-from benchmarks import apart, measure, panels, released, steps
+from benchmarks import measure, memory_and_starts, panels, released, steps
 from benchmarks.measure import timed_together
-from benchmarks.rows import Row, Size, in_ms, report
+from benchmarks.rows import Row, Size, report, time_row
 from moireaug import Lens, Scene, Sensor, View, capture, develop, engine, expose
 from moireaug.transforms import RandomMoire
 from moireaug.transforms import kornia as kornia_transforms
@@ -56,7 +56,7 @@ def transforms(size: Size) -> Iterator[Row]:
     rival = times.pop("jpeg")
     for name, own in times.items():
         bars = {"bar": 0.25, "stretch": 0.15} if name in by_library else {}
-        yield in_ms(f"RandomMoire(p=1), {name}", own, "kornia RandomJPEG(p=1)", rival, **bars)
+        yield time_row(f"RandomMoire(p=1), {name}", own, "kornia RandomJPEG(p=1)", rival, **bars)
     for name, transform in by_library.items():
         calls = {"few": partial(transform(p=0.1), images), "all": partial(transform(p=1), images)}
         times = timed_together(calls, size.calls, budget=20.0)
@@ -96,14 +96,14 @@ def released_chain(size: Size) -> Iterator[Row]:
     times = timed_together(calls, size.slow)
     what = f"paper_code, {size.paper} px, an attack step's camera, forward and backward"
     chain = f"the plain chain on all {released.SCALE * size.paper} px"
-    yield in_ms(what, times["ours"], chain, times["plain"], bar=1 / 100, stretch=1 / 200)
-    yield in_ms(what, times["ours"], f"{chain}, exposed before", times["developed"])
+    yield time_row(what, times["ours"], chain, times["plain"], bar=1 / 100, stretch=1 / 200)
+    yield time_row(what, times["ours"], f"{chain}, exposed before", times["developed"])
     calls = {
         "ours": lambda: capture(image, shot),
         "plain": lambda: released.photograph(image, matrix),
     }
     times = timed_together(calls, size.slow)
-    yield in_ms(
+    yield time_row(
         f"paper_code, capture, same to {apart_by:.1g}/255", times["ours"], chain, times["plain"]
     )
 
@@ -132,7 +132,7 @@ def precisions(size: Size) -> Iterator[Row]:
     }
     times = timed_together(calls, size.slow)
     for name in list(times)[1:]:
-        yield in_ms(name, times[name], "capture of float32", times["capture of float32"])
+        yield time_row(name, times[name], "capture of float32", times["capture of float32"])
 
 
 def image_gradient(size: Size) -> Iterator[Row]:
@@ -153,7 +153,7 @@ def image_gradient(size: Size) -> Iterator[Row]:
         }
         times = timed_together(calls, size.repeats)
         what = f"capture of {name}, forward and backward in the image"
-        yield in_ms(what, times["with"], "the capture", times["without"], bar=4, stretch=3)
+        yield time_row(what, times["with"], "the capture", times["without"], bar=4, stretch=3)
 
 
 def executions(size: Size) -> Iterator[Row]:
@@ -172,7 +172,7 @@ def executions(size: Size) -> Iterator[Row]:
     for name, stage in stages.items():
         calls = {"engine": stage, "reference": partial(by_reference, stage)}
         times = timed_together(calls, size.repeats)
-        yield in_ms(f"{name}, the engine", times["engine"], "the reference", times["reference"])
+        yield time_row(f"{name}, the engine", times["engine"], "the reference", times["reference"])
 
 
 def by_reference(stage: Callable[[], Tensor]) -> Tensor:
@@ -189,9 +189,9 @@ GROUPS = (
     precisions,
     image_gradient,
     executions,
-    apart.memory,
-    apart.large_photo,
-    apart.starts,
+    memory_and_starts.memory,
+    memory_and_starts.large_photo,
+    memory_and_starts.starts,
 )
 
 

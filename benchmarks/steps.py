@@ -12,7 +12,7 @@ from torchvision.models import resnet18
 
 from benchmarks import training_steps
 from benchmarks.measure import timed_together
-from benchmarks.rows import Row, Size, in_ms
+from benchmarks.rows import Row, Size, time_row
 from moireaug import attacks
 
 
@@ -23,7 +23,7 @@ def attack_step(size: Size) -> Iterator[Row]:
     ours = attacks.MoireAttack(model, scene="screen_photo")
     steps = {"moire": step(ours, images, labels), "pgd": step(attacks.PGD(model), images, labels)}
     times = timed_together(steps, 2 * size.slow)
-    yield in_ms(
+    yield time_row(
         "a Moiré Attack step, ResNet-18",
         times["moire"],
         "a PGD step",
@@ -59,4 +59,4 @@ def training(size: Size) -> Iterator[Row]:
             calls[name] = training_steps.step(cfg, batch, side)
         times = timed_together(calls, 2 * size.slow)
     what = f"a moire_at step, small_resnet, {batch} of {side} px"
-    yield in_ms(what, times["moire_at"], "a pgd_at step", times["pgd_at"], bar=1.25, stretch=1.1)
+    yield time_row(what, times["moire_at"], "a pgd_at step", times["pgd_at"], bar=1.25, stretch=1.1)

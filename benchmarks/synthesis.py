@@ -42,7 +42,9 @@ def main() -> None:
     args, settings, facts = measure.begin(parser, FULL, QUICK)
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
-        rows = list(measured(args.images or portrait(scratch), scratch / "pairs.tar", settings))
+        rows = list(
+            measure_pairs(args.images or portrait(scratch), scratch / "pairs.tar", settings)
+        )
     print(f"A pair in {SCENE}: core time in ms, pairs per second and core, and a million of them")
     print(report(rows))
     measure.write_json(args, "synthesis", metadata=facts, settings=settings, scene=SCENE, rows=rows)
@@ -54,7 +56,7 @@ def portrait(folder: Path) -> Path:
     return folder
 
 
-def measured(images: Path, tar: Path, settings: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def measure_pairs(images: Path, tar: Path, settings: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield a row for each size, twin and encoding."""
     for size in settings["sizes"]:
         for twin in (False, True):

@@ -29,7 +29,7 @@ from training.data import signs
 MEAN, STD = (0.5, 0.5, 0.5), (0.25, 0.25, 0.25)
 
 
-def trained(images: Tensor, labels: Tensor, epochs: int) -> nn.Module:
+def train(images: Tensor, labels: Tensor, epochs: int) -> nn.Module:
     """Train a small network on images (N, 3, 32, 32) in [0, 1]."""
     layers: list[nn.Module] = []
     for inputs, outputs in ((3, 32), (32, 64), (64, 128)):
@@ -64,7 +64,7 @@ def main() -> None:
     Path(args.out).parent.mkdir(parents=True, exist_ok=True)  # before the work
     torch.manual_seed(0)
     codes, labels = signs.make("train", args.images, size=32)
-    model = trained(codes.float() / 255, labels, args.epochs)
+    model = train(codes.float() / 255, labels, args.epochs)
 
     codes, labels = signs.make("test", args.attacked, size=32)
     images = codes.float() / 255

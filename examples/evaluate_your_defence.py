@@ -37,7 +37,7 @@ def halved(images: Tensor) -> Tensor:
     return F.interpolate(small, size=images.shape[-2:], mode="bilinear")  # stays in [0, 1]
 
 
-def trained(images: Tensor, labels: Tensor, epochs: int) -> nn.Module:
+def train(images: Tensor, labels: Tensor, epochs: int) -> nn.Module:
     """Train a small network on images (N, 3, H, W) in [0, 1]."""
     model = SmallResNet(len(signs.CLASSES))
     optimizer = torch.optim.AdamW(model.parameters(), lr=3e-3, weight_decay=0.05)
@@ -60,7 +60,7 @@ def main() -> None:
 
     torch.manual_seed(0)
     codes, labels = signs.make("train", args.images, size=32)
-    model = trained(codes.float() / 255, labels, args.epochs)
+    model = train(codes.float() / 255, labels, args.epochs)
     defended = defenses.Defended(model, halved)
 
     test = TensorDataset(*signs.make("test", args.attacked, size=32))

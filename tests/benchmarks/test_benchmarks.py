@@ -14,10 +14,10 @@ import torch
 
 from benchmarks import (
     accuracy_vs_time,
-    apart,
     attack_budget,
     bins,
     effects_cost,
+    memory_and_starts,
     other_libraries,
     rejecting,
     released,
@@ -93,7 +93,7 @@ def test_speed(ran, monkeypatch, capsys):
         exec(code, {})
         return capsys.readouterr().out or 0
 
-    monkeypatch.setattr(apart, "run_apart", run_here)  # imports of torch take seconds
+    monkeypatch.setattr(memory_and_starts, "run_apart", run_here)  # imports of torch take seconds
     out, written = ran("speed")
     assert sum(row["bar"] is not None for row in written["rows"]) == 15
     for row in written["rows"]:
@@ -103,7 +103,7 @@ def test_speed(ran, monkeypatch, capsys):
 
 
 def test_code_runs_in_an_interpreter_of_its_own():
-    assert apart.run_apart("import os; print(os.environ['KEY'])", KEY="1") == "1\n"
+    assert memory_and_starts.run_apart("import os; print(os.environ['KEY'])", KEY="1") == "1\n"
 
 
 def test_the_plain_chain_is_the_capture():

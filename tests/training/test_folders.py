@@ -52,7 +52,7 @@ def test_a_frontier_is_of_one_group_of_runs(tmp_path):
     assert len(read(tmp_path / "resnet18").runs) == 1
 
 
-@pytest.mark.parametrize("torn", ["best.ckpt", "config.yaml", "metrics.json"])
+@pytest.mark.parametrize("torn", ["best.ckpt", "last.ckpt", "config.yaml", "metrics.json"])
 @pytest.mark.parametrize(("role", "recipe"), [("start", "clean"), ("baseline", "baseline")])
 def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monkeypatch, capsys):
     wanted = configured(f"recipe={recipe}", *TINY, f"runs={tmp_path}")
@@ -71,6 +71,9 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
         phases, "train_run", lambda run, *rest: runs.append(run) or (None, metrics.train)
     )
     phases.plain_run(Run(wanted), load(wanted.data), None, role=role)
+    if torn == "last.ckpt":  # which no finished run needs
+        assert not runs and f"The {role} is reused from {folder}." in capsys.readouterr().out
+        return
     assert len(runs) == 1
     assert f"The {role} cannot be reused and is trained again: " in capsys.readouterr().out
     assert runs[0].config.resume is False and runs[0].config.recipe == recipe

@@ -151,6 +151,12 @@ def test_mistakes_get_a_sentence(tmp_path):
     write(folder, metrics | {"baseline": None, "start": None})
     with pytest.raises(ValueError, match=r"no run writes \(KeyError\('start'\)\)\. Train and"):
         read(tmp_path)
+    write(folder, metrics | {"config": None})
+    with pytest.raises(ValueError, match=r"no run writes \(TypeError\(.*\)\)\. Train and"):
+        read(tmp_path)
+    write(folder, metrics | {"train": metrics["train"] | {"history": []}})
+    with pytest.raises(ValueError, match=r"no run writes \(ZeroDivisionError\(.*\)\)\. Train and"):
+        read(tmp_path)
     del metrics["train"]["passes"]
     write(folder, metrics)
     with pytest.raises(ValueError, match="lacks 'passes': another version"):
@@ -192,7 +198,7 @@ def test_costs_need_the_time_of_plain_training(tmp_path):
     put(tmp_path, "baseline", 1, seconds=30.0)
     put(tmp_path, "good", 1, plain=99.0)  # a copy, of which the baseline was trained anew
     clean = summarise(read(tmp_path).runs)[0]
-    assert clean.relative.value == 10.0 / (30.0 + 10.0)
+    assert clean.relative_time.value == 10.0 / (30.0 + 10.0)
 
 
 def test_seeds_of_other_settings_are_not_one_recipe(tmp_path):

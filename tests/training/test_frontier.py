@@ -28,13 +28,14 @@ def test_the_figures_of_the_table(root):
     assert good.rates["unseen_mean"].value == pytest.approx(0.7, abs=0.01)
     assert good.rates["unseen_worst"].value == 0.6
     plain = 20 + 11
-    assert recipes["clean"].relative.value == pytest.approx(11 / plain)
+    assert recipes["clean"].relative_time.value == pytest.approx(11 / plain)
     assert recipes["clean"].start_seconds == 0
-    assert good.relative.value == pytest.approx((20 + 11) / plain) and good.start_seconds == 11
-    assert slow.relative.value == pytest.approx(60 / plain)
+    assert good.relative_time.value == pytest.approx((20 + 11) / plain) and good.start_seconds == 11
+    assert slow.relative_time.value == pytest.approx(60 / plain)
     assert slow.start_seconds == 0  # it began with random weights
-    assert [r.name for r in recipes.values() if r.front] == ["clean", "good", "lone"]
-    assert lone.collapsed == 1 and lone.relative.low == lone.relative.high == lone.relative.value
+    assert [r.name for r in recipes.values() if r.is_on_front] == ["clean", "good", "lone"]
+    value, low, high = lone.relative_time
+    assert lone.collapsed_count == 1 and low == high == value
 
 
 def test_intervals_hold_seeds_and_images(root):
@@ -134,12 +135,12 @@ def test_hard_cases_are_drawn(tmp_path):
     (recipe,) = recipes = summarise(read(alone).runs)
     ax = figure(recipes, found.shared).axes[0]
     left, right = ax.get_xlim()
-    assert recipe.relative.value == pytest.approx(44 / 30)
+    assert recipe.relative_time.value == pytest.approx(44 / 30)
     assert sum(left <= tick <= right for tick in ax.get_xticks()) > 1
     for seed, seconds in enumerate((1.0, 900.0)):  # an interval of time that reaches below 0
         put(tmp_path, r"$\\broken_$ré", seed, worst=(0.0, 1.0), seconds=seconds)
     recipes = summarise(read(tmp_path).runs)
-    assert recipes[-1].relative.low == 0 and draw(recipes, found.shared | {"scene": "$"})
+    assert recipes[-1].relative_time.low == 0 and draw(recipes, found.shared | {"scene": "$"})
 
 
 def test_a_collapse_costs_the_epochs_of_more_steps():

@@ -1,1 +1,1 @@
-"""A scene compared with real photos: pairs and their crops, comparison, fit and report."""
+"""A scene compared with real photos: crops, comparison, fit and report."""

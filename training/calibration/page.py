@@ -13,8 +13,7 @@ from moireaug.scenes import Scene
 from training.calibration.compare import StatisticRow, mean_distance, number_text, span_text
 from training.calibration.crops import Crops
 from training.calibration.fit import FittedScene
-from training.data.real_pairs import middle_of
-from training.report.page import environment, uri
+from training.report.page import environment, middle_of, uri
 from training.system import machine
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")

@@ -28,7 +28,7 @@ from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainC
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
-# accuracies of a run, and the cells of suite `recipes` that they are: table, row, column
+# each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
 RATES = {
     "clean": ("worst_case", "eps_4", "clean"),
     "natural": ("unseen", OWN_SCENE_ROW, "moire"),
@@ -76,10 +76,10 @@ def read(root: Path) -> RunTable:
         ValueError: no run, none attacked, runs or re-attacks that cannot be compared, or an
             incomplete file.
     """
-    trained, warnings = read_classifiers(root)
     try:
+        trained, warnings = read_classifiers(root)
         table = _table(root, trained)
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, ArithmeticError) as error:
         raise ValueError(
             f"a metrics.json in {root} holds what no run writes ({error!r}). "
             "Train and attack again."

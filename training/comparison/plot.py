@@ -12,7 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from training.comparison.summaries import RecipeSummary, pareto
-from training.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR, finish
+from training.report.plots import (
+    BASELINE_COLOUR,
+    GRID_COLOUR,
+    MODEL_COLOUR,
+    TEXT_COLOUR,
+    style_axes,
+)
 
 SIZE_INCHES, DPI = (10.0, 4.9), 100  # 1000 x 490 pixels
 PANELS = {"worst_4": "noise up to 4/255", "worst_8": "noise up to 8/255"}
@@ -54,7 +60,7 @@ def figure(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> Figur
     for ax, (rate, title) in zip(panels, PANELS.items(), strict=True):
         _draw_recipes(ax, recipes, rate)
         ax.set_title(title, size=11, color=TEXT_COLOUR, loc="left")
-        finish(ax, "training time, relative to plain training (log scale)", "")
+        style_axes(ax, "training time, relative to plain training (log scale)", "")
         ax.grid(axis="x", color=GRID_COLOUR, linewidth=0.7)
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5)))
         ax.xaxis.set_minor_locator(NullLocator())
@@ -73,7 +79,7 @@ def _draw_recipes(ax: Axes, recipes: Sequence[RecipeSummary], rate: str) -> None
     """Draw the Pareto front, and every recipe with its name and its intervals along both axes."""
     ax.set_xscale("log")
     ax.margins(x=0.12, y=0.08)  # names stand beside the points
-    places = [(recipe.relative.value, 100 * recipe.rates[rate].value) for recipe in recipes]
+    places = [(recipe.relative_time.value, 100 * recipe.rates[rate].value) for recipe in recipes]
     fronts = pareto(places)
     front = {place for place, is_on_front in zip(places, fronts, strict=True) if is_on_front}
     line: dict[str, Any] = {"color": MODEL_COLOUR, "linewidth": 1.2, "alpha": 0.5}
@@ -81,12 +87,12 @@ def _draw_recipes(ax: Axes, recipes: Sequence[RecipeSummary], rate: str) -> None
     ax.step(*zip(*sorted(front), strict=True), where="post", label="Pareto front", **line)
     for recipe, (x, y), is_on_front in zip(recipes, places, fronts, strict=True):
         look, side = (ON_FRONT, ABOVE_LEFT) if is_on_front else (BEHIND, BELOW_RIGHT)
-        left, right = np.abs(np.subtract(recipe.relative[1:], x))
+        left, right = np.abs(np.subtract(recipe.relative_time[1:], x))
         below, above = np.abs(100 * np.array(recipe.rates[rate][1:]) - y)
         ax.errorbar(x, y, yerr=[[below], [above]], xerr=[[left], [right]], **look)
         ax.update_datalim([(x / 1.2, y), (1.2 * x, y)])  # so that a point alone has ticks around it
-        name = recipe.name + (" †" if recipe.collapsed else "")
+        name = recipe.name + (" †" if recipe.collapsed_count else "")
         text: dict[str, Any] = {"size": 9.5, "color": TEXT_COLOUR, "parse_math": False}
         ax.annotate(name, (x, y), textcoords="offset points", **text, **side)
-    if any(recipe.collapsed for recipe in recipes):
+    if any(recipe.collapsed_count for recipe in recipes):
         ax.plot([], [], " ", label="† collapsed in training")

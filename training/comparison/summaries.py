@@ -37,10 +37,11 @@ class RecipeSummary:
             attacked.
         seconds, start_seconds, passes, images_per_second: means over seeds of the columns of
             `RunTable`.
-        relative: time of training with its start, over the mean of plain training with its own.
-        collapsed: number of seeds whose training collapsed.
-        front: whether no other recipe is as robust at 4/255 in less time, or more robust in the
-            same.
+        relative_time: time of training with its start, over the mean of plain training with its
+            own.
+        collapsed_count: number of seeds whose training collapsed.
+        is_on_front: whether no other recipe is as robust at 4/255 in less time, or more robust in
+            the same.
     """
 
     name: str
@@ -51,9 +52,9 @@ class RecipeSummary:
     start_seconds: float
     passes: float
     images_per_second: float
-    relative: Estimate
-    collapsed: int
-    front: bool = False
+    relative_time: Estimate
+    collapsed_count: int
+    is_on_front: bool = False
 
 
 def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
@@ -74,15 +75,18 @@ def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
             seeds=tuple(sorted(seeds["seed"])),
             rates={rate: estimate_rate(seeds[rate]) for rate in RATES},
             gains=estimate_gains(seeds, baseline) if seeds["baseline"].notna().all() else {},
-            relative=estimate_cost((seeds["total_seconds"] / unit).tolist()),
-            collapsed=int(seeds["collapsed"].sum()),
+            relative_time=estimate_cost((seeds["total_seconds"] / unit).tolist()),
+            collapsed_count=int(seeds["collapsed"].sum()),
             **seeds[COSTS].mean(),
         )
         summaries.append(summary)
-        places.append((summary.relative.value, summary.rates["worst_4"].value))
+        places.append((summary.relative_time.value, summary.rates["worst_4"].value))
     fronts = pareto(places)
-    summaries = [replace(one, front=front) for one, front in zip(summaries, fronts, strict=True)]
-    return sorted(summaries, key=lambda summary: (summary.relative.value, summary.name))
+    summaries = [
+        replace(one, is_on_front=is_on_front)
+        for one, is_on_front in zip(summaries, fronts, strict=True)
+    ]
+    return sorted(summaries, key=lambda summary: (summary.relative_time.value, summary.name))
 
 
 def mean_plain_seconds(runs: pd.DataFrame) -> float:

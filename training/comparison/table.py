@@ -48,13 +48,15 @@ def caption(recipes: Sequence[RecipeSummary], shared: dict[str, Any]) -> str:
         intervals,
         "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
         "Time is of training alone, by the median epoch, on top of the clean weights that a recipe "
-        "starts from; × plain counts both, in those of plain training.",
+        "starts from; × plain is both together, divided by the same time of plain training.",
         "● no other recipe is as robust at 4/255 for less time.",
     ]
     collapsed = []
     for recipe in recipes:
-        if recipe.collapsed:
-            collapsed.append(f"{recipe.name} in {recipe.collapsed} of {len(recipe.seeds)} seeds")
+        if recipe.collapsed_count:
+            collapsed.append(
+                f"{recipe.name} in {recipe.collapsed_count} of {len(recipe.seeds)} seeds"
+            )
     if collapsed:
         names = ", ".join(collapsed)
         sentences.append(f"† training collapsed (catastrophic overfitting): {names}.")
@@ -90,7 +92,7 @@ def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable) -> list[Pa
         row.append(points(recipe.gains["worst_4"].value) if recipe.gains else "")
         for name in ("worst_8", "pgd_4"):
             row.append(percent(recipe.rates[name].value))
-        row.append(f"{recipe.relative.value:.2f}")
+        row.append(f"{recipe.relative_time.value:.2f}")
         rows.append(row)
     parts: list[Part] = [Grid(rows), ""]
     for text in (caption(recipes, table.shared), *table.warnings):
@@ -109,6 +111,6 @@ def name_of(recipe: RecipeSummary, width: int | None = None) -> str:
     Args:
         width: width with the marks, in characters, to which the name is cut; None is any.
     """
-    marks = f"{' ●' if recipe.front else ''}{' †' if recipe.collapsed else ''}"
+    marks = f"{' ●' if recipe.is_on_front else ''}{' †' if recipe.collapsed_count else ''}"
     name = recipe.name if width is None else recipe.name[: width - len(marks)]
     return name + marks

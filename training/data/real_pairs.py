@@ -18,7 +18,6 @@ from moireaug.synthesis.registration import register
 from training.system.files import read_table
 
 TABLE_NAME = "pairs.csv"  # of a folder
-EXAMPLE_SIDE = 300  # pixels, of the pictures of a report
 
 
 class PairFiles(NamedTuple):
@@ -176,10 +175,3 @@ def read_registered(photos: Iterable[Path], picture: Path) -> Iterator[ScreenPho
     for path in photos:
         photo, original = register(read_codes(path), on_screen, str(path))
         yield ScreenPhoto(path.stem, photo, original)
-
-
-def middle_of(picture: Tensor) -> Tensor:
-    """Return the middle of a picture (3, H, W), at most `EXAMPLE_SIDE` pixels wide and high, as a
-    copy: a view would keep all of it."""
-    top, left = (max(0, (length - EXAMPLE_SIDE) // 2) for length in picture.shape[1:])
-    return picture[:, top : top + EXAMPLE_SIDE, left : left + EXAMPLE_SIDE].clone()

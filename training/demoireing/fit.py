@@ -105,8 +105,8 @@ def report_finished(run: Run[DemoireConfig]) -> Metrics:
 
 
 def has_other_pairs(run: Run[DemoireConfig]) -> bool:
-    """Return whether a run's real pairs are not those that it was tested on; no pairs are not
-    others."""
+    """Return whether `pairs=` names other real pairs than the run was tested on; False where it
+    names none."""
     if not run.config.pairs:
         return False
     pairs = find_pairs(Path(run.config.pairs))

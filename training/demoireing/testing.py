@@ -14,12 +14,13 @@ from tqdm import tqdm
 
 from moireaug.defenses.demoire import DemoireNet
 from training.comparison.statistics import t_interval
-from training.data.real_pairs import find_pairs, middle_of, read_pairs
+from training.data.real_pairs import find_pairs, read_pairs
 from training.demoireing.clean import clean_codes
 from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.pairs import test_pairs
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
+from training.report.page import middle_of
 
 MEASURES = ("psnr", "ssim", "mapped_psnr", "mapped_ssim")
 MAX_REAL_EXAMPLES = 12

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
+from torch import Tensor
 
 import training.report.numbers as numbers
 from training.runs.metrics import Metrics, PlainMetrics
 
 PICTURE_SIDE = 165  # pixels, to which small pictures are enlarged by a whole factor
+EXAMPLE_SIDE = 300  # pixels, to which large ones are cut
 NUMBER_FILTERS = ("percent", "points", "codes", "number", "duration", "capital", "tied")
 
 
@@ -89,6 +91,13 @@ def embedded_picture(image: Any, title: str) -> dict[str, Any]:
         "height": height * factor,
         "enlarged": factor > 1,
     }
+
+
+def middle_of(picture: Tensor) -> Tensor:
+    """Return the middle of a picture (3, H, W), at most `EXAMPLE_SIDE` pixels wide and high, as a
+    copy: a view would keep all of it."""
+    top, left = (max(0, (length - EXAMPLE_SIDE) // 2) for length in picture.shape[1:])
+    return picture[:, top : top + EXAMPLE_SIDE, left : left + EXAMPLE_SIDE].clone()
 
 
 def uri(data: bytes, kind: str) -> str:

@@ -77,7 +77,8 @@ def curves(
                 style |= {"color": colour, "label": ": ".join(filter(None, (name, kind)))}
                 _draw(ax, history, key, quantity.scale, style)
         ax.set_ylim(*quantity.limits)
-        finish(ax, x, quantity.title)
+        ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))  # epochs or steps
+        style_axes(ax, x, quantity.title)
         alt = f"{quantity.title} against the {x}"
         handles, labels = ax.get_legend_handles_labels()
         if handles:
@@ -103,11 +104,10 @@ def _draw(ax: Axes, history: History, key: str, scale: float, style: Mapping[str
             ax.plot(x, y, "o", color=style["color"], markersize=10, fillstyle="none", clip_on=False)
 
 
-def finish(ax: Axes, x: str, y: str) -> None:
-    """Label the axes, of which x counts something, and draw them faintly."""
-    ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
-    ax.set_xlabel(x, size=10, color=TEXT_COLOUR)
-    ax.set_ylabel(y, size=10, color=TEXT_COLOUR)
+def style_axes(ax: Axes, x_title: str, y_title: str) -> None:
+    """Label the axes, and draw them faintly."""
+    ax.set_xlabel(x_title, size=10, color=TEXT_COLOUR)
+    ax.set_ylabel(y_title, size=10, color=TEXT_COLOUR)
     ax.tick_params(labelsize=9.5, labelcolor=TEXT_COLOUR, color=GRID_COLOUR)
     ax.grid(axis="y", color=GRID_COLOUR, linewidth=0.7)
     ax.set_axisbelow(True)

@@ -36,12 +36,12 @@ def suite_view(
     """
     views = []
     first = None
-    explained = True
+    needs_note = True
     for table in tables:
         view = _table_view(table, lines[lines["table"] == table.name])
         view["examples"] = examples.get(table.name, [])
-        view["explained"] = explained
-        explained = explained and not view["examples"]
+        view["needs_note"] = needs_note
+        needs_note = needs_note and not view["examples"]
         if first is None and view["verdict"]:
             first = view
         views.append(view)
@@ -69,7 +69,7 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
     cells: dict[tuple[str, str], dict[str, Any]] = {}
     for cell in known.where(known.notna(), None).to_dict("records"):
         cell["control"] = cell["column"] in CONTROL_COLUMNS
-        cell["side"] = Rate(cell["success"], cell["low"], cell["high"])
+        cell["rate"] = Rate(cell["success"], cell["low"], cell["high"])
         cells[cell["row"], cell["column"]] = cell
     noise = []
     for cell in cells.values():

@@ -112,8 +112,12 @@ def weights_difference(run: Run[Config]) -> str | None:
 
 
 def _checkpoints(run: Run[Any]) -> Iterator[dict[str, Any]]:
-    """Yield the checkpoints of a run in its folder."""
-    if run.stage() in ("begun", "trained", "finished"):
-        for path in (run.folder / "best.ckpt", run.folder / "last.ckpt"):
-            if path.is_file():
-                yield read_checkpoint(path)
+    """Yield the checkpoints of a run in its folder that are still needed: the last one only until
+    its training is complete."""
+    stage = run.stage()
+    if stage not in ("begun", "trained", "finished"):
+        return
+    for name in ("best.ckpt", "last.ckpt") if stage == "begun" else ("best.ckpt",):
+        path = run.folder / name
+        if path.is_file():
+            yield read_checkpoint(path)

@@ -17,20 +17,23 @@ from benchmarks.measure import Timing, timed_together
 from benchmarks.rows import Row, Size
 from moireaug import Scene, capture
 
-HERE = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[1]
 SCENE = "screen_photo"
 TORCH = "import torch"
 PHOTO = (
     "import torch, moireaug; scene = moireaug.Scene.preset('screen_photo'); "
     "moireaug.capture(torch.rand(1, 3, 224, 224), scene.sample(1, (224, 224)))"
 )
-MEMORY = "from benchmarks import apart; print(apart.resident_rise({shape}, {threads}))"
+MEMORY = (
+    "from benchmarks.memory_and_starts import resident_rise; "
+    "print(resident_rise({shape}, {threads}))"
+)
 MAX_START_SECONDS, MAX_FIRST_CALL_SECONDS = 1.5, 15.0  # seconds above `import torch` alone
 
 
 def run_apart(code: str, **environment: str) -> str:
     """Run code in a new interpreter on this checkout, and return its output."""
-    given = os.environ | {"PYTHONPATH": str(HERE)} | environment
+    given = os.environ | {"PYTHONPATH": str(ROOT)} | environment
     command = [sys.executable, "-c", code]
     return subprocess.run(command, env=given, check=True, stdout=subprocess.PIPE, text=True).stdout
 
