@@ -23,10 +23,11 @@ from torch import nn
 
 from benchmarks import measure
 from moireaug.evaluation import Cell, Table, images_frame, rates
-from moireaug.evaluation.attackers import Attacker, MoireAttacker, PoseUnknown
+from moireaug.evaluation.attackers import Attacker, MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import APGDTAttacker, SquareAttacker
+from moireaug.evaluation.loader import Batches
 from moireaug.evaluation.records import Records
-from moireaug.evaluation.runner import Batches, Runner, jobs_of
+from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.scenes import Scene
 from training.attack.protocol import protocol_of
 from training.data.load import load
@@ -50,7 +51,7 @@ def attackers(steps: int) -> dict[str, Attacker]:
         ),
         "APGD-T": APGDTAttacker(eps=EPS, steps=steps),
         "Square": SquareAttacker(eps=EPS, steps=QUERIES * steps),
-        "MA, pose unknown": PoseUnknown(eps=EPS, steps=steps),
+        "MA, pose unknown": PoseUnknownAttacker(eps=EPS, steps=steps),
     }
 
 

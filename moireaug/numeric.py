@@ -61,9 +61,15 @@ def is_batched(x: Tensor) -> bool:
     return functorch.is_batchedtensor(x) or functorch.is_legacy_batchedtensor(x)
 
 
-def per_image(field: Tensor, like: Tensor) -> Tensor:
-    """Return a drawn field (B,) as (B, 1, 1, 1), of the dtype of a batch of images."""
-    return field.to(like.dtype)[:, None, None, None]
+def per_image(values: Tensor, like: Tensor) -> Tensor:
+    """Return values (B,) as (B, 1, ...), with as many axes as the tensor `like` that they scale,
+    and of its dtype."""
+    return values.to(like.dtype)[(slice(None), *[None] * (like.ndim - 1))]
+
+
+def choose(mask: Tensor, a: Tensor, b: Tensor) -> Tensor:
+    """Return `a` in the rows where the mask (B,) is True, `b` in the others."""
+    return torch.where(mask.view(-1, *[1] * (a.ndim - 1)), a, b)
 
 
 def mix_colours(matrix: Tensor, light: Tensor) -> Tensor:

@@ -32,18 +32,6 @@ def check_eps(eps: object) -> None:
         )
 
 
-def check_bounds(bounds: object) -> None:
-    """Refuse the bounds of an evaluation that are neither an `eps` nor a list of one or more:
-    ValueError."""
-    values = bounds if isinstance(bounds, (list, tuple)) else [bounds]
-    if not values:
-        raise ValueError(
-            f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {bounds!r}."
-        )
-    for value in values:
-        check_eps(value)
-
-
 def is_finite(value: object) -> bool:
     """Return whether this is a real number, neither NaN nor infinite."""
     return isinstance(value, Real) and math.isfinite(value)

@@ -20,11 +20,11 @@ from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
 from moireaug.attacks.result import Result
-from moireaug.attacks.rules import choose
 from moireaug.attacks.search import Search
 from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot
 from moireaug.networks import check_callable
+from moireaug.numeric import choose
 from moireaug.scenes import Shot
 
 TANH_LIMIT = 1 - 1e-6  # a pixel's largest |tanh(w)|: black and white would lie at infinity
@@ -90,7 +90,7 @@ class CW:
             pixels, losses = self._nearest(search, problem.base)
             photo = pixels.to(images.dtype)
             with torch.no_grad():
-                logits = search.ask(photo, labels)
+                logits = search.logits_of_images(photo, labels)
             search.check(logits)  # without steps, nothing was checked yet
         noise = pixels - problem.base
         eps = noise.abs().max().item() if noise.numel() else 0.0
@@ -125,7 +125,7 @@ class CW:
         losses: list[Tensor] = []
         for k in range(self.steps):
             candidate = (torch.tanh(w) + 1) / 2
-            logits = search.ask(candidate.to(search.problem.images.dtype), labels)
+            logits = search.logits_of_images(candidate.to(search.problem.images.dtype), labels)
             if k == 0:
                 search.check(logits)
                 check_gradient(logits)

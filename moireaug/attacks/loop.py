@@ -186,7 +186,7 @@ class Attack(ABC):
                 variables[name] = x.detach().requires_grad_(True)
             images = search.active.forward_views(variables)
             labels, targets = search.goals(search.loss_targets)
-            logits = search.ask(images, labels)
+            logits = search.logits_of_images(images, labels)
             if k == 0:
                 search.check(logits)
                 check_gradient(logits)
@@ -227,7 +227,7 @@ class Attack(ABC):
 
     def result(self, search: Search, point: Point) -> Result:
         """Return the Result of a point."""
-        images, logits = search.photo(point)
+        images, logits = search.images_and_logits(point)
         success = is_success(logits, search.labels, search.targets)
         shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
         return Result(images, success, point["noise"], losses, self.eps, shot)

@@ -110,7 +110,7 @@ def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) 
         raise
 
 
-def ask(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
+def logits_without_gradient(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
     """Return a model's logits (B, K) of images (B, 3, H, W), without gradients; its state is
     restored."""
     with evaluating(model, images), torch.no_grad():
@@ -120,7 +120,7 @@ def ask(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
 def class_count(model: Callable[[Tensor], Tensor], images: Tensor, labels: Tensor) -> int:
     """Return the number of classes of a model, by its answer to the first of some images
     (B, 3, H, W), and refuse logits and labels as `check_classes` does."""
-    logits = ask(model, images[:1])
+    logits = logits_without_gradient(model, images[:1])
     rejects = getattr(model, "rejects", False)
     check_classes(labels.amax(0, keepdim=True), logits, rejects=rejects)
     return logits.shape[1] - rejects
@@ -129,4 +129,6 @@ def class_count(model: Callable[[Tensor], Tensor], images: Tensor, labels: Tenso
 def repeats_answers(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
     """Return whether a model, asked twice, answers each image (B, 3, H, W) the same, (B,) bool; see
     `is_same_answer`. Its state is restored."""
-    return is_same_answer(ask(model, images), ask(model, images))
+    return is_same_answer(
+        logits_without_gradient(model, images), logits_without_gradient(model, images)
+    )

@@ -67,10 +67,10 @@ class MultiTargeted:
         """Return the result of a search toward each class in turn, of the images that are still
         right."""
         point = search.problem.clean_point()
-        _, logits = search.photo(point)
+        _, logits = search.images_and_logits(point)
         check_classes(search.labels, logits)
         check_answers(logits, self.attack.model, search.problem.images)
-        _, second_logits = search.photo(point)
+        _, second_logits = search.images_and_logits(point)
         repeats = bool(is_same_answer(logits, second_logits).all())
         search.keep(point, logits.repeat(search.problem.views, 1))
         values, classes = likeliest_wrong_classes(logits, search.labels, self.targets)

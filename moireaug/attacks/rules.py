@@ -10,6 +10,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from moireaug.numeric import choose, per_image
+
 MOMENTUM_DECAY = 1.0  # mu of Dong et al. (2018)
 # share of an APGD step that is new; the rest repeats the step before: Croce & Hein (2020)
 APGD_ALPHA = 0.75
@@ -87,7 +89,7 @@ class Momentum(Rule):
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
         mean_size = gradient.abs().flatten(1).mean(1)
         mean_size = torch.where(mean_size > 0, mean_size, 1.0)
-        self.momentum = MOMENTUM_DECAY * self.momentum + gradient / _per_image(mean_size, x)
+        self.momentum = MOMENTUM_DECAY * self.momentum + gradient / per_image(mean_size, x)
         return self.project(x + self.step * self.momentum.sign())
 
 
@@ -153,7 +155,7 @@ class APGD(Rule):
         self.last_loss = loss
         if self.k in self.checkpoints:
             x, gradient = self._check_progress(x, gradient)
-        ascended = self.project(x + _per_image(self.step_sizes, x) * gradient.sign())
+        ascended = self.project(x + per_image(self.step_sizes, x) * gradient.sign())
         momentum = (1 - APGD_ALPHA) * (x - self.previous_x) if self.k else 0.0
         next_x = self.project(x + (APGD_ALPHA if self.k else 1.0) * (ascended - x) + momentum)
         self.previous_x = x
@@ -228,13 +230,3 @@ def checkpoints(steps: int) -> set[int]:
         checkpoint_steps.add(math.ceil(p * steps - 1e-9))
         p_before, p = p, p + max(p - p_before - 0.03, 0.06)
     return checkpoint_steps
-
-
-def _per_image(values: Tensor, like: Tensor) -> Tensor:
-    """Return values (B,) as (B, 1, ...), in the dtype of the tensor `like` that they scale."""
-    return values.to(like.dtype).view(-1, *[1] * (like.ndim - 1))
-
-
-def choose(mask: Tensor, a: Tensor, b: Tensor) -> Tensor:
-    """Return `a` in the rows where the mask (B,) is True, `b` in the others."""
-    return torch.where(mask.view(-1, *[1] * (a.ndim - 1)), a, b)

@@ -13,7 +13,7 @@ from moireaug.attacks.answers import is_same_answer, rejection_as_label
 from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.losses import attack_margin, mean_cross_entropy
 from moireaug.attacks.problem import Point, Problem
-from moireaug.attacks.rules import choose
+from moireaug.numeric import choose
 
 
 class Step(NamedTuple):
@@ -98,7 +98,7 @@ class Search:
             return labels, None
         return labels, self.active_rows(targets).repeat(self.active.views)
 
-    def ask(self, images: Tensor, labels: Tensor) -> Tensor:
+    def logits_of_images(self, images: Tensor, labels: Tensor) -> Tensor:
         """Return the model's logits (b, K) of images (b, 3, H, W) with labels (b,)."""
         logits = self.model(images.clone())  # a model may work in place
         if getattr(self.model, "rejects", False):
@@ -128,16 +128,16 @@ class Search:
     def logits(self, point: Point) -> Tensor:
         """Return the logits (views * b, K) of the active images at a point."""
         images = self.active.forward_views(self.active_point(point))
-        logits = self.ask(images, self.goals(None)[0])
+        logits = self.logits_of_images(images, self.goals(None)[0])
         if not self.losses:
             self.check(logits)
         return logits
 
     @torch.no_grad()
-    def photo(self, point: Point) -> tuple[Tensor, Tensor]:
+    def images_and_logits(self, point: Point) -> tuple[Tensor, Tensor]:
         """Return the n images that are judged at a point, (n, 3, H, W), and their logits (n, K)."""
         images = self.problem.render(point)
-        return images, self.ask(images, self.labels)
+        return images, self.logits_of_images(images, self.labels)
 
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)

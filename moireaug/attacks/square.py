@@ -12,9 +12,8 @@ from torch import Tensor
 from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point
-from moireaug.attacks.rules import choose
 from moireaug.attacks.search import Search, Step
-from moireaug.numeric import as_single
+from moireaug.numeric import as_single, choose
 
 FIRST_WINDOW_SHARE = 0.8  # of the planes' area, as in AutoAttack
 # queries of 10,000 after which that share is halved: Andriushchenko et al. (2020), section 4.1 and
@@ -31,8 +30,9 @@ class SquareMoire(MoireAttack):
 
     Args:
         steps: queries per restart that try noise: one for the stripes, one for each window. One
-            more follows on the noise that is kept. The call's last one judges the result, and with
-            `until_fooled` another asks whether the model repeats its answer.
+            more follows on the noise that is kept; with `until_fooled`, each restart asks its first
+            query twice, to see whether the model repeats its answer. The call's last query judges
+            the result.
         loss: a key of `attacks.LOSSES`, by which a window is judged.
         others: see `MoireAttack`. Settings that only gradients use keep their defaults: step_size,
             rule, random_start, optimise and eot.

@@ -56,7 +56,9 @@ class PixelDeflection(Defence):
 
     def sources(self, b: int, h: int, w: int) -> np.ndarray:
         """Return the flat index of the pixel that each pixel's colour comes from, (b, h w)."""
-        u = torch.rand(4, self.deflections, b, dtype=torch.float64, device="cpu").numpy()
+        # an image's numbers are drawn together: the same whether or not the batch comes in parts
+        drawn = torch.rand(b, 4, self.deflections, dtype=torch.float64, device="cpu")
+        u = drawn.permute(1, 2, 0).numpy()
         rows, cols = np.floor(u[0] * h).astype(int), np.floor(u[1] * w).astype(int)
         origins = self._nearby_positions(rows, h, u[2]) * w + self._nearby_positions(cols, w, u[3])
         source, image = np.tile(np.arange(h * w), (b, 1)), np.arange(b)

@@ -28,8 +28,8 @@ class Attacker(Condition):
     Args:
         eps: bound of the noise, in [0, 1] units.
         steps: number of gradient steps, or of queries.
-        knows: judge whose defence is attacked, with the defence's own approximate gradient (BPDA)
-            and by expectation over its draws where it is randomised (EOT).
+        known_judge: judge whose defence is attacked, with the defence's own approximate gradient
+            (BPDA) and by expectation over its draws where it is randomised (EOT).
     """
 
     control: ClassVar[bool] = False
@@ -37,13 +37,13 @@ class Attacker(Condition):
 
     eps: float
     steps: int
-    knows: Judge = UNDEFENDED
+    known_judge: Judge = UNDEFENDED
 
     @property
     def base_name(self) -> str:
         words = self.name_words()
-        if self.knows.defence is not None:
-            words += ["through", self.knows.name]
+        if self.known_judge.defence is not None:
+            words += ["through", self.known_judge.name]
         return "_".join(words)
 
     def name_words(self) -> list[str]:
@@ -62,10 +62,10 @@ class Attacker(Condition):
     def n_splits(self) -> int:
         """Number of splits of a batch that are attacked in turn: an expectation over n draws takes
         n times the images, and no step shall hold more than a batch."""
-        return self.knows.draws
+        return self.known_judge.draws
 
     def show(self, batch: EvalBatch) -> Tensor:
-        model = self.knows.defended(batch.model, batch.max_images)
+        model = self.known_judge.defended(batch.model, batch.max_images)
         batch = dataclasses.replace(batch, model=model)
         size = -(-len(batch.images) // self.n_splits)
         images = []
@@ -145,7 +145,7 @@ class MoireAttacker(Attacker):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseUnknown(Attacker):
+class PoseUnknownAttacker(Attacker):
     """The Moiré Attack by expectation over other draws of the scene, shown on the shot that is
     judged.
 
@@ -158,7 +158,7 @@ class PoseUnknown(Attacker):
 
     @property
     def n_splits(self) -> int:
-        return self.shots * self.knows.draws
+        return self.shots * self.known_judge.draws
 
     def perturb(self, batch: EvalBatch) -> Tensor:
         attack = self.moire_attack(batch, eot=self.shots)

@@ -14,10 +14,10 @@ from torch import Tensor
 from moireaug.attacks import MultiTargeted, SquareMoire
 from moireaug.attacks.answers import rejection_as_label
 from moireaug.attacks.losses import attack_margin
-from moireaug.attacks.model import ask, class_count, repeats_answers
-from moireaug.attacks.rules import choose
+from moireaug.attacks.model import class_count, logits_without_gradient, repeats_answers
 from moireaug.evaluation.attackers import Attacker, attack_shot
 from moireaug.evaluation.conditions import EvalBatch
+from moireaug.numeric import choose
 
 QUERIES_PER_STEP = 50  # of Square, for each step of the others: AutoAttack takes 5,000 and 100
 
@@ -71,7 +71,7 @@ class APGDAttacker(Attacker):
 
 def _margins(batch: EvalBatch, images: Tensor) -> Tensor:
     """Return the margins (B,) of images shown to the batch's model."""
-    logits = ask(batch.model, images)
+    logits = logits_without_gradient(batch.model, images)
     if getattr(batch.model, "rejects", False):
         logits = rejection_as_label(logits, batch.labels)
     return attack_margin(logits, batch.labels)

@@ -72,7 +72,7 @@ class Condition(ABC):
         targeted: whether being fooled means predicting the target's class.
         scene: scene of the photos, or a mixture; None is the evaluation's scene. Shots of one scene
             are drawn alike, so that all conditions of a scene share theirs.
-        place: name of that scene, part of this condition's name.
+        scene_name: name of that scene, part of this condition's name.
     """
 
     kind: ClassVar[str]
@@ -81,12 +81,12 @@ class Condition(ABC):
     eps: float = 0.0
     targeted: bool = False
     scene: Scene | Mixture | None = None
-    place: str = ""
+    scene_name: str = ""
 
     @property
     def name(self) -> str:
         """The condition's name in records: unique within a suite."""
-        return self.base_name + (f"@{self.place}" if self.place else "")
+        return self.base_name + (f"@{self.scene_name}" if self.scene_name else "")
 
     @property
     def base_name(self) -> str:
@@ -110,9 +110,9 @@ class Condition(ABC):
                 settings[field.name] = getattr(value, "identity", value)
         return settings
 
-    def at(self, place: str, scene: Scene | Mixture) -> Condition:
+    def at(self, scene_name: str, scene: Scene | Mixture) -> Condition:
         """Return the same condition in another scene."""
-        return dataclasses.replace(self, place=place, scene=scene)
+        return dataclasses.replace(self, scene_name=scene_name, scene=scene)
 
 
 class Clean(Condition):

@@ -120,7 +120,7 @@ def evaluate(
     for option, value in options.items():
         if value:
             check_used(suite, option, OPTION_SUITES[option])
-    _check_judged(suite, tables, config, defences or {})
+    _check_defence_names(suite, tables, config, defences or {})
     lpips_network = None
     if lpips is not None:
         lpips_network = LPIPS(lpips)
@@ -137,7 +137,7 @@ def evaluate(
             config.scene,
             records,
             seed=seed,
-            name=identity_of(model, identity),
+            model_identity=identity_of(model, identity),
             lpips=lpips_network,
         )
         jobs = jobs_of(tables)
@@ -160,7 +160,7 @@ def _check_devices(model: Model, parts: Mapping[str, Model]) -> None:
                 )
 
 
-def _check_judged(
+def _check_defence_names(
     suite: str, tables: Sequence[Table], config: SuiteConfig, names: Iterable[str]
 ) -> None:
     """Refuse the name of a defence that stands in no table: ValueError."""

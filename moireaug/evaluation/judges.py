@@ -9,7 +9,7 @@ from torch import Tensor
 
 from moireaug.attacks import predicted
 from moireaug.attacks.checks import check_classes
-from moireaug.attacks.model import ask
+from moireaug.attacks.model import logits_without_gradient
 from moireaug.defenses import Defended, restore_mean
 from moireaug.evaluation.conditions import EvalBatch, ImageTransform, Model
 from moireaug.evaluation.identity import identity
@@ -64,7 +64,7 @@ class Judge:
             images = restore_mean(images, batch.images)
         attacked = batch.model if self.model is None else self.model
         model = self.defended(attacked, batch.max_images)
-        logits = ask(model, images)
+        logits = logits_without_gradient(model, images)
         rejects = getattr(model, "rejects", False)
         check_classes(batch.labels, logits, rejects=rejects)
         return predicted(logits, rejects=rejects)
@@ -85,7 +85,7 @@ class Judge:
 UNDEFENDED = Judge("model")
 
 
-def averaged(name: str, defence: ImageTransform) -> Judge:
+def averaging_judge(name: str, defence: ImageTransform) -> Judge:
     """Return the attacked model behind a defence, by the mean of many draws where it is randomised:
     of single draws, a worst case over several conditions would pick the unlucky ones."""
     if not getattr(defence, "randomised", False):

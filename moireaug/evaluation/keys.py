@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import typing
 from typing import Any
 
 from torch import Tensor, nn
@@ -11,24 +10,17 @@ from torch import Tensor, nn
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.identity import identity
 from moireaug.evaluation.judges import Judge
+from moireaug.evaluation.loader import Batches
 from moireaug.evaluation.records import key_of
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
-
-
-class Batches(typing.Protocol):
-    """Test images in batches, by index: (images (B, 3, H, W) in [0, 1], labels (B,))."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, index: int) -> tuple[Tensor, Tensor]: ...
 
 
 class RecordKeys:
     """The keys of the records of one model.
 
     Args:
-        model: identity of the model.
+        model_identity: identity of the model.
         batches: test images.
         scene: scene, or mixture of scenes, of conditions without one of their own.
         seed: seed of the evaluation.
@@ -38,13 +30,13 @@ class RecordKeys:
 
     def __init__(
         self,
-        model: str,
+        model_identity: str,
         batches: Batches,
         scene: Scene | Mixture,
         seed: int,
         lpips: nn.Module | None,
     ) -> None:
-        self.model = model
+        self.model_identity = model_identity
         self.batches = batches
         self.scene = scene
         self.seed = seed
@@ -54,11 +46,11 @@ class RecordKeys:
     def key(self, condition: Condition, judge: Judge, index: int) -> str:
         """Return the key of the record of one condition before one judge on one batch."""
         if index not in self._batch_digests:  # a batch that another process has done
-            self.read_batch(index, *self.batches[index])
+            self.hash_batch(index, *self.batches[index])
         batch = {"content": self._batch_digests[index], "index": index}
         return key_of(self._condition_fields(condition) | {"judge": judge.identity, "batch": batch})
 
-    def read_batch(self, index: int, images: Tensor, labels: Tensor) -> None:
+    def hash_batch(self, index: int, images: Tensor, labels: Tensor) -> None:
         """Take the content of a batch into its keys."""
         sha256 = hashlib.sha256(images.detach().cpu().contiguous().numpy().tobytes())
         sha256.update(f"{tuple(images.shape)} {labels.tolist()}".encode())
@@ -67,7 +59,7 @@ class RecordKeys:
     def _condition_fields(self, condition: Condition) -> dict[str, Any]:
         scene = self.scene if condition.scene is None else condition.scene
         fields = {
-            "model": self.model,
+            "model": self.model_identity,
             "scene": scene.to_dict(),
             "condition": condition.settings() | {"name": condition.name},
             "seed": self.seed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -12,6 +13,14 @@ from moireaug.attacks.checks import as_tensor, check_count, check_labels
 from moireaug.image_checks import check_images
 
 Batch = tuple[Tensor, Tensor]  # images and labels
+
+
+class Batches(Protocol):
+    """Test images in batches, by index: (images (B, 3, H, W) in [0, 1], labels (B,))."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int) -> Batch: ...
 
 
 def collect_batches(loader: Iterable[Batch], n: int | None) -> list[Batch]:

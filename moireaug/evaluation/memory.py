@@ -50,7 +50,7 @@ def within_memory(compute: Callable[[EvalBatch], T], batch: EvalBatch) -> T:
     """Return what `compute` makes of a batch; where that does not fit the device's memory, with
     models and defences that take its images in halves, in quarters and so on. Random numbers are
     still drawn for the whole batch, so that no figure depends on the memory, unless the model
-    itself is randomised.
+    itself is randomised, or a defence is made of several that are.
 
     Raises:
         torch.OutOfMemoryError: not even single images fit, or it is neither model nor defence that

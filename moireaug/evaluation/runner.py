@@ -17,7 +17,8 @@ from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.draws import BatchDraws
 from moireaug.evaluation.identity import identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
-from moireaug.evaluation.keys import Batches, RecordKeys
+from moireaug.evaluation.keys import RecordKeys
+from moireaug.evaluation.loader import Batches
 from moireaug.evaluation.records import Record, Records
 from moireaug.evaluation.scene_batches import SceneBatches
 from moireaug.evaluation.tables import Table
@@ -80,7 +81,7 @@ class Runner:
         scene: scene, or mixture of scenes, of which one shot is drawn per image.
         records: finished records, looked up before anything is computed.
         seed: seed of shots, targets, random starts and randomised judges, see `BatchDraws`.
-        name: identity of the model in records; None is its `identity`.
+        model_identity: identity of the model in records; None is its `identity`.
         lpips: `visibility.LPIPS` to measure every attack with, or None.
     """
 
@@ -92,7 +93,7 @@ class Runner:
         records: Records,
         *,
         seed: int = 0,
-        name: str | None = None,
+        model_identity: str | None = None,
         lpips: nn.Module | None = None,
     ) -> None:
         self.model = model
@@ -100,10 +101,10 @@ class Runner:
         self.scene = scene
         self.records = records
         self.seed = seed
-        self.name = identity(model) if name is None else name
+        self.model_identity = identity(model) if model_identity is None else model_identity
         self.lpips = lpips
         self.device = device_of(model)
-        self.keys = RecordKeys(self.name, batches, scene, seed, lpips)
+        self.keys = RecordKeys(self.model_identity, batches, scene, seed, lpips)
 
     def run(self, jobs: Sequence[Job], indices: Iterable[int]) -> Iterator[Job]:
         """Run jobs on the batches of these indices; yields each job when it is done on one batch.
@@ -113,7 +114,7 @@ class Runner:
         """
         for index in indices:
             images, labels = self.batches[index]
-            self.keys.read_batch(index, images, labels)
+            self.keys.hash_batch(index, images, labels)
             images = images.to(self.device)
             labels = check_labels(labels, len(images), "labels").to(images.device)
             batch = None
@@ -183,7 +184,7 @@ class Runner:
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
                     "key": self.key(condition, judge, batch.index),
-                    "model": self.name,
+                    "model": self.model_identity,
                     "condition": condition.name,
                     "settings": condition.settings(),
                     "judge": judge.name,

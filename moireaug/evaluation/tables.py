@@ -8,11 +8,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from moireaug.attacks.checks import check_bounds
+from moireaug.attacks.checks import check_eps
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import Condition, ImageTransform, Model, Photo, in_255ths
-from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
 
@@ -83,6 +83,18 @@ DEFAULT_EPS = (2 / 255, 4 / 255, 8 / 255)  # unless a suite has its own
 RESERVED_NAMES = ("model", "undefended", "attacked", "as_it_is", "restored", "rounded")
 
 
+def check_bounds(bounds: object) -> None:
+    """Refuse the bounds of an evaluation that are neither an `eps` nor a list of one or more:
+    ValueError."""
+    values = bounds if isinstance(bounds, (list, tuple)) else [bounds]
+    if not values:
+        raise ValueError(
+            f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {bounds!r}."
+        )
+    for value in values:
+        check_eps(value)
+
+
 @dataclass(frozen=True, kw_only=True)
 class SuiteConfig:
     """The settings of a suite's tables.
@@ -133,9 +145,20 @@ class SuiteConfig:
         """Return the given bounds in order, or `default` where there are none."""
         return default if self.eps is None else tuple(sorted(self.eps))
 
-    def behind(self, name: str) -> Judge:
-        """Return the attacked model behind the defence of that name."""
-        return Judge(name, defence=self.defences[name])
+    def behind(self, name: str, *, averages: bool = False) -> Judge:
+        """Return the attacked model behind the defence of that name; with `averages`, by the mean
+        of its draws, see `averaging_judge`.
+
+        Raises:
+            ValueError: there is no defence of that name.
+        """
+        if name not in self.defences:
+            raise ValueError(
+                f"the suite needs the defence {name!r}, which is missing. Pass "
+                "SuiteConfig(defences=paper_defences() | {...}), with your own in the braces."
+            )
+        defence = self.defences[name]
+        return averaging_judge(name, defence) if averages else Judge(name, defence=defence)
 
 
 def _exact(eps: float) -> float:

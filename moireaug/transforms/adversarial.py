@@ -101,7 +101,7 @@ class AdversarialMoire(v2.Transform):
             random_start=random_start,
         )
         self._labels_getter = _parse_labels_getter(labels_getter)
-        self._default_labels = labels_getter == "default"
+        self._uses_default_labels = labels_getter == "default"
 
     def forward(self, *inputs: Any, generator: torch.Generator | None = None) -> Any:
         if not inputs:
@@ -115,8 +115,8 @@ class AdversarialMoire(v2.Transform):
 
     def _labels_of(self, sample: Any) -> Any:
         """Return a sample's labels; torchvision's default looks for tensors alone."""
-        pair = isinstance(sample, (tuple, list)) and len(sample) > 1
-        if self._default_labels and pair and isinstance(sample[1], np.ndarray):
+        is_pair = isinstance(sample, (tuple, list)) and len(sample) > 1
+        if self._uses_default_labels and is_pair and isinstance(sample[1], np.ndarray):
             return sample[1]
         return self._labels_getter(sample)
 

@@ -69,9 +69,7 @@ def test_places_and_offsets_are_uniform():
 
 def test_deflections_follow_each_other(monkeypatch):
     # pixel 1 takes 0's colour, then 2 takes 1's, which is 0's by now
-    u = torch.tensor(
-        [[[0.0], [0.0]], [[0.4], [0.7]], [[0.0], [0.0]], [[0.0], [0.0]]], dtype=torch.float64
-    )
+    u = torch.tensor([[[0.0, 0.0], [0.4, 0.7], [0.0, 0.0], [0.0, 0.0]]], dtype=torch.float64)
     monkeypatch.setattr(torch, "rand", lambda *a, **k: u)
     assert PixelDeflection(2, window=1).sources(1, 1, 3).tolist() == [[0, 0, 0]]
 

@@ -71,7 +71,7 @@ def test_a_model_that_answers_at_random_keeps_the_greater_margin(batch, monkeypa
 
 def test_an_attack_through_a_defence_is_another_one(batch):
     coarse = Judge("coarse", defence=BitDepth(1))
-    through, plain = APGDAttacker(**SETTINGS, knows=coarse), APGDAttacker(**SETTINGS)
+    through, plain = APGDAttacker(**SETTINGS, known_judge=coarse), APGDAttacker(**SETTINGS)
     assert through.name == "apgd_2_through_coarse" and plain.name == "apgd_2"
-    assert through.settings()["knows"] == coarse.identity != plain.settings()["knows"]
+    assert through.settings()["known_judge"] == coarse.identity != plain.settings()["known_judge"]
     assert not torch.equal(through.show(batch), plain.show(batch))

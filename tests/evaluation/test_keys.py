@@ -17,7 +17,7 @@ from torchvision.transforms import v2
 from moireaug import Scene
 from moireaug.attacks import Normalized
 from moireaug.defenses import JPEG, Compose, Defended, PixelDeflection, Quilting
-from moireaug.evaluation.attackers import MoireAttacker, PoseUnknown
+from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.identity import identity, require_identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
@@ -36,7 +36,7 @@ CHANGES = {
     "noise_at": "photo",
     "optimise": ("noise", "view"),
     "until_fooled": False,
-    "knows": Judge("j", defence=JPEG(60)),
+    "known_judge": Judge("j", defence=JPEG(60)),
     "variant": "other",
     "scene": Scene.preset("paper"),
 }
@@ -53,16 +53,16 @@ def test_a_key_changes_with_every_setting(known, setting):
 
 
 def test_a_key_changes_with_the_draws_of_an_expectation():
-    attackers = [PoseUnknown(eps=EPS, steps=2, shots=shots) for shots in (4, 8)]
+    attackers = [PoseUnknownAttacker(eps=EPS, steps=2, shots=shots) for shots in (4, 8)]
     for draws in (1, 20):
         judge = Judge("j", PixelDeflection(), draws=draws)
-        attackers.append(MoireAttacker(eps=EPS, steps=2, knows=judge))
+        attackers.append(MoireAttacker(eps=EPS, steps=2, known_judge=judge))
     assert len({str(attacker.settings()) for attacker in attackers}) == 4
 
 
 def test_every_setting_of_an_attacker_is_tried():
     named = {field.name for field in dataclasses.fields(MoireAttacker)}
-    assert named - {"place"} == set(CHANGES)
+    assert named - {"scene_name"} == set(CHANGES)
 
 
 def test_a_judge_is_known_by_what_it_holds_and_where():

@@ -7,7 +7,8 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown
+from moireaug.defenses import PixelDeflection
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import SquareAttacker
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
 from moireaug.evaluation.judges import UNDEFENDED, Judge
@@ -18,10 +19,13 @@ from tests.evaluation.haze import EPS, SCENE
 CONDITIONS = {
     "noise": RandomNoise(eps=EPS),
     "restarts": MoireAttacker(eps=EPS, steps=2, restarts=2),
-    "unknown pose": PoseUnknown(eps=EPS, steps=2, shots=2),
+    "unknown pose": PoseUnknownAttacker(eps=EPS, steps=2, shots=2),
     "search": SquareAttacker(eps=EPS, steps=8),
     "pixels": PixelAttacker(attack="pgd", eps=EPS, steps=2),
-    "defence": MoireAttacker(eps=EPS, steps=2, knows=Judge("dark", defence=lambda x: 0.5 * x)),
+    "defence": MoireAttacker(
+        eps=EPS, steps=2, known_judge=Judge("dark", defence=lambda x: 0.5 * x)
+    ),
+    "deflection": MoireAttacker(eps=EPS, steps=2, known_judge=Judge("d", PixelDeflection(20))),
 }
 MAX_IMAGES = 2  # of 6 that fit
 
@@ -48,11 +52,11 @@ def limited(model):
 
 def confined(condition):
     """The same condition, whose defence is on a device that holds few images."""
-    knows = getattr(condition, "knows", UNDEFENDED)
-    if knows is UNDEFENDED:
+    judge = getattr(condition, "known_judge", UNDEFENDED)
+    if judge is UNDEFENDED:
         return condition
-    knows = dataclasses.replace(knows, defence=limited(knows.defence))
-    return dataclasses.replace(condition, knows=knows)
+    judge = dataclasses.replace(judge, defence=limited(judge.defence))
+    return dataclasses.replace(condition, known_judge=judge)
 
 
 def noisy(limit):
@@ -67,6 +71,7 @@ def test_the_images_do_not_depend_on_the_memory(condition, batch):
     shown = []
     for model, one in ((batch.model, condition), (limited(batch.model), confined(condition))):
         batch.generator.manual_seed(2)
+        torch.manual_seed(2)
         shown.append(within_memory(one.show, dataclasses.replace(batch, model=model)))
     assert torch.allclose(*shown, atol=1e-6)
 

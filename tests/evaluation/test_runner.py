@@ -17,7 +17,7 @@ from moireaug.evaluation.conditions import (
     RandomNoise,
     Rotated,
 )
-from moireaug.evaluation.judges import UNDEFENDED, Judge, averaged
+from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.tables import cross
@@ -185,7 +185,7 @@ def test_a_worst_case_behind_a_randomised_defence_pools_no_unlucky_draws():
     batches = [(torch.full((16, 3, 8, 8), 0.6), torch.ones(16, dtype=torch.long))]
     conditions = (Photo(), PhotoWithoutMoire(), RandomNoise(eps=EPS), Rotated())
     accuracies = []
-    for judge in (Judge("dropping", Dropping()), averaged("dropping", Dropping())):
+    for judge in (Judge("dropping", Dropping()), averaging_judge("dropping", Dropping())):
         table = Table("mine", (Cell("mine", "worst", conditions, judge, worst=True),))
         runner = ran((bright, batches), table, (0,))
         accuracies += rates(images_frame([table], runner, (0,)))["accuracy"].tolist()

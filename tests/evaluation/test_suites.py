@@ -9,6 +9,7 @@ import torch
 from torch import nn
 
 from moireaug import Scene
+from moireaug.defenses import JPEG
 from moireaug.evaluation import (
     GROUPS,
     SUITES,
@@ -50,6 +51,13 @@ def test_groups_share_out_the_suites():
     assert sorted(GROUPS["paper"] + GROUPS["recipes"]) == sorted(SUITES.keys() - alone)
     assert [table.name for table in tables_of("paper", CONFIG)] == list(GROUPS["paper"])
     assert [table.name for table in tables_of("unseen", CONFIG)] == ["unseen"]
+
+
+@pytest.mark.parametrize("name", ["jpeg", "mean_normalised", "noise_position", "adaptive"])
+def test_a_missing_defence_of_the_paper_is_named(name):
+    mine = SuiteConfig(scene=SCENE, defences={"mine": JPEG(30)})
+    with pytest.raises(ValueError, match=r"needs the defence '\w+'.*paper_defences\(\) \| \{"):
+        tables_of(name, mine)
 
 
 @pytest.mark.parametrize("name", sorted({*SUITES, *GROUPS}))

@@ -46,7 +46,7 @@ def ladder_metrics(result: AttackResult) -> dict[str, Any]:
         "clean_accuracy": rows[0]["accuracy"],
         "reattack": rows,
         "correct": outcomes,
-        "identity": result.runner.name,
+        "identity": result.runner.model_identity,
         **result.checks,
     }
 
@@ -163,7 +163,7 @@ def publish_suite(cfg: ReattackConfig, subject: Subject, result: AttackResult) -
         n=protocol.batches.n,
         steps=protocol.settings.steps,
         eps=protocol.config().middle,
-        identity=result.runner.name,
+        identity=result.runner.model_identity,
         tables=tables,
         time={**subject.seconds, **result.seconds},
     )

@@ -9,8 +9,7 @@ import torch
 from torch import nn
 
 from moireaug.attacks import MoireAttack
-from moireaug.attacks.checks import check_bounds
-from moireaug.evaluation.tables import DEFAULT_EPS
+from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
 from moireaug.mixtures import as_scenes
 from training.config.data_sets import DATA, Data
 from training.config.schema import Adversary, Config, RunConfig, Trainer

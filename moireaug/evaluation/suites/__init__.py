@@ -23,7 +23,7 @@ from moireaug.evaluation.suites.paper import (
     success,
     transfer,
 )
-from moireaug.evaluation.suites.scenes import natural, unseen
+from moireaug.evaluation.suites.scenes import threat, unseen
 from moireaug.evaluation.suites.shifts import shifts
 from moireaug.evaluation.suites.trust import trust
 from moireaug.evaluation.tables import SuiteConfig, Table
@@ -42,7 +42,7 @@ SUITES: dict[str, Callable[[SuiteConfig], Table]] = {
     "factors": factors,
     "noise_position": noise_position,
     "appearance": appearance,
-    "threat": natural,
+    "threat": threat,
     "adaptive": adaptive,
     "standard": standard,
     "worst_case": worst_case,

@@ -4,10 +4,10 @@ them."""
 from __future__ import annotations
 
 from moireaug.attacks.pose import searched_fields
-from moireaug.evaluation.attackers import MoireAttacker, PoseUnknown
+from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, APGDAttacker, SquareAttacker
 from moireaug.evaluation.conditions import Condition, controls
-from moireaug.evaluation.judges import DEFENCE_DRAWS, UNDEFENDED, averaged
+from moireaug.evaluation.judges import DEFENCE_DRAWS, UNDEFENDED
 from moireaug.evaluation.tables import (
     Cell,
     SuiteConfig,
@@ -35,23 +35,23 @@ def adaptive(config: SuiteConfig) -> Table:
     unknown = [name for name in added if name != "quilting"]  # the paper's, given its patches
     judges = {"undefended": UNDEFENDED}
     for name in (*ATTACKED_DEFENCES, *added):
-        judges[name] = averaged(name, config.defences[name])
+        judges[name] = config.behind(name, averages=True)
     queries = QUERIES_PER_STEP * steps
     cells: list[Cell] = []
     worst_cells: list[Cell] = []  # the last column
     for row, judge in judges.items():
         columns: dict[str, Condition] = controls(eps) | {
             "ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False),
-            "adaptive": APGDAttacker(eps=eps, steps=steps, knows=judge),
+            "adaptive": APGDAttacker(eps=eps, steps=steps, known_judge=judge),
         }
         if row in unknown:
-            columns["square"] = SquareAttacker(eps=eps, steps=queries, knows=judge)
+            columns["square"] = SquareAttacker(eps=eps, steps=queries, known_judge=judge)
         row_cells = cross({row: judge}, columns)
         cells += row_cells
         if judge is UNDEFENDED:
             cells += undefended_row(row, camera_attackers)
         worst_cells.append(worst_of(row_cells, row, eps))
-    facts = {"why_not_turned": reason, "draws": DEFENCE_DRAWS, "shots": PoseUnknown.shots}
+    facts = {"why_not_turned": reason, "draws": DEFENCE_DRAWS, "shots": PoseUnknownAttacker.shots}
     if unknown:
         facts["queries"] = queries
     return Table("adaptive", (*cells, *worst_cells), facts=facts)
@@ -61,7 +61,7 @@ def attackers_of_the_camera(config: SuiteConfig, eps: float) -> tuple[dict[str, 
     """Return the attackers by column who do not know the pose, and who turn the camera; and, where
     no scene lets it be turned, the reason."""
     steps = config.steps
-    attackers: dict[str, Condition] = {"pose_unknown": PoseUnknown(eps=eps, steps=steps)}
+    attackers: dict[str, Condition] = {"pose_unknown": PoseUnknownAttacker(eps=eps, steps=steps)}
     parts, reason = movable_parts(config.scene)
     if parts:
         attackers["turning"] = MoireAttacker(

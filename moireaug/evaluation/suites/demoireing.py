@@ -5,7 +5,7 @@ from __future__ import annotations
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import APGDAttacker
 from moireaug.evaluation.conditions import Condition, controls
-from moireaug.evaluation.judges import UNDEFENDED, Judge, averaged
+from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
 from moireaug.evaluation.suites.paper import is_published, paper_attacks
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, worst_of
 
@@ -19,14 +19,14 @@ def demoireing(config: SuiteConfig) -> Table:
     except APGD, which goes through each network's own gradient."""
     judges: dict[str, Judge] = {"undefended": UNDEFENDED}
     for name, network in config.networks.items():
-        judges[name] = averaged(name, network)
+        judges[name] = averaging_judge(name, network)
     missing = {name: MISSING_WEIGHTS for name in PAPER_NETWORKS if name not in judges}
     eps, steps = config.middle, config.steps
     columns: dict[str, Condition] = controls(eps) | paper_attacks(config)
     columns["ma_8"] = MoireAttacker(eps=LARGER_EPS, steps=steps, until_fooled=False)
     cells = cross(judges, columns)
     for name, judge in judges.items():
-        apgd = APGDAttacker(eps=eps, steps=steps, knows=judge)
+        apgd = APGDAttacker(eps=eps, steps=steps, known_judge=judge)
         cells.append(Cell(name, "adaptive", (apgd,), judge))
         cells.append(worst_of([cell for cell in cells if cell.row == name], name, eps))
     return Table(

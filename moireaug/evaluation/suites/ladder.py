@@ -7,7 +7,7 @@ often fools as many images as the attack.
 
 from __future__ import annotations
 
-from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import APGDAttacker
 from moireaug.evaluation.conditions import (
     Clean,
@@ -70,7 +70,7 @@ def full_ladder(config: SuiteConfig) -> Table:
     eps, steps = config.middle, config.steps
     conditions = {condition.name: condition for condition in ladder_conditions(config)}
     size = in_255ths(eps)
-    conditions[f"pose_unknown_{size}"] = PoseUnknown(eps=eps, steps=steps)
+    conditions[f"pose_unknown_{size}"] = PoseUnknownAttacker(eps=eps, steps=steps)
     conditions[f"adaptive_{size}"] = APGDAttacker(eps=eps, steps=steps)
     cells = []
     for row, condition in conditions.items():
@@ -79,7 +79,7 @@ def full_ladder(config: SuiteConfig) -> Table:
         cells.append(Cell(row, FOOLED_COLUMN, (condition,)))
     cells.append(worst_of(cells, f"worst_case_{size}", eps, FOOLED_COLUMN))
     pictures = _picture_places(eps, FOOLED_COLUMN)
-    facts = {"shots": PoseUnknown.shots}
+    facts = {"shots": PoseUnknownAttacker.shots}
     return Table("full_ladder", tuple(cells), pictures=pictures, facts=facts)
 
 

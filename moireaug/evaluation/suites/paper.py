@@ -144,8 +144,8 @@ def factors(config: SuiteConfig) -> Table:
         scenes[f"roll_{roll}"] = map_scenes(config.scene, partial(_rolled, roll=roll))
     # at odd multiples a point-sampled photo reads one sensor pixel, at even ones the mean of two,
     # which is a filter
-    points = any(scene.develop.resize == "point" for scene in scenes_of(config.scene))
-    for alpha in (1, 3, 5) if points else (1, 2, 3):
+    is_point_sampled = any(scene.develop.resize == "point" for scene in scenes_of(config.scene))
+    for alpha in (1, 3, 5) if is_point_sampled else (1, 2, 3):
         scenes[f"alpha_{alpha}"] = map_scenes(config.scene, partial(_enlarged, alpha=alpha))
     columns: dict[str, Condition] = {
         "no_moire": PhotoWithoutMoire(),

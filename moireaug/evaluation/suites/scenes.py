@@ -17,7 +17,7 @@ from moireaug.scenes import Scene, preset_name
 OWN_SCENE_ROW = "own_scene"
 
 
-def natural(config: SuiteConfig) -> Table:
+def threat(config: SuiteConfig) -> Table:
     """Paper, section 3.1 and figure 3: displays x cameras x angles."""
     cells: list[Cell] = []
     for display, camera in DISPLAY_CAMERA_PAIRS:

@@ -60,7 +60,7 @@ def trust(config: SuiteConfig) -> Table:
     eps, steps = config.middle, config.steps
     longer = f"{LONGER_FACTOR * steps}_steps_and_2_restarts"
     rounded = Judge("rounded", defence=BitDepth(8))
-    through = MoireAttacker(eps=eps, steps=steps, knows=rounded)
+    through = MoireAttacker(eps=eps, steps=steps, known_judge=rounded)
     cells = [
         Cell("clean", MODEL_COLUMN, (CleanTwice(),)),
         Cell("moire", MODEL_COLUMN, (PhotoGradient(),)),
