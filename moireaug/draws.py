@@ -13,8 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.argument_checks import one_of
 from moireaug.scene.by_name import values_of
-from moireaug.scene.fields import bounds, check_number, one_of
+from moireaug.scene.fields import bounds, check_number
 from moireaug.scene.parts import PARTS
 from moireaug.scene.record import SceneRecord
 

@@ -215,14 +215,3 @@ def first_weight(*networks: nn.Module) -> torch.Tensor | None:
             if weight.is_floating_point():
                 return weight
     return None
-
-
-def check_callable(
-    name: str, part: object, output: str = "logits (B, K)", advice: str = ""
-) -> None:
-    """Refuse what cannot be called, and a class in place of an instance: TypeError."""
-    if not callable(part) or isinstance(part, type):
-        raise TypeError(
-            f"{name} must be a function or a torch module from images (B, 3, H, W) to {output}; "
-            f"got {part!r}.{advice}"
-        )

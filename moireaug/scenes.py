@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from moireaug.argument_checks import one_of
 from moireaug.capture import capture
 from moireaug.draws import (
     check_size,
@@ -21,7 +22,6 @@ from moireaug.image_checks import check_shape
 from moireaug.pipeline import make_plan
 from moireaug.plan import Plan
 from moireaug.scene.by_name import part_from_dict, parts_with
-from moireaug.scene.fields import one_of
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.record import NOMINAL_SIZE, SceneRecord

@@ -31,8 +31,8 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from moireaug.argument_checks import one_of
 from moireaug.evaluation import GROUPS, SUITES
-from moireaug.scene.fields import one_of
 from training.attack.protocol import attack, attack_run
 from training.attack.results import publish, publish_suite, run_metrics
 from training.attack.subject import Subject, subject_of_run, subject_of_weights

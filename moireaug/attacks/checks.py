@@ -3,15 +3,14 @@ models without an answer."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.argument_checks import check_positive, is_finite
 from moireaug.attacks.answers import has_prediction
 
 
@@ -30,29 +29,6 @@ def check_eps(eps: object) -> None:
         raise ValueError(
             f"eps is in [0, 1] units, where 1 is full scale; got {eps!r}. Divide by 255?"
         )
-
-
-def is_finite(value: object) -> bool:
-    """Return whether this is a real number, neither NaN nor infinite."""
-    return isinstance(value, Real) and math.isfinite(value)
-
-
-def check_count(name: str, value: object, low: int, noun: str = "") -> None:
-    """Refuse a value that is not an integer of at least `low`: ValueError. The message adds the
-    plural `noun`, as in "the classes to go toward"."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < low:
-        detail = f", {noun}" if noun else ""
-        raise ValueError(f"{name} must be an integer >= {low}{detail}; got {value!r}.")
-
-
-def check_positive(name: str, value: object, unit: str = "", *, or_zero: bool = False) -> None:
-    """Refuse a value that is not a finite number above 0, or, with `or_zero`, of at least 0:
-    ValueError."""
-    is_allowed = is_finite(value) and (value > 0 or (or_zero and value == 0))  # type: ignore[operator]
-    if not is_allowed:
-        allowed = ">= 0" if or_zero else "above 0"
-        in_units = f", in {unit}" if unit else ""
-        raise ValueError(f"{name} must be a finite number {allowed}{in_units}; got {value!r}.")
 
 
 def check_sizes(step_size: float | None, random_start: float, steps: int) -> None:

@@ -9,13 +9,9 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
+from moireaug.argument_checks import check_callable, check_count, check_positive
 from moireaug.attacks.answers import has_prediction, is_success
-from moireaug.attacks.checks import (
-    check_count,
-    check_goals,
-    check_gradient,
-    check_positive,
-)
+from moireaug.attacks.checks import check_goals, check_gradient
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
@@ -23,7 +19,6 @@ from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
 from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot
-from moireaug.networks import check_callable
 from moireaug.numeric import choose
 from moireaug.scenes import Shot
 

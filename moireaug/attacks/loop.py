@@ -12,14 +12,9 @@ from typing import TypeVar
 import torch
 from torch import Tensor, nn
 
+from moireaug.argument_checks import check_callable, check_count, one_of
 from moireaug.attacks.answers import is_success
-from moireaug.attacks.checks import (
-    check_count,
-    check_eps,
-    check_goals,
-    check_gradient,
-    check_sizes,
-)
+from moireaug.attacks.checks import check_eps, check_goals, check_gradient, check_sizes
 from moireaug.attacks.losses import LOSSES, loss_curve
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Point, Problem
@@ -28,9 +23,7 @@ from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.search import Search, Step
 from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot
-from moireaug.networks import check_callable
 from moireaug.numeric import as_single
-from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
 
 R = TypeVar("R")

@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
+from moireaug.argument_checks import check_count, one_of
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
-from moireaug.attacks.checks import check_count, check_goals
+from moireaug.attacks.checks import check_goals
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.mixed import joined
 from moireaug.attacks.pose import searched_fields
@@ -18,7 +19,6 @@ from moireaug.attacks.search import Search
 from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot, in_order
 from moireaug.mixtures import Mixture, as_scenes, scenes_of
-from moireaug.scene.fields import one_of
 from moireaug.scenes import Scene, Shot
 from moireaug.shot_checks import check_batch
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from moireaug.argument_checks import check_count
 from moireaug.attacks.answers import is_same_answer
-from moireaug.attacks.checks import check_answers, check_classes, check_count
+from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest_wrong_classes
 from moireaug.attacks.result import Result

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.attacks.checks import is_finite
+from moireaug.argument_checks import is_finite
 from moireaug.attacks.pixel import PGD, PixelProblem, refuse_shot
 from moireaug.attacks.problem import Point
 from moireaug.mixed_shot import MixedShot

@@ -8,9 +8,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from moireaug.argument_checks import check_callable, one_of
 from moireaug.capture import capture, develop, expose
-from moireaug.networks import check_callable
-from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
 
 # the camera from each place of the noise to the photo

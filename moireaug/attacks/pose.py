@@ -8,7 +8,8 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from moireaug.scene.fields import bounds, one_of
+from moireaug.argument_checks import one_of
+from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scenes import Scene, Shot
 

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from moireaug.defenses.base import check_whole
+from moireaug.argument_checks import check_whole
 from moireaug.files import write_bytes
 from moireaug.image_checks import check_images
 

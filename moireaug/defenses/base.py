@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from numbers import Integral, Real
 
 import torch
 from torch import Tensor, nn
@@ -99,29 +97,3 @@ def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor
     """
     index = torch.arange(-before, size + after, device=device) % (2 * size)
     return torch.where(index < size, index, 2 * size - 1 - index)
-
-
-def check_whole(name: str, value: object, low: int, high: int | None = None) -> None:
-    """Refuse anything but a whole number in [low, high]; TypeError or ValueError."""
-    allowed = f"a whole number of at least {low}"
-    if high is not None:
-        allowed = f"a whole number from {low} to {high}"
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be {allowed}; got {value!r}.")
-    whole = int(value)
-    if whole < low or (high is not None and whole > high):
-        raise ValueError(f"{name} must be {allowed}; got {value!r}.")
-
-
-def check_real(name: str, value: object, low: float, high: float = math.inf) -> None:
-    """Refuse anything but a finite number in (low, high]; TypeError or ValueError."""
-    allowed = "a finite number"
-    if low > -math.inf:
-        allowed += f" above {low:g}"
-    if high < math.inf:
-        allowed += f", at most {high:g}"
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be {allowed}; got {value!r}.")
-    number = float(value)
-    if not (math.isfinite(number) and low < number <= high):
-        raise ValueError(f"{name} must be {allowed}; got {value!r}.")

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.defenses.base import Defence, check_real, check_whole, straight_through
+from moireaug.argument_checks import check_real, check_whole
+from moireaug.defenses.base import Defence, straight_through
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.defenses.base import Defence, check_real, check_whole, mirrored, straight_through
+from moireaug.argument_checks import check_real, check_whole
+from moireaug.defenses.base import Defence, mirrored, straight_through
 from moireaug.effects.jpeg import jpeg
 from moireaug.image_checks import check_images
 from moireaug.numeric import clip

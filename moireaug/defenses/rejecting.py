@@ -8,8 +8,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from moireaug.defenses.base import check_real
-from moireaug.networks import check_callable
+from moireaug.argument_checks import check_callable, check_real
 
 
 class Rejecting(nn.Module):

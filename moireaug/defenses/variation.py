@@ -8,7 +8,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from moireaug.defenses.base import Defence, check_real, check_whole, straight_through
+from moireaug.argument_checks import check_real, check_whole
+from moireaug.defenses.base import Defence, straight_through
 
 # weight of the constraint d = grad z, relative to the data term: the fastest of those tried at
 # weight 0.03

@@ -10,7 +10,7 @@ import pandas as pd
 import torch
 from tqdm import tqdm
 
-from moireaug.attacks.checks import check_count
+from moireaug.argument_checks import check_callable, check_count
 from moireaug.attacks.model import class_count
 from moireaug.defenses import Defence
 from moireaug.defenses.demoire import Demoire
@@ -25,7 +25,7 @@ from moireaug.evaluation.suites import OPTION_SUITES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, Table, paper_defences
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
-from moireaug.networks import check_callable, device_of
+from moireaug.networks import device_of
 from moireaug.scenes import Scene
 
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from moireaug.scene.fields import one_of
+from moireaug.argument_checks import one_of
 from moireaug.scene.parts import PARTS
 
 R = TypeVar("R", bound=Any)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from moireaug.scene.fields import Part, Range, one_of, ranged
+from moireaug.argument_checks import one_of
+from moireaug.scene.fields import Part, Range, ranged
 
 DEMOSAIC_NAMES = ("bilinear", "malvar")
 DENOISER_NAMES = ("nlm", "bilateral")

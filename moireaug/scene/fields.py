@@ -3,9 +3,7 @@ that give the bounds."""
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable
 from dataclasses import Field, field, fields
 from numbers import Real
 from typing import Any, ClassVar, Self
@@ -17,17 +15,6 @@ RANGE = "a number or a (low, high) pair of numbers"
 def ranged(default: Range, low: float, high: float, unit: str = "") -> Any:
     """Declare a field that is a number or a `(low, high)` pair inside the given bounds."""
     return field(default=default, metadata={"low": low, "high": high, "unit": unit})
-
-
-def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
-    """Return `got` if it is allowed; otherwise raise a ValueError that lists the allowed names and
-    suggests the closest."""
-    allowed = tuple(allowed)
-    if isinstance(got, str) and got in allowed:
-        return got
-    close = difflib.get_close_matches(str(got), allowed, n=1, cutoff=0.5)
-    hint = f" Did you mean {close[0]!r}?" if close else ""
-    raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}; got {got!r}.{hint}")
 
 
 def check_number(

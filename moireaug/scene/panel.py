@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from moireaug.scene.fields import Part, Range, check_stated_once, one_of, ranged
+from moireaug.argument_checks import one_of
+from moireaug.scene.fields import Part, Range, check_stated_once, ranged
 from moireaug.scene.layout import LAYOUTS, Layout, as_layout
 
 

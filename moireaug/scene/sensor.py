@@ -6,7 +6,8 @@ import re
 from dataclasses import dataclass
 from numbers import Integral
 
-from moireaug.scene.fields import Part, Range, check_number, check_stated_once, one_of, ranged
+from moireaug.argument_checks import one_of
+from moireaug.scene.fields import Part, Range, check_number, check_stated_once, ranged
 
 EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "supersample:8")
 CFAS = ("rggb", "none")

@@ -11,7 +11,7 @@ from typing import TypeVar
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from moireaug.scene.fields import one_of
+from moireaug.argument_checks import one_of
 from training.config.compose import help_text
 from training.config.settings import check
 from training.system.messages import sentence, use_legible_output

@@ -13,8 +13,8 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
+from moireaug.argument_checks import one_of
 from moireaug.mixtures import as_scenes
-from moireaug.scene.fields import one_of
 from training.config.data_sets import DATA, Data
 from training.config.schema import Config, as_config
 from training.data.splits import Splits

@@ -6,7 +6,8 @@ from abc import ABC, abstractmethod
 
 from torch import Tensor, nn
 
-from moireaug.defenses.base import check_real, mirrored, straight_through
+from moireaug.argument_checks import check_real
+from moireaug.defenses.base import mirrored, straight_through
 from moireaug.image_checks import check_shape
 
 MAX_WIDTH = 4.0

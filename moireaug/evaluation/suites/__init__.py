@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from moireaug.argument_checks import one_of
 from moireaug.evaluation.suites.adaptive import adaptive
 from moireaug.evaluation.suites.appearance import appearance
 from moireaug.evaluation.suites.demoireing import demoireing
@@ -27,7 +28,6 @@ from moireaug.evaluation.suites.scenes import threat, unseen
 from moireaug.evaluation.suites.shifts import shifts
 from moireaug.evaluation.suites.trust import trust
 from moireaug.evaluation.tables import SuiteConfig, Table
-from moireaug.scene.fields import one_of
 
 SUITES: dict[str, Callable[[SuiteConfig], Table]] = {
     "ladder": ladder,

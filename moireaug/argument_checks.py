@@ -1,0 +1,79 @@
+"""Checks of arguments that all parts of the package share: callables, names and numbers."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from numbers import Integral, Real
+
+
+def check_callable(
+    name: str, part: object, output: str = "logits (B, K)", advice: str = ""
+) -> None:
+    """Refuse what cannot be called, and a class in place of an instance: TypeError."""
+    if not callable(part) or isinstance(part, type):
+        raise TypeError(
+            f"{name} must be a function or a torch module from images (B, 3, H, W) to {output}; "
+            f"got {part!r}.{advice}"
+        )
+
+
+def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
+    """Return `got` if it is allowed; otherwise raise a ValueError that lists the allowed names and
+    suggests the closest."""
+    allowed = tuple(allowed)
+    if isinstance(got, str) and got in allowed:
+        return got
+    close = difflib.get_close_matches(str(got), allowed, n=1, cutoff=0.5)
+    hint = f" Did you mean {close[0]!r}?" if close else ""
+    raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}; got {got!r}.{hint}")
+
+
+def is_finite(value: object) -> bool:
+    """Return whether this is a real number, neither NaN nor infinite."""
+    return isinstance(value, Real) and math.isfinite(value)
+
+
+def check_count(name: str, value: object, low: int, noun: str = "") -> None:
+    """Refuse a value that is not an integer of at least `low`: ValueError. The message adds the
+    plural `noun`, as in "the classes to go toward"."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < low:
+        detail = f", {noun}" if noun else ""
+        raise ValueError(f"{name} must be an integer >= {low}{detail}; got {value!r}.")
+
+
+def check_positive(name: str, value: object, unit: str = "", *, or_zero: bool = False) -> None:
+    """Refuse a value that is not a finite number above 0, or, with `or_zero`, of at least 0:
+    ValueError."""
+    is_allowed = is_finite(value) and (value > 0 or (or_zero and value == 0))  # type: ignore[operator]
+    if not is_allowed:
+        allowed = ">= 0" if or_zero else "above 0"
+        in_units = f", in {unit}" if unit else ""
+        raise ValueError(f"{name} must be a finite number {allowed}{in_units}; got {value!r}.")
+
+
+def check_whole(name: str, value: object, low: int, high: int | None = None) -> None:
+    """Refuse anything but a whole number in [low, high]; TypeError or ValueError."""
+    allowed = f"a whole number of at least {low}"
+    if high is not None:
+        allowed = f"a whole number from {low} to {high}"
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be {allowed}; got {value!r}.")
+    whole = int(value)
+    if whole < low or (high is not None and whole > high):
+        raise ValueError(f"{name} must be {allowed}; got {value!r}.")
+
+
+def check_real(name: str, value: object, low: float, high: float = math.inf) -> None:
+    """Refuse anything but a finite number in (low, high]; TypeError or ValueError."""
+    allowed = "a finite number"
+    if low > -math.inf:
+        allowed += f" above {low:g}"
+    if high < math.inf:
+        allowed += f", at most {high:g}"
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be {allowed}; got {value!r}.")
+    number = float(value)
+    if not (math.isfinite(number) and low < number <= high):
+        raise ValueError(f"{name} must be {allowed}; got {value!r}.")
