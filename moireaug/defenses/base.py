@@ -78,7 +78,7 @@ def output_of(part: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
     Raises:
         ValueError: a callable that changes the images' shape.
     """
-    out = part(images)
+    out = part(images.clone())  # it may work in place
     if out.shape != images.shape:
         name = getattr(part, "__name__", type(part).__name__)
         raise ValueError(

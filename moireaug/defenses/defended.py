@@ -107,9 +107,9 @@ class Defended(nn.Module):
         """Return the logits (B, K) of images (B, 3, H, W) float in [0, 1]. Differentiable in
         images."""
         if self.draws == 1 or not self.defence.randomised:
-            return self.model(self.defence(images))
-        log_probabilities = []
-        for _ in range(self.draws):
-            logits = self.model(self.defence(images.clone()))  # a defence may work in place
-            log_probabilities.append(logits.log_softmax(1))
+            return self._logits(images)
+        log_probabilities = [self._logits(images).log_softmax(1) for _ in range(self.draws)]
         return torch.stack(log_probabilities).logsumexp(0) - math.log(self.draws)
+
+    def _logits(self, images: Tensor) -> Tensor:
+        return self.model(self.defence(images).clone())  # the model may work in place

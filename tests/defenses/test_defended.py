@@ -15,6 +15,7 @@ from moireaug.defenses import (
     Median,
     PixelDeflection,
 )
+from moireaug.defenses.demoire import Demoire
 from tests.defenses.test_every_defence import ALL
 
 
@@ -131,3 +132,25 @@ def test_no_images_pass_a_network(photos):
         raise AssertionError("called without images")
 
     assert Compose((network,))(photos()[:0]).shape == (0, 3, 32, 40)
+
+
+@pytest.mark.parametrize("draws", [1, 2])
+def test_a_model_may_work_in_place_behind_every_defence(photos, draws):
+    images = photos(h=16, w=16).requires_grad_()
+    for name, make in ALL.items():
+        gradients = []
+        for model in (lambda x: (x - 0.1).mean((2, 3)), lambda x: x.sub_(0.1).mean((2, 3))):
+            torch.manual_seed(0)
+            logits = Defended(model, make(), draws)(images)
+            gradients.append(torch.autograd.grad(logits[:, 0].sum(), images)[0])
+        assert torch.equal(*gradients) and gradients[0].any(), name
+
+
+def test_a_defence_that_works_in_place_leaves_the_images_alone(photos):
+    def halve(x):
+        return x.mul_(0.5)
+
+    for defence in (Compose((halve,)), Demoire(halve), Defended(Mean(), halve)):
+        images = photos()
+        defence(images)
+        assert torch.equal(images, photos())
