@@ -13,7 +13,7 @@ from moireaug.argument_checks import check_callable, check_count, check_positive
 from moireaug.attacks.answers import has_prediction, is_success
 from moireaug.attacks.checks import check_goals, check_gradient
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
-from moireaug.attacks.model import evaluating
+from moireaug.attacks.model import attacked_logits, evaluating
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
@@ -85,7 +85,7 @@ class CW:
             pixels, losses = self._nearest(search, problem.base)
             photo = pixels.to(images.dtype)
             with torch.no_grad():
-                logits = search.logits_of_images(photo, labels)
+                logits = attacked_logits(self.model, photo, labels)
             search.check(logits)  # without steps, nothing was checked yet
         noise = pixels - problem.base
         eps = noise.abs().max().item() if noise.numel() else 0.0
@@ -120,7 +120,8 @@ class CW:
         losses: list[Tensor] = []
         for k in range(self.steps):
             candidate = (torch.tanh(w) + 1) / 2
-            logits = search.logits_of_images(candidate.to(search.problem.images.dtype), labels)
+            photo = candidate.to(search.problem.images.dtype)
+            logits = attacked_logits(self.model, photo, labels)
             if k == 0:
                 search.check(logits)
                 check_gradient(logits)

@@ -16,7 +16,7 @@ from moireaug.argument_checks import check_callable, check_count, one_of
 from moireaug.attacks.answers import is_success
 from moireaug.attacks.checks import check_eps, check_goals, check_gradient, check_sizes
 from moireaug.attacks.losses import LOSSES, loss_curve
-from moireaug.attacks.model import evaluating
+from moireaug.attacks.model import attacked_logits, evaluating
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES, Ball, Rule
@@ -179,7 +179,7 @@ class Attack(ABC):
                 variables[name] = x.detach().requires_grad_(True)
             images = search.active.forward_views(variables)
             labels, targets = search.goals(search.loss_targets)
-            logits = search.logits_of_images(images, labels)
+            logits = attacked_logits(self.model, images, labels)
             if k == 0:
                 search.check(logits)
                 check_gradient(logits)

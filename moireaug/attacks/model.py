@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import is_same_answer
+from moireaug.attacks.answers import is_same_answer, rejection_as_label
 from moireaug.attacks.checks import check_classes
 from moireaug.networks import first_weight, in_evaluation_mode, networks_of
 
@@ -29,6 +29,7 @@ class Normalized(nn.Module):
         ValueError: mean and std that are not of length 3, or 1, each; a std that is not above 0.
     """
 
+    buffers_follow_images = True
     mean: Tensor
     std: Tensor
 
@@ -108,6 +109,16 @@ def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) 
         if message := _mismatch_message(first_weight(*networks_of(model)), images, reason):
             raise TypeError(message) from error
         raise
+
+
+def attacked_logits(model: Callable[[Tensor], Tensor], images: Tensor, labels: Tensor) -> Tensor:
+    """Return the logits (B, K) that an attack on images (B, 3, H, W) with labels (B,) judges:
+    rejecting an image is no success, see `rejection_as_label`. Differentiable."""
+    logits = model(images.clone())  # it may work in place
+    if not getattr(model, "rejects", False):
+        return logits
+    check_classes(labels, logits, rejects=True)
+    return rejection_as_label(logits, labels)
 
 
 def logits_without_gradient(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:

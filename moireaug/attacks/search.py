@@ -9,9 +9,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import is_same_answer, rejection_as_label
+from moireaug.attacks.answers import is_same_answer
 from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.losses import attack_margin, mean_cross_entropy
+from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.problem import Point, Problem
 from moireaug.numeric import choose
 
@@ -98,14 +99,6 @@ class Search:
             return labels, None
         return labels, self.active_rows(targets).repeat(self.active.views)
 
-    def logits_of_images(self, images: Tensor, labels: Tensor) -> Tensor:
-        """Return the model's logits (b, K) of images (b, 3, H, W) with labels (b,)."""
-        logits = self.model(images.clone())  # a model may work in place
-        if getattr(self.model, "rejects", False):
-            check_classes(labels, logits, rejects=True)
-            return rejection_as_label(logits, labels)
-        return logits
-
     def check(self, logits: Tensor) -> None:
         """Refuse the first logits of the active images where they do not match the classes, or
         where neither they nor those of the clean images are finite."""
@@ -128,7 +121,7 @@ class Search:
     def logits(self, point: Point) -> Tensor:
         """Return the logits (views * b, K) of the active images at a point."""
         images = self.active.forward_views(self.active_point(point))
-        logits = self.logits_of_images(images, self.goals(None)[0])
+        logits = attacked_logits(self.model, images, self.goals(None)[0])
         if not self.losses:
             self.check(logits)
         return logits
@@ -137,7 +130,7 @@ class Search:
     def images_and_logits(self, point: Point) -> tuple[Tensor, Tensor]:
         """Return the n images that are judged at a point, (n, 3, H, W), and their logits (n, K)."""
         images = self.problem.render(point)
-        return images, self.logits_of_images(images, self.labels)
+        return images, attacked_logits(self.model, images, self.labels)
 
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from moireaug.attacks import MultiTargeted, SquareMoire
-from moireaug.attacks.answers import rejection_as_label
 from moireaug.attacks.losses import attack_margin
-from moireaug.attacks.model import class_count, logits_without_gradient, repeats_answers
+from moireaug.attacks.model import attacked_logits, class_count, evaluating, repeats_answers
 from moireaug.evaluation.attackers import Attacker, attack_shot
 from moireaug.evaluation.conditions import EvalBatch
 from moireaug.numeric import choose
@@ -71,9 +71,8 @@ class APGDAttacker(Attacker):
 
 def _margins(batch: EvalBatch, images: Tensor) -> Tensor:
     """Return the margins (B,) of images shown to the batch's model."""
-    logits = logits_without_gradient(batch.model, images)
-    if getattr(batch.model, "rejects", False):
-        logits = rejection_as_label(logits, batch.labels)
+    with evaluating(batch.model, images), torch.no_grad():
+        logits = attacked_logits(batch.model, images, batch.labels)
     return attack_margin(logits, batch.labels)
 
 

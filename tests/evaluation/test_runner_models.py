@@ -4,6 +4,7 @@ import pytest
 import torch
 from torch import nn
 
+from moireaug.defenses import Rejecting
 from moireaug.evaluation.conditions import (
     Clean,
     Photo,
@@ -97,3 +98,20 @@ def test_a_checked_model_may_work_in_place(condition, known):
 def test_devices_without_the_model_are_left_alone(known, monkeypatch):
     monkeypatch.setattr(torch.cuda, "device_count", None)  # which cannot be called
     assert results(ran(known, table_of(Photo()), (0,)))
+
+
+def test_gradients_are_those_of_the_attacks_loss(known):
+    """A rejection that outweighs the label hides it from the attack: no gradient is left."""
+    images = known[1][0][0]
+    labels = torch.zeros(len(images), dtype=torch.int64)
+
+    def model(x):
+        brightness = x.mean((1, 2, 3))
+        return torch.stack([brightness - 2, 0 * brightness, 0 * brightness], 1)
+
+    shares = []
+    for one in (model, Rejecting(model, lambda x: torch.ones(len(x)), 0.5)):
+        runner = ran((one, [(images, labels)]), table_of(PhotoGradient()), (0,))
+        records = [record["measured"] for record in results(runner).values()]
+        shares += [set(one["zero_gradients"]) for one in records if one]
+    assert shares == [{0.0}, {1.0}]

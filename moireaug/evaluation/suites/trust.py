@@ -6,13 +6,14 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import LOSSES, evaluating
-from moireaug.attacks.model import repeats_answers
+from moireaug.attacks.model import attacked_logits, repeats_answers
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, SquareAttacker
 from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, eps_row
+from moireaug.numeric import as_single
 
 LONGER_FACTOR = 2  # times as many steps
 MODEL_COLUMN = "model"  # the column of the attacked model
@@ -29,8 +30,8 @@ class CleanTwice(Clean):
 
 
 class PhotoGradient(Photo):
-    """The photo, with the share of its values whose gradient is zero or not finite. Gradients of
-    the noise would not do, as a camera leaves some of its values unread."""
+    """The photo, with the share of its values whose gradient of the attack's loss is zero or not
+    finite. Gradients of the noise would not do, as a camera leaves some of its values unread."""
 
     kind = "moire_gradient"
 
@@ -39,9 +40,9 @@ class PhotoGradient(Photo):
         model = UNDEFENDED.defended(batch.model, batch.max_images)
         with evaluating(model, images), torch.enable_grad():
             photo = images.detach().clone().requires_grad_()
-            logits = model(photo.clone())
+            logits = attacked_logits(model, photo, batch.labels)
             if logits.requires_grad:
-                loss = LOSSES["ce"](logits, batch.labels).sum()
+                loss = LOSSES["ce"](as_single(logits), batch.labels).sum()
                 (gradient,) = torch.autograd.grad(loss, photo, allow_unused=True)
         if gradient is None:
             return {"zero_gradients": [1.0] * len(images)}
