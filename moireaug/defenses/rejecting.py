@@ -34,6 +34,7 @@ class Rejecting(nn.Module):
     """
 
     rejects = True
+    buffers_follow_images = True
     threshold: Tensor
 
     def __init__(
@@ -60,7 +61,12 @@ class Rejecting(nn.Module):
                 f"the detector must return scores ({len(logits)},), one per image; got "
                 f"{tuple(scores.shape)}."
             )
-        excess = (scores - self.threshold).to(logits)
+        threshold, precision = self.threshold.to(scores.device), torch.finfo(logits.dtype)
+        excess, top = (scores - threshold).to(logits), logits.amax(1)
         # an infinite score rejects too, whereas an infinite logit would be no answer
-        rejection = logits.amax(1) + excess.clamp(max=torch.finfo(logits.dtype).max / 4)
+        rejection = top + excess.clamp(max=precision.max / 4)
+        # and so does an excess that rounding loses; its gradient stays
+        is_lost = (scores > threshold) & (rejection <= top)
+        above = top + precision.eps * top.abs().clamp(min=1)
+        rejection = rejection + torch.where(is_lost, above - rejection, 0).detach()
         return torch.cat([logits, rejection[:, None]], 1)

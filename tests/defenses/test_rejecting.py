@@ -128,3 +128,14 @@ def test_rejecting_is_no_class(grey):
 def test_mistakes_get_a_sentence(make, message):
     with pytest.raises((TypeError, ValueError), match=message):
         make()
+
+
+@pytest.mark.parametrize(("dtype", "excess"), [(torch.float32, 1e-7), (torch.float16, 1e-3)])
+@pytest.mark.parametrize("size", [30.0, -30.0, 0.5])
+def test_an_excess_that_rounding_loses_rejects_with_its_gradient(dtype, excess, size):
+    threshold = 5 * excess
+    scores = torch.tensor([threshold + excess, threshold - excess], dtype=dtype, requires_grad=True)
+    model = Rejecting(lambda x: torch.full((2, 3), size, dtype=dtype), lambda x: scores, threshold)
+    logits = model(torch.rand(2, 3, 8, 8))
+    assert (predicted(logits, rejects=True) == attacks.REJECTED).tolist() == [True, False]
+    assert torch.autograd.grad(logits[:, -1].sum(), scores)[0].tolist() == [1, 1]
