@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import itertools
 import sysconfig
 import threading
 import weakref
@@ -201,10 +200,22 @@ def _globals_of(function: FunctionType) -> list[Any]:
 
 
 def device_of(model: object) -> torch.device | None:
-    """Return the device of a module's weights, or of its buffers; None for any other model."""
-    if isinstance(model, nn.Module):
-        for value in itertools.chain(model.parameters(), model.buffers()):
-            return value.device
+    """Return the device of a module's first weight; None where there is none, and for any other
+    model.
+
+    Weights are also those of the networks that `networks_of` finds, as in the closure of a function
+    that a module calls. A model without weights is where its buffers are, but for those of modules
+    that move them to the images, which say so by an attribute `buffers_follow_images = True`.
+    """
+    networks = networks_of(model) if isinstance(model, nn.Module) else []
+    for network in networks:
+        for weight in network.parameters():
+            return weight.device
+    for network in networks:
+        for module in network.modules():
+            if not getattr(module, "buffers_follow_images", False):
+                for buffer in module.buffers(recurse=False):
+                    return buffer.device
     return None
 
 

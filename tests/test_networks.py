@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from moireaug import Scene, attacks, evaluation, transforms
-from moireaug.defenses import Defended
+from moireaug.defenses import Defended, Rejecting
 from moireaug.defenses.demoire import Demoire
 from moireaug.networks import device_of, in_evaluation_mode, networks_of
 
@@ -269,3 +269,12 @@ def test_what_raises_when_it_is_looked_at_is_passed_over():
 def test_a_device_is_known_by_weights_or_buffers():
     assert device_of(nn.BatchNorm2d(3, affine=False, device="meta")) == torch.device("meta")
     assert device_of(nn.Linear(1, 1)) == torch.device("cpu") and device_of(nn.ReLU()) is None
+
+
+def test_the_device_of_a_wrapper_is_that_of_its_network():
+    net = nn.Linear(1, 1, device="meta")
+    for call in (net, lambda x: net(x)):
+        for wrapped in (attacks.Normalized(call), Rejecting(call, torch.sum, 0.5)):
+            assert device_of(wrapped) == torch.device("meta")
+    assert device_of(attacks.Normalized(lambda x: x)) is None
+    assert device_of(nn.Sequential(Rejecting(torch.sum, torch.sum, 0.5))) is None
