@@ -26,8 +26,8 @@ class TotalVariation(Defence):
 
         1/2 sum m (z - x)^2 + weight sum sqrt((D_down z)^2 + (D_right z)^2)
 
-    with forward differences, 0 across the border, every channel by itself: `objective`. With
-    keep = 1 that is scikit-image's `denoise_tv_chambolle(x, weight)`. (Its `denoise_tv_bregman` at
+    with forward differences, 0 across the border, every channel by itself. With keep = 1 that is
+    scikit-image's `denoise_tv_chambolle(x, weight)`. (Its `denoise_tv_bregman` at
     1 / weight means the same, but shrinks by another formula and ends elsewhere. The paper prints
     both norms unsquared, TV by rows and columns.)
 
@@ -66,14 +66,6 @@ class TotalVariation(Defence):
         pairs = zip(images.detach().split(step), mask.split(step), strict=True)
         solved = [minimise(x, m, self.weight, self.iterations) for x, m in pairs]
         return straight_through(images, torch.cat(solved).clamp(0, 1))
-
-
-def objective(z: Tensor, x: Tensor, mask: Tensor, weight: float) -> Tensor:
-    """Return the objective of `minimise` per image and channel: (B, C, H, W) three times to
-    (B, C)."""
-    down, right = F.pad(z.diff(dim=2), (0, 0, 0, 1)), F.pad(z.diff(dim=3), (0, 1))
-    variation = (down.square() + right.square()).sqrt()
-    return (mask * (z - x).square() / 2 + weight * variation).sum((2, 3))
 
 
 @torch.no_grad()

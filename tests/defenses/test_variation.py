@@ -2,16 +2,24 @@
 
 import pytest
 import torch
+import torch.nn.functional as F
 from skimage.restoration import denoise_tv_chambolle
 
 from moireaug.defenses import TotalVariation, variation
-from moireaug.defenses.variation import fill, minimise, objective
+from moireaug.defenses.variation import fill, minimise
 
 WEIGHT = 0.03
 
 
 def masked(x, keep=0.5, seed=1):
     return (torch.rand(x.shape, generator=torch.Generator().manual_seed(seed)) < keep).to(x)
+
+
+def objective(z, x, mask, weight):
+    """What `TotalVariation` minimises, (B, C), of z, x and mask (B, C, H, W)."""
+    down, right = F.pad(z.diff(dim=2), (0, 0, 0, 1)), F.pad(z.diff(dim=3), (0, 1))
+    variation = (down.square() + right.square()).sqrt()
+    return (mask * (z - x).square() / 2 + weight * variation).sum((2, 3))
 
 
 def test_the_objective_by_hand():
