@@ -3,44 +3,42 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import torch
 from torch import Tensor
 
 from moireaug.argument_checks import one_of
+from moireaug.scene.by_name import values_of, with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scenes import Scene, Shot
 
-Field = tuple[str, str]  # a part and one of its ranged fields
+# fields that nothing but a flicker reads
+FLICKER_FIELDS = ("panel.pwm", "panel.duty", "panel.phase", "sensor.shutter", "sensor.readout")
 
-FLICKER_FIELDS = ("pwm", "duty", "phase", "shutter", "readout")  # fields that nothing else reads
 
-
-def searched_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
-    """Return the ranged fields (low < high) of the parts named in `optimise`, in the order in which
-    they are drawn, without those of a flicker that the scene's plan leaves out.
+def searched_fields(scene: Scene, optimise: tuple[str, ...]) -> list[str]:
+    """Return the names, such as "view.yaw", of the ranged fields (low < high) of the parts that
+    `optimise` names, in the order in which they are drawn, without those of a flicker that the
+    scene's plan leaves out.
 
     Raises:
         ValueError: a part without a range, a pose that only takes whole degrees, or an exposure
             without a gradient.
     """
-    fields: list[Field] = []
+    fields: list[str] = []
     for part in optimise:
         if one_of("each of optimise", part, ("noise", *PARTS)) == "noise":
             continue
-        record = getattr(scene, part)
         unused = () if "flicker" in scene.plan() else FLICKER_FIELDS
         varied = []
-        for name in record.ranged:
-            low, high = bounds(getattr(record, name))
-            if low < high and name not in unused:
-                varied.append((part, name))
+        for name, value in values_of(scene).items():
+            low, high = bounds(value)
+            if name.startswith(f"{part}.") and low < high and name not in unused:
+                varied.append(name)
         if not varied:
             raise ValueError(
                 f"optimise names {part!r}, which has no range in this scene, or none that shows: "
-                f"nothing can be moved. Give a field of {type(record).__name__} a (low, high) pair."
+                f"nothing can be moved. Give a field of {PARTS[part].__name__} a (low, high) pair."
             )
         if part == "view" and scene.view.pose == "released":
             raise ValueError(
@@ -57,37 +55,28 @@ def searched_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
     return fields
 
 
-def _field_bounds(shot: Shot, fields: list[Field]) -> tuple[Tensor, Tensor]:
+def _field_bounds(shot: Shot, fields: list[str]) -> tuple[Tensor, Tensor]:
     """Return the low and high ends of the fields' ranges, (F,) float64 each."""
-    limits = torch.tensor(
-        [bounds(getattr(getattr(shot.scene, part), k)) for part, k in fields],
-        dtype=torch.float64,
-        device="cpu",
-    )
-    low, high = limits.to(shot.device).unbind(1)
+    ranges = values_of(shot.scene)
+    limits = [bounds(ranges[name]) for name in fields]
+    low, high = torch.tensor(limits, dtype=torch.float64, device="cpu").to(shot.device).unbind(1)
     return low, high
 
 
-def pose_of(shot: Shot, fields: list[Field]) -> Tensor:
+def pose_of(shot: Shot, fields: list[str]) -> Tensor:
     """Return the pose of a shot, (B, F) float64: the place of each field in its range, from -1, the
     low end, to 1. A field outside of its range is taken at the nearest end."""
     low, high = _field_bounds(shot, fields)
-    values = torch.stack([getattr(getattr(shot, part), k).detach() for part, k in fields], 1)
+    drawn = values_of(shot)
+    values = torch.stack([drawn[name].detach() for name in fields], 1)
     return ((values - low) / (high - low) * 2 - 1).clamp(-1, 1)
 
 
-def shot_at_pose(shot: Shot, fields: list[Field], pose: Tensor) -> Shot:
+def shot_at_pose(shot: Shot, fields: list[str], pose: Tensor) -> Shot:
     """Return the shot with its fields at `pose` (B, F); the inverse of `pose_of`, differentiable in
     the pose."""
     low, high = _field_bounds(shot, fields)
     values = low + (high - low) * (pose + 1) / 2
     # rounding must not leave the range; torch.clamp would stop the gradient at its ends
     values = values + (torch.minimum(torch.maximum(values.detach(), low), high) - values.detach())
-    columns = dict(zip(fields, values.unbind(1), strict=True))
-    parts = {
-        name: dataclasses.replace(
-            getattr(shot, name), **{k: v for (part, k), v in columns.items() if part == name}
-        )
-        for name in PARTS
-    }
-    return dataclasses.replace(shot, **parts)
+    return with_values(shot, dict(zip(fields, values.unbind(1), strict=True)))

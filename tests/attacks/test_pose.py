@@ -143,7 +143,7 @@ def test_one_generator_one_pose(model, batch):
 
 def test_the_phase_of_a_flicker_that_shows_is_moved():
     scene = Scene(panel=Panel(pwm=240.0), sensor=Sensor(shutter=1 / 500))
-    assert searched_fields(scene, ("panel",)) == [("panel", "phase")]
+    assert searched_fields(scene, ("panel",)) == ["panel.phase"]
 
 
 STILL = Scene(view=View(roll=3.0))

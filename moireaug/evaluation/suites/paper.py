@@ -19,6 +19,7 @@ from moireaug.evaluation.conditions import (
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, undefended_row
 from moireaug.mixtures import map_scenes, scenes_of
+from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scenes import Scene
 
@@ -141,7 +142,8 @@ def factors(config: SuiteConfig) -> Table:
     screen."""
     scenes = {}
     for roll in ROLL_ANGLES:
-        scenes[f"roll_{roll}"] = map_scenes(config.scene, partial(_rolled, roll=roll))
+        rolled = partial(with_values, values={"view.roll": float(roll)})
+        scenes[f"roll_{roll}"] = map_scenes(config.scene, rolled)
     # at odd multiples a point-sampled photo reads one sensor pixel, at even ones the mean of two,
     # which is a filter
     is_point_sampled = any(scene.develop.resize == "point" for scene in scenes_of(config.scene))
@@ -159,24 +161,17 @@ def factors(config: SuiteConfig) -> Table:
     return Table("factors", tuple(cells), pictures=tuple((name, "moire") for name in scenes))
 
 
-def _rolled(scene: Scene, roll: float) -> Scene:
-    view = dataclasses.replace(scene.view, roll=float(roll))
-    return dataclasses.replace(scene, view=view)
-
-
 def _enlarged(scene: Scene, alpha: float) -> Scene:
     """Return a scene that shows each image pixel `alpha` panel pixels wide. The sensor grows too,
     so that a panel pixel stays as many sensor pixels wide. A scene that states its width whatever
     the image's size is shown `alpha` / 2 times as wide."""
     low, high = bounds(scene.panel.width)
     if high:
-        panel = dataclasses.replace(scene.panel, width=(low * alpha / 2, high * alpha / 2))
-        return dataclasses.replace(scene, panel=panel)
+        return with_values(scene, {"panel.width": (low * alpha / 2, high * alpha / 2)})
     low, high = bounds(scene.panel.scale)
     factor = alpha / ((low + high) / 2)
-    panel = dataclasses.replace(scene.panel, scale=(low * factor, high * factor))
-    sensor = dataclasses.replace(scene.sensor, scale=scene.sensor.scale * factor)
-    return dataclasses.replace(scene, panel=panel, sensor=sensor)
+    scales = {"panel.scale": (low * factor, high * factor)}
+    return with_values(scene, scales | {"sensor.scale": scene.sensor.scale * factor})
 
 
 def noise_position(config: SuiteConfig) -> Table:

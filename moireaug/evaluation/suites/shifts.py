@@ -3,7 +3,7 @@ noise on pixels, and corruptions that have nothing to do with screens."""
 
 from __future__ import annotations
 
-import dataclasses
+from functools import partial
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.conditions import Clean, Condition, Photo, in_255ths
@@ -11,6 +11,7 @@ from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 from moireaug.mixtures import Mixture, map_scenes
+from moireaug.scene.by_name import with_values
 from moireaug.scenes import Scene
 
 UNATTACKED_COLUMN, ATTACKED_COLUMN = "unattacked", "attacked"
@@ -20,23 +21,20 @@ JPEG_QUALITY = 60  # of a photo saved as a JPEG file
 def shifted_scenes(own_scene: Scene | Mixture) -> dict[str, Scene | Mixture]:
     """Return the own scene, every other preset in the image's frame, and the own scene's photos as
     JPEG files and in the camera's frame, unless they already are."""
+    changed = {
+        f"photo_jpeg_{JPEG_QUALITY}": map_scenes(own_scene, _saved_as_jpeg),
+        "camera_frame": map_scenes(
+            own_scene, partial(with_values, values={"develop.registered": False})
+        ),
+    }
     scenes = {OWN_SCENE_ROW: own_scene, **other_scenes(own_scene)}
-    changes = {f"photo_jpeg_{JPEG_QUALITY}": _saved_as_jpeg, "camera_frame": _unregistered}
-    for name, change in changes.items():
-        changed = map_scenes(own_scene, change)
-        if changed != own_scene:
-            scenes[name] = changed
-    return scenes
+    return scenes | {name: scene for name, scene in changed.items() if scene != own_scene}
 
 
 def _saved_as_jpeg(scene: Scene) -> Scene:
     if scene.develop.jpeg != 0:
         return scene
-    return dataclasses.replace(scene, develop=dataclasses.replace(scene.develop, jpeg=JPEG_QUALITY))
-
-
-def _unregistered(scene: Scene) -> Scene:
-    return dataclasses.replace(scene, develop=dataclasses.replace(scene.develop, registered=False))
+    return with_values(scene, {"develop.jpeg": JPEG_QUALITY})
 
 
 def shifts(config: SuiteConfig) -> Table:
