@@ -69,7 +69,8 @@ def evaluate(
         seed: of shots, targets and random starts.
         targets: name to model, for the suites "transfer" and "trust".
         defences: name to defence, in addition to the paper's, or replacing the one of that name.
-            jpeg, mean_normalised and noise_position have rows for the paper's alone.
+            jpeg, mean_normalised and noise_position have rows for the paper's alone; defences and
+            adaptive have one for every new name, but not for each of the paper's.
         networks: name to demoiréing network, for the suite "demoireing": from `demoire.load`, or
             any callable from images to images. "mopnet", "mddm", "fhde2net" and "amnet" are shown
             with the paper's figures.
@@ -166,11 +167,14 @@ def _check_defence_names(
     """Refuse the name of a defence that stands in no table: ValueError."""
     judged = {id(cell.judge.defence) for table in tables for cell in table.cells}
     known = [name for name, defence in config.defences.items() if id(defence) in judged]
+    advice = "Use one of these names, or suite=defences or adaptive."
+    if suite in ("defences", "adaptive"):
+        advice = "Give yours another name, and it gets a row."
     for name in names:
         if name not in known:
             raise ValueError(
-                f"suite={suite} has no row for a defence {name!r}, but for {', '.join(known)}. Use "
-                "one of these names, or suite=defences or adaptive."
+                f"suite={suite} has no row for a defence {name!r}, but for {', '.join(known)}. "
+                f"{advice}"
             )
 
 

@@ -73,9 +73,12 @@ def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
         for part, name in zip(pair, ("images", "labels"), strict=True)
     )
     if labels.ndim == 2 and len(labels) == len(images) and images.ndim == 4:
+        advice = "labels.argmax(1) if they are one-hot"
+        if labels.shape[1] == 1:
+            advice = "labels[:, 0]"
         raise ValueError(
             f"loader must yield labels (B,), one class each; got {tuple(labels.shape)}. Pass "
-            "labels.argmax(1) if they are one-hot."
+            f"{advice}."
         )
     if labels.ndim != 1:
         raise ValueError(

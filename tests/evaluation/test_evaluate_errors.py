@@ -43,7 +43,7 @@ def loader(known):
         ),
         (
             {"defences": {"bits_4": torch.relu}, "suite": "adaptive"},
-            "suite=adaptive has no row for a defence 'bits_4'",
+            "suite=adaptive has no row for a defence 'bits_4', .* Give yours another name, and it",
         ),
         (
             {"defences": {"mine": JPEG}, "suite": "defences"},
@@ -85,6 +85,10 @@ def loader(known):
         (
             {"loader": [(torch.rand(2, 3, 8, 8), torch.eye(2))]},
             r"labels .B,., one class each; got .2, 2.. Pass labels.argmax.1. if they are one-hot",
+        ),
+        (
+            {"loader": [(torch.rand(2, 3, 8, 8), torch.zeros(2, 1).long())]},
+            r"one class each; got .2, 1.. Pass labels\[:, 0\]\.",
         ),
         ({"loader": [(torch.rand(1, 3, 8, 8), 3)]}, "labels .B,.; got .1, 3, 8, 8. and ..[.]"),
         (
