@@ -36,7 +36,7 @@ class CheckResult:
     says: str
 
 
-def check(name: str, says: str, *, fails: bool = False, warns: bool = False) -> CheckResult:
+def check_result(name: str, says: str, *, fails: bool = False, warns: bool = False) -> CheckResult:
     """Return the result of a check whose name states what it confirms."""
     verdict = "fail" if fails else "warning" if warns else "pass"
     return CheckResult(name, verdict, says)
@@ -50,19 +50,35 @@ def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> li
         config: scene, bounds, steps and targets of the evaluation.
         images: frame of the suite "trust", as `evaluate` returns it.
         lines: its `rates`.
+
+    Raises:
+        ValueError: a frame of another suite, or of other bounds or steps than the config's.
     """
     images = images[(images["table"] == "trust") & (images["column"] == MODEL_COLUMN)]
     lines = lines[lines["table"] == "trust"]
     model_lines = lines[lines["column"] == MODEL_COLUMN].set_index("row")
+    _check_config(config, model_lines)
     clean_correct = int(model_lines.loc["clean", "counted"])
     if not clean_correct:
         says = "0 % of the images are right when clean"
-        return [check("there is something to attack", says, warns=True)]
+        return [check_result("there is something to attack", says, warns=True)]
     results = [
         *_rate_checks(config, lines, max(RATE_ERROR, 1 / clean_correct) + ROUNDING_ERROR),
         *_answer_checks(images, model_lines),
     ]
     return sorted(results, key=lambda result: VERDICTS.index(result.verdict))
+
+
+def _check_config(config: SuiteConfig, model_lines: pd.DataFrame) -> None:
+    """Refuse lines that were not evaluated with this config: ValueError."""
+    wanted = {eps_row(eps): config.steps for eps in growing_eps(config)}
+    steps = model_lines["steps"].filter(like="eps_").to_dict()
+    if steps != wanted:
+        raise ValueError(
+            f"the config needs rates of attacks with the steps {wanted}; got {steps}. Pass the "
+            "frame of suite=trust, its rates, and a SuiteConfig of the eps and steps that it was "
+            "evaluated with."
+        )
 
 
 def _rate_checks(config: SuiteConfig, lines: pd.DataFrame, error: float) -> list[CheckResult]:
@@ -79,37 +95,37 @@ def _rate_checks(config: SuiteConfig, lines: pd.DataFrame, error: float) -> list
     steps = config.steps
     steps_fool = "1 step fools" if steps == 1 else f"{steps} steps fool"
     return [
-        check(
+        check_result(
             "more steps and restarts change nothing",
             f"{steps_fool} {attack_text}, {LONGER_FACTOR * steps} steps and 2 restarts "
             f"{percent_text['longer']}",
             fails=success["longer"] - attack > error,
         ),
-        check(
+        check_result(
             "success grows with eps, to all images at eps 1",
             ", ".join(growth_texts),
             fails=growth[-1] < 1 or any(a - b > error for a, b in pairwise(growth)),
         ),
         _transfer_check(config, lines, attack, random, error),
-        check(
+        check_result(
             "many steps beat one",
             f"one {percent_text['one_step']}, {steps} {attack_text}",
             fails=one_step - attack > error,
             warns=one_step >= attack and attack < 1,
         ),
-        check(
+        check_result(
             "a search without gradients does not win",
             f"{QUERIES_PER_STEP * steps} queries without gradients {percent_text['queries']}, "
             f"gradients {attack_text}",
             fails=success["queries"] - attack > error,
         ),
-        check(
+        check_result(
             "a defence that only hides gradients is broken",
             "behind a rounding without gradient, attacked through it, "
             f"{percent_text['shattered']}; without it {attack_text}",
             fails=attack - success["shattered"] > error,
         ),
-        check(
+        check_result(
             "the photo leaves something to attack",
             f"the photo alone fools {percent_text['moire']}",
             warns=success["moire"] > LITTLE_ROOM,
@@ -132,7 +148,7 @@ def _transfer_check(
             gain = theirs - chance
             is_beyond = is_beyond or max(-gain, gain - (attack - random)) > error
     name = "white box, then transfer, then random noise"
-    return check(name, says, fails=random - attack > error, warns=is_beyond)
+    return check_result(name, says, fails=random - attack > error, warns=is_beyond)
 
 
 def _answer_checks(images: pd.DataFrame, model_lines: pd.DataFrame) -> list[CheckResult]:
@@ -142,18 +158,18 @@ def _answer_checks(images: pd.DataFrame, model_lines: pd.DataFrame) -> list[Chec
     changed = float(images["differ"].mean())
     undecided, answers = int(model_lines["undecided"].sum()), int(model_lines["n"].sum())
     return [
-        check(
+        check_result(
             "gradients are not hidden",
             f"{_percent(hidden)} of the photo’s values have a gradient of zero or NaN",
             fails=hidden > failing_share,
             warns=hidden > warning_share,
         ),
-        check(
+        check_result(
             "the model answers the same twice",
             f"asked twice, the model answers {_percent(changed)} of the images differently",
             warns=changed > 0,
         ),
-        check(
+        check_result(
             "every image gets an answer",
             f"the logits of {undecided} of {answers} answers are NaN or infinite, which counts as "
             "wrong",

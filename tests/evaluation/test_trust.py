@@ -1,5 +1,7 @@
 """The checks: a sound model passes them, and whatever they warn of makes them fail."""
 
+import dataclasses
+
 import pytest
 import torch
 from torch import nn
@@ -159,3 +161,16 @@ def test_nothing_right_leaves_nothing_to_check():
 def test_any_bound_can_be_checked(eps):
     model = Pooled().eval()
     assert len(verdicts(model, labelled(model), eps=eps, steps=1)) == 10
+
+
+def test_checks_of_another_config_are_refused():
+    config, model = SuiteConfig(scene=SCENE, eps=(8 / 255,), steps=1), Pooled().eval()
+    table = SUITES["trust"](config)
+    images = images_frame([table], ran((model, [labelled(model, 2)]), table, scene=SCENE), (0,))
+    for change in ({"eps": (16 / 255,)}, {"steps": 2}):
+        other = dataclasses.replace(config, **change)
+        with pytest.raises(ValueError, match=r"; got \{'eps_4': 1, 'eps_8': 1, "):
+            trust_checks.checks(other, images, rates(images))
+    images = images.assign(table="ladder")
+    with pytest.raises(ValueError, match=r"; got \{\}"):
+        trust_checks.checks(config, images, rates(images))
