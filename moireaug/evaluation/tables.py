@@ -13,7 +13,7 @@ from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import Condition, ImageTransform, Model, Photo, in_255ths
 from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
-from moireaug.mixtures import Mixture
+from moireaug.mixtures import Mixture, as_scenes
 from moireaug.scenes import Scene
 
 
@@ -100,7 +100,8 @@ class SuiteConfig:
     """The settings of a suite's tables.
 
     Args:
-        scene: scene of the evaluation, or a mixture of scenes.
+        scene: scene of the evaluation, or a mixture of scenes; also what `as_scenes` takes, such
+            as a preset's name.
         eps: bounds of the noise, in [0, 1] units, of tables with a row or column each; the middle
             one is that of tables that compare at one bound. None leaves each suite its own.
         steps: gradient steps of every attack.
@@ -122,6 +123,7 @@ class SuiteConfig:
     without: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "scene", as_scenes(self.scene))
         if self.eps is not None:
             check_bounds(self.eps)
             object.__setattr__(self, "eps", tuple(map(_exact, self.eps)))
@@ -155,7 +157,8 @@ class SuiteConfig:
         if name not in self.defences:
             raise ValueError(
                 f"the suite needs the defence {name!r}, which is missing. Pass "
-                "SuiteConfig(defences=paper_defences() | {...}), with your own in the braces."
+                "SuiteConfig(defences=moireaug.evaluation.tables.paper_defences() | {...}), with "
+                "your own in the braces."
             )
         defence = self.defences[name]
         return averaging_judge(name, defence) if averages else Judge(name, defence=defence)
