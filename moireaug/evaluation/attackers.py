@@ -153,7 +153,7 @@ class PoseUnknownAttacker(Attacker):
         shots: number of draws in each step.
     """
 
-    kind = "blind"
+    kind = "pose_unknown"
     shots: int = 4
 
     @property

@@ -210,3 +210,13 @@ def test_nothing_fools_a_model_that_does_not_look(known, suite):
     for line in lines.to_dict("records"):
         found = (line["success"], line["accuracy"], line["counted"])
         assert found == (0.0, 0.75, 3), (line["row"], line["column"])
+
+
+def test_a_config_takes_the_name_of_a_scene():
+    assert SuiteConfig(scene="screen_photo").scene == SCENE
+
+
+def test_a_condition_is_called_like_its_row():
+    (table,) = tables_of("full_ladder", CONFIG)
+    (cell,) = [cell for cell in table.cells if cell.row == "pose_unknown_4"]
+    assert cell.conditions[0].name == "pose_unknown_4"
