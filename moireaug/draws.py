@@ -211,3 +211,11 @@ def check_size(size: Any) -> tuple[int, int]:
             f"{size!r}."
         )
     return h, w
+
+
+def mix_seeds(*parts: int) -> int:
+    """Return one seed from several integers, the same on every machine."""
+    seed = 0
+    for part in parts:
+        seed = (seed * 1_000_003 + part + 12_289) % (2**63 - 1)
+    return seed

@@ -11,12 +11,22 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from moireaug.draws import mix_seeds
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene, Shot
 
 # streams of random numbers, by their purpose
 SHOT_STREAM, TARGET_STREAM, CONDITION_STREAM, SHOW_STREAM, JUDGE_STREAM = range(5)
+
+
+@contextlib.contextmanager
+def restored_generators(device: torch.device) -> Iterator[None]:
+    """Restore torch's global generators, of the CPU and of a device, on exit: a randomised model or
+    defence draws from them."""
+    devices = [device] if device.type == "cuda" else []
+    with torch.random.fork_rng(devices):
+        yield
 
 
 @dataclass(frozen=True)
@@ -50,14 +60,6 @@ class BatchDraws:
         """Return the generator that a condition draws from."""
         return self._generator(CONDITION_STREAM, condition)
 
-    @contextlib.contextmanager
-    def global_generators(self, device: torch.device) -> Iterator[None]:
-        """Restore torch's global generators on exit: a randomised model or defence draws from
-        them."""
-        devices = [device] if device.type == "cuda" else []
-        with torch.random.fork_rng(devices):
-            yield
-
     def seed_showing(self, condition: str) -> None:
         """Seed torch's global generators for the images of a condition."""
         torch.manual_seed(self._seed(SHOW_STREAM, condition))
@@ -72,11 +74,3 @@ class BatchDraws:
     def _seed(self, stream: int, *names: str) -> int:
         numbers = (zlib.crc32(name.encode()) for name in names)  # the same on every machine
         return mix_seeds(self.seed, self.index, stream, *numbers)
-
-
-def mix_seeds(*parts: int) -> int:
-    """Return one seed from several integers, the same on every machine."""
-    seed = 0
-    for part in parts:
-        seed = (seed * 1_000_003 + part + 12_289) % (2**63 - 1)
-    return seed

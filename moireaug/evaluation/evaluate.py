@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
-from tqdm import tqdm
 
 from moireaug.argument_checks import check_callable, check_count
 from moireaug.attacks.model import class_count
 from moireaug.defenses import Defence
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import ImageTransform, Model
+from moireaug.evaluation.draws import restored_generators
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity as identity_of
 from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.loader import Batch, collect_batches
 from moireaug.evaluation.records import RecordFolder, Records
-from moireaug.evaluation.runner import Job, Runner, jobs_of
+from moireaug.evaluation.runner import Runner, jobs_of, show_progress
 from moireaug.evaluation.suites import OPTION_SUITES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, Table, paper_defences
 from moireaug.evaluation.visibility import LPIPS
@@ -129,7 +129,9 @@ def evaluate(
     if folder is not None:
         _require_identities(model, identity, config)
     labels = torch.cat([labels for _, labels in batches])
-    class_count(model, batches[0][0].to(device_of(model)), labels)
+    images = batches[0][0].to(device_of(model))
+    with restored_generators(images.device):
+        class_count(model, images, labels)
     records = Records() if folder is None else RecordFolder(Path(folder))
     with records:
         runner = Runner(
@@ -186,12 +188,3 @@ def _require_identities(model: Model, stated: str | bytes | None, config: SuiteC
         raise TypeError(f"identity must be a text that identifies the model; got {stated!r}.")
     for name, part in {**config.targets, **config.defences, **config.networks}.items():
         require_identity(name, part)
-
-
-def show_progress(jobs: Iterable[Job], total: int, title: str, *, enabled: bool) -> Iterable[Job]:
-    """Show a bar of the jobs that are done."""
-    with tqdm(total=total, desc=title, unit="job", leave=False, disable=not enabled) as bar:
-        for job in jobs:
-            bar.set_postfix_str(job.condition.name[:30], refresh=False)
-            bar.update()
-            yield job

@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from tqdm import tqdm
 
 from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
-from moireaug.evaluation.draws import BatchDraws
+from moireaug.evaluation.draws import BatchDraws, restored_generators
 from moireaug.evaluation.identity import identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.keys import RecordKeys
@@ -34,6 +35,15 @@ class Job(NamedTuple):
 
     condition: Condition
     judges: tuple[Judge, ...]
+
+
+def show_progress(jobs: Iterable[Job], total: int, title: str, *, enabled: bool) -> Iterable[Job]:
+    """Show a bar of the jobs that are done."""
+    with tqdm(total=total, desc=title, unit="job", leave=False, disable=not enabled) as bar:
+        for job in jobs:
+            bar.set_postfix_str(job.condition.name[:30], refresh=False)
+            bar.update()
+            yield job
 
 
 def jobs_of(tables: Iterable[Table]) -> list[Job]:
@@ -151,8 +161,9 @@ class Runner:
 
     def _batch(self, index: int, images: Tensor, labels: Tensor) -> _Batch:
         draws = BatchDraws(self.seed, index)
-        targets = draws.targets(labels, class_count(self.model, images, labels))
-        return _Batch(index, images, labels, targets, draws)
+        with restored_generators(images.device):
+            classes = class_count(self.model, images, labels)
+        return _Batch(index, images, labels, draws.targets(labels, classes), draws)
 
     def _scene_batches(self, condition: Condition, batch: _Batch) -> SceneBatches:
         """Return the images with their shots, a batch for each scene of a mixture."""
@@ -170,7 +181,7 @@ class Runner:
     def _judge(self, condition: Condition, judges: Sequence[Judge], batch: _Batch) -> list[Record]:
         """Show the images of a condition to judges; return a record of each."""
         scene_batches, draws = self._scene_batches(condition, batch), batch.draws
-        with draws.global_generators(batch.labels.device), torch.no_grad():
+        with restored_generators(batch.labels.device), torch.no_grad():
             draws.seed_showing(condition.name)
             start = time.perf_counter()
             images = scene_batches.show(condition)

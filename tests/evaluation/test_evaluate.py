@@ -9,7 +9,8 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from moireaug import capture, evaluation
 from moireaug.attacks import MoireAttack
-from moireaug.defenses import JPEG
+from moireaug.defenses import JPEG, Defended, TotalVariation
+from moireaug.draws import mix_seeds
 from moireaug.evaluation import (
     Cell,
     SuiteConfig,
@@ -20,7 +21,6 @@ from moireaug.evaluation import (
     tables_of,
 )
 from moireaug.evaluation.conditions import Photo
-from moireaug.evaluation.draws import mix_seeds
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.tables import paper_defences
 from moireaug.scenes import Scene
@@ -231,3 +231,10 @@ def test_a_suite_of_several_tables(known, loader):
     )
     assert set(lines["table"]) == set(evaluation.GROUPS["recipes"])
     assert np.isfinite(lines["success"]).all()
+
+
+def test_the_global_generator_is_left_alone(known):
+    model = Defended(known[0], TotalVariation(iterations=1))
+    state = torch.get_rng_state()
+    evaluate(model, known[1], suite="unseen", progress=False)
+    assert torch.equal(torch.get_rng_state(), state)

@@ -6,9 +6,9 @@ import torch
 
 from moireaug import Scene, capture
 from moireaug.attacks import MoireAttack
+from moireaug.draws import mix_seeds
 from moireaug.evaluation import SUITES, SuiteConfig, evaluate, rates, tables_of
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
-from moireaug.evaluation.draws import mix_seeds
 from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.suites.scenes import other_scenes
 from moireaug.evaluation.visibility import visibility

@@ -13,10 +13,9 @@ import pandas as pd
 from torch import nn
 
 from moireaug.evaluation import SuiteConfig, Table, tables_of
-from moireaug.evaluation.evaluate import show_progress
 from moireaug.evaluation.frame import images_frame, rates
 from moireaug.evaluation.records import RecordFolder
-from moireaug.evaluation.runner import Job, Runner, jobs_of
+from moireaug.evaluation.runner import Job, Runner, jobs_of, show_progress
 from moireaug.evaluation.suites.trust import trust
 from moireaug.evaluation.trust_checks import checks
 from moireaug.evaluation.visibility import LPIPS

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug.attacks import NoAnswerError, predicted
-from moireaug.evaluation.draws import mix_seeds
+from moireaug.draws import mix_seeds
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
 from training.classifier.adversaries import MIN_STRONG_STEPS, TrainingAdversary, strengthen

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import lightning as L
 
-from moireaug.evaluation.draws import mix_seeds
+from moireaug.draws import mix_seeds
 from moireaug.files import write_text
 from moireaug.mixtures import as_scenes
 from training.classifier.adversaries import passes
