@@ -122,7 +122,7 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
     for axis, name in enumerate(("wide", "high")):
         along = [corner[axis] for corner in subpixel.corners()]
         if not (
-            0 <= subpixel.centre[axis] <= period[axis]
+            0 <= numbers[1 + axis] <= period[axis]
             and max(along) - min(along) <= period[axis] + 1e-9
         ):
             raise ValueError(
@@ -140,7 +140,9 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
 def _subpixel(numbers: tuple[float, ...], period: tuple[int, int]) -> Subpixel:
     if len(numbers) == 7:
         channel, cx, cy, ax, ay, dx, dy = numbers
-        return Subpixel(int(channel), (cx, cy), (ax, ay), (dx, dy), period)
+        # on the far edge of its cell lies the copy of one on the near edge
+        centre = (cx % period[0], cy % period[1])
+        return Subpixel(int(channel), centre, (ax, ay), (dx, dy), period)
     channel, x0, y0, x1, y1 = numbers
     # rounded, so that three thirds have one width
     width, height = round(x1 - x0, 12), round(y1 - y0, 12)
