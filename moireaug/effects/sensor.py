@@ -8,9 +8,8 @@ from torch import Tensor
 from moireaug.effects import random_numbers  # noqa: F401  # defines torch.ops.moireaug.normal
 from moireaug.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.effects.binned_statistics import averaged_away, averaged_pixels, expected_clip
-from moireaug.effects.display import most_reflected
-from moireaug.effects.flicker import modulation_depth
 from moireaug.effects.srgb import in_codes
+from moireaug.exposure.extreme_light import max_glare, modulation_depth
 from moireaug.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.record import SizedScene
@@ -87,7 +86,7 @@ class Saturate(Effect):
     name = "saturate"
 
     def verdict(self, scene: SizedScene) -> Verdict:
-        brightest = 1 + modulation_depth(scene) + most_reflected(scene)  # of a white screen's light
+        brightest = 1 + modulation_depth(scene) + max_glare(scene)  # of a white screen's light
         if bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance:
             return called("the reading can exceed a full well")
         return left_out("no reading exceeds a full well")

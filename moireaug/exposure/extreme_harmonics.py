@@ -9,6 +9,7 @@ import math
 import torch
 from torch import Tensor
 
+from moireaug.exposure.extreme_light import modulation_depth
 from moireaug.exposure.extreme_scales import largest_panel_steps, least_side, panel_scale_ratio
 from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, inside
 from moireaug.panel.fourier import coefficient, own_orders
@@ -66,10 +67,10 @@ def _harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
 @functools.lru_cache(maxsize=64)
 def harmonics_in_bins(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
     """Return those harmonics whose contrast can exceed the tolerance in a binned reading, strongest
-    first: as their slowest alias can be in any view, at any scale, in the smallest bin. With a gain
-    above 1 all are kept: pixels that saturate before they are averaged turn contrast into a change
-    of the mean."""
-    if bounds(scene.sensor.gain)[1] > 1:
+    first: as their slowest alias can be in any view, at any scale, in the smallest bin. Where the
+    screen's light can exceed a full well, all are kept: pixels that saturate before they are
+    averaged turn contrast into a change of the mean."""
+    if bounds(scene.sensor.gain)[1] * (1 + modulation_depth(scene)) > 1:
         return harmonics(scene)
     layout, step = as_layout(scene.panel.layout), largest_panel_steps(scene)
     ratio = panel_scale_ratio(scene)
