@@ -9,7 +9,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from moireaug.scene.fields import one_of
-from moireaug.scene.subpixel import Subpixel, in_smallest_cell, overlap
+from moireaug.scene.subpixel import Subpixel, in_smallest_cell, is_overlapping
 
 RED, GREEN, BLUE = 0, 1, 2
 MAX_RASTER = 24  # raster subpixels along a panel pixel, where no smaller number fits
@@ -153,22 +153,21 @@ def _subpixel(numbers: tuple[float, ...], period: tuple[int, int]) -> Subpixel:
 def _check_overlaps(layout: Layout) -> None:
     for i, a in enumerate(layout.subpixels):
         for b in layout.subpixels[:i]:
-            if a[0] == b[0] and overlap(_subpixel(a, layout.period), _subpixel(b, layout.period)):
+            one, other = _subpixel(a, layout.period), _subpixel(b, layout.period)
+            if one.channel == other.channel and is_overlapping(one, other):
                 raise ValueError(f"subpixels of one channel must not overlap; got {b!r} and {a!r}.")
 
 
-def as_layout(value: Layout | str | dict[str, Any]) -> Layout:
-    """Return a Layout from a Layout, a key of `LAYOUTS` or a dict of its two fields."""
-    if isinstance(value, dict):
-        for key in value:
-            one_of("a field of Panel.layout", key, ("subpixels", "period"))
-        if "subpixels" not in value:
-            raise ValueError(
-                "Panel.layout must name its subpixels, (channel, x0, y0, x1, y1) rectangles or "
-                f"parallelograms; got {value!r}. See moireaug.scene.layout.Layout."
-            )
-        return Layout(**value)
-    return value if isinstance(value, Layout) else LAYOUTS[value]
+def layout_from_dict(values: dict[str, Any]) -> Layout:
+    """Return a Layout from a dict of its two fields."""
+    for key in values:
+        one_of("a field of Panel.layout", key, ("subpixels", "period"))
+    if "subpixels" not in values:
+        raise ValueError(
+            "Panel.layout must name its subpixels, (channel, x0, y0, x1, y1) rectangles or "
+            f"parallelograms; got {values!r}. See moireaug.scene.layout.Layout."
+        )
+    return Layout(**values)
 
 
 def stripes(*channels: int) -> Layout:

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
-from moireaug.effects.display import reflected
+from moireaug.effects.display import glare_share
 from moireaug.exposure.extreme_light import max_glare
 from moireaug.scene.by_name import with_values
 
@@ -90,7 +90,7 @@ def test_no_glare_is_brighter_than_the_plan_expects():
     steepest = dataclasses.replace(panel, glare=0.2, glare_x=-0.5, glare_y=0.4)
     ends = torch.tensor([0.0, 1.0], dtype=torch.float64)
     shot = Scene(panel=steepest).sample(1, (1, 1))
-    light = reflected(ends, ends[:, None], (1, 1), shot.panel)
+    light = glare_share(ends, ends[:, None], (1, 1), shot.panel)
     assert most == pytest.approx(light.max().item()) and most == pytest.approx(0.38)
 
 
