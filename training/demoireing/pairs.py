@@ -20,9 +20,9 @@ from moireaug.scenes import Scene, as_scene
 from moireaug.synthesis import without_moire
 from moireaug.synthesis.pairs import Pair, check_aligned, make_pair, photo_of_codes
 from moireaug.synthesis.pictures import Source
-from moireaug.synthesis.tone import ColourMap
 from training.demoireing.pictures import EnlargedCrops, Splits
 from training.demoireing.schema import DemoireConfig
+from training.photographs.tone import ColourMap
 
 COARSE_SIDE = 4  # pixels over which colour is averaged
 # pairs that no training draws, whatever its seed: the same for every run
