@@ -278,3 +278,10 @@ def test_a_centre_on_the_far_edge_of_a_cell_is_one_on_the_near_edge(sensor, exec
         shot = scene.sample(len(images), images.shape[-2:], torch.Generator().manual_seed(0))
         readings.append(execution(images, shot))
     assert torch.equal(*readings)
+
+
+def test_a_plan_says_where_points_do_not_show_black_matrix():
+    sensor = Sensor(exposure="point")
+    dark, whole = (Scene(panel=Panel(lit=share), sensor=sensor).plan() for share in (0.8, 1.0))
+    assert "black matrix dims it evenly, without moiré" in str(dark)
+    assert "black matrix" not in str(whole)
