@@ -38,7 +38,6 @@ from torch import Tensor
 
 from benchmarks import agreement, measure, told_apart
 from moireaug import Scene
-from moireaug.synthesis.tone import ColourMap
 from training.calibration.compare import (
     compare_statistics,
     mean_distance,
@@ -48,6 +47,7 @@ from training.calibration.compare import (
 from training.calibration.crops import Crops, cut_crops, photograph_crops
 from training.config import scenes
 from training.data.real_pairs import find_pairs, read_pairs
+from training.photographs.tone import ColourMap
 from training.report.terminal import plain
 
 FULL: dict[str, Any] = {

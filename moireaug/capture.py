@@ -53,7 +53,7 @@ def capture(
     Raises:
         TypeError, ValueError: an image that is not a float batch of three channels, or not a
             picture in [0, 1]: normalised, 0 to 255, NaN, infinite; a shot or noise of another batch
-            or size, or with NaN or infinity; noise that is not a tensor.
+            or size, or with NaN or infinity; noise that is not a floating point tensor.
     """
     return photo_of(check_images(image), shot, noise).to(image.dtype)
 
@@ -120,7 +120,7 @@ def _mixed_photo_of(
     def photo(rows: Tensor, part: ShotRecord) -> Tensor:
         return photo_of(image[rows.to(image.device)], part, _rows_of_noise(noise, rows))
 
-    return shot.gathered(photo)
+    return shot.map_shots(photo)
 
 
 def _rows_of_noise(noise: Tensor | Sequence[Tensor] | None, rows: Tensor) -> Tensor | None:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from moireaug.draws import Draws
-from moireaug.shot import ShotRecord
+from moireaug.shot import ShotRecord, check_tensor
 
 S = TypeVar("S", bound=ShotRecord)
 UNFOLLOWED = (
@@ -42,7 +42,7 @@ class MixedShot(Draws, Generic[S]):
     seed: Tensor
 
     @staticmethod
-    def joined(
+    def from_shots(
         scenes: tuple[Any, ...], scene_index: Tensor, shots: Sequence[tuple[Tensor, S]]
     ) -> MixedShot[S]:
         """Return the inverse of `by_scene`: one or more shots and the rows of each, which together
@@ -80,21 +80,21 @@ class MixedShot(Draws, Generic[S]):
         for k in range(len(self.scenes)):
             rows = (self.scene_index == k).nonzero().flatten()
             if len(rows):
-                parts.append((rows, self._in(k, rows)))
+                parts.append((rows, self._shot_in(k, rows)))
         if sum(len(rows) for rows, _ in parts) != len(self):
             raise ValueError(
                 f"a mixture of {len(self.scenes)} scenes numbers them from 0 to "
                 f"{len(self.scenes) - 1}; got {self.scene_index.tolist()}. Was it drawn by another "
                 "one?"
             )
-        return parts or [(self.scene_index, self._in(0, self.scene_index))]
+        return parts or [(self.scene_index, self._shot_in(0, self.scene_index))]
 
-    def _in(self, k: int, rows: Tensor) -> S:
+    def _shot_in(self, k: int, rows: Tensor) -> S:
         """Return the shot of some rows in scene k."""
         numbers = {name: values[rows] for name, values in self.drawn.items()}
         return self.scenes[k].shot_from_numbers(self.size, numbers, self.seed[rows])
 
-    def gathered(self, f: Callable[[Tensor, S], Tensor]) -> Tensor:
+    def map_shots(self, f: Callable[[Tensor, S], Tensor]) -> Tensor:
         """Return f(rows, shot) of each scene's images, (b, ...), in the order of the batch."""
         every_rows, parts = [], []
         for rows, shot in self.by_scene():
@@ -105,14 +105,15 @@ class MixedShot(Draws, Generic[S]):
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image lie in the photo; see `Shot.to_photo`."""
         self._check_rows(points, "points")
-        return self.gathered(lambda rows, shot: shot.to_photo(points[rows.to(points.device)]))
+        return self.map_shots(lambda rows, shot: shot.to_photo(points[rows.to(points.device)]))
 
     def to_photo_mask(self, mask: Tensor) -> Tensor:
         """Return a mask (B, C, H, W) of the image as in the photo; see `Shot.to_photo_mask`."""
         self._check_rows(mask, "a mask")
-        return self.gathered(lambda rows, shot: shot.to_photo_mask(mask[rows.to(mask.device)]))
+        return self.map_shots(lambda rows, shot: shot.to_photo_mask(mask[rows.to(mask.device)]))
 
     def _check_rows(self, values: Tensor, name: str) -> None:
+        check_tensor(name, values)
         if values.ndim == 0 or len(values) != len(self):
             raise ValueError(
                 f"{name} must have a row for each of the {len(self)} images of the shot; got the "
@@ -122,7 +123,7 @@ class MixedShot(Draws, Generic[S]):
     def raw_shapes(self) -> set[tuple[int, ...]]:
         """Return the shapes (planes, h, w) of a reading in the mixture's scenes."""
         none = self.scene_index[:0]
-        return {self._in(k, none).raw_shape()[1:] for k in range(len(self.scenes))}
+        return {self._shot_in(k, none).raw_shape()[1:] for k in range(len(self.scenes))}
 
     def raw_shape(self) -> tuple[int, ...]:
         """Return the shape of the raw reading, (B, planes, h, w); see `Shot.raw_shape`.

@@ -51,7 +51,7 @@ class Mixture:
             if len(rows):
                 shots.append((rows, self.shot_in(k, u[rows], size)))
         shots = shots or [(scene_index, self.shot_in(0, u, size))]
-        return MixedShot.joined(self.scenes, scene_index, shots)
+        return MixedShot.from_shots(self.scenes, scene_index, shots)
 
     def shot_in(self, k: int, u: Tensor, size: tuple[int, int]) -> Shot:
         """Return the shot that `random_numbers` give in scene k, of images of `size` (height,

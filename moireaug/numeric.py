@@ -22,7 +22,7 @@ def clip(x: Tensor) -> Tensor:
     return torch.where((x < 0) | (x > 1), x.detach().clamp(min=0, max=1), x)
 
 
-def bounded(x: Tensor) -> Tensor:
+def clip_straight_through(x: Tensor) -> Tensor:
     """Put back into [0, 1] what lies there but for rounding, with gradient 1 everywhere."""
     return x + (x.detach().clamp(0, 1) - x.detach())
 

@@ -30,6 +30,16 @@ from moireaug.scene.record import SceneRecord
 DEMOSAIC_REACH = {"bilinear": 1, "malvar": 2}
 
 
+def check_tensor(name: str, values: object) -> Tensor:
+    """Return values that are a tensor; refuse others with a TypeError."""
+    if not isinstance(values, Tensor):
+        raise TypeError(
+            f"{name} must be a torch.Tensor; got {type(values).__name__}. Convert it with "
+            "torch.as_tensor."
+        )
+    return values
+
+
 def sampled_rows_and_columns(
     scene: SceneRecord, size: tuple[int, int]
 ) -> tuple[SampledPixels, SampledPixels]:
@@ -157,8 +167,10 @@ class ShotRecord(Draws):
         Integer points are rounded.
 
         Raises:
+            TypeError: points that are not a tensor.
             ValueError: points of another shape, or of another number of images.
         """
+        check_tensor("points", points)
         if points.ndim != 3 or points.shape[-1] != 2 or len(points) != len(self):
             raise ValueError(
                 f"points must have the shape ({len(self)}, N, 2), x and y of N points in each "
@@ -175,8 +187,10 @@ class ShotRecord(Draws):
         pixel, 0 off the image.
 
         Raises:
+            TypeError: a mask that is not a tensor.
             ValueError: a mask of another shape, or of another number or size of images.
         """
+        check_tensor("a mask", mask)
         if mask.ndim != 4 or len(mask) != len(self) or tuple(mask.shape[-2:]) != self.size:
             raise ValueError(
                 f"a mask must have the shape ({len(self)}, C, {self.size[0]}, {self.size[1]}) of "

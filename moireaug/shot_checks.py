@@ -11,7 +11,7 @@ from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import is_transformed
 from moireaug.scene.by_name import limits
 from moireaug.scene.lens import MIN_LENS_SLOPE, least_lens_slope
-from moireaug.shot import ShotRecord
+from moireaug.shot import ShotRecord, check_tensor
 
 
 def check_shot(shape: Sequence[int], shot: ShotRecord) -> None:
@@ -109,16 +109,16 @@ def check_rows_of_noise(noise: object, shot: MixedShot) -> None:
 
 
 def check_noise(noise: object, raw: Tensor) -> Tensor:
-    """Return noise that is a tensor of the raw reading's shape, and finite.
+    """Return noise that is a floating point tensor of the raw reading's shape, and finite.
 
     Raises:
-        TypeError: not a tensor.
+        TypeError: not a tensor, or not floating point.
         ValueError: another shape, NaN or infinity.
     """
-    if not isinstance(noise, Tensor):
+    noise = check_tensor("noise", noise)
+    if not noise.is_floating_point():
         raise TypeError(
-            f"noise must be a torch.Tensor; got {type(noise).__name__}. Convert it with "
-            "torch.as_tensor(noise)."
+            f"noise must be a floating point tensor, in raw units; got a tensor of {noise.dtype}."
         )
     if noise.shape != raw.shape:
         raise ValueError(

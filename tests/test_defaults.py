@@ -24,7 +24,6 @@ from moireaug.evaluation.corruptions import CORRUPTIONS
 from moireaug.evaluation.visibility import visibility
 from moireaug.scene.presets import PRESETS
 from moireaug.synthesis.pairs import make_pair
-from moireaug.synthesis.statistics import measure
 from moireaug.transforms import AdversarialMoire, RandomMoire
 from moireaug.transforms import albumentations as for_albumentations
 from moireaug.transforms import kornia as for_kornia
@@ -33,6 +32,7 @@ from training.attack import results
 from training.data import signs, splits
 from training.demoireing.tiles import tiled
 from training.models import classifiers as models
+from training.photographs.statistics import measure
 
 SIZE = (16, 20)
 IMAGES = torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(1))

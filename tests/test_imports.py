@@ -21,7 +21,7 @@ LIBRARY = (
     ("engine",),
     ("capture",),
     ("scenes",),
-    ("operators", "mixtures", "images"),
+    ("operators", "mixtures", "image_files"),
     ("synthesis",),
     ("attacks", "defenses"),
     ("transforms",),
@@ -30,7 +30,7 @@ LIBRARY = (
 APPLICATION = (
     ("system",),
     ("config",),
-    ("data", "models"),
+    ("data", "models", "photographs"),
     ("runs",),
     ("trainer", "report"),
     ("classifier",),

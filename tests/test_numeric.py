@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 
-from moireaug.numeric import bounded, clip, per_image, saturate, sinc
+from moireaug.numeric import clip, clip_straight_through, per_image, saturate, sinc
 
 
 def test_black_and_white_pixels_are_attackable():
@@ -24,7 +24,7 @@ def test_a_full_well_reads_one_and_passes_no_gradient():
 
 def test_what_is_rounded_past_white_keeps_its_gradient():
     x = torch.tensor([-1e-9, 0.3, 1.0, 1 + 2.0**-23], requires_grad=True)
-    found = bounded(x)
+    found = clip_straight_through(x)
     assert found.min() == 0 and found.max() == 1 and found[1] == x[1]
     found.sum().backward()
     assert torch.equal(x.grad, torch.ones(4))

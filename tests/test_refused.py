@@ -19,11 +19,13 @@ from moireaug import (
     engine,
     expose,
 )
+from moireaug.mixtures import Mixture
 from moireaug.synthesis import without_moire
 from moireaug.transforms import RandomMoire
 
 X = torch.rand(1, 3, 4, 4)
 SHOT = Scene().sample(1, (4, 4))
+MIXED = Mixture((Scene(), Scene())).sample(1, (4, 4))
 
 
 def changed(**values):
@@ -122,6 +124,13 @@ MISTAKEN = [
     (lambda: Scene(view=View(yaw=torch.tensor(500.0))), "View.yaw of a scene must be a number"),
     (lambda: capture(X, SHOT, np.zeros((1, 4, 2, 2))), "noise must be a torch.Tensor; got"),
     (lambda: capture(X, SHOT, [0.0]), "noise must be a torch.Tensor; got"),
+    *[
+        (lambda t=t: capture(X, SHOT, torch.ones(1, 4, 2, 2, dtype=t)), f"got a tensor of {t}.")
+        for t in (torch.complex64, torch.bool)
+    ],
+    (lambda: SHOT.to_photo(np.zeros((1, 2, 2))), "points must be a torch.Tensor; got ndarray."),
+    (lambda: SHOT.to_photo_mask([[1]]), "a mask must be a torch.Tensor; got list. Convert it with"),
+    (lambda: MIXED.to_photo([[1.0, 2.0]]), "points must be a torch.Tensor; got list."),
 ]
 
 

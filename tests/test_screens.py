@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
-from moireaug.effects.binned_statistics import averaged_pixels
+from moireaug.effects.binned_statistics import pixels_per_value
 from moireaug.engine import switch
 from moireaug.exposure import extreme_harmonics
 from moireaug.exposure.bin_geometry import pixels_on_photo
@@ -193,7 +193,7 @@ def test_hard_cases_are_finite_and_near_their_float64_answer(panel, sensor, view
 @pytest.mark.parametrize("scale", [0.01, 0.5, 2.0, 3.0, 150.0])
 def test_a_value_averages_the_pixels_of_its_colour(scale):
     shot = SCREEN.sample(1, (8, 8))
-    count = averaged_pixels(shot, torch.tensor([scale]))
+    count = pixels_per_value(shot, torch.tensor([scale]))
     assert count.item() == pytest.approx(max(1.0, scale**2 / 4))
 
 

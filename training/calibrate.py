@@ -37,7 +37,6 @@ import yaml
 from moireaug import Scene
 from moireaug.files import write_bytes, write_text
 from moireaug.synthesis.pairs import check_aligned
-from moireaug.synthesis.statistics import MIN_CROP_SIDE
 from training.calibration import fit
 from training.calibration.compare import (
     StatisticRow,
@@ -59,6 +58,7 @@ from training.data.real_pairs import (
     read_pairs,
     read_registered,
 )
+from training.photographs.statistics import MIN_CROP_SIDE
 from training.report.terminal import show
 from training.runs.identity import fingerprint_of
 from training.system.files import free_name, make_folder

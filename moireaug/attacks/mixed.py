@@ -40,7 +40,7 @@ def joined(
         noise=noise,
         loss=_mean_loss(results),
         eps=results[0].eps,
-        shot=MixedShot.joined(shot.scenes, shot.scene_index, scene_shots),
+        shot=MixedShot.from_shots(shot.scenes, shot.scene_index, scene_shots),
     )
 
 

@@ -11,7 +11,7 @@ from moireaug.shot import ShotRecord
 LEAST_VARIANCE = 1e-10  # of readings that count as different
 
 
-def averaged_pixels(shot: ShotRecord, scale: Tensor) -> Tensor:
+def pixels_per_value(shot: ShotRecord, scale: Tensor) -> Tensor:
     """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
     `shot.bin_scale`."""
     share = 4.0 if shot.scene.is_binned_bayer else 1.0
@@ -20,11 +20,11 @@ def averaged_pixels(shot: ShotRecord, scale: Tensor) -> Tensor:
     return (scale.square() / share).clamp(min=1)
 
 
-def averaged_away(shot: ShotRecord) -> tuple[Tensor, Tensor, Tensor]:
+def lost_variances(shot: ShotRecord) -> tuple[Tensor, Tensor, Tensor]:
     """Return the variance of sensor pixels that a binned reading has averaged away: of read noise
     and of photon noise at full scale, (B, 1, 1, 1) each, and of the panel's pattern, as a share of
     the squared reading, (B, 3)."""
-    away = 1 - 1 / averaged_pixels(shot, shot.bin_scale)
+    away = 1 - 1 / pixels_per_value(shot, shot.bin_scale)
     read, photons = shot.sensor.read_noise.square(), shot.sensor.shot_noise.square()
     if "noise" not in shot.plan:
         read, photons = torch.zeros_like(read), torch.zeros_like(read)

@@ -7,12 +7,12 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.effects.srgb import in_codes
+from moireaug.exposure.extreme_light import max_glare
 from moireaug.exposure.filters import filters_of
 from moireaug.geometry.lattice import CFA
 from moireaug.numeric import per_image
 from moireaug.panel.fourier import emitting_share, mean_light
-from moireaug.scene.fields import bounds, deviation
-from moireaug.scene.layout import as_layout
+from moireaug.scene.fields import bounds
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
@@ -40,22 +40,16 @@ class Glare(Effect):
     def verdict(self, scene: SizedScene) -> Verdict:
         glare = scene.panel.glare
         why = f"the glass reflects {format_range(glare)} of a white screen's light"
-        change = most_reflected(scene) * bounds(scene.sensor.gain)[1]
+        change = max_glare(scene) * bounds(scene.sensor.gain)[1]
         return verdict_of(in_codes(change, scene), scene, why, "the glass reflects nothing")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
-        share = reflected(*photo_coordinates(shot), shot.size, shot.panel)
+        share = glare_share(*photo_coordinates(shot), shot.size, shot.panel)
         white = white_readings(shot).to(raw.dtype)[..., None, None]
         return raw + in_planes(share, raw, shot) * white
 
 
-def most_reflected(scene: SizedScene) -> float:
-    """Return the most light that the glass can reflect, which it does in a corner of the photo."""
-    panel = scene.panel
-    return bounds(panel.glare)[1] * (1 + deviation(panel.glare_x, 0) + deviation(panel.glare_y, 0))
-
-
-def reflected(u: Tensor, v: Tensor, size: tuple[int, int], panel) -> Tensor:
+def glare_share(u: Tensor, v: Tensor, size: tuple[int, int], panel) -> Tensor:
     """Return the light that a drawn Panel's glass reflects, as a share of a white screen's: (B, h,
     w) at photo coordinates that broadcast to (h, w) or (B, h, w)."""
     right = u / size[1] * 2 - 1
@@ -67,7 +61,7 @@ def reflected(u: Tensor, v: Tensor, size: tuple[int, int], panel) -> Tensor:
 
 def white_readings(shot: ShotRecord) -> Tensor:
     """Return the mean reading of a white screen in each plane, (B, planes)."""
-    layout = as_layout(shot.scene.panel.layout)
+    layout = shot.scene.panel.cell
     light = mean_light(layout, *emitting_share(shot.panel))
     light = (filters_of(shot) @ light[..., None])[..., 0]
     channels: list[int] = []

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
 from moireaug.effects.readings import in_planes, photo_coordinates
+from moireaug.exposure.extreme_light import modulation_depth
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
@@ -50,18 +51,6 @@ def light_of_rows(rows: Tensor, shot: ShotRecord) -> Tensor:
     rows = rows[..., None] + wide * (parts / ROWS_OF_A_BIN - 0.5)
     bands = flicker(rows.flatten(1) / shot.size[0], *pulses, sensor.shutter, sensor.readout)
     return bands.unflatten(1, (-1, ROWS_OF_A_BIN)).mean(2)
-
-
-def modulation_depth(scene: SizedScene) -> float:
-    """Return the most by which a row's light can differ from the mean, as a share of it."""
-    panel, (short, long) = scene.panel, bounds(scene.sensor.shutter)
-    (slow, fast), duty = bounds(panel.pwm), bounds(panel.duty)[0]
-    if not fast or not long or duty == 1:
-        return 0.0
-    cycles = slow * short  # the fewest in an exposure
-    brighter = (1 - duty) / max(duty, cycles)
-    darker = 1.0 if cycles <= 1 - duty else (1 - duty) / cycles
-    return max(brighter, darker)
 
 
 def flicker(

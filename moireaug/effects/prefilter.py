@@ -89,7 +89,7 @@ def blur_by_pyramid(image: Tensor, variance: Tensor, levels: int) -> Tensor:
     x, y = centres.expand(len(image), -1, -1, -1).unbind(-1)
     level, blurred, blurred_variance = image, image, 0.0
     for j in range(1, levels + 1):
-        level = halved(level)
+        level = half_size(level)
         interpolated = grids.look_up(level, x / 2**j, y / 2**j)
         level_variance = 4**j / 4
         share = (variance - blurred_variance) / (level_variance - blurred_variance)
@@ -98,7 +98,7 @@ def blur_by_pyramid(image: Tensor, variance: Tensor, levels: int) -> Tensor:
     return blurred
 
 
-def halved(image: Tensor) -> Tensor:
+def half_size(image: Tensor) -> Tensor:
     """Return the means of 2 x 2 pixels; an odd last row or column counts twice, so that every
     window is full."""
     h, w = image.shape[-2:]

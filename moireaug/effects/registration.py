@@ -7,7 +7,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.geometry.grids import look_up
-from moireaug.numeric import bounded
+from moireaug.numeric import clip_straight_through
 from moireaug.scene.fields import bounds, varies
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
@@ -33,7 +33,7 @@ class Register(Effect):
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         points, on_photo = pixels_on_photo(shot)
         if not shot.scene.is_rectified:
-            photo = bounded(look_up(photo, *points.unbind(-1)))
+            photo = clip_straight_through(look_up(photo, *points.unbind(-1)))
         return photo * on_photo.to(photo.dtype)[:, None]
 
 

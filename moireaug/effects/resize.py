@@ -8,7 +8,7 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.geometry.lattice import SampledPixels
-from moireaug.numeric import bounded
+from moireaug.numeric import clip_straight_through
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
@@ -28,7 +28,7 @@ class Resize(Effect):
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         rows, cols = shot.sampled_pixels()
-        return bounded(resize(photo, rows, cols, shot.scene.develop.resize))
+        return clip_straight_through(resize(photo, rows, cols, shot.scene.develop.resize))
 
 
 def resize(photo: Tensor, rows: SampledPixels, cols: SampledPixels, how: str) -> Tensor:

@@ -7,10 +7,9 @@ from torch import Tensor
 
 from moireaug.effects import random_numbers  # noqa: F401  # defines torch.ops.moireaug.normal
 from moireaug.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
-from moireaug.effects.binned_statistics import averaged_away, averaged_pixels, expected_clip
-from moireaug.effects.display import most_reflected
-from moireaug.effects.flicker import modulation_depth
+from moireaug.effects.binned_statistics import expected_clip, lost_variances, pixels_per_value
 from moireaug.effects.srgb import in_codes
+from moireaug.exposure.extreme_light import max_glare, modulation_depth
 from moireaug.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.record import SizedScene
@@ -50,7 +49,7 @@ class Noise(Effect):
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         read, photons = shot.sensor.read_noise, shot.sensor.shot_noise
         if shot.scene.is_binned:
-            root = averaged_pixels(shot, shot.bin_scale).sqrt()
+            root = pixels_per_value(shot, shot.bin_scale).sqrt()
             read, photons = read / root, photons / root
         return add_noise(raw, read, photons, shot.seed)
 
@@ -73,7 +72,7 @@ class ClipReading(Effect):
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         if not shot.scene.is_binned:
             return clip(raw)
-        read, photons, pattern = (t.to(raw.dtype) for t in averaged_away(shot))
+        read, photons, pattern = (t.to(raw.dtype) for t in lost_variances(shot))
         pattern = pattern[:, :, None, None]
         if raw.shape[1] == 4:
             pattern = pattern[:, [0, 1, 1, 2]]
@@ -87,7 +86,7 @@ class Saturate(Effect):
     name = "saturate"
 
     def verdict(self, scene: SizedScene) -> Verdict:
-        brightest = 1 + modulation_depth(scene) + most_reflected(scene)  # of a white screen's light
+        brightest = 1 + modulation_depth(scene) + max_glare(scene)  # of a white screen's light
         if bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance:
             return called("the reading can exceed a full well")
         return left_out("no reading exceeds a full well")

@@ -14,7 +14,7 @@ from moireaug.exposure.footprint import Footprint, blur_variance
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.panel.fourier import emitting_share
 from moireaug.scene.fields import bounds
-from moireaug.scene.layout import Layout, as_layout
+from moireaug.scene.layout import Layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
@@ -33,7 +33,7 @@ class Content(NamedTuple):
         optics: of a sensor pixel, its aperture as a Gaussian.
         shift: (B, 3, 2) where a colour's subpixels lie from the middle of a pixel.
         width: (B, 3, 2) of a colour's subpixels, in pixels.
-        hold: (B,) variance that interpolating the picture adds, in squared pixels.
+        interpolation_variance: (B,) added by interpolating the picture, in squared pixels.
     """
 
     scale: Tensor
@@ -41,15 +41,15 @@ class Content(NamedTuple):
     optics: Optics
     shift: Tensor
     width: Tensor
-    hold: Tensor
+    interpolation_variance: Tensor
 
     def footprint(self, axis: int, bins: Bins) -> Footprint:
-        """Return the view of bins along x (axis 0) or y (axis 1), without `hold`: (B, h, w) each,
-        in pixels."""
+        """Return the view of bins along x (axis 0) or y (axis 1), without `interpolation_variance`:
+        (B, h, w) each, in pixels."""
         ratio = self.ratio.to(bins.step.dtype)[:, None, None, None]
         step = bins.step[..., axis, :] / ratio
         across_bin = (step[..., None] * bins.sides).sum(-2)
-        zero, one = torch.zeros_like(self.hold), torch.ones_like(self.hold)
+        zero, one = torch.zeros_like(self.ratio), torch.ones_like(self.ratio)
         box = Footprint.of(across_bin, Optics(one, zero, zero, zero, zero))
         return Footprint(box.box, box.variance + blur_variance(step, self.optics))
 
@@ -64,12 +64,12 @@ def content_of(shot: ShotRecord) -> Content:
     scene, alpha = shot.scene, shot.panel_scale
     ratio = alpha.clamp(min=1)
     fine = 1 - 1 / ratio  # 0 for a panel of the picture's pixels, near 1 for a much finer one
-    hold = torch.zeros_like(fine)
+    interpolation = torch.zeros_like(fine)
     if not bounds(scene.panel.width)[1]:
         # the filter that shrinks the photo blurs the picture, too, where its pixels are not means
         second_mean = 1.0 if scene.develop.resize == "antialias" else 0.0
-        hold = (fine + second_mean * alpha.clamp(max=1).square()) / 12
-    middle, edges, is_whole = map(alpha.new_tensor, _sources(as_layout(scene.panel.layout)))
+        interpolation = (fine + second_mean * alpha.clamp(max=1).square()) / 12
+    middle, edges, is_whole = map(alpha.new_tensor, _sources(scene.panel.cell))
     lit_x, lit_y = (share[:, None, None] for share in emitting_share(shot.panel))
     # the larger of its two edges, one across and one down
     width = torch.maximum(edges[..., 0] * lit_x, edges[..., 1] * lit_y).clamp(max=1)
@@ -80,7 +80,7 @@ def content_of(shot: ShotRecord) -> Content:
         optics=gaussian_optics(scene, optics_of(shot)),
         shift=middle / ratio[:, None, None],
         width=width + (1 - width) * fine[:, None, None],
-        hold=hold,
+        interpolation_variance=interpolation,
     )
 
 

@@ -19,7 +19,7 @@ from moireaug.exposure.screen import Screen
 from moireaug.exposure.sight import WHOLE_PIXEL, AxisView, Place, panel_pixels, shares_along
 from moireaug.geometry.lattice import CFA
 from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
-from moireaug.scene.layout import Layout, as_layout
+from moireaug.scene.layout import Layout
 from moireaug.shot import ShotRecord
 
 # channels that the filters of red, green and blue pass: their own, or also its neighbours
@@ -63,7 +63,7 @@ class Binned(ClosedForm):
 
     def read(self, screen: Screen, content: Content, bins: Bins, shot: ShotRecord) -> Tensor:
         """Return the readings of the pixels of each colour filter in bins: (B, 3, h, w)."""
-        dtype, layout = screen.light.dtype, as_layout(shot.scene.panel.layout)
+        dtype, layout = screen.light.dtype, shot.scene.panel.cell
         shares = mean_light(layout, *emitting_share(shot.panel)).to(dtype)[..., None, None]
         filters = filters_of(shot).to(dtype)[..., None, None]
         passed_channels = OVERLAPPING if "crosstalk" in shot.plan else SEPARATE
@@ -89,9 +89,10 @@ class Binned(ClosedForm):
             at = bins.position[..., axis] / content.ratio[:, None, None]
             at = at - content.shift[:, channel, axis, None, None]
             box, variance = content.footprint(axis, bins)
-            view = Footprint(box, variance + content.hold.to(dtype)[:, None, None])
+            added = content.interpolation_variance.to(dtype)[:, None, None]
             width = content.width[:, channel, axis, None, None].to(dtype)
             place = Place(axis, centre=0.5, period=1, pixel=0.5)
+            view = Footprint(box, variance + added)
             along.append(shares_along(place, at, view, width, shot, screen))
         x, y = along
         return panel_pixels(screen, channel, x, y, WHOLE_PIXEL)
@@ -135,7 +136,7 @@ class Binned(ClosedForm):
     def pattern_variance(self, shot: ShotRecord) -> Tensor:
         if not self.harmonics:
             return super().pattern_variance(shot)
-        layout, filters = as_layout(shot.scene.panel.layout), filters_of(shot)
+        layout, filters = shot.scene.panel.cell, filters_of(shot)
         parts = amplitudes_of(layout, self.harmonics, shot.panel)
         real, imaginary = (torch.einsum("bpc,ckb->kbp", filters, part) for part in parts)
         total = (self._lost_power(layout, shot) * (real.square() + imaginary.square())).sum(0)

@@ -10,7 +10,6 @@ from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.full import Box, Mean, Spectral
 from moireaug.exposure.sampled import Point, Supersample
-from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SizedScene
 
 # a magnified screen with more harmonics than this is integrated by overlaps instead, or, in bins,
@@ -36,17 +35,17 @@ def method_of(scene: SizedScene) -> ExposureMethod:
     if scene.is_binned:
         return _binned(scene)
     method, _, n = scene.sensor.exposure.partition(":")
-    slanted = [s for s in as_layout(scene.panel.layout).all() if not s.is_rectangle]
+    slanted = [s for s in scene.panel.cell.all() if not s.is_rectangle]
     if method in ("point", "box") and slanted:
         raise ValueError(
             f"Sensor.exposure = {method!r} takes subpixels for rectangles; this Panel.layout has "
             f"slanted ones, the first {slanted[0]!r}. Use 'auto' or 'supersample:8'."
         )
     if method == "point":
-        return Point()
+        return Point(has_black_matrix=scene.panel.has_black_matrix)
     if method == "supersample":
         return Supersample(int(n))
-    taps, fine = taps_of(scene), extreme_footprints.narrowest(scene) < FINE_APERTURE
+    taps, fine = taps_of(scene), extreme_footprints.min_aperture_width(scene) < FINE_APERTURE
     if method == "mean":
         return Mean(taps, fine=fine)
     if method == "box":
@@ -69,7 +68,7 @@ def _binned(scene: SizedScene) -> Binned:
 def _is_cut(scene: SizedScene, harmonics: list[tuple[tuple[int, int], float]]) -> bool:
     """Whether the series would go on past the highest order. Every third order of a stripe is
     empty, so any of the last three decides."""
-    px, py = as_layout(scene.panel.layout).period
+    px, py = scene.panel.cell.period
     last = extreme_harmonics.HIGHEST_ORDER - 3
     return any(max(abs(k) / px, abs(l) / py) > last for (k, l), _ in harmonics)
 

@@ -19,14 +19,13 @@ from moireaug.exposure.footprint import Footprint, blur_variance
 from moireaug.exposure.optics import Optics
 from moireaug.exposure.sight import AxisView, axis_views, variance_beyond_taps
 from moireaug.scene.fields import bounds
-from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SizedScene
 
 
-def narrowest(scene: SizedScene) -> float:
+def min_aperture_width(scene: SizedScene) -> float:
     """Return the smallest width of an aperture's shadow on the panel along an axis, in cells."""
     widest = largest_panel_steps(scene).abs().amax(-1).amin(0)  # along x and y
-    period = widest.new_tensor(as_layout(scene.panel.layout).period)
+    period = widest.new_tensor(scene.panel.cell.period)
     return bounds(scene.sensor.fill)[0] * float((widest / period).min())
 
 

@@ -9,12 +9,12 @@ import math
 import torch
 from torch import Tensor
 
+from moireaug.exposure.extreme_light import modulation_depth
 from moireaug.exposure.extreme_scales import largest_panel_steps, least_side, panel_scale_ratio
 from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, inside
 from moireaug.panel.fourier import coefficient, own_orders
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
-from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SizedScene
 
 HIGHEST_ORDER = 32  # highest harmonic per panel pixel that is ever summed
@@ -36,7 +36,7 @@ def _harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
     The sinc of the aperture is bounded by its envelope, because its zeros move with the view; so is
     the cosine of a low-pass filter.
     """
-    px, py = as_layout(scene.panel.layout).period
+    px, py = scene.panel.cell.period
     k, l = _orders(px, py)
     amplitude = 2 * bounds(scene.sensor.gain)[1] * _strongest(scene, k, l)
     step = largest_panel_steps(scene)
@@ -66,12 +66,12 @@ def _harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
 @functools.lru_cache(maxsize=64)
 def harmonics_in_bins(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
     """Return those harmonics whose contrast can exceed the tolerance in a binned reading, strongest
-    first: as their slowest alias can be in any view, at any scale, in the smallest bin. With a gain
-    above 1 all are kept: pixels that saturate before they are averaged turn contrast into a change
-    of the mean."""
-    if bounds(scene.sensor.gain)[1] > 1:
+    first: as their slowest alias can be in any view, at any scale, in the smallest bin. Where the
+    screen's light can exceed a full well, all are kept: pixels that saturate before they are
+    averaged turn contrast into a change of the mean."""
+    if bounds(scene.sensor.gain)[1] * (1 + modulation_depth(scene)) > 1:
         return harmonics(scene)
-    layout, step = as_layout(scene.panel.layout), largest_panel_steps(scene)
+    layout, step = scene.panel.cell, largest_panel_steps(scene)
     ratio = panel_scale_ratio(scene)
     s = least_side(scene, bounds(scene.panel.scale)[0])
     apart = 0.5 if scene.is_binned_bayer else 1.0
@@ -118,7 +118,7 @@ def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
 
 def _strongest(scene: SizedScene, k: Tensor, l: Tensor) -> Tensor:
     """Return how strong each of a layout's harmonics can be, in its strongest colour."""
-    panel, layout = scene.panel, as_layout(scene.panel.layout)
+    panel, layout = scene.panel, scene.panel.cell
     lit = inside(panel.lit, points=9)
     along = inside(panel.lit_x, points=5), inside(panel.lit_y, points=5)
     emitting = torch.tensor(list(itertools.product(lit, *along)), **FLOAT64_ON_CPU)

@@ -29,7 +29,6 @@ from moireaug.exposure.sight import (
 from moireaug.geometry import grids
 from moireaug.geometry.lattice import CFA, Site, pattern_period
 from moireaug.panel.fourier import coefficient, emitting_share, mean_light, own_orders
-from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
 
@@ -98,7 +97,7 @@ class BySubpixel(FullReading):
     the view that the subpixels fill."""
 
     def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
-        layout = as_layout(shot.scene.panel.layout)
+        layout = shot.scene.panel.cell
         total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
         lit = emitting_share(shot.panel)
         for subpixel in layout.of(channel):
@@ -133,7 +132,7 @@ class Spectral(BySubpixel):
     def transmission(
         self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot: ShotRecord
     ) -> Tensor:
-        dtype, layout = x.share.dtype, as_layout(shot.scene.panel.layout)
+        dtype, layout = x.share.dtype, shot.scene.panel.cell
         optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
         width, height = (t.to(dtype)[:, None, None] for t in emitting_share(shot.panel))
         orders = []
@@ -175,7 +174,7 @@ class Mean(FullReading):
     reason = "the panel's mean light alone, so no moiré"
 
     def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
-        layout = as_layout(shot.scene.panel.layout)
+        layout = shot.scene.panel.cell
         shares = mean_light(layout, *emitting_share(shot.panel)).to(screen.light.dtype)
         one = torch.ones_like(shot.panel.lit)
         x, y = (along_axis(axis, WHOLE_PIXEL, (one, one), sight, shot, screen) for axis in (0, 1))

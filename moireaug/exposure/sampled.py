@@ -16,7 +16,6 @@ from moireaug.geometry import grids
 from moireaug.geometry.lattice import CFA, pattern_period
 from moireaug.panel.fourier import emitting_share
 from moireaug.panel.mask import cell_of, emits
-from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
 
@@ -74,8 +73,12 @@ class Point(Sampled):
     """
 
     name = "point"
-    reason = "the panel read at each sensor pixel's centre"
     has_aperture = False
+
+    def __init__(self, *, has_black_matrix: bool) -> None:
+        self.reason = "the panel read at each sensor pixel's centre"
+        if has_black_matrix:
+            self.reason += "; its black matrix dims it evenly, without moiré"
 
     def offsets(self, shot: ShotRecord) -> Tensor:
         return shot.panel_scale.new_zeros(len(shot), 2, 1)
@@ -83,7 +86,7 @@ class Point(Sampled):
     def read(
         self, picture: DisplayedPicture, x: Tensor, y: Tensor, shot: ShotRecord, channel: int
     ) -> Tensor:
-        layout, alpha = as_layout(shot.scene.panel.layout), shot.panel_scale[:, None, None]
+        layout, alpha = shot.scene.panel.cell, shot.panel_scale[:, None, None]
         width, height = emitting_share(shot.panel)
         ends: tuple = (None, None)
         if shot.scene.is_dark_around:
@@ -150,7 +153,7 @@ class Supersample(Sampled):
     ) -> Tensor:
         width, height = (t[:, None, None] for t in emitting_share(shot.panel))
         total = torch.zeros_like(x, dtype=picture.light.dtype)
-        for s in as_layout(shot.scene.panel.layout).of(channel):
+        for s in shot.scene.panel.cell.of(channel):
             lit = emits(s, x, y, width, height).to(total.dtype)
             total = total + self._content(picture, s, x, y, shot) * lit
         return total

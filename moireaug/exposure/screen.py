@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from moireaug.exposure.displayed import DisplayedPicture
-from moireaug.scene.layout import as_layout
 from moireaug.shot import ShotRecord
 
 
@@ -27,7 +26,7 @@ class Screen:
         self.light, self.taps = light, taps
         self.picture = DisplayedPicture(light, shot, alpha)
         self.alpha = self.picture.alpha
-        px, py = as_layout(shot.scene.panel.layout).period if alpha is None else (1, 1)
+        px, py = shot.scene.panel.cell.period if alpha is None else (1, 1)
         # far enough past the picture for all taps to show its edge pixels
         self.margin = (taps * py, taps * px)
         height, width = shot.size

@@ -14,7 +14,6 @@ from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.geometry import grids
 from moireaug.geometry.grids import RadialCoefficients
-from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
@@ -39,7 +38,8 @@ class AlongAxis(NamedTuple):
     footprint: Footprint  # (B, h, w) each, narrowed to the taps
     width: Tensor  # (B, 1, 1), width of the subpixel in cells
     share: Tensor  # (taps, B, h, w), shares of the view on the subpixels around, which sum to 1
-    lit: Tensor | None  # (taps, B, h, w), share of each that is on the picture; None if all are
+    # (taps, B, h, w), share of each that is on the picture; None if all are
+    on_picture: Tensor | None
 
 
 def look_at_panel(
@@ -79,7 +79,7 @@ class AxisView(NamedTuple):
 def axis_views(scene: SceneRecord, step: Tensor, optics: Optics) -> list[AxisView]:
     """Return the views of each kind of subpixel that a full reading sums, lit all over, along x
     and along y; arguments as of `axis_view`."""
-    kinds = as_layout(scene.panel.layout).all() if scene.shows_pattern else (WHOLE_PIXEL,)
+    kinds = scene.panel.cell.all() if scene.shows_pattern else (WHOLE_PIXEL,)
     lit = torch.ones_like(optics.fill)
     return [axis_view(kind, axis, step, (lit, lit), optics) for kind in kinds for axis in (0, 1)]
 
@@ -150,7 +150,7 @@ def shares_along(
     narrowed, lost = footprint.fitted(width, taps)
     shares = tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)
     share = normalised(shares.to(dtype))
-    lit = None
+    on_picture = None
     if shot.scene.is_dark_around:
         ends = screen.alpha * shot.size[1 - place.axis]
         pixel = nearest * period + place.pixel
@@ -158,8 +158,8 @@ def shares_along(
         # a narrowed view sees as much of the picture as the whole view does
         tap = pixel + period * around(taps, pixel)
         alone = ((tap >= 0) & (tap < ends)).double()
-        lit = torch.where(lost > 0, whole, alone).to(dtype)
-    return AlongAxis(cells, nearest, narrowed, width, share, lit)
+        on_picture = torch.where(lost > 0, whole, alone).to(dtype)
+    return AlongAxis(cells, nearest, narrowed, width, share, on_picture)
 
 
 def _share_on_picture(at: Tensor, footprint: Footprint, ends: Tensor, period: int) -> Tensor:
@@ -186,8 +186,8 @@ def panel_pixels(
 
     In a photo in the camera's frame, the panel is dark past the picture.
     """
-    across = x.share if x.lit is None else x.share * x.lit
-    down = y.share if y.lit is None else y.share * y.lit
+    across = x.share if x.on_picture is None else x.share * x.on_picture
+    down = y.share if y.on_picture is None else y.share * y.on_picture
     column, row = (
         (along.nearest - screen.taps // 2) * period + math.floor(pixel)
         for along, period, pixel in zip((x, y), subpixel.period, subpixel.pixel, strict=True)

@@ -9,7 +9,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from moireaug.argument_checks import one_of
-from moireaug.scene.subpixel import Subpixel, in_smallest_cell, overlap
+from moireaug.scene.subpixel import Subpixel, in_smallest_cell, is_overlapping
 
 RED, GREEN, BLUE = 0, 1, 2
 MAX_RASTER = 24  # raster subpixels along a panel pixel, where no smaller number fits
@@ -122,7 +122,7 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
     for axis, name in enumerate(("wide", "high")):
         along = [corner[axis] for corner in subpixel.corners()]
         if not (
-            0 <= subpixel.centre[axis] <= period[axis]
+            0 <= numbers[1 + axis] <= period[axis]
             and max(along) - min(along) <= period[axis] + 1e-9
         ):
             raise ValueError(
@@ -140,7 +140,9 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
 def _subpixel(numbers: tuple[float, ...], period: tuple[int, int]) -> Subpixel:
     if len(numbers) == 7:
         channel, cx, cy, ax, ay, dx, dy = numbers
-        return Subpixel(int(channel), (cx, cy), (ax, ay), (dx, dy), period)
+        # on the far edge of its cell lies the copy of one on the near edge
+        centre = (cx % period[0], cy % period[1])
+        return Subpixel(int(channel), centre, (ax, ay), (dx, dy), period)
     channel, x0, y0, x1, y1 = numbers
     # rounded, so that three thirds have one width
     width, height = round(x1 - x0, 12), round(y1 - y0, 12)
@@ -151,22 +153,21 @@ def _subpixel(numbers: tuple[float, ...], period: tuple[int, int]) -> Subpixel:
 def _check_overlaps(layout: Layout) -> None:
     for i, a in enumerate(layout.subpixels):
         for b in layout.subpixels[:i]:
-            if a[0] == b[0] and overlap(_subpixel(a, layout.period), _subpixel(b, layout.period)):
+            one, other = _subpixel(a, layout.period), _subpixel(b, layout.period)
+            if one.channel == other.channel and is_overlapping(one, other):
                 raise ValueError(f"subpixels of one channel must not overlap; got {b!r} and {a!r}.")
 
 
-def as_layout(value: Layout | str | dict[str, Any]) -> Layout:
-    """Return a Layout from a Layout, a key of `LAYOUTS` or a dict of its two fields."""
-    if isinstance(value, dict):
-        for key in value:
-            one_of("a field of Panel.layout", key, ("subpixels", "period"))
-        if "subpixels" not in value:
-            raise ValueError(
-                "Panel.layout must name its subpixels, (channel, x0, y0, x1, y1) rectangles or "
-                f"parallelograms; got {value!r}. See moireaug.scene.layout.Layout."
-            )
-        return Layout(**value)
-    return value if isinstance(value, Layout) else LAYOUTS[value]
+def layout_from_dict(values: dict[str, Any]) -> Layout:
+    """Return a Layout from a dict of its two fields."""
+    for key in values:
+        one_of("a field of Panel.layout", key, ("subpixels", "period"))
+    if "subpixels" not in values:
+        raise ValueError(
+            "Panel.layout must name its subpixels, (channel, x0, y0, x1, y1) rectangles or "
+            f"parallelograms; got {values!r}. See moireaug.scene.layout.Layout."
+        )
+    return Layout(**values)
 
 
 def stripes(*channels: int) -> Layout:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from moireaug.argument_checks import one_of
-from moireaug.scene.fields import Part, Range, check_stated_once, ranged
-from moireaug.scene.layout import LAYOUTS, Layout, as_layout
+from moireaug.scene.fields import Part, Range, check_stated_once, ranged, varies
+from moireaug.scene.layout import LAYOUTS, Layout, layout_from_dict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +54,16 @@ class Panel(Part):
         super().__post_init__()
         check_stated_once("Panel.width", self.width, 1.0, "Panel.scale", self.scale)
         if isinstance(self.layout, dict):
-            object.__setattr__(self, "layout", as_layout(self.layout))
+            object.__setattr__(self, "layout", layout_from_dict(self.layout))
         if not isinstance(self.layout, Layout):
             one_of("Panel.layout", self.layout, LAYOUTS)
+
+    @property
+    def has_black_matrix(self) -> bool:
+        """Whether a part of its subpixels may be dark."""
+        return any(varies(share, 1.0) for share in (self.lit, self.lit_x, self.lit_y))
+
+    @property
+    def cell(self) -> Layout:
+        """The unit cell of its subpixels, which `layout` holds or names."""
+        return self.layout if isinstance(self.layout, Layout) else LAYOUTS[self.layout]

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from moireaug.scene.fields import bounds, check_number, varies
-from moireaug.scene.layout import as_layout
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
 LEAST_PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata["low"]
@@ -83,9 +82,7 @@ class SceneRecord:
     @property
     def is_solid(self) -> bool:
         """Whether panel pixels always emit all colours over their whole area."""
-        panel = self.panel
-        is_dark = any(varies(share, 1.0) for share in (panel.lit, panel.lit_x, panel.lit_y))
-        return as_layout(panel.layout).is_solid and not is_dark
+        return self.panel.cell.is_solid and not self.panel.has_black_matrix
 
     @property
     def is_posed(self) -> bool:

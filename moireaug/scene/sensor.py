@@ -35,11 +35,11 @@ class Sensor(Part):
         fill: width of the light-sensitive aperture, as a share of the pixel pitch. A range.
         exposure: how panel light is integrated over a sensor pixel: "spectral", the sum of the
             panel's harmonics; "box", the overlap of subpixel and aperture; "supersample:n" (n * n
-            samples per pixel, n from 1 to 999); "point" (as the paper does); "mean" (only the
-            panel's mean light: a screen without moiré, the control of every experiment); or "auto":
-            "spectral" if harmonics of up to order 29, and at most 1024 of them, carry all contrast
-            above the scene's tolerance, or if subpixels are slanted; else "box". "box" and "point"
-            need rectangular subpixels.
+            samples per pixel, n from 1 to 999); "point" (as the paper does; black matrix dims it
+            evenly, without moiré); "mean" (only the panel's mean light: a screen without moiré, the
+            control of every experiment); or "auto": "spectral" if harmonics of up to order 29, and
+            at most 1024 of them, carry all contrast above the scene's tolerance, or if subpixels
+            are slanted; else "box". "box" and "point" need rectangular subpixels.
         gain: factor on the raw reading before it saturates at 1. A range.
         shutter: exposure time of each row in seconds; 0 hides a panel's flicker. A range.
         readout: time from the first row's exposure to the last row's in a rolling shutter, in

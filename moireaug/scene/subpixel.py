@@ -63,9 +63,9 @@ class Subpixel:
         return replace(self, centre=(self.centre[0] + x, self.centre[1] + y))
 
 
-def overlap(a: Subpixel, b: Subpixel) -> bool:
+def is_overlapping(a: Subpixel, b: Subpixel) -> bool:
     """Whether a subpixel and any copy of another share an area."""
-    return any(_overlap(a, copy) for copy in _copies(b))
+    return any(_has_shared_area(a, copy) for copy in _copies(b))
 
 
 def _copies(subpixel: Subpixel) -> Iterator[Subpixel]:
@@ -76,7 +76,7 @@ def _copies(subpixel: Subpixel) -> Iterator[Subpixel]:
             yield subpixel.moved(right, down)
 
 
-def _overlap(a: Subpixel, b: Subpixel) -> bool:
+def _has_shared_area(a: Subpixel, b: Subpixel) -> bool:
     """Whether two parallelograms share an area: no edge of either separates them."""
     for axis in (a.across, a.down, b.across, b.down):
         normal = (-axis[1], axis[0])
@@ -97,13 +97,15 @@ def in_smallest_cell(subpixels: Sequence[Subpixel]) -> list[Subpixel]:
     for axis in (0, 1):
         whole = found[0].period[axis] if found else 1
         for period in range(1, whole):
-            if whole % period == 0 and _fit(found, axis, period) and _repeat(found, axis, period):
+            if whole % period:
+                continue
+            if _is_short_enough(found, axis, period) and _is_periodic(found, axis, period):
                 found = _in_cell(found, axis, period)
                 break
     return found
 
 
-def _fit(subpixels: Sequence[Subpixel], axis: int, period: int) -> bool:
+def _is_short_enough(subpixels: Sequence[Subpixel], axis: int, period: int) -> bool:
     """Whether no subpixel is longer along an axis than `period` panel pixels, and so would overlap
     its own copies' cells."""
     for subpixel in subpixels:
@@ -113,7 +115,7 @@ def _fit(subpixels: Sequence[Subpixel], axis: int, period: int) -> bool:
     return True
 
 
-def _repeat(subpixels: Sequence[Subpixel], axis: int, period: int) -> bool:
+def _is_periodic(subpixels: Sequence[Subpixel], axis: int, period: int) -> bool:
     """Whether every subpixel has a copy of itself `period` panel pixels along an axis."""
     step = (period, 0) if axis == 0 else (0, period)
     known = {_shape(subpixel) for subpixel in subpixels}

@@ -162,13 +162,13 @@ def make_pair(
     # of different crops
     generator = torch.Generator().manual_seed(int(rng.integers(2**32)))
     shot = sample_one(scene, (size, size), generator)
-    photo = photograph(original, shot)
-    twin_photo = photograph(original, without_moire(shot)) if twin else None
+    photo = photo_of_codes(original, shot)
+    twin_photo = photo_of_codes(original, without_moire(shot)) if twin else None
     return Pair(k, name, top, left, shot, original, photo, twin_photo)
 
 
 @torch.no_grad()
-def photograph(original: Tensor, shot: Shot) -> Tensor:
+def photo_of_codes(original: Tensor, shot: Shot) -> Tensor:
     """Return the photo (3, H, W) of one picture, both uint8."""
     photo = capture(original[None].float() / 255, shot)
     return (photo[0] * 255).round().to(torch.uint8)

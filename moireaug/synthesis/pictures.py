@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from PIL import Image
 
-from moireaug.images import read_picture
+from moireaug.image_files import read_picture
 
 # those of torchvision's ImageFolder, which would take seconds to import
 SUFFIXES = (".jpg", ".jpeg", ".png", ".ppm", ".bmp", ".pgm", ".tif", ".tiff", ".webp")

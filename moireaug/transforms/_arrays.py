@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,12 +35,22 @@ def check_arrays(target: str, value: Any, depth: int) -> None:
     raise TypeError(f"{target} must be {allowed}; got {_type_name(other_leaves[0])}. {advice}")
 
 
+def check_same(name: str, values: Iterable[Any]) -> None:
+    """Refuse pictures of one call that differ in a property of this name: ValueError."""
+    different = list(dict.fromkeys(values))
+    if len(different) > 1:
+        raise ValueError(
+            f"the pictures of one call must have the same {name}; got "
+            f"{', '.join(map(str, different))}. Call the transform once for each."
+        )
+
+
 def _type_name(value: Any) -> str:
     kind = type(value)
     return kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
 
 
-def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
+def apply_to_one(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
     """Return the photo of one image, (H, W, 3), (H, W, 1) or (H, W), uint8 or float in [0, 1], in
     its shape and dtype."""
     return apply_to_all([image], shot, noise)[0]
@@ -53,6 +63,8 @@ def apply_to_all(
     its own, see `shot_of_frames`, and its own attacker's noise."""
     if not len(images):
         return np.asarray(images)
+    check_same("shape", (image.shape for image in images))
+    check_same("dtype", (image.dtype for image in images))
     pictures = torch.cat([planes(image) for image in images])
     size = (pictures.shape[-2], pictures.shape[-1])
     if noise is not None:

@@ -23,8 +23,9 @@ from moireaug.networks import device_of
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._arrays import (
     IMAGE_TARGETS,
-    apply_shot,
     apply_to_all,
+    apply_to_one,
+    check_same,
     label_of,
     move_bboxes,
     move_keypoints,
@@ -122,7 +123,7 @@ class RandomMoire(SampledTransform):
         return Shot.from_dict(drawn)
 
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return apply_shot(img, self._shot(shot), noise_of("image", 1, **params))
+        return apply_to_one(img, self._shot(shot), noise_of("image", 1, **params))
 
     def apply_to_images(
         self, images: np.ndarray, shot: dict[str, Any], target: str = "images", **params: Any
@@ -252,6 +253,7 @@ class AdversarialMoire(RandomMoire):
             return drawn | {"noise": {}}
         counts = [len(of_target) for of_target in pictures.values()]
         images = [planes(picture) for picture in itertools.chain(*pictures.values())]
+        check_same("height and width", (tuple(image.shape[-2:]) for image in images))
         model = self.attack.model
         rgb = torch.cat([as_float_rgb(picture) for picture in images]).to(device_of(model))
         # a colour picture, if there is one

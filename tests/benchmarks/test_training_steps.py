@@ -4,7 +4,7 @@ import pytest
 from hydra import initialize
 
 from benchmarks import training_steps
-from moireaug import images
+from moireaug import image_files
 from training.data import image_sets
 
 
@@ -19,7 +19,9 @@ def test_a_pass_reads_what_its_row_says(monkeypatch, tmp_path, source, again):
     training_steps.write_folder(tmp_path, 4, 16)
     opened = []
     monkeypatch.setattr(
-        image_sets, "read_picture", lambda path: opened.append(path) or images.read_picture(path)
+        image_sets,
+        "read_picture",
+        lambda path: opened.append(path) or image_files.read_picture(path),
     )
     given = ["data=folder", "data.size=16", "data.val=2", "train.batch_size=2"]
     cfg = training_steps.configure("recipe=clean", *given, f"data.root={tmp_path}")

@@ -13,7 +13,7 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.geometry import grids
 from moireaug.geometry.lattice import CFA
-from moireaug.scene.layout import LAYOUTS, as_layout
+from moireaug.scene.layout import LAYOUTS
 from tests.closed_forms.common import CELL, CLOSE, EVEN, read, sinc
 
 SITES = CFA["rggb"]
@@ -92,7 +92,7 @@ def check_mean_light(dtype):
     such form."""
     methods = {"mean": 1e-5, "spectral": 1e-5, "box": 1e-5, "supersample:4": 0.02}
     for layout in (*LAYOUTS, CELL):
-        cell = as_layout(layout)
+        cell = Panel(layout=layout).cell
         area = [sum(s.density for s in cell.of(site.channels[0])) for site in SITES]
         followed = methods if layout in (*RASTERED, CELL) else {"mean": 1e-5, "spectral": 1e-5}
         for lit in (1.0, 0.6):
@@ -122,7 +122,7 @@ def check_box(dtype):
             raw = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), size, dtype)
             # of sensor pixels, on the panel
             centres = [(np.arange(n * scale) + 0.5) * alpha / scale for n in size]
-            reach, cell = fill / 2 * alpha / scale, as_layout(layout)
+            reach, cell = fill / 2 * alpha / scale, Panel(layout=layout).cell
             for plane, (r, c, (channel,)) in zip(raw, SITES, strict=True):
                 light = 0
                 for s in cell.of(channel):
@@ -143,7 +143,7 @@ def check_point(dtype):
             panel = Panel(layout=layout, lit=lit, scale=alpha)
             sensor = Sensor(scale=scale, exposure="point")
             raw = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), (n, n), dtype)
-            cell = as_layout(layout)
+            cell = Panel(layout=layout).cell
             # of sensor pixels, on the raster
             at = ((np.arange(n * scale) + 0.5) * alpha / scale) * cell.raster - 0.5
             left = np.floor(at).astype(int)

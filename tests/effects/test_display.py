@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
-from moireaug.effects.display import most_reflected, reflected
+from moireaug.effects.display import glare_share
+from moireaug.exposure.extreme_light import max_glare
 from moireaug.scene.by_name import with_values
 
 EVEN = Panel(layout="even")
@@ -85,11 +86,11 @@ def test_glares_slope_is_linear_over_the_photo(cfa, turned):
 def test_no_glare_is_brighter_than_the_plan_expects():
     """In a corner, where its slopes meet."""
     panel = Panel(layout="even", glare=(0.0, 0.2), glare_x=(-0.5, 0.1), glare_y=(-0.2, 0.4))
-    most = most_reflected(Scene(panel=panel))
+    most = max_glare(Scene(panel=panel))
     steepest = dataclasses.replace(panel, glare=0.2, glare_x=-0.5, glare_y=0.4)
     ends = torch.tensor([0.0, 1.0], dtype=torch.float64)
     shot = Scene(panel=steepest).sample(1, (1, 1))
-    light = reflected(ends, ends[:, None], (1, 1), shot.panel)
+    light = glare_share(ends, ends[:, None], (1, 1), shot.panel)
     assert most == pytest.approx(light.max().item()) and most == pytest.approx(0.38)
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moireaug import Lens, Panel, Scene, Sensor, View
-from moireaug.effects.prefilter import blur_by_neighbours, blur_by_pyramid, halved, levels_of
+from moireaug.effects.prefilter import blur_by_neighbours, blur_by_pyramid, half_size, levels_of
 from moireaug.geometry import grids
 
 
@@ -77,9 +77,9 @@ def test_windows_of_an_odd_picture_are_all_as_large():
     """A window over fewer pixels would alias: squares of one pixel are grey at every halving."""
     lines = torch.arange(13)
     board = ((lines[:, None] + lines) % 2).double()[None, None]
-    small = halved(board)
+    small = half_size(board)
     assert small.shape == (1, 1, 7, 7) and (small[..., :-1, :-1] == 0.5).all()
-    once_more = halved(small)
+    once_more = half_size(small)
     assert once_more.shape == (1, 1, 4, 4) and (once_more[..., :-1, :-1] == 0.5).all()
 
 

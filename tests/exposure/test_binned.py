@@ -245,3 +245,19 @@ def test_a_binned_photo_is_differentiable_in_image_and_shot():
     given = [shot.numbers()[name].clone().requires_grad_() for name in moved]
     given.insert(0, shown.requires_grad_())
     assert torch.autograd.gradcheck(read, given, atol=1e-4, fast_mode=True)
+
+
+def test_pulses_that_fill_the_wells_darken_a_binned_reading_as_a_full_one():
+    """At a gain of 1, which a panel without pulses leaves below a full well."""
+    scene = Scene(
+        panel=Panel(scale=24.0, pwm=200.0, duty=0.4, phase=0.0),
+        lens=Lens(blur=0.5),
+        sensor=Sensor(scale=60.0, cfa="none", shutter=0.001, readout=0.03),
+        tolerance=0.01,
+    )
+    white, means = torch.ones(1, 3, 8, 8), {}
+    for reading in ("full", "binned"):
+        shot = with_values(scene, {"sensor.reading": reading}).sample(1, (8, 8))
+        means[reading] = pipeline.expose(white, shot).mean().item()
+    assert means["binned"] == pytest.approx(means["full"], abs=0.005)
+    assert means["full"] < 1 / 3 - 0.015  # of the panel's light

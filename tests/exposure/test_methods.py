@@ -266,3 +266,22 @@ def test_motion_blurs_what_lies_across_it(exposure, near):
 
     assert kept(vertical) == pytest.approx(math.exp(-2 * math.pi**2 * 0.8**2 / 64), abs=near)
     assert kept(vertical.mT) == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.parametrize("execution", [expose, pipeline.expose])
+@pytest.mark.parametrize("sensor", [{"exposure": "spectral"}, {"reading": "binned"}])
+def test_a_centre_on_the_far_edge_of_a_cell_is_one_on_the_near_edge(sensor, execution, images):
+    readings = []
+    for edge in (0, 1):
+        layout = Layout(((0, edge, 0.5, 0.4, 0, 0, 0.4), (1, 0.5, edge, 0.4, 0, 0, 0.4)))
+        scene = Scene(panel=Panel(layout=layout), sensor=Sensor(scale=2.0, **sensor))
+        shot = scene.sample(len(images), images.shape[-2:], torch.Generator().manual_seed(0))
+        readings.append(execution(images, shot))
+    assert torch.equal(*readings)
+
+
+def test_a_plan_says_where_points_do_not_show_black_matrix():
+    sensor = Sensor(exposure="point")
+    dark, whole = (Scene(panel=Panel(lit=share), sensor=sensor).plan() for share in (0.8, 1.0))
+    assert "black matrix dims it evenly, without moiré" in str(dark)
+    assert "black matrix" not in str(whole)

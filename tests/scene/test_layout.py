@@ -9,7 +9,7 @@ import torch
 
 from moireaug import Panel, Scene, Shot
 from moireaug.panel.mask import emits
-from moireaug.scene.layout import LAYOUTS, Layout, as_layout
+from moireaug.scene.layout import LAYOUTS, Layout, layout_from_dict
 from moireaug.scene.subpixel import Subpixel
 
 OWN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1.75, 1.0)), (2, 1))
@@ -148,6 +148,6 @@ def test_a_scene_with_its_own_layout_is_plain_data(layout):
     assert again == scene and hash(again) == hash(scene) and again.panel.layout == layout
     assert pickle.loads(pickle.dumps(scene)) == scene
     assert Panel(layout={"subpixels": layout.subpixels, "period": layout.period}).layout == layout
-    assert as_layout(values["panel"]["layout"]) == layout == as_layout(layout)
+    assert layout_from_dict(values["panel"]["layout"]) == layout == scene.panel.cell
     shot = scene.sample(1, (4, 4))
     assert Shot.from_dict(json.loads(json.dumps(shot.to_dict()))).to_dict() == shot.to_dict()

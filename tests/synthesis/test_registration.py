@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
-from moireaug.synthesis import registration
-from moireaug.synthesis.registration import _visible, _warp, find_pose, register
+from training.photographs import registration
+from training.photographs.registration import _visible, _warp, find_pose, register
 
 SIZE = (288, 384)
 

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from moireaug import Scene, capture
-from moireaug.synthesis.spectra import peaks, spectrum
-from moireaug.synthesis.statistics import BANDS, STATISTICS, compare, measure, span
-from moireaug.synthesis.tone import ColourMap, psnr
 from moireaug.synthesis.twins import without_moire
+from training.photographs.spectra import peaks, spectrum
+from training.photographs.statistics import BANDS, STATISTICS, compare, measure, span
+from training.photographs.tone import ColourMap, psnr
 
 SIDE = 192
 CODE = 1 / 255

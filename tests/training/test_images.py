@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
-from moireaug.images import read_picture, size_of
+from moireaug.image_files import read_picture, size_of
 from training.config.data_sets import Data
 from training.data.load import load
 

@@ -6,7 +6,7 @@ import torch
 from PIL import Image, ImageOps
 
 from moireaug.defenses import demoire
-from moireaug.images import read_picture, size_of
+from moireaug.image_files import read_picture, size_of
 from moireaug.synthesis import Pairs
 from training.data.image_sets import UprightFolder
 from training.data.real_pairs import PairFiles, read_codes, read_pairs, require_one_size

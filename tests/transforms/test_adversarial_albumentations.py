@@ -32,7 +32,7 @@ def test_it_raises_the_loss(dtype, shape, model, registered):
     out = steps(image=image, label=1)
     assert out["image"].dtype == dtype and out["image"].shape == shape and out["label"] == 1
     params = out["replay"]["transforms"][0]["params"]
-    plain = moire.apply_shot(image, Shot.from_dict(params["shot"]))
+    plain = moire.apply_to_one(image, Shot.from_dict(params["shot"]))
 
     def loss(shown):
         white = 255 if dtype == np.uint8 else 1
@@ -98,7 +98,7 @@ def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered
     for target, i in (("images", 1), ("volume", 2)):
         shot = Shot.from_dict(params["shot"])
         shot = dataclasses.replace(shot, seed=shot.seed + i)
-        expected = moire.apply_shot(given[target][i], shot, noise[target][i : i + 1])
+        expected = moire.apply_to_one(given[target][i], shot, noise[target][i : i + 1])
         assert np.array_equal(out[target][i], expected)
 
 

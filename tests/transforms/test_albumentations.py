@@ -109,7 +109,7 @@ def test_replay_is_exact_and_survives_json(frame, request):
     assert np.array_equal(A.ReplayCompose.replay(out["replay"], image=image)["image"], out["image"])
     shot = out["replay"]["transforms"][0]["params"]["shot"]
     assert json.loads(json.dumps(shot)) == shot
-    photo = moire.apply_shot(image, Shot.from_dict(shot))
+    photo = moire.apply_to_one(image, Shot.from_dict(shot))
     assert any(np.array_equal(out["image"], x) for x in (photo, photo[:, ::-1]))
 
 
@@ -118,7 +118,7 @@ def test_a_transform_replays_the_shot_of_another_scene(registered, camera):
     own, other = RandomMoire(registered, p=1), RandomMoire(camera, p=1)
     for scene in (registered, camera):
         shot = scene.sample(1, (9, 12), torch.Generator().manual_seed(0)).to_dict()
-        expected = moire.apply_shot(image, Shot.from_dict(shot))
+        expected = moire.apply_to_one(image, Shot.from_dict(shot))
         assert np.array_equal(own.apply(image, shot=shot), expected)
         assert np.array_equal(other.apply(image, shot=shot), expected)
 

@@ -97,7 +97,7 @@ def test_a_shot_is_sampled_and_applied(other_module, camera):
     mask = np.ones((9, 12), np.uint8)
     out = transform(image=IMAGE, mask=mask, keypoints=np.array([[3.0, 4.0]]), label=1)
     shot = shot_of(transform)
-    assert np.array_equal(out["image"], moire.apply_shot(IMAGE, shot))
+    assert np.array_equal(out["image"], moire.apply_to_one(IMAGE, shot))
     assert np.array_equal(out["mask"], moire.move_mask(mask, shot))
     assert np.array_equal(out["keypoints"], moire.move_keypoints(np.array([[3.0, 4.0]]), shot))
 
@@ -106,7 +106,7 @@ def test_an_attack_is_sampled_and_applied(other_module, registered):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
     transform = other_module.AdversarialMoire(model, registered, steps=1, p=1)
     out = transform(image=IMAGE, volume=np.stack([IMAGE, IMAGE]), label=1)
-    assert np.any(out["image"] != moire.apply_shot(IMAGE, shot_of(transform)))
+    assert np.any(out["image"] != moire.apply_to_one(IMAGE, shot_of(transform)))
     assert np.any(out["volume"][0] != out["image"]), "the volume has the noise of the image"
 
 

@@ -33,7 +33,7 @@ def of_target(target, pictures):
 
 def photos_by_hand(picture, shot, n):
     shots = [dataclasses.replace(shot, seed=shot.seed + i) for i in range(n)]
-    return np.stack([moire.apply_shot(picture, one) for one in shots])
+    return np.stack([moire.apply_to_one(picture, one) for one in shots])
 
 
 @pytest.mark.parametrize("frame", ["registered", "camera"])

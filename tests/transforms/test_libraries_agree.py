@@ -26,7 +26,7 @@ def through_pil(image, shot):
 
 
 def through_albumentations(image, shot):
-    array = albumentations.apply_shot(image.permute(1, 2, 0).numpy(), shot)
+    array = albumentations.apply_to_one(image.permute(1, 2, 0).numpy(), shot)
     return torch.from_numpy(array).permute(2, 0, 1)
 
 

@@ -8,7 +8,7 @@ from statistics import fmean
 
 from torch import Tensor
 
-from moireaug.synthesis.statistics import STATISTICS, Statistic, compare, measure, span
+from training.photographs.statistics import STATISTICS, Statistic, compare, measure, span
 from training.report.terminal import Grid, Part
 
 Rows = Sequence[Mapping[str, float]]
@@ -81,7 +81,7 @@ def mean_distance(table: Sequence[StatisticRow]) -> float:
     10th percentiles, medians and 90th percentiles of all compared statistics.
 
     0.7 is a factor of two. Values near zero count by their difference, see
-    `moireaug.synthesis.statistics.compare`.
+    `training.photographs.statistics.compare`.
     """
     return fmean(row.distance for row in table if row.distance is not None)
 

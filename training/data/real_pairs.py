@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.images import read_picture, size_of
+from moireaug.image_files import read_picture, size_of
 from moireaug.synthesis.pictures import SUFFIXES, files_below
-from moireaug.synthesis.registration import register
+from training.photographs.registration import register
 from training.system.files import read_table
 
 TABLE_NAME = "pairs.csv"  # of a folder

@@ -29,7 +29,7 @@ from tqdm import tqdm
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.files import write_bytes
-from moireaug.images import read_picture
+from moireaug.image_files import read_picture
 from moireaug.synthesis.pictures import Pictures
 from training.config.plain import parse, report_errors
 from training.config.settings import setting

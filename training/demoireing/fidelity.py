@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from moireaug.evaluation.visibility import psnr, ssim
-from moireaug.synthesis.tone import ColourMap
+from training.photographs.tone import ColourMap
 
 
 def map_colours(picture: Tensor, target: Tensor) -> Tensor:

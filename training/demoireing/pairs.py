@@ -18,11 +18,11 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.presets import MIXTURES
 from moireaug.scenes import Scene, as_scene
 from moireaug.synthesis import without_moire
-from moireaug.synthesis.pairs import Pair, check_aligned, make_pair, photograph
+from moireaug.synthesis.pairs import Pair, check_aligned, make_pair, photo_of_codes
 from moireaug.synthesis.pictures import Source
-from moireaug.synthesis.tone import ColourMap
 from training.demoireing.pictures import EnlargedCrops, Splits
 from training.demoireing.schema import DemoireConfig
+from training.photographs.tone import ColourMap
 
 COARSE_SIDE = 4  # pixels over which colour is averaged
 # pairs that no training draws, whatever its seed: the same for every run
@@ -106,7 +106,7 @@ class SimulatedPairs(Dataset):
 
     def _target_of(self, pair: Pair) -> Tensor:
         if self.target == "clean":
-            return photograph(pair.original, without_moire(pair.shot, noise=False))
+            return photo_of_codes(pair.original, without_moire(pair.shot, noise=False))
         if self.target == "toned":
             return tone_to(pair.original, pair.photo)
         return pair.pictures()[self.target]

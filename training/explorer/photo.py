@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from moireaug import images
+from moireaug import image_files
 from moireaug.capture import capture
 from moireaug.effects.base import WithinExposure
 from moireaug.pipeline import DEVELOP, EXPOSE
@@ -70,14 +70,14 @@ def read(path: str) -> Picture:
     Raises:
         ValueError: the file cannot be read as a picture, or has more than `MAX_PIXELS` pixels.
     """
-    width, height = images.size_of(path)
+    width, height = image_files.size_of(path)
     if width * height > MAX_PIXELS:
         raise ValueError(
             f"{Path(path).name} has {width} x {height} pixels, more than the explorer's limit of "
             f"{MAX_PIXELS / 1e6:g} megapixels. Make it smaller, or use moireaug.capture, which "
             "takes any size."
         )
-    return np.asarray(images.read_picture(path))
+    return np.asarray(image_files.read_picture(path))
 
 
 def as_batch(picture: Picture) -> Tensor:

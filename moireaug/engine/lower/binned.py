@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from moireaug.effects.binned_statistics import averaged_pixels
+from moireaug.effects.binned_statistics import pixels_per_value
 from moireaug.engine.lower import pose
 from moireaug.engine.lower.cameras import camera_fields, lower_cameras
 from moireaug.engine.lower.cell import cell_of_whole_pixels, mean_light_of
@@ -15,7 +15,6 @@ from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, Full
 from moireaug.engine.lower.numbers import bin_scale_of, panel_scale_of, sensor_scale_of
 from moireaug.exposure.bin_content import Content, content_of
 from moireaug.panel.fourier import amplitudes_of
-from moireaug.scene.layout import as_layout
 from moireaug.shot import ShotRecord
 
 
@@ -69,7 +68,7 @@ def _bin_cameras(
     zero = np.zeros(len(shot))
     of_bins = fields | {"alpha": content.scale.numpy(), "fill": scales.enlargement}
     if "noise" in shot.plan:
-        root = averaged_pixels(shot, torch.from_numpy(scales.bin)).sqrt().numpy()
+        root = pixels_per_value(shot, torch.from_numpy(scales.bin)).sqrt().numpy()
         of_bins |= {name: fields[name] / root for name in ("dark_noise", "photon_noise")}
     sensor = fields | {"alpha": scales.panel, "rectified": zero + shot.scene.is_rectified}
     blur = {"alpha": content.scale.numpy(), "fill": zero, "blur": content.optics.blur.numpy()}
@@ -88,14 +87,16 @@ def _bin_cameras(
 
 
 def _picture_view(lenses: np.ndarray, content: Content) -> FullView:
-    width, hold = content.width.detach().numpy(), content.hold.detach().numpy()
-    light, added_variance = np.ones((len(hold), 3, 1, 1)), np.repeat(hold, 6).reshape(-1, 3, 2)
+    width = content.width.detach().numpy()
+    interpolation = content.interpolation_variance.detach().numpy()
+    light = np.ones((len(width), 3, 1, 1))
+    added_variance = np.repeat(interpolation, 6).reshape(-1, 3, 2)
     return FullView(lenses, light, np.ascontiguousarray(width), added_variance)
 
 
 def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _BinScales) -> Beats:
     """Return a shot's Beats; sensors: the cameras of sensor pixels."""
-    layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
+    layout, method = shot.scene.panel.cell, shot.plan.method
     parts = amplitudes_of(layout, method.harmonics, shot.panel)
     waves = np.stack([part.detach().numpy() for part in parts], -1)
     waves = np.ascontiguousarray(waves.transpose(2, 0, 1, 3))  # (B, 3, K, 2)
@@ -124,7 +125,7 @@ def _lost_noise_variance(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
     what a reading of 1 adds; zeros without noise."""
     out = np.zeros((len(shot), 2), np.float32)
     if "noise" in shot.plan:
-        share = (1 - 1 / averaged_pixels(shot, torch.from_numpy(scale))).numpy()
+        share = (1 - 1 / pixels_per_value(shot, torch.from_numpy(scale))).numpy()
         drawn = shot.numbers()
         for i, name in enumerate(("sensor.read_noise", "sensor.shot_noise")):
             out[:, i] = share * drawn[name].detach().numpy() ** 2

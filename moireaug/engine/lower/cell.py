@@ -9,7 +9,6 @@ import numpy as np
 
 from moireaug.engine.lower.exposure_records import Cell
 from moireaug.panel.fourier import emitting_share, mean_light
-from moireaug.scene.layout import as_layout
 from moireaug.shot import ShotRecord
 
 
@@ -66,5 +65,5 @@ def cell_of_whole_pixels(taps: int) -> Cell:
 
 def mean_light_of(shot: ShotRecord) -> np.ndarray:
     """Return the share of the panel's area that emits each colour, (B, 3) float64."""
-    layout = as_layout(shot.scene.panel.layout)
+    layout = shot.scene.panel.cell
     return mean_light(layout, *emitting_share(shot.panel)).detach().numpy()

@@ -145,8 +145,8 @@ class FullView(NamedTuple):
         coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L
             of each kind's mask, in cycles per cell.
         widths: (B, kinds, 2) float64, of each kind along x and y, in cells.
-        added_variance: (B, kinds, 2) float64, squared cells: of a kind's slant; in bins, `hold` of
-            `bin_content.Content`.
+        added_variance: (B, kinds, 2) float64, squared cells: of a kind's slant; in bins,
+            `interpolation_variance` of `bin_content.Content`.
     """
 
     lenses: np.ndarray

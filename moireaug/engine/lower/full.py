@@ -18,7 +18,6 @@ from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
 from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, panel_scale_of
 from moireaug.exposure.base import ExposureMethod
 from moireaug.panel.fourier import emitting_share, own_orders
-from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.subpixel import Subpixel
 from moireaug.shot import ShotRecord
@@ -38,7 +37,7 @@ def cameras_and_cell(
 
 def point_view(shot: ShotRecord) -> PointView:
     """Return the PointView of a shot whose exposure is "point"."""
-    layout, (width, height) = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
+    layout, (width, height) = shot.scene.panel.cell, emitting_share(shot.panel)
     rectangles = np.array([subpixel.box() for subpixel in _subpixels(shot.scene)], np.float64)
     return PointView(rectangles, layout.raster, (width * height).detach().numpy())
 
@@ -90,7 +89,7 @@ def _cell(scene: SceneRecord, method: ExposureMethod) -> Cell:
 def _kinds(scene: SceneRecord) -> dict[tuple, Subpixel]:
     """Return the shapes and periods of a layout's subpixels, and one subpixel of each."""
     kinds: dict[tuple, Subpixel] = {}
-    for subpixel in as_layout(scene.panel.layout).all():
+    for subpixel in scene.panel.cell.all():
         kinds.setdefault(_shape(subpixel), subpixel)
     return kinds
 
@@ -106,7 +105,7 @@ def _kind(scene: SceneRecord, subpixel: Subpixel) -> int:
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _orders(scene: SceneRecord, method: ExposureMethod) -> list[np.ndarray]:
     """Return the k and l of each kind of subpixel's harmonics, (2, n) int64."""
-    layout, of_kinds = as_layout(scene.panel.layout), []
+    layout, of_kinds = scene.panel.cell, []
     harmonics = np.array(method.harmonics, np.int64).reshape(-1, 2).T
     for subpixel in _kinds(scene).values():
         k, l, has = own_orders(subpixel, layout, *harmonics)
@@ -117,5 +116,5 @@ def _orders(scene: SceneRecord, method: ExposureMethod) -> list[np.ndarray]:
 def _subpixels(scene: SceneRecord) -> list[Subpixel]:
     """Return a layout's subpixels, those of one kind and height together: kernels compute once what
     neighbours in this order share."""
-    subpixels = as_layout(scene.panel.layout).all()
+    subpixels = scene.panel.cell.all()
     return sorted(subpixels, key=lambda s: (_kind(scene, s), s.centre[1]))

@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from moireaug import Scene
-from moireaug.synthesis.statistics import STATISTICS
 from tests.training.report.conftest import suite_metrics
 from tests.training.report.elements import Elements
 from training import calibrate, report
@@ -19,6 +18,7 @@ from training.calibration.crops import Crops
 from training.calibration.fit import FittedScene
 from training.demoireing import report as demoireing
 from training.demoireing.testing import GroupedPair
+from training.photographs.statistics import STATISTICS
 from training.report import page
 
 OUTSIDE = ("script", "link", "iframe", "object", "embed", "video", "audio")

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from moireaug.image_checks import check_images
-from moireaug.synthesis import spectra
-from moireaug.synthesis.tone import ColourMap, levels, psnr
+from training.photographs import spectra
+from training.photographs.tone import ColourMap, levels, psnr
 
 Plane = NDArray[Any]  # of float32
 

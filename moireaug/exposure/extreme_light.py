@@ -1,0 +1,24 @@
+"""The most light that a scene's flicker and glare can add, whatever its ranges draw."""
+
+from __future__ import annotations
+
+from moireaug.scene.fields import bounds, deviation
+from moireaug.scene.record import SizedScene
+
+
+def modulation_depth(scene: SizedScene) -> float:
+    """Return the most by which a row's light can differ from the mean, as a share of it."""
+    panel, (short, long) = scene.panel, bounds(scene.sensor.shutter)
+    (slow, fast), duty = bounds(panel.pwm), bounds(panel.duty)[0]
+    if not fast or not long or duty == 1:
+        return 0.0
+    cycles = slow * short  # the fewest in an exposure
+    brighter = (1 - duty) / max(duty, cycles)
+    darker = 1.0 if cycles <= 1 - duty else (1 - duty) / cycles
+    return max(brighter, darker)
+
+
+def max_glare(scene: SizedScene) -> float:
+    """Return the most light that the glass can reflect, which it does in a corner of the photo."""
+    panel = scene.panel
+    return bounds(panel.glare)[1] * (1 + deviation(panel.glare_x, 0) + deviation(panel.glare_y, 0))

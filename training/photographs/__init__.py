@@ -1,0 +1,1 @@
+"""Real photographs of screens: brought to the frame of the picture that they show, and measured."""
