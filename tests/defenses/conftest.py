@@ -18,15 +18,3 @@ def natural(b=2, h=32, w=40, seed=0, dtype=torch.float32):
 @pytest.fixture
 def photos():
     return natural
-
-
-KINDS = {
-    "natural": natural,
-    "black": lambda **k: torch.zeros_like(natural(**k)),
-    "white": lambda **k: torch.ones_like(natural(**k)),
-}
-
-
-@pytest.fixture(params=KINDS)
-def kind(request):
-    return KINDS[request.param]

@@ -21,12 +21,13 @@ def test_the_objective_by_hand():
     assert objective(z, x, mask, 2.0).item() == pytest.approx(1.0 + 2 * (0.5 + 0.3 + 0.4))
 
 
-@pytest.mark.parametrize(("h", "w"), [(24, 31), (1, 30), (2, 2)])
-@pytest.mark.parametrize("keep", [0.5, 1.0])
-def test_the_objective_falls_to_that_of_a_long_run(photos, keep, h, w):
+@pytest.mark.parametrize(
+    ("h", "w", "keep"), [(18, 23, 0.5), (18, 23, 1.0), (1, 30, 0.5), (2, 2, 1.0)]
+)
+def test_the_objective_falls_to_that_of_a_long_run(photos, h, w, keep):
     x = photos(h=h, w=w, dtype=torch.float64)
     mask = masked(x, keep)
-    best = minimise(x, mask, WEIGHT, 1000)
+    best = minimise(x, mask, WEIGHT, 600)
     least = objective(best, x, mask, WEIGHT)
     values = torch.stack(
         [objective(minimise(x, mask, WEIGHT, n), x, mask, WEIGHT) for n in (1, 10, 100)]
@@ -39,9 +40,9 @@ def test_the_objective_falls_to_that_of_a_long_run(photos, keep, h, w):
 
 
 def test_the_minimum_is_one(photos):
-    x = photos(b=1, h=20, w=20, dtype=torch.float64)
+    x = photos(b=1, h=16, w=16, dtype=torch.float64)
     mask = masked(x)
-    best = minimise(x, mask, WEIGHT, 1000)
+    best = minimise(x, mask, WEIGHT, 600)
     least = objective(best, x, mask, WEIGHT)
     for scale in (1e-1, 1e-2, 1e-3):  # it is convex: no neighbour is lower
         near = best + scale * torch.randn(x.shape, dtype=x.dtype)
@@ -50,20 +51,18 @@ def test_the_minimum_is_one(photos):
 
 
 def test_without_a_mask_it_is_another_solvers(photos):
-    x = photos(b=1, h=24, w=30, dtype=torch.float64)
-    wanted = denoise_tv_chambolle(
-        x[0].numpy(), weight=WEIGHT, eps=1e-13, max_num_iter=2000, channel_axis=0
-    )
-    ours = minimise(x, torch.ones_like(x), WEIGHT, 500)[0]
-    assert (ours - torch.from_numpy(wanted)).abs().max() < 1e-3
+    x = photos(b=1, h=16, w=20, dtype=torch.float64)
+    settings = {"weight": WEIGHT, "eps": 1e-13, "max_num_iter": 1500, "channel_axis": 0}
+    wanted = torch.from_numpy(denoise_tv_chambolle(x[0].numpy(), **settings))
+    ours = minimise(x, torch.ones_like(x), WEIGHT, 400)[0]
+    assert (ours - wanted).abs().max() < 1e-3
     # half the data term would be noticed
-    other = minimise(x, torch.ones_like(x), 2 * WEIGHT, 500)[0]
-    assert (other - torch.from_numpy(wanted)).abs().max() > 1e-2
+    other = minimise(x, torch.ones_like(x), 2 * WEIGHT, 400)[0]
+    assert (other - wanted).abs().max() > 1e-2
 
 
-@pytest.mark.parametrize("value", [0.0, 0.37, 1.0])
-def test_a_flat_image_stays_flat(value):
-    images = torch.full((2, 3, 19, 23), value)
+def test_a_flat_image_stays_flat():
+    images = torch.tensor([0.0, 0.37, 1.0]).view(3, 1, 1, 1).expand(3, 3, 19, 23)
     assert torch.allclose(TotalVariation()(images), images, atol=1e-6)
 
 

@@ -5,10 +5,7 @@ import torch
 from moireaug import Scene
 from moireaug.evaluation import Cell, Table
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
-from moireaug.evaluation.conditions import (
-    Photo,
-    RandomNoise,
-)
+from moireaug.evaluation.conditions import Photo, RandomNoise
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of

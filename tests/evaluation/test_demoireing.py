@@ -13,21 +13,17 @@ from tests.evaluation.haze import cell_of, ran
 SCENE = Scene.preset("screen_photo")
 
 
-class Smooth(nn.Module):
+def smooth(images):
     """Blurs: noise that was found without it does not come through."""
-
-    def forward(self, images):
-        return gaussian_blur(images, 7)
+    return gaussian_blur(images, 7)
 
 
-class Grey(nn.Module):
+def grey(images):
     """Shows the same grey, whatever it is shown."""
-
-    def forward(self, images):
-        return 0.5 + 0 * images
+    return 0.5 + 0 * images
 
 
-NETWORKS = {"mddm": nn.Identity(), "smooth": Smooth(), "grey": Grey()}
+NETWORKS = {"mddm": nn.Identity(), "smooth": smooth, "grey": grey}
 
 
 @pytest.fixture(scope="module")
@@ -74,22 +70,13 @@ def brighter(images):
 
 
 def test_any_callable_is_a_network_to_evaluate(known):
-    model, batches = known
-    frame = evaluate(
-        model,
-        batches,
-        suite="demoireing",
-        scene=SCENE,
-        steps=1,
-        n=2,
-        networks={"mine": brighter},
-        progress=False,
-    )
+    settings = {"suite": "demoireing", "scene": SCENE, "steps": 1, "n": 2, "progress": False}
+    frame = evaluate(*known, **settings, networks={"mine": brighter})
     own = frame[frame["row"] == "mine"]
     assert set(own["judge"]) == {"mine"} and (own.groupby("column")["image"].count() == 2).all()
 
 
-@pytest.mark.parametrize("name", ["model", "jpeg_60", "undefended"])
-def test_a_network_cannot_take_anothers_name(name):
-    with pytest.raises(ValueError, match=f"'{name}' cannot name a target, defence or network"):
-        SuiteConfig(scene=SCENE, networks={name: Demoire(brighter)})
+def test_a_network_cannot_take_anothers_name():
+    for name in ("model", "jpeg_60", "undefended"):
+        with pytest.raises(ValueError, match=f"'{name}' cannot name a target, defence or network"):
+            SuiteConfig(scene=SCENE, networks={name: Demoire(brighter)})
