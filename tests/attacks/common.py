@@ -79,3 +79,14 @@ def refusal(call, *arguments):
     except (ValueError, TypeError) as error:
         return str(error)
     return "nothing: the call was taken"
+
+
+def counting(model):
+    """(the same model, asked), the number of images of each question."""
+    asked = []
+
+    def answer(images):
+        asked.append(len(images))
+        return model(images)
+
+    return answer, asked

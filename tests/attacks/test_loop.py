@@ -1,4 +1,4 @@
-"""Every attack: what a result says, hard input, and leaving no trace."""
+"""Every attack: what a result says, hard input, any model, and leaving no trace."""
 
 import math
 
@@ -179,8 +179,7 @@ def test_saturated_and_black_pixels_are_reached(model):
 
 
 def test_noise_on_a_reading_stays_where_it_changes_the_photo():
-    """A dark reading that is made darker goes below 0 only where demosaicing mixes it: elsewhere it
-    would have no gradient to come back by."""
+    """A dark reading goes below 0 only where demosaicing mixes it: elsewhere without a gradient."""
 
     def darkness(x):
         return torch.stack([x.mean((1, 2, 3)), 0 * x[:, 0, 0, 0] + 0.5], 1)
@@ -225,3 +224,39 @@ def test_a_random_start_has_a_gradient_on_white_pictures():
     images, labels = torch.ones(4, 3, 8, 8), torch.zeros(4, dtype=torch.int64)
     darkened = PGD(bright, eps=0.1, steps=1).last(images, labels)
     assert torch.allclose(darkened, torch.full_like(images, 0.9))
+
+
+@pytest.mark.parametrize(
+    ("name", "steps"),
+    [("pgd", 0), *((name, 2) for name in ("ma", "pgd", "patch", "cw", "square", "toward pgd"))],
+)
+def test_a_model_may_work_in_place_beside_any_default_device(name, steps, model, batch):
+    model.eval()
+
+    def found(model):
+        result = attack_by(name, model, steps)(*batch, generator=seeded())
+        return result.images, result.success, result.noise, result.loss
+
+    plain = found(lambda x: model(x - 0.5))
+    assert all(map(torch.equal, plain, found(lambda x: model(x.sub_(0.5)))))
+    with torch.device("meta"):
+        assert all(map(torch.equal, plain, found(lambda x: model(x - 0.5))))
+
+
+@pytest.mark.parametrize("name", ["pgd", "patch", "ma", "ma photo", "ma turned", "ma eot"])
+def test_a_subset_of_a_problem_renders_its_own_rows(name, model, batch):
+    images, _ = batch
+    rows = torch.tensor([4, 1])
+    problem = attack_by(name, model).problem(images, None, seeded())
+    point = problem.start(0.1, seeded(1), random_pose=True)
+    subset = problem.subset(rows)
+    own_point = {name: x[rows] for name, x in point.items()}
+    assert torch.equal(subset.render(own_point), problem.render(point)[rows])
+    assert subset.shape == (2, *problem.shape[1:])
+    assert not torch.equal(problem.render(point), problem.render(problem.clean_point()))
+    assert len(problem.forward_views(point)) == problem.views * len(images)
+    shot = problem.shot_of(point)
+    if shot is not None:
+        numbers = subset.shot_of(own_point).numbers()
+        for key, values in shot.numbers().items():
+            assert torch.equal(numbers[key], values[rows])

@@ -1,5 +1,4 @@
-"""APGD and APGD-T: as strong as an independent implementation, right about what they return,
-and stable in hard cases."""
+"""APGD and APGD-T: as strong as torchattacks', right about what they return, in hard cases too."""
 
 import copy
 import functools
@@ -9,20 +8,16 @@ import torch
 
 from moireaug import Scene, Sensor, attacks, capture
 from moireaug.attacks import LOSSES, PGD, MoireAttack, MultiTargeted, Photographed, SquareMoire
-from tests.attacks.common import EPS, SCENE, predicted, quietly, striped
+from tests.attacks.common import EPS, SCENE, counting, predicted, quietly
 
 N = 48
 PLAIN = Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0))  # its photo is the image
 
 
 @pytest.fixture(scope="module")
-def learnt(trained):
-    """A model of five classes, images, labels and the shot whose photos it has learnt; three labels
-    are then changed, so that some images are wrong unattacked."""
-    g = torch.Generator().manual_seed(0)
-    images, labels = striped(N, g)
-    shot = SCENE.sample(N, (16, 16), g)
-    model = trained(capture(images, shot), labels)
+def learnt(learnt_photos):
+    """Three labels are changed after training, so that some images are wrong unattacked."""
+    model, images, labels, shot = learnt_photos(N)
     return model, images, torch.cat([(labels[:3] + 1) % 5, labels[3:]]), shot
 
 
@@ -42,8 +37,7 @@ def beside_torchattacks(row, model, eps, attack_of):
 @pytest.mark.parametrize("row", ROWS)
 @pytest.mark.parametrize("saturated", [False, True])
 def test_no_more_readings_stay_right_than_under_torchattacks(row, saturated, learnt):
-    """On the raw reading, of 48 images at most one more; on logits times 1e4, where softmax is 0
-    and 1, as few."""
+    """Of 48 readings at most one more; also with logits times 1e4, where softmax is 0 and 1."""
     model, images, labels, shot = learnt
     if saturated:
         model = copy.deepcopy(model)
@@ -75,8 +69,7 @@ def test_no_more_images_stay_right_than_under_torchattacks(row, learnt):
 
 
 def test_noise_stays_where_pixels_can_go():
-    """A white pixel that was pushed outward comes back when the gradient turns: the noise is kept
-    inside [0, 1]."""
+    """Inside [0, 1]: a white pixel pushed outward comes back when the gradient turns."""
 
     def model(x):
         far = (x.mean((1, 2, 3)) - 0.99).abs()
@@ -98,8 +91,7 @@ DECOY = torch.tensor([[0.0, 0.03, -1.0, 0.0, 0.0], [0.0, -0.1, -2.0, -9.0, -9.0]
 
 
 def misled(x):
-    """Logits in one number s in [-3, 3]: the second class is near and never reached, the third is
-    the way out."""
+    """Logits in one number s: the second class is near, never reached; the third is the way out."""
     s = (x.mean((1, 2, 3)) - 0.5)[:, None] * 100
     return 20 * (s * DECOY[0] + DECOY[1])
 
@@ -165,13 +157,8 @@ def test_what_is_done_is_not_asked_again(learnt):
     queries for the photos without noise, the second to see whether answers repeat; for each
     target three of steps and one of the last point; and one that judges the result."""
     model, images, labels, shot = learnt
-    asked = []
-
-    def counting(x):
-        asked.append(len(x))
-        return model(x)
-
-    attack = MoireAttack(counting, scene=SCENE, eps=EPS, steps=3, rule="apgd", loss="dlr")
+    counted, asked = counting(model)
+    attack = MoireAttack(counted, scene=SCENE, eps=EPS, steps=3, rule="apgd", loss="dlr")
     result = MultiTargeted(attack)(images, labels, shot=shot)
     assert asked[0] == asked[-1] == N and len(asked) == 2 + 4 * 4 + 1
     rounds = asked[2:-1:4]

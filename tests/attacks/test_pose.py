@@ -1,5 +1,4 @@
-"""The adversary turns the camera: poses stay in range, serve it at least as well as the drawn ones,
-and replay."""
+"""The adversary turns the camera: poses stay in range, serve it as well as drawn ones, replay."""
 
 import dataclasses
 
@@ -75,16 +74,6 @@ def test_a_found_pose_is_what_it_says(name, targeted, model, small):
                 for x in (capture(images, shot), result.images)
             )
         assert (after >= before - 1e-5).all() and after.mean() > before.mean() + 1e-3
-
-
-def test_turning_the_camera_adds_to_the_noise(model, small):
-    (images, labels), model = small, model.eval()
-    shot, margins = SCENE.sample(6, (8, 8)), []
-    for optimise in (("noise",), ALL):
-        attack = MoireAttack(model, scene=SCENE, eps=2 / 255, steps=6, optimise=optimise)
-        result = attack(images, labels, shot=shot)
-        margins.append(attacks.margin(model(result.images), labels).mean())
-    assert margins[1] > margins[0]
 
 
 def test_brightness_goes_to_its_end():

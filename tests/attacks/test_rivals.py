@@ -1,5 +1,4 @@
-"""Rivals beside an independent implementation, torchattacks, and the random search beside
-chance."""
+"""Rivals beside an independent implementation, torchattacks, and random search beside chance."""
 
 import copy
 
@@ -10,7 +9,7 @@ from torch import nn
 from moireaug import Lens, Panel, Scene, Sensor, attacks, capture
 from moireaug.attacks import BIM, CW, MIFGSM, PGD, MoireAttack, SquareMoire
 from moireaug.attacks.square import window_side
-from tests.attacks.common import quietly
+from tests.attacks.common import counting, quietly
 
 SCENE = Scene(panel=Panel(scale=1.1), lens=Lens(blur=0.25), sensor=Sensor(scale=2.0, gain=2.0))
 EPS = 8 / 255
@@ -18,9 +17,8 @@ EPS = 8 / 255
 
 @pytest.fixture(scope="module")
 def learnt(trained):
-    """A model that is right, and not sure, with logits above 0 (torchattacks' CW takes 0 for the
-    logit left out); and images away from black and white, where torchattacks projects and we have
-    no gradient."""
+    """Logits above 0 (torchattacks' CW takes 0 for the logit left out), and images away from black
+    and white, where torchattacks projects and we have no gradient."""
     g = torch.Generator().manual_seed(0)
     images, labels = torch.rand(32, 3, 16, 16, generator=g) * 0.6 + 0.2, torch.arange(32) % 5
     images[torch.arange(32), 0, :, labels * 3] *= 0.7  # the class is where a column is dark
@@ -157,40 +155,19 @@ def test_square_needs_no_gradient_and_beats_chance(learnt, trained):
 
 
 def test_square_asks_as_often_as_it_says_and_never_gets_worse(learnt):
+    """Nor does a first query without an answer end the search."""
     model, images, labels = learnt
-    asked, kept = [], []
+    shot, margins = SCENE.sample(len(images), (16, 16), torch.Generator().manual_seed(1)), []
     for steps in (1, 20, 60):
-        shot = SCENE.sample(len(images), (16, 16), torch.Generator().manual_seed(1))
-
-        def counting(x, asked=asked):
-            asked.append(len(x))
-            return model(x)
-
-        attack = SquareMoire(counting, scene=SCENE, steps=steps)
-        start = torch.Generator().manual_seed(2)
-        kept.append(attack.last(images, labels, shot=shot, generator=start))
+        counted, asked = counting(model)
+        attack, start = SquareMoire(counted, scene=SCENE, steps=steps), torch.Generator()
+        photos = attack.last(images, labels, shot=shot, generator=start.manual_seed(2))
+        margins.append(attacks.margin(model(photos), labels))
         assert len(asked) == steps
-        asked.clear()
-    with torch.no_grad():
-        margins = [attacks.margin(model(x), labels) for x in kept]
     assert (margins[1] >= margins[0] - 1e-5).all() and margins[2].mean() > margins[0].mean()
-
-
-def test_a_first_query_without_an_answer_does_not_end_a_search(learnt):
-    model, images, labels = learnt
-    shot, asked, kept = SCENE.sample(len(images), (16, 16)), [], []
-
-    def late(x):
-        asked.append(len(x))
-        return model(x) * (float("nan") if len(asked) == 1 else 1.0)
-
-    for steps in (1, 20):
-        attack = SquareMoire(late, scene=SCENE, steps=steps)
-        start = torch.Generator().manual_seed(2)
-        kept.append(attack.last(images, labels, shot=shot, generator=start))
-        asked.clear()
-    first, last = (attacks.margin(model(x), labels).mean() for x in kept)
-    assert last > first
+    late, asked = counting(lambda x: model(x) * (float("nan") if len(asked) == 1 else 1.0))
+    photos = SquareMoire(late, scene=SCENE, steps=20).last(images, labels, shot=shot)
+    assert attacks.margin(model(photos), labels).mean() > margins[0].mean()
 
 
 def test_squares_shrink_as_in_the_paper():

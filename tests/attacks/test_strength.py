@@ -1,5 +1,4 @@
-"""Attacks find what there is to find: closed forms, models broken by construction, and more than
-random noise does."""
+"""Attacks find what there is to find: closed forms, and models broken by construction."""
 
 import itertools
 
@@ -8,12 +7,11 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks, capture
 from moireaug.attacks import ATTACKS, RULES, MoireAttack
-from tests.attacks.common import EPS, SCENE, predicted, striped
+from tests.attacks.common import EPS, SCENE, predicted
 
 
 def test_a_linear_model_is_attacked_optimally():
-    """margin(delta) - margin(0) = eps * ||A^T w||_1, reached exactly, as long as nothing is
-    clipped."""
+    """margin(delta) - margin(0) = eps * ||A^T w||_1, reached exactly where nothing is clipped."""
     scene = Scene(
         panel=Panel(scale=1.1),
         view=View(roll=3.0),
@@ -42,8 +40,7 @@ def test_a_linear_model_is_attacked_optimally():
 
 
 def test_a_model_broken_by_construction_is_broken():
-    """Its decision hangs on a difference far below eps: an attack that cannot flip it is a broken
-    attack."""
+    """Its decision hangs on a difference far below eps."""
 
     def model(x):
         left, right = x[..., :8].mean((1, 2, 3)), x[..., 8:].mean((1, 2, 3))
@@ -79,8 +76,7 @@ def one_pixel(x):
 @pytest.mark.parametrize("name", ATTACKS)
 @pytest.mark.parametrize("broken", [brightness, one_pixel])
 def test_every_attack_breaks_what_is_broken(name, broken):
-    """Decisions that hang on one number, which eps moves far enough; gradient or none, each attack
-    must find it."""
+    """Decisions that hang on one number, which eps moves far enough."""
     images = torch.tensor([0.498, 0.502]).view(2, 1, 1, 1).expand(2, 3, 8, 8).clone()
     labels, settings = torch.tensor([1, 0]), {"steps": 80 if name == "square" else 20}
     if name != "cw":
@@ -97,26 +93,11 @@ def test_every_attack_breaks_what_is_broken(name, broken):
         assert attack(images, labels, targets).success.all()
 
 
-def test_the_attack_beats_random_noise(trained):
-    g = torch.Generator().manual_seed(0)
-    images, labels = striped(64, g)
-    shot = SCENE.sample(len(images), (16, 16))
-    model = trained(capture(images, shot), labels)
-    signs = torch.randint(0, 2, shot.raw_shape(), generator=g) * 2.0 - 1
-    result = MoireAttack(model=model, scene=SCENE, eps=EPS, steps=10)(images, labels, shot=shot)
-    fooled = (predicted(model, capture(images, shot, EPS * signs)) != labels).float().mean()
-    assert result.success.float().mean() > fooled + 0.2
-    assert result.loss[-1] > result.loss[0]
-
-
-def test_more_eps_never_fools_fewer(trained):
-    g = torch.Generator().manual_seed(0)
-    images, labels = torch.rand(40, 3, 16, 16, generator=g), torch.arange(40) % 5
-    shot = SCENE.sample(len(images), (16, 16))
-    model = trained(capture(images, shot), labels)
+def test_more_eps_never_fools_fewer(learnt_photos):
+    model, images, labels, shot = learnt_photos(40)
     curve = []
     for eps in (0, 2 / 255, 8 / 255, 1.0):
-        attack = MoireAttack(model=model, scene=SCENE, eps=eps, steps=10)
+        attack = MoireAttack(model=model, scene=SCENE, eps=eps, steps=6)
         curve.append(attack(images, labels, shot=shot))
     rates = [r.success.float().mean().item() for r in curve]
     assert rates == sorted(rates) and rates[-1] == 1.0

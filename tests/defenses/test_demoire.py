@@ -1,5 +1,4 @@
-"""Demoiréing networks: their size, any image, gradients everywhere, weights in files, and as a
-defence."""
+"""Demoiréing networks: their size, any image, gradients, weights in files, and as a defence."""
 
 import math
 

@@ -7,16 +7,7 @@ import torch
 
 import moireaug
 from moireaug import defenses
-from moireaug.defenses import (
-    DEFENSES,
-    Compose,
-    Defended,
-    Gain,
-    Median,
-    PixelDeflection,
-    Quilting,
-    restore_mean,
-)
+from moireaug.defenses import DEFENSES, Compose, Defended, Gain, Median, PixelDeflection, Quilting
 
 BANK = torch.rand(300, 3, 5, 5, generator=torch.Generator().manual_seed(7))
 RANDOMISED = {"pixel_deflection", "tvm", "randomised row"}
@@ -121,7 +112,6 @@ def test_bad_settings_are_refused():
         (lambda: defenses.JPEG(0), ValueError, "from 1 to 100; got 0"),
         (lambda: defenses.JPEG(60.5), TypeError, "whole number"),
         (lambda: defenses.BitDepth(9), ValueError, "from 1 to 8"),
-        (lambda: defenses.BitDepth(True), TypeError, "got True"),
         (lambda: Median(1), ValueError, "from 2 to 7"),
         (lambda: Gain(0), ValueError, "got 0"),
         (lambda: Gain("high"), TypeError, "got 'high'"),
@@ -141,7 +131,7 @@ def test_bad_settings_are_refused():
         (lambda: Compose((Gain(), "jpeg")), TypeError, "'jpeg'"),
         (lambda: Defended(torch.nn.Flatten(), Gain(), draws=0), ValueError, "draws must be"),
         (lambda: Defended(3, Gain()), TypeError, "from images"),
-        (lambda: restore_mean(BANK[:1], BANK[:1, :, 1:]), ValueError, "Give each image"),
+        (lambda: defenses.restore_mean(BANK[:1], BANK[:1, :, 1:]), ValueError, "Give each image"),
     ):
         with pytest.raises(error, match=says):
             build()
@@ -155,8 +145,5 @@ def test_straight_through_is_the_identity_backward(name, photos):
 
 
 def test_a_defence_must_define_how_it_is_applied():
-    class Half(defenses.Defence):
-        pass
-
     with pytest.raises(TypeError, match="apply"):
-        Half()
+        type("Half", (defenses.Defence,), {})()

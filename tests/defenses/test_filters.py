@@ -57,19 +57,17 @@ def test_median_is_scipys(photos, size, dtype):
             assert np.array_equal(Median(size)(images).numpy(), wanted)
 
 
-@pytest.mark.parametrize("size", [2, 3, 4])
-def test_medians_gradient_is_exact_where_values_differ(size):
+def test_medians_gradient_is_exact_where_values_differ():
     # steps of gradcheck are smaller than any two values' difference, so the order stays
     images = (torch.randperm(3 * 5 * 4).double() / 60).view(1, 3, 5, 4).requires_grad_()
-    assert torch.autograd.gradcheck(Median(size), (images * 0.9 + 0.05,), eps=1e-5)
+    for size in (2, 3, 4):
+        assert torch.autograd.gradcheck(Median(size), (images * 0.9 + 0.05,), eps=1e-5)
 
 
 def test_medians_gradient_goes_to_the_first_of_equals():
     images = torch.full((1, 3, 4, 4), 0.5, requires_grad=True)
     (gradient,) = torch.autograd.grad(Median(3)(images)[0, 0, 2, 2], images)
-    wanted = torch.zeros(1, 3, 4, 4)
-    wanted[0, 0, 1, 1] = 1
-    assert torch.equal(gradient, wanted)
+    assert gradient.sum() == gradient[0, 0, 1, 1] == 1
 
 
 def test_gain_brings_every_image_to_the_mean(photos):
@@ -81,14 +79,10 @@ def test_gain_brings_every_image_to_the_mean(photos):
     assert clipped.max() == 1 and (clipped.mean((1, 2, 3)) < 0.9).any()
 
 
-def test_gain_on_black_and_nearly_black():
-    black = torch.zeros(1, 3, 4, 4)
+def test_gain_on_black_and_nearly_black_and_its_gradient(photos):
+    black, nearly = torch.zeros(1, 3, 4, 4), torch.full((1, 3, 4, 4), 1e-4)
     assert torch.equal(Gain()(black), black)
-    nearly = torch.full((1, 3, 4, 4), 1e-4)
     assert torch.allclose(Gain(0.4)(nearly), nearly * 0.4 * 255)
-
-
-def test_gains_gradient_is_exact(photos):
     images = (photos(b=1, h=4, w=5, dtype=torch.float64) * 0.4 + 0.1).requires_grad_()
     assert torch.autograd.gradcheck(Gain(0.4), images)
 

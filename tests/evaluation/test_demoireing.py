@@ -1,5 +1,4 @@
-"""Suite demoireing: networks before the model, what is not there, and an attacker who knows of
-them."""
+"""Suite demoireing: networks before the model, and an attacker who knows of them."""
 
 import pytest
 from torch import nn
@@ -7,8 +6,8 @@ from torchvision.transforms.functional import gaussian_blur
 
 from moireaug import Scene
 from moireaug.defenses.demoire import Demoire
-from moireaug.evaluation import SuiteConfig, evaluate, images_frame, rates, tables_of
-from tests.evaluation.haze import cell_of, ran
+from moireaug.evaluation import SuiteConfig, evaluate, rates, tables_of
+from tests.evaluation.haze import cell_of, frame_of
 
 SCENE = Scene.preset("screen_photo")
 
@@ -32,7 +31,7 @@ def measured(known):
     networks = {name: Demoire(network) for name, network in NETWORKS.items()}
     config = SuiteConfig(scene=SCENE, steps=4, networks=networks)
     (table,) = tables_of("demoireing", config)
-    return table, rates(images_frame([table], ran(known, table, (0,)), (0,)))
+    return table, rates(frame_of((known[0], known[1][:1]), table))
 
 
 def test_networks_are_rows_and_what_is_missing_says_why(measured):

@@ -7,16 +7,15 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, TensorDataset
 
-from moireaug import capture, evaluation
+from moireaug import evaluation
 from moireaug.attacks import MoireAttack
 from moireaug.defenses import JPEG
-from moireaug.evaluation import Cell, SuiteConfig, Table, evaluate, images_frame, rates, tables_of
-from moireaug.evaluation.conditions import Photo
+from moireaug.evaluation import SuiteConfig, Table, evaluate, rates, tables_of
 from moireaug.evaluation.draws import mix_seeds
-from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.tables import paper_defences
 from moireaug.scenes import Scene
-from tests.evaluation.haze import ran
+from tests.attacks.common import counting
+from tests.evaluation.haze import frame_of
 
 SCENE = Scene.preset("screen_photo")
 QUICK = {"eps": 4 / 255, "steps": 1, "progress": False}
@@ -93,16 +92,11 @@ def test_a_defence_stands_beside_the_papers():
 
 def test_labels_and_classes_are_checked_before_the_first_attack(known):
     model, (batch, (images, labels)) = known
-    asked = []
-
-    def counting(images):
-        asked.append(len(images))
-        return model(images)
-
+    counted, asked = counting(model)
     for label, allowed in ((-1, ">= 0"), (4, r"in \[0, 3\]")):
         later = (images, torch.full_like(labels, label))
         with pytest.raises(ValueError, match=f"{allowed}.*; got {label}"):
-            evaluate(counting, [batch, later], progress=False)
+            evaluate(counted, [batch, later], progress=False)
     assert asked == [1]
 
 
@@ -120,39 +114,9 @@ def test_a_defence_that_hides_its_gradient_is_searched_without(known):
     assert table.columns[-2:] == ["square", "worst"]
     assert [cell.row for cell in table.cells if cell.column == "square"] == ["mine"]
     own = Table("mine", tuple(cell for cell in table.cells if cell.row == "mine"))
-    frame = images_frame([own], ran(known, own, (0,)), (0,))
+    frame = frame_of((known[0], known[1][:1]), own)
     fooled = frame.groupby("column")["fooled"].sum()
     assert fooled["adaptive"] == fooled["moire"] < fooled["square"] <= fooled["worst"]
-
-
-class Tinted(torch.nn.Module):
-    """A defence that leaves one colour."""
-
-    def __init__(self, channel):
-        super().__init__()
-        self.register_buffer("kept", torch.eye(3)[channel], persistent=False)
-
-    def forward(self, images):
-        return images * self.kept[:, None, None]
-
-
-def test_another_defence_of_one_name_is_another(known, tmp_path):
-    """The records of one are not taken for the other."""
-    model, batches = known
-    found = []
-    for channel in range(3):
-        judge = SuiteConfig(scene=SCENE, defences={"mine": Tinted(channel)}).behind("mine")
-        table = Table("mine", (Cell("mine", "moire", (Photo(),), judge),))
-        with RecordFolder(tmp_path) as records:
-            runner = ran(known, table, seed=0, records=records)
-            kept = images_frame([table], runner, (0, 1))["predicted"].tolist()
-        with torch.no_grad():
-            kept_colour = torch.eye(3)[channel][:, None, None]
-            shot = SCENE.sample(8, (16, 16), torch.Generator().manual_seed(mix_seeds(0, 0, 0)))
-            expected = model(capture(batches[0][0], shot) * kept_colour).argmax(1).tolist()
-        assert kept[:8] == expected
-        found.append(tuple(kept))
-    assert len(set(found)) > 1
 
 
 def test_the_attack_is_the_attack(known, frame):

@@ -234,12 +234,12 @@ def test_what_an_object_keeps_once_computed_is_no_part_of_it():
     assert identity(quilting) == before
 
 
-def test_a_key_changes_with_model_scene_and_pixels(known):
+def test_a_key_changes_with_model_scene_pixels_and_judge(known):
     model, batches = known
 
-    def key(model=model, batches=batches, scene=SCENE, seed=3):
+    def key(model=model, batches=batches, scene=SCENE, seed=3, judge=UNDEFENDED):
         runner = Runner(model, batches, scene, Records(), seed=seed)
-        return runner.key(CONDITIONS["ma"], UNDEFENDED, 0)
+        return runner.key(CONDITIONS["ma"], judge, 0)
 
     assert key() == key(copy.deepcopy(model))
     keys = [
@@ -252,5 +252,7 @@ def test_a_key_changes_with_model_scene_and_pixels(known):
         key(torch.relu),
         key(torch.sigmoid),
         key(seed=4),
+        key(judge=Judge("mine", defence=JPEG(20))),
+        key(judge=Judge("mine", defence=JPEG(80))),
     ]
     assert len(set(keys)) == len(keys)

@@ -1,5 +1,4 @@
-"""The ladder: its controls show what they say, its rows count what they say, two models meet the
-same photos."""
+"""The ladder: its rows show and count what they say, and two models meet the same photos."""
 
 import dataclasses
 

@@ -1,5 +1,4 @@
-"""A device's memory changes no figure: where a batch does not fit, the model takes it in parts, and
-all is drawn as before."""
+"""A device's memory changes no figure: where a batch does not fit, the model takes it in parts."""
 
 import copy
 import dataclasses

@@ -1,5 +1,4 @@
-"""An evaluation in a list of scenes: every image in its own scene, the same for all conditions, and
-every figure in the place of its image."""
+"""An evaluation in a list of scenes: every image in its own, the same for all conditions."""
 
 import pytest
 import torch

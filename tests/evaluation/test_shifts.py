@@ -1,5 +1,4 @@
-"""The suite of shifts: corruptions are what they say, and its rows are other suites' where they
-share a question."""
+"""The suite of shifts: corruptions are what they say; rows that other suites have are theirs."""
 
 import dataclasses
 import io

@@ -19,8 +19,7 @@ def test_nothing_leaves_the_interval_open():
 
 
 def test_paired_gain_covers_the_truth():
-    """Simulated pairs: the 95 % interval holds the true difference about 95 times of 100; unpaired
-    draws widen it."""
+    """Of simulated pairs, about 95 times of 100; unpaired draws widen it."""
     g, covered, widths = torch.Generator().manual_seed(0), 0, []
     for _ in range(400):
         u = torch.rand(200, generator=g)

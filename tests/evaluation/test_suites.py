@@ -1,5 +1,4 @@
-"""Suites: the worst case is its attackers' worst, image by image; unseen scenes are other scenes;
-every published figure stands beside a cell."""
+"""Suites: the worst case is its attackers' worst, image by image; unseen scenes are others."""
 
 import dataclasses
 
@@ -17,7 +16,7 @@ from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.suites.threat_scenes import DISPLAY_CAMERA_PAIRS, threat_scene
 from moireaug.scene.presets import PRESETS
-from tests.evaluation.haze import cell_of, ran, table_of
+from tests.evaluation.haze import cell_of, frame_of, ran, table_of
 
 SCENE = Scene.preset("screen_photo")
 WORST_CASE_COLUMNS = ("moire", "ma", "apgd")
@@ -38,7 +37,6 @@ def measured(known):
 
 
 def test_groups_share_out_the_suites():
-    assert GROUPS["recipes"] == ("worst_case", "unseen")
     alone = {"ladder", "full_ladder", "standard", "shifts", "trust"}
     assert sorted(GROUPS["paper"] + GROUPS["recipes"]) == sorted(SUITES.keys() - alone)
     assert [table.name for table in tables_of("paper", CONFIG)] == list(GROUPS["paper"])
@@ -53,8 +51,7 @@ def test_a_missing_defence_of_the_paper_is_named():
 
 
 def test_conditions_of_one_name_are_one():
-    """A record is looked up by what it means; within a suite its name must mean one thing, also
-    where float32 has rounded the bounds."""
+    """Within a suite a name means one thing, also where float32 has rounded the bounds."""
     rounded = tuple((torch.tensor([2.0, 4.0, 8.0]) / 255).tolist())
     for suite in (*SUITES, *GROUPS):
         jobs = jobs_of(tables_of(suite, dataclasses.replace(CONFIG, eps=rounded)))
@@ -108,16 +105,13 @@ def test_the_full_ladder_adds_rows_to_the_ladder(known):
     assert table.columns == ["fooled"]
 
 
-def test_the_controls_are_the_ladders(measured, known):
-    (table,) = tables_of("ladder", CONFIG)
-    rows = {"clean": "eps_4", "moire": "eps_8", "ma_4": "eps_4", "pgd_4": "eps_4"}
-    rows["no_moire"] = OWN_SCENE_ROW
-    table = dataclasses.replace(table, cells=tuple(c for c in table.cells if c.row in rows))
-    accuracy = rates(images_frame([table], ran(known, table), (0, 1))).set_index("row")["accuracy"]
-    assert set(accuracy.index) == set(rows)
-    for name, row in rows.items():
-        other = cell_of(measured[2], row, name.removesuffix("_4"))
-        assert other["accuracy"] == accuracy[name], name
+def test_the_controls_are_the_ladders(measured):
+    (ladder,) = tables_of("ladder", CONFIG)
+    others = {"clean": "clean", "moire": "moire", "ma": "ma_4", "pgd": "pgd_4"}
+    cells = {row: measured[0]["worst_case"].cell("eps_4", name) for name, row in others.items()}
+    cells["no_moire"] = measured[0]["unseen"].cell(OWN_SCENE_ROW, "no_moire")
+    for row, cell in cells.items():
+        assert cell.conditions == ladder.cell(row, "answer").conditions, row
 
 
 def test_unseen_scenes_are_others_in_the_images_frame():
@@ -149,7 +143,7 @@ def test_photos_of_one_image_are_no_independent_trials(known):
     (table,) = tables_of("threat", CONFIG)
     own = [cell for cell in table.cells if cell.row == "monitor, Sony"]
     table = dataclasses.replace(table, cells=tuple(own))
-    images = images_frame([table], ran(known, table), (0, 1))
+    images = frame_of(known, table)
     lines = rates(images)
     pooled = cell_of(lines, "monitor, Sony", "all")
     assert pooled["n"] == 128 and pooled["condition"] == "8 pooled"
@@ -195,7 +189,6 @@ def test_nothing_fools_a_model_that_does_not_look(known, suite):
         rows = ("undefended", "median_3", "pixel_deflection")
         table = dataclasses.replace(table, cells=tuple(c for c in table.cells if c.row in rows))
         assert table.rows == list(rows)
-    runner = ran((deaf, batches), table)
-    for line in rates(images_frame([table], runner, (0,))).to_dict("records"):
+    for line in rates(frame_of((deaf, batches), table)).to_dict("records"):
         found = (line["success"], line["accuracy"], line["counted"])
         assert found == (0.0, 0.75, 3), (line["row"], line["column"])
