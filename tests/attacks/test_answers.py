@@ -91,7 +91,7 @@ def broken_on(rows, model):
 
 @pytest.mark.parametrize("targeted", [False, True])
 @pytest.mark.parametrize("name", ATTACKS)
-def test_an_image_without_an_answer_is_fooled_and_never_at_its_target(name, targeted, model, batch):
+def test_an_image_without_answer_is_fooled_never_at_its_target(name, targeted, model, batch):
     images = batch[0][..., :8, :8]
     model.eval()
     labels = torch.zeros(6, dtype=torch.long)  # what argmax of NaN returns
@@ -158,7 +158,7 @@ def test_a_result_prints_as_one_line(model, batch):
 
 
 @pytest.mark.parametrize("restarts", [1, 2])
-def test_one_image_without_an_answer_does_not_end_the_restarts_of_others(restarts):
+def test_one_image_without_answer_ends_no_restarts_of_others(restarts):
     torch.manual_seed(0)
     net = nn.Sequential(nn.AdaptiveAvgPool2d(8), nn.Flatten(), nn.Linear(192, 10))
 

@@ -84,7 +84,7 @@ def test_an_expectation_is_over_draws_of_the_images_own_scene(model, batch):
         assert torch.equal(result.images[rows], alone.images)
 
 
-def test_a_draw_follows_the_generator_and_a_list_of_one_is_that_scene(model, batch):
+def test_draws_follow_the_generator_in_lists_of_any_length(model, batch):
     def attacked(scene, seed):
         attack = MoireAttack(model, scene=scene, random_start=1.0, **STEPS)
         return attack(*batch, generator=torch.Generator().manual_seed(seed))

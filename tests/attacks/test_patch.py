@@ -70,7 +70,7 @@ def test_what_is_no_disc_is_refused(make, message):
         make()
 
 
-def test_noise_of_any_start_and_toward_any_class_stays_inside_the_disc():
+def test_noise_stays_inside_the_disc():
     images = torch.rand(8, 3, 24, 24)
     labels = images.mean((2, 3)).argmax(1)  # the brightest channel
     settings = {"model": lambda x: x.mean((2, 3)), "area": 0.1, "eps": 0.02}

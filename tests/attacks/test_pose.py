@@ -108,8 +108,6 @@ def test_a_pose_and_its_shot_are_inverse():
     assert len(fields) == 9
     pose = pose_of(shot, fields)
     assert pose.shape == (5, 9) and pose.abs().max() <= 1
-    with torch.device("meta"):  # as a default
-        assert torch.equal(pose_of(shot, fields), pose)
     for key, value in fields_of(shot_at_pose(shot, fields, pose)).items():
         assert torch.allclose(value, fields_of(shot)[key], rtol=1e-12)
     for end in (-1.0, 1.0):  # a gradient at the ends, too

@@ -119,7 +119,7 @@ def test_the_search_for_c_finds_the_distance_to_a_plane(scale, suits_c):
     assert (ratios[0] > 0).all() == suits_c
 
 
-def test_cw_reaches_from_black_and_white_when_it_may_go_far():
+def test_cw_reaches_from_black_and_white():
     """Black and white lie at infinity in tanh space; they are moved in, and gradients arrive."""
     images = torch.stack([torch.zeros(3, 4, 4), torch.ones(3, 4, 4)])
 
@@ -154,7 +154,7 @@ def test_square_needs_no_gradient_and_beats_chance(learnt, trained):
         MoireAttack(lambda x: model(x).detach(), scene=SCENE, steps=1)(images, labels, shot=shot)
 
 
-def test_square_asks_as_often_as_it_says_and_never_gets_worse(learnt):
+def test_square_asks_once_a_step_and_never_gets_worse(learnt):
     """Nor does a first query without an answer end the search."""
     model, images, labels = learnt
     shot, margins = SCENE.sample(len(images), (16, 16), torch.Generator().manual_seed(1)), []

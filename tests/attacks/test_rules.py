@@ -114,7 +114,7 @@ def test_apgd_is_the_published_algorithm_step_by_step(steps, boxed):
     assert halvings > 6 or steps < 40  # steps did become small
 
 
-def test_apgd_halves_where_the_best_has_not_changed_since_the_start():
+def test_apgd_halves_where_the_best_is_still_the_first():
     """The second condition alone: a loss that falls, then rises, but never to its start."""
     rule = RULES["apgd"](Ball(1.0, 1.0, 100))
     x = torch.zeros(1, 1)

@@ -37,6 +37,8 @@ ATTACKS = {
 )
 def test_as_many_are_fooled_for_less(problem, name, targeted):
     model, images, labels, shot = problem
+    if name == "turning":  # the search of a pose takes longest
+        images, labels, shot = images[:12], labels[:12], shot[:12]
     kind, settings = ATTACKS[name]
     settings = {"eps": EPS * (4 if targeted else 1), "steps": STEPS} | settings
     if issubclass(kind, MoireAttack):
@@ -101,7 +103,7 @@ def at_random(model, factor=1.0):
     return counting(lambda x: factor * (model(x) + torch.randn(len(x), 5).to(x)))
 
 
-def test_a_model_that_answers_at_random_is_attacked_in_every_step(problem):
+def test_answers_at_random_are_attacked_in_every_step(problem):
     """To be fooled by luck is not to be fooled: stopping there would flatter the model."""
     model, images, labels, shot = problem
     for factor in (1e4, 1.0, 1e-4):

@@ -96,7 +96,7 @@ def test_wrong_input_gets_a_sentence(model, batch):
         assert sentence in refusal(do, model, *batch)
 
 
-def test_a_mistake_within_the_model_is_not_blamed_on_the_images(model, batch):
+def test_the_models_own_mistake_is_not_blamed_on_images(model, batch):
     def mixed(x):
         return model(x) + nn.functional.linear(x.flatten(1), x.new_ones(5, 768).double())
 

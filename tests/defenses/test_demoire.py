@@ -37,7 +37,7 @@ def parameters(module):
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_parameters_are_as_many_as_published_a_quarter_at_half_the_width(name):
+def test_parameters_are_as_many_as_published(name):
     with torch.device("meta"):
         whole, half = demoire.build(name), demoire.build(name, width=0.5)
     for part, millions in PUBLISHED[name].items():

@@ -68,7 +68,7 @@ def test_the_cosine_transform_is_its_own_inverse():
     assert torch.allclose(network(images), luma(images), atol=1e-5)
 
 
-def test_a_network_from_a_file_ignores_other_defaults_and_a_new_one_does_not(tmp_path):
+def test_only_new_networks_follow_torchs_defaults(tmp_path):
     path, images = tmp_path / "weights.pt", pictures(1, 3, 8, 8)
     demoire.save(demoire.build("fhde2net", width=0.1), path)  # has buffers that no file holds
     expected = demoire.load(path)(images)

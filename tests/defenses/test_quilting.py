@@ -151,13 +151,13 @@ def test_the_file_is_used_only_where_it_matches(photos, tmp_path):
     other[0, 0, 0, 0] = 1 - other[0, 0, 0, 0]
     changes = [({setting: 4}, images) for setting in ("patches", "patch", "seed")]
     for changed, given in (*changes, ({}, other), ({}, images[:2]), ({}, images.double())):
+        draw_bank(images, 50, cache=file)  # so that this change alone differs
         settings = {"patches": 50} | changed
-        wanted = draw_bank(given, **settings)
+        wanted, before = draw_bank(given, **settings), written_at(file)
         assert torch.equal(draw_bank(given, **settings, cache=file), wanted)
-        assert written_at(file) != written
         written = written_at(file)
         assert torch.equal(draw_bank(given, **settings, cache=file), wanted)
-        assert written_at(file) == written
+        assert before != written == written_at(file), changed
 
 
 def written_at(file):
@@ -225,13 +225,11 @@ def test_what_no_bank_can_be_drawn_from_is_refused():
             quilting_of(images, **{"patches": 10, **settings})
 
 
-def test_numpys_numbers_and_any_default_device_draw_the_same_bank(photos, tmp_path):
+def test_numpys_numbers_count_and_others_may_read_the_file(photos, tmp_path):
     images, file = photos(), tmp_path / "bank.npz"
     wanted = draw_bank(images, 20, patch=4, seed=3)
     numbers = {"patches": np.int64(20), "patch": np.uint8(4), "seed": np.int32(3)}
     assert torch.equal(draw_bank(images, **numbers, cache=file), wanted)
-    with torch.device("meta"):  # as where it is a GPU
-        assert torch.equal(draw_bank(images, 20, patch=4, seed=3), wanted)
     plain = tmp_path / "plain"
     plain.touch()
     assert file.stat().st_mode == plain.stat().st_mode  # others may read it

@@ -87,9 +87,8 @@ def test_an_infinite_score_rejects():
 
 def test_an_evaluation_tells_rejected_images_from_fooled_ones(grey):
     images, labels = torch.cat([grey[0], grey[0] + 0.1]), torch.cat([grey[1], grey[1]])
-    frame = evaluation.evaluate(
-        Rejecting(Bright(), red, 0.5), [(images, labels)], "ladder", steps=2, progress=False
-    )
+    model, settings = Rejecting(Bright(), red, 0.5), {"eps": 4 / 255, "steps": 1}
+    frame = evaluation.evaluate(model, [(images, labels)], **settings, progress=False)
     outcomes = frame[["correct", "rejected", "fooled"]]
     assert (outcomes[~frame["targeted"]].sum(axis=1) == 1).all()
     cells = evaluation.rates(frame).set_index("row")

@@ -29,11 +29,9 @@ def test_the_objective_falls_to_that_of_a_long_run(photos, h, w, keep):
     mask = masked(x, keep)
     best = minimise(x, mask, WEIGHT, 600)
     least = objective(best, x, mask, WEIGHT)
-    values = torch.stack(
-        [objective(minimise(x, mask, WEIGHT, n), x, mask, WEIGHT) for n in (1, 10, 100)]
-    )
-    assert (values >= least * (1 - 1e-4)).all()
-    assert (values[2] <= least * 1.01 + 1e-9).all() and (values[2] <= values[0] + 1e-9).all()
+    first, last = (objective(minimise(x, mask, WEIGHT, n), x, mask, WEIGHT) for n in (1, 100))
+    assert (last >= least * (1 - 1e-4)).all() and (first >= least * (1 - 1e-4)).all()
+    assert (last <= least * 1.01 + 1e-9).all() and (last <= first + 1e-9).all()
     assert (minimise(x, mask, WEIGHT, 100) - best).abs().mean() < 1 / 255
     single = minimise(x.float(), mask.float(), WEIGHT, 100)
     assert (objective(single.double(), x, mask, WEIGHT) <= least * 1.01 + 1e-6).all()
@@ -74,7 +72,7 @@ def test_what_was_thrown_away_leaves_no_trace(photos):
         assert torch.equal(minimise(x, mask, WEIGHT, n), minimise(other, mask, WEIGHT, n))
 
 
-def test_each_pixel_of_each_channel_is_kept_by_its_own_draw(photos):
+def test_each_number_is_kept_by_its_own_draw(photos):
     """Also in a batch so large that it is solved in parts."""
     images, defence = photos(b=20, h=64, w=64), TotalVariation(keep=0.3, iterations=1)
     assert images.numel() > variation.MAX_NUMBERS_PER_PASS

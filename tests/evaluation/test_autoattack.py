@@ -26,7 +26,7 @@ def batch(known):
     return EvalBatch(model, images, labels, (labels + 1) % 4, shot, generator)
 
 
-def test_apgd_keeps_what_the_cross_entropy_fools_and_attacks_the_rest_by_apgd_t(batch):
+def test_apgd_t_attacks_what_the_cross_entropy_leaves(batch):
     settings = SETTINGS | {"scene": SCENE, "rule": "apgd", "until_fooled": True}
     first = MoireAttack(batch.model, **settings)(batch.images, batch.labels, shot=batch.shot)
     right = (~first.success).nonzero()[:, 0]

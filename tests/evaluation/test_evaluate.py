@@ -58,7 +58,7 @@ def test_any_callable_any_loader_and_inference_mode_will_do(known, loader, frame
     assert frame["predicted"].equals(again["predicted"])
 
 
-def test_generators_arrays_and_bytes_are_taken_and_n_cuts_a_batch(known):
+def test_generators_arrays_and_bytes_are_taken(known):
     model, batches = known
     codes = [((255 * x).round().byte(), y) for x, y in batches]
     settings = QUICK | {"n": np.uint8(11), "steps": np.int64(0), "seed": np.int64(2**40)}

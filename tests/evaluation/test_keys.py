@@ -195,7 +195,7 @@ def test_other_objects_are_refused_where_records_are_kept():
             require_identity("it", one)
 
 
-def test_an_identity_that_is_stated_stands_for_settings_beside_the_weights():
+def test_a_stated_identity_stands_for_settings_beside_the_weights():
     one, same, other = Holds(scaled), Holds(scaled), nn.Sequential(classifier(1))
     for part in (one, same):
         part.net = classifier(0)
@@ -216,7 +216,7 @@ def test_a_frozen_script_is_known_by_its_constants():
         require_identity("it", one)
 
 
-def test_a_compiled_model_is_known_by_what_it_was_made_of():
+def test_a_compiled_model_is_known_by_its_original():
     one, other = (torch.compile(classifier(seed), backend="eager") for seed in (0, 1))
     before = identity(one)
     one(torch.rand(1, 3, 16, 16))
@@ -227,7 +227,7 @@ def test_a_compiled_model_is_known_by_what_it_was_made_of():
     assert identity(in_place) == identity(classifier())
 
 
-def test_what_an_object_keeps_once_computed_is_no_part_of_it():
+def test_what_is_computed_once_is_no_part_of_identity():
     quilting = Quilting(torch.rand(4, 3, 5, 5))
     before = identity(quilting)
     quilting(torch.rand(1, 3, 8, 8))

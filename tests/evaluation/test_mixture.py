@@ -49,7 +49,7 @@ def test_each_condition_shows_every_image_in_its_scene(known, shot):
         assert record["measured"][name] == pytest.approx(values, rel=1e-4)
 
 
-def test_the_same_seed_shows_the_same_and_the_list_is_part_of_every_key(known):
+def test_seeds_repeat_and_every_key_knows_the_list_of_scenes(known):
     table = table_of(Photo(), CONDITIONS["random"])
     runner = ran(known, table, (0,), scene=MIXTURE)
     assert results(runner) == results(ran(known, table, (0,), scene=MIXTURE))

@@ -41,7 +41,7 @@ def test_a_broken_line_is_left_out(tmp_path):
         assert keys(tmp_path) == {"a"}, broken
 
 
-def test_a_folder_can_be_taken_up_again_and_reading_writes_nothing(tmp_path):
+def test_a_folder_is_taken_up_again_and_reading_writes_nothing(tmp_path):
     assert keys(tmp_path) == set() and not list(tmp_path.iterdir())
     records = RecordFolder(tmp_path)
     for name in ("a", "b"):
@@ -64,7 +64,7 @@ with RecordFolder(folder) as records:
 """
 
 
-def test_a_killed_process_leaves_its_file_and_what_has_an_identity(tmp_path, monkeypatch):
+def test_a_killed_process_leaves_its_file_to_the_next(tmp_path, monkeypatch):
     """Its lock is the kernel's, and ends with it; a lambda is another in every process."""
     there, arguments = tmp_path / "there", [str(tmp_path / "there"), json.dumps(RECORD)]
     env = os.environ | {"PYTHONHASHSEED": "1"}  # here it is another

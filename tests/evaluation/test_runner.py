@@ -18,7 +18,6 @@ from moireaug.evaluation.conditions import (
     RandomNoise,
     Rotated,
 )
-from moireaug.evaluation.corruptions import Corrupted
 from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import jobs_of
@@ -119,7 +118,7 @@ def test_success_is_counted_on_what_the_judge_has_right(known, contrary):
     assert frame.loc["stranger", "counted"].tolist() == right and 0 < sum(right) < 16
 
 
-def test_a_judge_of_another_model_behind_a_defence_counts_on_that_model(known, contrary):
+def test_another_model_behind_a_defence_counts_on_itself(known, contrary):
     frames = []
     for defence in (None, lambda x: 1 - x):
         table = table_of(Photo(), judge=Judge("both", model=contrary, defence=defence))
@@ -178,7 +177,7 @@ def dropping(images):
 dropping.randomised = True
 
 
-def test_a_worst_case_behind_a_randomised_defence_pools_no_unlucky_draws():
+def test_worst_cases_pool_no_unlucky_draws():
     """One draw for each of the 64 answers would lose some image but once in 800 times."""
 
     def bright(x):
@@ -228,7 +227,7 @@ def test_a_model_or_defence_is_left_as_it_was_found(part, body, known):
     assert all(torch.equal(v, stranger.state_dict()[k]) for k, v in state.items())
 
 
-def test_a_model_that_returns_no_logits_or_one_gets_a_sentence(known):
+def test_no_logits_or_one_get_a_sentence(known):
     bad = Judge("bad", model=lambda shown: shown)
     with pytest.raises(ValueError, match=r"must return logits \(B, K\)"):
         ran(known, table_of(Clean(), judge=bad), (0,))
@@ -236,24 +235,14 @@ def test_a_model_that_returns_no_logits_or_one_gets_a_sentence(known):
         ran((lambda x: x.mean((1, 2, 3))[:, None], known[1]), indices=(0,))
 
 
-def test_a_model_may_work_in_place_beside_any_default_device(known, monkeypatch):
+def test_a_model_may_work_in_place(known, monkeypatch):
     monkeypatch.setattr(torch.cuda, "device_count", None)  # whoever asks for it fails
     model, batches = known
-    table = table_of(
-        *CONDITIONS.values(),
-        CleanTwice(),
-        PhotoGradient(),
-        Corrupted(corruption="gaussian_noise", amount=0.1),
-    )
-
-    def answers(model):
-        records = results(ran((model, batches), table, (0,))).values()
-        return [(record["predicted"], record["measured"]) for record in records]
-
-    plain = answers(lambda x: model(x - 0.1))
-    assert answers(lambda x: model(x.sub_(0.1))) == plain
-    with torch.device("meta"):
-        assert answers(lambda x: model(x - 0.1)) == plain
+    table, answers = table_of(*CONDITIONS.values(), CleanTwice(), PhotoGradient()), []
+    for one in (lambda x: model(x - 0.1), lambda x: model(x.sub_(0.1))):
+        records = results(ran((one, batches), table, (0,))).values()
+        answers.append([(record["predicted"], record["measured"]) for record in records])
+    assert answers[0] == answers[1]
 
 
 def test_a_defence_may_work_in_place_and_is_clipped(known):
