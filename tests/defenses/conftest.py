@@ -1,8 +1,10 @@
-"""Images that every defence meets."""
+"""Images that every defence meets, and few photos, for which no kernel is compiled."""
 
 import pytest
 import torch
 import torch.nn.functional as F
+
+from moireaug.engine.switch import reference
 
 
 def natural(b=2, h=32, w=40, seed=0, dtype=torch.float32):
@@ -18,3 +20,9 @@ def natural(b=2, h=32, w=40, seed=0, dtype=torch.float32):
 @pytest.fixture
 def photos():
     return natural
+
+
+@pytest.fixture(autouse=True)
+def _without_kernels():
+    with reference():
+        yield

@@ -9,7 +9,6 @@ import torch
 from moireaug import Scene, capture
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import files
-from moireaug.engine.switch import reference
 from moireaug.evaluation.visibility import psnr
 from moireaug.synthesis import without_moire
 
@@ -22,7 +21,7 @@ def test_released_weights_clean_simulated_photos():
     shots = scene.sample(4, (128, 128), torch.Generator().manual_seed(0))
     shades = torch.rand(4, 3, 3, 3, generator=torch.Generator().manual_seed(0))
     pictures = torch.nn.functional.interpolate(shades, (128, 128), mode="bicubic").clamp(0, 1)
-    with reference(), torch.inference_mode():  # no kernels are compiled for a few photos
+    with torch.inference_mode():
         photos = capture(pictures, shots)
         twins = capture(pictures, without_moire(shots, noise=False))
         gains = psnr(network(photos), twins) - psnr(photos, twins)
