@@ -70,3 +70,23 @@ def quietly(name):
 def predicted(model, images):
     with attacks.evaluating(model), torch.no_grad():
         return model(images).argmax(1)
+
+
+def refusal(call, *arguments):
+    """The sentence that a call is refused with."""
+    try:
+        call(*arguments)
+    except (ValueError, TypeError) as error:
+        return str(error)
+    return "nothing: the call was taken"
+
+
+def counting(model):
+    """(the same model, asked), the number of images of each question."""
+    asked = []
+
+    def answer(images):
+        asked.append(len(images))
+        return model(images)
+
+    return answer, asked

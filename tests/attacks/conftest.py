@@ -1,8 +1,11 @@
-"""What the tests of attacks share: a small model, a batch, and a scene whose photos are cheap."""
+"""What the tests of attacks share: a small model, a batch, and models that have learnt photos."""
 
 import pytest
 import torch
 from torch import nn
+
+from moireaug import capture
+from tests.attacks.common import SCENE, striped
 
 
 class Small(nn.Module):
@@ -49,3 +52,16 @@ def trained():
         return model.eval()
 
     return train
+
+
+@pytest.fixture(scope="session")
+def learnt_photos(trained):
+    """(model, images, labels, shot): a model that has learnt photos of n images."""
+
+    def learn(n):
+        g = torch.Generator().manual_seed(0)
+        images, labels = striped(n, g)
+        shot = SCENE.sample(n, (16, 16), g)
+        return trained(capture(images, shot), labels), images, labels, shot
+
+    return learn

@@ -1,5 +1,6 @@
 """Losses of attacks: closed forms, gradients, and logits that are saturated, equal or too few."""
 
+import itertools
 import math
 
 import pytest
@@ -13,6 +14,8 @@ LOGITS = torch.tensor(
 )
 LABELS = torch.tensor([0, 0, 2])
 TARGETS = torch.tensor([2, 1, 4])
+every_loss = pytest.mark.parametrize("name", LOSSES)
+with_and_without_targets = pytest.mark.parametrize("targets", [None, TARGETS], ids=["un", "t"])
 
 
 def by_hand(name, z, y, t):
@@ -30,65 +33,51 @@ def by_hand(name, z, y, t):
     return sign * (math.log(1 - share) - math.log(share))
 
 
-@pytest.mark.parametrize("name", LOSSES)
-@pytest.mark.parametrize("targeted", [False, True])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_values_are_those_of_the_papers(name, targeted, dtype):
-    found = LOSSES[name](LOGITS.to(dtype), LABELS, TARGETS if targeted else None)
-    expected = []
-    for z, y, t in zip(LOGITS.tolist(), LABELS.tolist(), TARGETS.tolist(), strict=True):
-        expected.append(by_hand(name, z, y, t if targeted else None))
-    assert torch.allclose(found.double(), torch.tensor(expected).double(), rtol=1e-5)
-
-
-@pytest.mark.parametrize("name", LOSSES)
-@pytest.mark.parametrize("targeted", [False, True])
-def test_gradients_are_those_of_the_values(name, targeted):
+@every_loss
+@with_and_without_targets
+def test_values_are_those_of_the_papers_and_gradients_theirs(name, targets):
+    goals = [None] * 3 if targets is None else targets.tolist()
+    rows = zip(LOGITS.tolist(), LABELS.tolist(), goals, strict=True)
+    expected = torch.tensor([by_hand(name, *row) for row in rows]).double()
+    for dtype in (torch.float32, torch.float64):
+        loss = LOSSES[name](LOGITS.to(dtype), LABELS, targets)
+        assert torch.allclose(loss.double(), expected, rtol=1e-5), dtype
     logits = LOGITS.clone().requires_grad_()
-    targets = TARGETS if targeted else None
     assert torch.autograd.gradcheck(lambda z: LOSSES[name](z, LABELS, targets), logits)
 
 
-@pytest.mark.parametrize("targeted", [False, True])
-def test_the_ratio_does_not_depend_on_scale_or_shift(targeted):
-    targets = TARGETS if targeted else None
+@with_and_without_targets
+def test_the_ratio_does_not_depend_on_scale_or_shift(targets):
     expected = LOSSES["dlr"](LOGITS, LABELS, targets)
     for scale in (1e-4, 1.0, 1e4):
         assert torch.allclose(LOSSES["dlr"](LOGITS * scale + 3 * scale, LABELS, targets), expected)
 
 
-@pytest.mark.parametrize("name", LOSSES)
-@pytest.mark.parametrize("targeted", [False, True])
-def test_saturated_logits_still_lead_away_from_the_label(name, targeted):
+@every_loss
+@with_and_without_targets
+def test_saturated_logits_still_lead_away_from_the_label(name, targets):
     """Softmax of these is exactly 0 and 1 in float32, and cross-entropy itself has no gradient."""
     logits = (LOGITS * 1e4).float().requires_grad_()
     plain = torch.nn.functional.cross_entropy(logits[:1], LABELS[:1])
     assert not torch.autograd.grad(plain, logits)[0].any()
-    loss = LOSSES[name](logits, LABELS, TARGETS if targeted else None)
+    loss = LOSSES[name](logits, LABELS, targets)
     (slope,) = torch.autograd.grad(loss.sum(), logits)
-    rows = torch.arange(3)
     assert loss.isfinite().all() and slope.isfinite().all()
     assert (slope.abs().amax(1) * 1e4 > 0.01).all()
-    if targeted:
-        assert (slope[rows, TARGETS] > 0).all()
-    else:
-        assert (slope[rows, LABELS] < 0).all()
+    goal, sign = (LABELS, -1) if targets is None else (targets, 1)
+    assert (sign * slope[torch.arange(3), goal] > 0).all()
 
 
-@pytest.mark.parametrize("name", LOSSES)
-@pytest.mark.parametrize("targeted", [False, True])
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
-@pytest.mark.parametrize("ties", [5, 4, 3, 2])
-def test_ties_give_finite_losses_with_finite_gradients(name, targeted, dtype, ties):
-    logits = torch.zeros(3, 5, dtype=dtype)
-    logits[:, ties:] = -1
-    logits.requires_grad_()
-    loss = LOSSES[name](
-        logits, torch.tensor([0, 1, 4]), torch.tensor([1, 4, 0]) if targeted else None
-    )
-    (slope,) = torch.autograd.grad(loss.sum(), logits)
-    assert loss.isfinite().all() and slope.isfinite().all()
-    assert slope.any(1).all()
+@every_loss
+def test_ties_give_finite_losses_with_finite_gradients(name):
+    dtypes = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
+    for case in itertools.product(dtypes, (5, 4, 3, 2), (None, torch.tensor([1, 4, 0]))):
+        dtype, ties, targets = case
+        logits = torch.zeros(3, 5, dtype=dtype)
+        logits[:, ties:] = -1
+        loss = LOSSES[name](logits.requires_grad_(), torch.tensor([0, 1, 4]), targets)
+        (slope,) = torch.autograd.grad(loss.sum(), logits)
+        assert loss.isfinite().all() and slope.isfinite().all() and slope.any(1).all(), case
 
 
 def test_logits_that_all_tie_have_a_ratio_of_0():
@@ -105,28 +94,12 @@ def test_the_ratio_goes_on_where_the_label_is_third():
     assert gradient[0, 1] < 0 < gradient[0, 0]
 
 
-@pytest.mark.parametrize(
-    ("classes", "targeted", "sentence"),
-    [
-        (
-            2,
-            False,
-            "the loss 'dlr' needs a model of at least 3 classes; got logits of 2. Use 'margin'.",
-        ),
-        (
-            3,
-            True,
-            "the loss 'dlr', targeted, needs a model of at least 4 classes; got logits of 3. Use "
-            "'margin'.",
-        ),
-    ],
-)
-def test_too_few_classes_are_refused(classes, targeted, sentence):
-    with pytest.raises(ValueError) as error:
-        LOSSES["dlr"](
-            torch.zeros(1, classes), torch.tensor([0]), torch.tensor([1]) if targeted else None
-        )
-    assert str(error.value) == sentence
+def test_too_few_classes_for_the_ratio_are_refused():
+    wanted = "at least {} classes; got logits of {}. Use 'margin'."
+    for classes, targets in ((2, None), (3, torch.tensor([1]))):
+        with pytest.raises(ValueError) as error:
+            LOSSES["dlr"](torch.zeros(1, classes), torch.tensor([0]), targets)
+        assert wanted.format(classes + 1, classes) in str(error.value)
 
 
 def test_the_margin_is_positive_where_the_attack_is_there():
@@ -137,11 +110,10 @@ def test_the_margin_is_positive_where_the_attack_is_there():
     assert margin(z, labels, torch.tensor([2, 2])).tolist() == [-2, -3]
 
 
-@pytest.mark.parametrize("targets", [None, torch.tensor([1])], ids=["untargeted", "targeted"])
-def test_dlr_goes_on_where_classes_are_ruled_out(targets):
+def test_the_ratio_goes_on_where_classes_are_ruled_out():
     """With fewer finite logits than the ratio takes, it is the difference alone."""
-    logits = torch.tensor([[2.0, 1.0, -torch.inf, -torch.inf, -torch.inf]], requires_grad=True)
-    loss = LOSSES["dlr"](logits, torch.tensor([0]), targets)
-    (grad,) = torch.autograd.grad(loss.sum(), logits)
-    assert loss.tolist() == [-1]
-    assert grad.tolist() == [[-1, 1, 0, 0, 0]]
+    for targets in (None, torch.tensor([1])):
+        logits = torch.tensor([[2.0, 1.0, -torch.inf, -torch.inf, -torch.inf]], requires_grad=True)
+        loss = LOSSES["dlr"](logits, torch.tensor([0]), targets)
+        (grad,) = torch.autograd.grad(loss.sum(), logits)
+        assert loss.tolist() == [-1] and grad.tolist() == [[-1, 1, 0, 0, 0]], targets

@@ -54,40 +54,31 @@ def test_a_disc_that_is_too_small_fools_nobody():
     assert PGD(Mean(), eps=0.06, steps=20)(images, labels).success.all()
 
 
-@pytest.mark.parametrize("area", [0, -0.1, 0.8, float("nan")])
-def test_an_area_that_is_no_share_is_refused(area):
-    with pytest.raises(ValueError, match="area must be"):
-        Patch(Mean(), area=area)
-
-
 @pytest.mark.parametrize(
-    ("area", "width", "got"),
-    [(0.5, 1000, "113 pixels, 0.5 of the area of 1000 x 20"), (0.003, 20, "1.24 pixels")],
+    ("make", "message"),
+    [
+        (lambda: Patch(Mean(), area=0), "area must be"),
+        (lambda: Patch(Mean(), area=0.8), "area must be"),
+        (lambda: Patch(Mean(), area=math.nan), "area must be"),
+        (lambda: discs(torch.rand(1, 3, 20, 1000), 0.5), "fit .* got 113 pixels, 0.5 of the area"),
+        (lambda: discs(torch.rand(1, 3, 20, 20), 0.003), "at least 1.42 .* got 1.24 pixels"),
+        (lambda: Patch(Mean())(torch.rand(1, 3, 8, 8), torch.tensor([0]), shot=0), "no camera"),
+    ],
 )
-def test_a_disc_that_does_not_fit_or_holds_no_pixel_is_refused(area, width, got):
-    with pytest.raises(ValueError, match=f"at least 1.42 pixels wide and fit .* got {got}"):
-        discs(torch.rand(1, 3, 20, width), area)
+def test_what_is_no_disc_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
 
 
-def test_a_shot_is_refused():
-    with pytest.raises(ValueError, match="no camera"):
-        Patch(Mean())(torch.rand(1, 3, 8, 8), torch.tensor([0]), shot=object())
-
-
-@pytest.mark.parametrize("settings", [{"restarts": 5, "steps": 1}, {"random_start": 1.0}])
-def test_the_noise_of_a_random_start_stays_inside_the_disc(settings):
-    images, labels = torch.rand(4, 3, 24, 24), torch.tensor([0, 1, 0, 1])
-    g = torch.Generator().manual_seed(2)
-    noise = Patch(Mean(), **settings)(images, labels, generator=g).noise
-    disc = discs(images, 0.05, torch.Generator().manual_seed(2))
-    assert noise.any() and not (noise * (1 - disc)).any()
-
-
-def test_every_class_is_tried_at_the_same_place():
+def test_noise_stays_inside_the_disc():
     images = torch.rand(8, 3, 24, 24)
     labels = images.mean((2, 3)).argmax(1)  # the brightest channel
-    attack = Patch(lambda x: x.mean((2, 3)), area=0.1, steps=2, eps=0.02)
-    g = torch.Generator().manual_seed(0)
-    noise = MultiTargeted(attack, targets=2)(images, labels, generator=g).noise
-    disc = discs(images, 0.1, torch.Generator().manual_seed(0))
-    assert noise.any() and not (noise * (1 - disc)).any()
+    settings = {"model": lambda x: x.mean((2, 3)), "area": 0.1, "eps": 0.02}
+    disc = discs(images, 0.1, torch.Generator().manual_seed(2))
+    for attack in (
+        Patch(**settings, restarts=5, steps=1),
+        Patch(**settings, random_start=1.0),
+        MultiTargeted(Patch(**settings, steps=2), targets=2),
+    ):
+        noise = attack(images, labels, generator=torch.Generator().manual_seed(2)).noise
+        assert noise.any() and not (noise * (1 - disc)).any()

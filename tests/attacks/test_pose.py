@@ -1,5 +1,4 @@
-"""The adversary turns the camera: poses stay in range, serve it at least as well as the drawn ones,
-and replay."""
+"""The adversary turns the camera: poses stay in range, serve it as well as drawn ones, replay."""
 
 import dataclasses
 
@@ -11,6 +10,7 @@ from moireaug.attacks import MoireAttack
 from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
+from tests.attacks.common import refusal
 
 SCENE = Scene(
     panel=Panel(scale=(0.9, 1.2)),
@@ -24,7 +24,6 @@ ALL = ("noise", *PARTS)
 TABLE = {
     "view": (SCENE, {"optimise": ("view",)}),
     "view apgd": (SCENE, {"optimise": ("view",), "rule": "apgd"}),
-    "view momentum": (SCENE, {"optimise": ("view",), "rule": "momentum"}),
     "view restarts": (SCENE, {"optimise": ("view",), "restarts": 3}),
     "all": (SCENE, {"optimise": ALL}),
     "all of the box": (BOX, {"optimise": ALL}),
@@ -34,27 +33,28 @@ TABLE = {
 }
 
 
+@pytest.fixture
+def small(batch):
+    return batch[0][..., :8, :8], batch[1]
+
+
 def fields_of(shot):
     return {(p, k): getattr(getattr(shot, p), k) for p in PARTS for k in getattr(shot, p).ranged}
 
 
-@pytest.mark.parametrize(
-    ("name", "targeted"), [*((name, False) for name in TABLE), ("view", True), ("all", True)]
-)
-def test_a_found_pose_is_what_it_says(name, targeted, model, batch):
+@pytest.mark.parametrize(("name", "targeted"), [*((name, False) for name in TABLE), ("all", True)])
+def test_a_found_pose_is_what_it_says(name, targeted, model, small):
     scene, settings = TABLE[name]
-    (images, labels), model = batch, model.eval()
-    shot = scene.sample(6, (16, 16), torch.Generator().manual_seed(0))
-    attack = MoireAttack(model, scene=scene, eps=2 / 255, steps=4, **settings)
+    (images, labels), model = small, model.eval()
+    shot = scene.sample(6, (8, 8), torch.Generator().manual_seed(0))
+    attack = MoireAttack(model, scene=scene, eps=2 / 255, steps=3, **settings)
     targets = (labels + 1) % 5 if targeted else None
     result = attack(images, labels, targets, shot=shot, generator=torch.Generator().manual_seed(1))
     drawn, found = fields_of(shot), fields_of(result.shot)
     for (part, k), value in found.items():
         low, high = bounds(getattr(getattr(scene, part), k))
-        assert value.shape == (6,)
-        assert not value.requires_grad
-        assert (value >= low).all()
-        assert (value <= high).all()
+        assert value.shape == (6,) and not value.requires_grad
+        assert ((value >= low) & (value <= high)).all()
         if part not in attack.optimise or low == high:
             assert torch.equal(value, drawn[part, k]), (part, k)
     assert any(not torch.equal(value, drawn[key]) for key, value in found.items())
@@ -76,18 +76,6 @@ def test_a_found_pose_is_what_it_says(name, targeted, model, batch):
         assert (after >= before - 1e-5).all() and after.mean() > before.mean() + 1e-3
 
 
-def test_turning_the_camera_adds_to_the_noise(model, batch):
-    (images, labels), model = batch, model.eval()
-    shot, reached = SCENE.sample(6, (16, 16)), {}
-    for optimise in (("noise",), ("noise", *PARTS)):
-        attack = MoireAttack(model, scene=SCENE, eps=2 / 255, steps=10, optimise=optimise)
-        with torch.no_grad():
-            reached[optimise] = attacks.margin(
-                model(attack(images, labels, shot=shot).images), labels
-            ).mean()
-    assert reached["noise", *PARTS] > reached["noise",]
-
-
 def test_brightness_goes_to_its_end():
     """A closed form: a model that rewards brightness gets the greatest gain and brighten."""
     scene = Scene(
@@ -104,13 +92,12 @@ def test_brightness_goes_to_its_end():
         assert result.shot.develop.brighten.tolist() == [0.1] * 3
 
 
-def test_what_no_effect_reads_stays(model, batch):
+def test_what_no_effect_reads_stays(model, small):
     """The phase of pulses that no shutter sees, and a file's quality, which has no gradient."""
     scene = dataclasses.replace(SCENE, develop=Develop(jpeg=(40.0, 90.0)))
-    shot = scene.sample(6, (16, 16))
-    result = MoireAttack(model, scene=scene, steps=2, optimise=("panel", "develop"))(
-        *batch, shot=shot
-    )
+    shot = scene.sample(6, (8, 8))
+    attack = MoireAttack(model, scene=scene, steps=2, optimise=("panel", "develop"))
+    result = attack(*small, shot=shot)
     assert torch.equal(result.shot.panel.phase, shot.panel.phase)
     assert torch.allclose(result.shot.develop.jpeg, shot.develop.jpeg, atol=1e-12)
 
@@ -121,8 +108,6 @@ def test_a_pose_and_its_shot_are_inverse():
     assert len(fields) == 9
     pose = pose_of(shot, fields)
     assert pose.shape == (5, 9) and pose.abs().max() <= 1
-    with torch.device("meta"):  # as a default
-        assert torch.equal(pose_of(shot, fields), pose)
     for key, value in fields_of(shot_at_pose(shot, fields, pose)).items():
         assert torch.allclose(value, fields_of(shot)[key], rtol=1e-12)
     for end in (-1.0, 1.0):  # a gradient at the ends, too
@@ -133,12 +118,13 @@ def test_a_pose_and_its_shot_are_inverse():
         assert gradient.sum() == 5 * 8.0
 
 
-def test_one_generator_one_pose(model, batch):
-    attack = MoireAttack(model, scene=SCENE, steps=2, optimise=("noise", "view"), restarts=2)
-    runs = [attack(*batch, generator=torch.Generator().manual_seed(s)).images for s in (1, 1, 2)]
+def test_one_generator_one_pose(model, small):
+    attack = MoireAttack(model, scene=SCENE, steps=1, optimise=("noise", "view"), restarts=2)
+    runs = [attack(*small, generator=torch.Generator().manual_seed(s)).images for s in (1, 1, 2)]
     assert torch.equal(runs[0], runs[1]) and not torch.equal(runs[0], runs[2])
-    last = [attack.last(*batch, generator=torch.Generator().manual_seed(s)) for s in (1, 1)]
-    assert torch.equal(*last)
+    assert torch.equal(
+        *(attack.last(*small, generator=torch.Generator().manual_seed(1)) for _ in range(2))
+    )
 
 
 def test_the_phase_of_a_flicker_that_shows_is_moved():
@@ -149,10 +135,7 @@ def test_the_phase_of_a_flicker_that_shows_is_moved():
 STILL = Scene(view=View(roll=3.0))
 POINT = Scene(view=View(roll=(0.0, 3.0)), sensor=Sensor(exposure="point"))
 BAD = [
-    (
-        {"scene": "paper", "optimise": ("view",)},
-        "got 'point' in the scene's plan. Set Sensor(exposure='spectral')",
-    ),
+    ({"scene": "paper", "optimise": ("view",)}, "Set Sensor(exposure='spectral')"),
     ({"scene": "paper_code", "optimise": ("view",)}, "set pose='camera'"),
     ({"scene": STILL, "optimise": ("view",)}, "optimise names 'view', which has no range"),
     ({"scene": STILL, "optimise": ("panel",)}, "optimise names 'panel', which has no range"),
@@ -163,13 +146,8 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("settings", "sentence"), BAD, ids=[b[1][:28] for b in BAD])
-def test_what_cannot_be_turned_is_refused(settings, sentence, model):
-    with pytest.raises(ValueError) as error:
-        MoireAttack(model, **settings)
-    assert sentence in str(error.value)
-
-
-def test_a_shot_of_another_scene_is_checked(model, batch):
-    with pytest.raises(ValueError, match="differentiable in the shot"):
-        MoireAttack(model, scene=SCENE, optimise=("view",))(*batch, shot=POINT.sample(6, (16, 16)))
+def test_what_cannot_be_turned_is_refused(model, small):
+    for settings, sentence in BAD:
+        assert sentence in refusal(lambda settings=settings: MoireAttack(model, **settings))
+    attack, shot = MoireAttack(model, scene=SCENE, optimise=("view",)), POINT.sample(6, (8, 8))
+    assert "differentiable in the shot" in refusal(lambda: attack(*small, shot=shot))

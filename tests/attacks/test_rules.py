@@ -1,4 +1,4 @@
-"""Update rules: against what their papers say, and against each other."""
+"""Update rules: against what their papers say."""
 
 import math
 
@@ -37,8 +37,7 @@ def test_apgd_looks_back_where_the_paper_says():
 
 
 def test_momentum_is_the_papers_sum():
-    """g = g + gradient / mean|gradient|, per image: a weak late gradient does not turn a strong
-    early direction."""
+    """g = g + gradient / mean|gradient|, per image: a weak late gradient turns no direction."""
     # three steps of one image, two variables
     slopes = torch.tensor([[[2.0, -1.0]], [[-1.0, -1.0]], [[-1.0, 8.0]]])
     rule, x = RULES["momentum"](Ball(1.0, 1.0, 10, 0.1)), torch.zeros(1, 2)
@@ -50,8 +49,7 @@ def test_momentum_is_the_papers_sum():
 
 
 def published(value_and_slope, x, steps, low=-1.0, high=1.0):
-    """Auto-PGD (Croce & Hein, 2020, Algorithm 1) on one variable, in plain words: the points x_0 to
-    x_steps."""
+    """Auto-PGD (Croce & Hein, 2020, Algorithm 1) in plain words: the points x_0 to x_steps."""
     p, marks = [0.0, 0.22], []
     while p[-1] < 1:
         marks.append(math.ceil(p[-1] * steps - 1e-9))
@@ -87,8 +85,7 @@ def published(value_and_slope, x, steps, low=-1.0, high=1.0):
 @pytest.mark.parametrize("steps", [1, 9, 40, 100])
 @pytest.mark.parametrize("boxed", [False, True])
 def test_apgd_is_the_published_algorithm_step_by_step(steps, boxed):
-    """Beside a plain transcription, image by image, on waves with many summits; with the bounds of
-    [0, 1], too."""
+    """Beside a plain transcription, image by image, on waves with many summits."""
     g = torch.Generator().manual_seed(5)
     waves, phase = (
         torch.randn(6, 7, 4, generator=g).double() * 4,
@@ -117,9 +114,8 @@ def test_apgd_is_the_published_algorithm_step_by_step(steps, boxed):
     assert halvings > 6 or steps < 40  # steps did become small
 
 
-def test_apgd_halves_where_the_best_has_not_changed_since_the_start():
-    """The second condition alone: a loss that falls at first and then rises at every step, but
-    never to its start."""
+def test_apgd_halves_where_the_best_is_still_the_first():
+    """The second condition alone: a loss that falls, then rises, but never to its start."""
     rule = RULES["apgd"](Ball(1.0, 1.0, 100))
     x = torch.zeros(1, 1)
     for k in range(23):
@@ -137,28 +133,8 @@ def test_a_loss_that_is_no_number_is_never_the_best():
     assert rule.best_loss.item() == 1.0 and x.isfinite().all()
 
 
-def test_apgd_closes_in_where_signs_go_to_and_fro():
-    """On a bowl whose floor lies inside the ball, fixed steps stay a step away; halved ones come
-    nearer."""
-    g = torch.Generator().manual_seed(0)
-    floor = torch.rand(8, 5, generator=g) * 1.2 - 0.6
-    mixed = torch.randn(5, 5, generator=g) * 0.4 + torch.eye(5)
-
-    def loss(x):
-        return -((x - floor) @ mixed).square().sum(1)
-
-    best = {
-        r: torch.stack([loss(p) for p in ascend(r, loss, 100, torch.zeros(8, 5))]).amax(0)
-        for r in RULES
-        if r != "printed"
-    }
-    assert (best["apgd"] > best["sign"]).all()
-    assert best["apgd"].mean() > best["sign"].mean() / 4
-
-
 def test_printed_is_algorithm_1_step_by_step(model, batch):
-    """Beside a plain transcription, on a model with curvature and readings that reach both
-    bounds."""
+    """Beside a plain transcription, on readings that reach both bounds."""
     (images, labels), steps, eps = batch, 5, 0.2
     model.eval()
     shot = SCENE.sample(6, (16, 16))

@@ -7,14 +7,7 @@ import torch
 from torch import nn
 
 from moireaug import attacks
-from moireaug.defenses import (
-    JPEG,
-    Compose,
-    Defended,
-    Gain,
-    Median,
-    PixelDeflection,
-)
+from moireaug.defenses import JPEG, Compose, Defended, Gain, Median, PixelDeflection
 from moireaug.defenses.demoire import Demoire
 from tests.defenses.test_every_defence import ALL
 
@@ -47,10 +40,8 @@ def test_a_row_goes_in_order_and_takes_networks(photos):
 def test_defended_is_the_model_behind_the_defence(photos):
     images, model = photos(), Mean().eval()
     assert torch.equal(Defended(model, Median(3))(images), model(Median(3)(images)))
-    assert torch.equal(
-        Defended(lambda x: x.mean((2, 3)), Median(3), draws=4)(images),
-        Median(3)(images).mean((2, 3)),
-    )
+    of_function = Defended(lambda x: x.mean((2, 3)), Median(3), draws=4)
+    assert torch.equal(of_function(images), Median(3)(images).mean((2, 3)))
 
 
 def test_draws_are_averaged_as_probabilities(photos):
@@ -64,25 +55,17 @@ def test_draws_are_averaged_as_probabilities(photos):
     assert torch.allclose(out.exp().sum(1), torch.ones(2))
 
 
-class Counted:
-    randomised = False
+def test_only_a_randomised_defence_is_drawn_again(photos):
+    for randomised, draws, calls in ((False, 5, 1), (True, 5, 5), (True, 1, 1)):
+        asked = []
 
-    def __init__(self):
-        self.calls = 0
+        def defence(images, asked=asked):
+            asked.append(len(images))
+            return images
 
-    def __call__(self, x):
-        self.calls += 1
-        return x
-
-
-@pytest.mark.parametrize(
-    ("randomised", "draws", "calls"), [(False, 5, 1), (True, 5, 5), (True, 1, 1)]
-)
-def test_only_a_randomised_defence_is_drawn_again(photos, randomised, draws, calls):
-    defence = Counted()
-    defence.randomised = randomised
-    Defended(Mean().eval(), defence, draws)(photos())
-    assert defence.calls == calls
+        defence.randomised = randomised
+        Defended(Mean().eval(), defence, draws)(photos())
+        assert len(asked) == calls
 
 
 def test_modules_are_reached_wherever_they_stand(photos):

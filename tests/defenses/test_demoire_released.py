@@ -14,16 +14,18 @@ from moireaug.synthesis import without_moire
 
 
 def test_released_weights_clean_simulated_photos():
+    """By 4.6 dB; a shuffled layer leaves less than 4, but for those that change little."""
     network = demoire.build("amnet", width=0.25, weights="screen").eval()
     whole = Scene.preset("screen_photo")
     scene = replace(whole, panel=replace(whole.panel, width=(50.0, 200.0)))
-    shots = scene.sample(8, (128, 128), torch.Generator().manual_seed(0))
-    shades = torch.rand(8, 3, 3, 3, generator=torch.Generator().manual_seed(0))
+    shots = scene.sample(4, (128, 128), torch.Generator().manual_seed(0))
+    shades = torch.rand(4, 3, 3, 3, generator=torch.Generator().manual_seed(0))
     pictures = torch.nn.functional.interpolate(shades, (128, 128), mode="bicubic").clamp(0, 1)
-    photos, twins = capture(pictures, shots), capture(pictures, without_moire(shots, noise=False))
     with torch.inference_mode():
+        photos = capture(pictures, shots)
+        twins = capture(pictures, without_moire(shots, noise=False))
         gains = psnr(network(photos), twins) - psnr(photos, twins)
-    assert gains.mean() > 1
+    assert gains.mean() > 4
 
 
 def test_released_weights_are_small_and_named_in_errors(tmp_path):

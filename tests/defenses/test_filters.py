@@ -14,16 +14,15 @@ from moireaug.effects.jpeg import jpeg
 DTYPES = [torch.float32, torch.float64]
 
 
-@pytest.mark.parametrize("quality", [1, 20, 60, 100])
+@pytest.mark.parametrize("quality", [1, 60, 100])
 def test_jpeg_is_pils(photos, quality):
     images = photos(h=25, w=38)
     for out, image in zip(JPEG(quality)(images), images, strict=True):
         file = io.BytesIO()
         codes = (image * 255).round().to(torch.uint8).permute(1, 2, 0).numpy()
         Image.fromarray(codes).save(file, "JPEG", quality=quality)
-        assert np.array_equal(
-            (out * 255).round().permute(1, 2, 0).numpy(), np.asarray(Image.open(file))
-        )
+        found = (out * 255).round().permute(1, 2, 0).numpy()
+        assert np.array_equal(found, np.asarray(Image.open(file)))
 
 
 def test_jpegs_gradient_is_that_of_the_cameras(photos):
@@ -34,16 +33,16 @@ def test_jpegs_gradient_is_that_of_the_cameras(photos):
 
 
 @pytest.mark.parametrize("dtype", DTYPES, ids=str)
-@pytest.mark.parametrize("bits", [1, 4, 5, 8])
-def test_bit_depth_is_numpys_formula_with_halves_to_even(bits, dtype):
-    top = 2**bits - 1
-    halves = (torch.arange(top, dtype=dtype) + 0.5) / top
-    values = torch.cat([halves, torch.linspace(0, 1, 300, dtype=dtype)])
-    images = values[: len(values) // 3 * 3].view(1, 3, 1, -1)
-    out = BitDepth(bits)(images)
-    assert np.array_equal(out.numpy(), np.rint(images.numpy() * top) / top)
-    assert len(out.unique()) == 2**bits
-    assert torch.equal(BitDepth(bits)(out), out)
+def test_bit_depth_is_numpys_formula_with_halves_to_even(dtype):
+    for bits in (1, 4, 5, 8):
+        top = 2**bits - 1
+        halves = (torch.arange(top, dtype=dtype) + 0.5) / top
+        values = torch.cat([halves, torch.linspace(0, 1, 300, dtype=dtype)])
+        images = values[: len(values) // 3 * 3].view(1, 3, 1, -1)
+        out = BitDepth(bits)(images)
+        assert np.array_equal(out.numpy(), np.rint(images.numpy() * top) / top)
+        assert len(out.unique()) == 2**bits
+        assert torch.equal(BitDepth(bits)(out), out)
 
 
 @pytest.mark.parametrize("dtype", DTYPES, ids=str)
@@ -54,25 +53,21 @@ def test_median_is_scipys(photos, size, dtype):
             photos(h=shape[0], w=shape[1], dtype=dtype),
             torch.rand(2, 3, *shape, dtype=dtype),
         ):
-            wanted = [
-                [median_filter(c.numpy(), size, mode="reflect") for c in image] for image in images
-            ]
-            assert np.array_equal(Median(size)(images).numpy(), np.stack(wanted))
+            wanted = median_filter(images.numpy(), (1, 1, size, size), mode="reflect")
+            assert np.array_equal(Median(size)(images).numpy(), wanted)
 
 
-@pytest.mark.parametrize("size", [2, 3, 4])
-def test_medians_gradient_is_exact_where_values_differ(size):
+def test_medians_gradient_is_exact_where_values_differ():
     # steps of gradcheck are smaller than any two values' difference, so the order stays
     images = (torch.randperm(3 * 5 * 4).double() / 60).view(1, 3, 5, 4).requires_grad_()
-    assert torch.autograd.gradcheck(Median(size), (images * 0.9 + 0.05,), eps=1e-5)
+    for size in (2, 3, 4):
+        assert torch.autograd.gradcheck(Median(size), (images * 0.9 + 0.05,), eps=1e-5)
 
 
 def test_medians_gradient_goes_to_the_first_of_equals():
     images = torch.full((1, 3, 4, 4), 0.5, requires_grad=True)
     (gradient,) = torch.autograd.grad(Median(3)(images)[0, 0, 2, 2], images)
-    wanted = torch.zeros(1, 3, 4, 4)
-    wanted[0, 0, 1, 1] = 1
-    assert torch.equal(gradient, wanted)
+    assert gradient.sum() == gradient[0, 0, 1, 1] == 1
 
 
 def test_gain_brings_every_image_to_the_mean(photos):
@@ -84,27 +79,21 @@ def test_gain_brings_every_image_to_the_mean(photos):
     assert clipped.max() == 1 and (clipped.mean((1, 2, 3)) < 0.9).any()
 
 
-def test_gain_on_black_and_nearly_black():
-    black = torch.zeros(1, 3, 4, 4)
+def test_gain_on_black_and_nearly_black_and_its_gradient(photos):
+    black, nearly = torch.zeros(1, 3, 4, 4), torch.full((1, 3, 4, 4), 1e-4)
     assert torch.equal(Gain()(black), black)
-    nearly = torch.full((1, 3, 4, 4), 1e-4)
     assert torch.allclose(Gain(0.4)(nearly), nearly * 0.4 * 255)
-
-
-def test_gains_gradient_is_exact(photos):
     images = (photos(b=1, h=4, w=5, dtype=torch.float64) * 0.4 + 0.1).requires_grad_()
     assert torch.autograd.gradcheck(Gain(0.4), images)
 
 
-@pytest.mark.parametrize("dtype", [*DTYPES, torch.float16], ids=str)
-def test_mean_normalisation_brings_back_the_clean_mean(photos, dtype):
-    clean = (photos(b=3, dtype=torch.float64) * 0.5 + 0.25).to(dtype)
-    shifted = clean + torch.tensor([-0.2, 0.0, 0.2], dtype=dtype)[:, None, None, None]
-    assert torch.allclose(
-        restore_mean(shifted, clean), clean, atol=1e-3 if dtype == torch.float16 else 1e-6
-    )
-    out = restore_mean(torch.rand(3, 3, 32, 40).to(dtype), clean)
-    assert out.dtype == dtype and out.min() >= 0 and out.max() <= 1
+def test_mean_normalisation_brings_back_the_clean_mean(photos):
+    for dtype, atol in ((torch.float64, 1e-6), (torch.float32, 1e-6), (torch.float16, 1e-3)):
+        clean = (photos(b=3, dtype=torch.float64) * 0.5 + 0.25).to(dtype)
+        shifted = clean + torch.tensor([-0.2, 0.0, 0.2], dtype=dtype)[:, None, None, None]
+        assert torch.allclose(restore_mean(shifted, clean), clean, atol=atol)
+        out = restore_mean(torch.rand(3, 3, 32, 40).to(dtype), clean)
+        assert out.dtype == dtype and out.min() >= 0 and out.max() <= 1
 
 
 def test_mean_normalisation_clips_and_has_gradients_in_both(photos):

@@ -29,27 +29,26 @@ def test_the_objective_by_hand():
     assert objective(z, x, mask, 2.0).item() == pytest.approx(1.0 + 2 * (0.5 + 0.3 + 0.4))
 
 
-@pytest.mark.parametrize(("h", "w"), [(24, 31), (1, 30), (2, 2)])
-@pytest.mark.parametrize("keep", [0.5, 1.0])
-def test_the_objective_falls_to_that_of_a_long_run(photos, keep, h, w):
+@pytest.mark.parametrize(
+    ("h", "w", "keep"), [(18, 23, 0.5), (18, 23, 1.0), (1, 30, 0.5), (2, 2, 1.0)]
+)
+def test_the_objective_falls_to_that_of_a_long_run(photos, h, w, keep):
     x = photos(h=h, w=w, dtype=torch.float64)
     mask = masked(x, keep)
-    best = minimise(x, mask, WEIGHT, 1000)
+    best = minimise(x, mask, WEIGHT, 600)
     least = objective(best, x, mask, WEIGHT)
-    values = torch.stack(
-        [objective(minimise(x, mask, WEIGHT, n), x, mask, WEIGHT) for n in (1, 10, 100)]
-    )
-    assert (values >= least * (1 - 1e-4)).all()
-    assert (values[2] <= least * 1.01 + 1e-9).all() and (values[2] <= values[0] + 1e-9).all()
+    first, last = (objective(minimise(x, mask, WEIGHT, n), x, mask, WEIGHT) for n in (1, 100))
+    assert (last >= least * (1 - 1e-4)).all() and (first >= least * (1 - 1e-4)).all()
+    assert (last <= least * 1.01 + 1e-9).all() and (last <= first + 1e-9).all()
     assert (minimise(x, mask, WEIGHT, 100) - best).abs().mean() < 1 / 255
     single = minimise(x.float(), mask.float(), WEIGHT, 100)
     assert (objective(single.double(), x, mask, WEIGHT) <= least * 1.01 + 1e-6).all()
 
 
 def test_the_minimum_is_one(photos):
-    x = photos(b=1, h=20, w=20, dtype=torch.float64)
+    x = photos(b=1, h=16, w=16, dtype=torch.float64)
     mask = masked(x)
-    best = minimise(x, mask, WEIGHT, 1000)
+    best = minimise(x, mask, WEIGHT, 600)
     least = objective(best, x, mask, WEIGHT)
     for scale in (1e-1, 1e-2, 1e-3):  # it is convex: no neighbour is lower
         near = best + scale * torch.randn(x.shape, dtype=x.dtype)
@@ -58,20 +57,18 @@ def test_the_minimum_is_one(photos):
 
 
 def test_without_a_mask_it_is_another_solvers(photos):
-    x = photos(b=1, h=24, w=30, dtype=torch.float64)
-    wanted = denoise_tv_chambolle(
-        x[0].numpy(), weight=WEIGHT, eps=1e-13, max_num_iter=2000, channel_axis=0
-    )
-    ours = minimise(x, torch.ones_like(x), WEIGHT, 500)[0]
-    assert (ours - torch.from_numpy(wanted)).abs().max() < 1e-3
+    x = photos(b=1, h=16, w=20, dtype=torch.float64)
+    settings = {"weight": WEIGHT, "eps": 1e-13, "max_num_iter": 1500, "channel_axis": 0}
+    wanted = torch.from_numpy(denoise_tv_chambolle(x[0].numpy(), **settings))
+    ours = minimise(x, torch.ones_like(x), WEIGHT, 400)[0]
+    assert (ours - wanted).abs().max() < 1e-3
     # half the data term would be noticed
-    other = minimise(x, torch.ones_like(x), 2 * WEIGHT, 500)[0]
-    assert (other - torch.from_numpy(wanted)).abs().max() > 1e-2
+    other = minimise(x, torch.ones_like(x), 2 * WEIGHT, 400)[0]
+    assert (other - wanted).abs().max() > 1e-2
 
 
-@pytest.mark.parametrize("value", [0.0, 0.37, 1.0])
-def test_a_flat_image_stays_flat(value):
-    images = torch.full((2, 3, 19, 23), value)
+def test_a_flat_image_stays_flat():
+    images = torch.tensor([0.0, 0.37, 1.0]).view(3, 1, 1, 1).expand(3, 3, 19, 23)
     assert torch.allclose(TotalVariation()(images), images, atol=1e-6)
 
 
@@ -83,16 +80,7 @@ def test_what_was_thrown_away_leaves_no_trace(photos):
         assert torch.equal(minimise(x, mask, WEIGHT, n), minimise(other, mask, WEIGHT, n))
 
 
-def test_noise_is_reduced_on_kept_and_on_lost_pixels():
-    clean = torch.linspace(0.2, 0.8, 48).expand(1, 3, 48, 48)
-    noisy = (clean + 0.03 * torch.randn(clean.shape)).clamp(0, 1)
-    mask = masked(clean)
-    out = minimise(noisy, mask, WEIGHT, 100)
-    for part in (mask > 0, mask == 0):
-        assert (out - clean)[part].std() < 0.5 * (noisy - clean)[part].std()
-
-
-def test_each_pixel_of_each_channel_is_kept_by_its_own_draw(photos):
+def test_each_number_is_kept_by_its_own_draw(photos):
     """Also in a batch so large that it is solved in parts."""
     images, defence = photos(b=20, h=64, w=64), TotalVariation(keep=0.3, iterations=1)
     assert images.numel() > variation.MAX_NUMBERS_PER_PASS

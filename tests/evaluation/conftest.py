@@ -1,5 +1,4 @@
-"""What the tests of evaluations share: a small model that is right about every image of two
-batches, so that all of them count."""
+"""What the tests of evaluations share: a small model, right about every image of two batches."""
 
 import pytest
 import torch

@@ -3,12 +3,9 @@
 import torch
 
 from moireaug import Scene
-from moireaug.evaluation import Cell, Table
+from moireaug.evaluation import Cell, Table, images_frame
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
-from moireaug.evaluation.conditions import (
-    Photo,
-    RandomNoise,
-)
+from moireaug.evaluation.conditions import Photo, RandomNoise
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
@@ -58,6 +55,12 @@ def ran(known, tables=TABLE, indices=None, seed=3, records=None, scene=SCENE):
     for _ in runner.run(jobs_of(tables), range(len(batches)) if indices is None else indices):
         pass
     return runner
+
+
+def frame_of(known, table, **settings):
+    """The frame of images of a table that was run on all batches."""
+    indices = range(len(known[1]))
+    return images_frame([table], ran(known, table, indices, **settings), indices)
 
 
 def results(runner):

@@ -1,5 +1,4 @@
-"""APGD by the cross-entropy, then APGD-T on what is left: never weaker than its first part, and no
-image is attacked twice without need."""
+"""APGD by the cross-entropy, then APGD-T on what is left, and on nothing else."""
 
 import dataclasses
 
@@ -12,6 +11,7 @@ from moireaug.defenses import BitDepth
 from moireaug.evaluation.autoattack import APGDAttacker, APGDTAttacker
 from moireaug.evaluation.conditions import EvalBatch
 from moireaug.evaluation.judges import Judge
+from tests.attacks.common import counting
 
 SCENE = Scene.preset("screen_photo")
 EPS = 2 / 255
@@ -26,7 +26,7 @@ def batch(known):
     return EvalBatch(model, images, labels, (labels + 1) % 4, shot, generator)
 
 
-def test_apgd_keeps_what_the_cross_entropy_fools_and_attacks_the_rest_by_apgd_t(batch):
+def test_apgd_t_attacks_what_the_cross_entropy_leaves(batch):
     settings = SETTINGS | {"scene": SCENE, "rule": "apgd", "until_fooled": True}
     first = MoireAttack(batch.model, **settings)(batch.images, batch.labels, shot=batch.shot)
     right = (~first.success).nonzero()[:, 0]
@@ -40,22 +40,16 @@ def test_apgd_keeps_what_the_cross_entropy_fools_and_attacks_the_rest_by_apgd_t(
 
 
 def test_images_that_are_all_fooled_are_not_attacked_again(batch):
-    """Nor does one that is wrong take a step: it is looked at twice, to see that the model answers
-    the same, then the photo that is kept, and the images twice, for the same question."""
-    asked = []
-
-    def model(images):
-        asked.append(len(images))
-        return batch.model(images)
-
+    """Nor does a wrong one take a step: two looks, whether the model answers the same, the photo
+    that is kept, and the images twice, for the same question."""
+    model, asked = counting(batch.model)
     wrong = dataclasses.replace(batch, model=model, labels=batch.targets)
     images = APGDAttacker(**SETTINGS).show(wrong)
     assert images.shape == batch.images.shape and asked == [8] * 5
 
 
 def test_a_model_that_answers_at_random_keeps_the_greater_margin(batch, monkeypatch):
-    """Whatever a single answer said: APGD-T's noise in even rows, the cross-entropy's in odd ones,
-    where the other's is no better."""
+    """APGD-T's noise in even rows, the cross-entropy's in odd ones, where APGD-T's is no better."""
 
     def model(images):
         lead = 10 * images.mean((1, 2, 3)) + 0.1 * torch.rand(len(images))

@@ -1,5 +1,4 @@
-"""Suite demoireing: networks before the model, what is not there, and an attacker who knows of
-them."""
+"""Suite demoireing: networks before the model, and an attacker who knows of them."""
 
 import pytest
 from torch import nn
@@ -7,27 +6,23 @@ from torchvision.transforms.functional import gaussian_blur
 
 from moireaug import Scene
 from moireaug.defenses.demoire import Demoire
-from moireaug.evaluation import SuiteConfig, evaluate, images_frame, rates, tables_of
-from tests.evaluation.haze import cell_of, ran
+from moireaug.evaluation import SuiteConfig, evaluate, rates, tables_of
+from tests.evaluation.haze import cell_of, frame_of
 
 SCENE = Scene.preset("screen_photo")
 
 
-class Smooth(nn.Module):
+def smooth(images):
     """Blurs: noise that was found without it does not come through."""
-
-    def forward(self, images):
-        return gaussian_blur(images, 7)
+    return gaussian_blur(images, 7)
 
 
-class Grey(nn.Module):
+def grey(images):
     """Shows the same grey, whatever it is shown."""
-
-    def forward(self, images):
-        return 0.5 + 0 * images
+    return 0.5 + 0 * images
 
 
-NETWORKS = {"mddm": nn.Identity(), "smooth": Smooth(), "grey": Grey()}
+NETWORKS = {"mddm": nn.Identity(), "smooth": smooth, "grey": grey}
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +31,7 @@ def measured(known):
     networks = {name: Demoire(network) for name, network in NETWORKS.items()}
     config = SuiteConfig(scene=SCENE, steps=4, networks=networks)
     (table,) = tables_of("demoireing", config)
-    return table, rates(images_frame([table], ran(known, table, (0,)), (0,)))
+    return table, rates(frame_of((known[0], known[1][:1]), table))
 
 
 def test_networks_are_rows_and_what_is_missing_says_why(measured):
@@ -74,22 +69,13 @@ def brighter(images):
 
 
 def test_any_callable_is_a_network_to_evaluate(known):
-    model, batches = known
-    frame = evaluate(
-        model,
-        batches,
-        suite="demoireing",
-        scene=SCENE,
-        steps=1,
-        n=2,
-        networks={"mine": brighter},
-        progress=False,
-    )
+    settings = {"suite": "demoireing", "scene": SCENE, "steps": 1, "n": 2, "progress": False}
+    frame = evaluate(*known, **settings, networks={"mine": brighter})
     own = frame[frame["row"] == "mine"]
     assert set(own["judge"]) == {"mine"} and (own.groupby("column")["image"].count() == 2).all()
 
 
-@pytest.mark.parametrize("name", ["model", "jpeg_60", "undefended"])
-def test_a_network_cannot_take_anothers_name(name):
-    with pytest.raises(ValueError, match=f"'{name}' cannot name a target, defence or network"):
-        SuiteConfig(scene=SCENE, networks={name: Demoire(brighter)})
+def test_a_network_cannot_take_anothers_name():
+    for name in ("model", "jpeg_60", "undefended"):
+        with pytest.raises(ValueError, match=f"'{name}' cannot name a target, defence or network"):
+            SuiteConfig(scene=SCENE, networks={name: Demoire(brighter)})

@@ -1,5 +1,4 @@
-"""A device's memory changes no figure: where a batch does not fit, the model takes it in parts, and
-all is drawn as before."""
+"""A device's memory changes no figure: where a batch does not fit, the model takes it in parts."""
 
 import copy
 import dataclasses
@@ -93,7 +92,7 @@ def test_nor_do_the_answers(part, batch):
     assert torch.equal(*answers)
 
 
-def test_a_randomised_model_draws_as_if_the_failed_attempt_had_not_been(batch):
+def test_a_failed_attempt_draws_nothing(batch):
     drawn = []
 
     def model(images):

@@ -1,22 +1,16 @@
 """Records: whole lines alone, from any number of processes, whatever stopped them."""
 
 import json
+import os
 import subprocess
 import sys
 
-import pytest
 import torch
 
 from moireaug.evaluation.records import RecordFolder, Records, key_of
 
-RECORD = {
-    "key": "a",
-    "labels": [1],
-    "targets": [0],
-    "predicted": [1],
-    "measured": {},
-    "seconds": 0.1,
-}
+RECORD = {"key": "a", "labels": [1], "targets": [0], "predicted": [1]}
+RECORD |= {"measured": {}, "seconds": 0.1}
 
 
 def keys(folder):
@@ -41,15 +35,14 @@ def test_a_folder_keeps_whole_records_alone(tmp_path):
     assert all(json.loads(line) for line in (tmp_path / "records-0.jsonl").read_text().splitlines())
 
 
-@pytest.mark.parametrize(
-    "broken", ['{"key": "forged"}', '{"key": "b", "pre', "[1]", "7", "{}", "\x00\xff"]
-)
-def test_a_broken_line_is_left_out(tmp_path, broken):
-    (tmp_path / "records-0.jsonl").write_text(broken + "\n" + json.dumps(RECORD) + "\n")
-    assert keys(tmp_path) == {"a"}
+def test_a_broken_line_is_left_out(tmp_path):
+    for broken in ('{"key": "forged"}', '{"key": "b", "pre', "[1]", "7", "{}", "\x00\xff"):
+        (tmp_path / "records-0.jsonl").write_text(broken + "\n" + json.dumps(RECORD) + "\n")
+        assert keys(tmp_path) == {"a"}, broken
 
 
-def test_a_folder_can_be_taken_up_again(tmp_path):
+def test_a_folder_is_taken_up_again_and_reading_writes_nothing(tmp_path):
+    assert keys(tmp_path) == set() and not list(tmp_path.iterdir())
     records = RecordFolder(tmp_path)
     for name in ("a", "b"):
         with records:
@@ -57,26 +50,30 @@ def test_a_folder_can_be_taken_up_again(tmp_path):
     assert keys(tmp_path) == {"a", "b"} and len(list(tmp_path.glob("*.jsonl"))) == 1
 
 
-def test_reading_alone_writes_nothing(tmp_path):
-    assert keys(tmp_path / "new") == set()
-    assert not list(tmp_path.iterdir())
+PROGRAM = """
+import json, os, pathlib, sys, torch
+from moireaug.evaluation.identity import identity
+from moireaug.evaluation.records import RecordFolder
+
+keys = [identity(part) for part in (torch.relu, {*"abcdef"}, lambda x: x)]
+folder, record = pathlib.Path(sys.argv[1]), json.loads(sys.argv[2])
+with RecordFolder(folder) as records:
+    records.append([record | {"key": key} for key in keys])
+    if len(sys.argv) > 3:
+        os.kill(os.getpid(), 9)
+"""
 
 
-def test_a_killed_process_leaves_its_file_to_the_next(tmp_path):
-    """Its lock is the kernel's, and ends with it."""
-    code = (
-        "import json, os, pathlib, sys; from moireaug.evaluation.records import RecordFolder;"
-        "r = RecordFolder(pathlib.Path(sys.argv[1])); r.append([json.loads(sys.argv[2])]); "
-        "os.kill(os.getpid(), 9)"
-    )
-    killed = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path), json.dumps(RECORD | {"key": "killed"})],
-        check=False,
-    )
-    assert killed.returncode == -9
-    with RecordFolder(tmp_path) as records:
-        records.append([RECORD])
-    assert keys(tmp_path) == {"killed", "a"} and not (tmp_path / "records-1.jsonl").exists()
+def test_a_killed_process_leaves_its_file_to_the_next(tmp_path, monkeypatch):
+    """Its lock is the kernel's, and ends with it; a lambda is another in every process."""
+    there, arguments = tmp_path / "there", [str(tmp_path / "there"), json.dumps(RECORD)]
+    env = os.environ | {"PYTHONHASHSEED": "1"}  # here it is another
+    command = [sys.executable, "-c", PROGRAM, *arguments, "killed"]
+    assert subprocess.run(command, env=env, check=False).returncode == -9
+    assert len(keys(there)) == 3
+    monkeypatch.setattr(sys, "argv", ["", *arguments])
+    exec(PROGRAM, {})
+    assert len(keys(there)) == 4 and not (there / "records-1.jsonl").exists()
 
 
 def test_pictures_come_back_as_they_were_kept(tmp_path):

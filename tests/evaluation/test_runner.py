@@ -1,12 +1,14 @@
-"""The runner: the same figures however the work is split, and nothing computed twice."""
+"""The runner: the same figures however work is split, nothing done twice, models left as found."""
 
 import math
 from dataclasses import dataclass
 
 import pytest
 import torch
+from torch import nn
 
 from moireaug import Scene
+from moireaug.defenses import Rejecting
 from moireaug.evaluation import Cell, Table, images_frame, rates
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.conditions import (
@@ -20,8 +22,10 @@ from moireaug.evaluation.conditions import (
 from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import jobs_of
+from moireaug.evaluation.suites.trust import CleanTwice, PhotoGradient
 from moireaug.evaluation.tables import cross
-from tests.evaluation.haze import EPS, HAZE, TABLE, ran, results, table_of
+from tests.evaluation.conftest import classifier
+from tests.evaluation.haze import CONDITIONS, EPS, HAZE, TABLE, frame_of, ran, results, table_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,20 +47,29 @@ class Mine(Condition):
         return {"kind": self.kind, "title": self.title}
 
 
-def test_any_cut_of_the_work_gives_the_same_figures(known):
-    whole = results(ran(known))
+@pytest.fixture(scope="module")
+def complete(known):
+    return ran(known)
+
+
+def test_any_cut_of_the_work_gives_the_same_figures(known, complete):
+    whole = results(complete)
     # the clean images before the model, four conditions before it and behind the haze
     assert len(whole) == 2 * (1 + 4 * 2)
-    halves = results(ran(known, indices=(1,))) | results(ran(known, indices=(0,)))
-    assert halves == whole
+    first, second = ran(known, indices=(0,)), ran(known, indices=(1,))
+    assert results(first) | results(second) == whole
+    jobs = jobs_of([TABLE])
+    assert first.missing(jobs, (0,)) == 0 and first.missing(jobs, (0, 1)) == 9
     alone = results(ran(known, table_of(RandomNoise(eps=EPS), judge=HAZE)))
     assert alone.items() <= whole.items()
 
 
-def test_another_seed_gives_others(known):
-    same, other = ran(known), ran(known, seed=4)
-    assert not results(same).keys() & results(other).keys()
-    clean = same.record(Clean(), UNDEFENDED, 0)
+def test_another_seed_gives_others(known, complete):
+    for r in complete.records._records.values():
+        assert all(t != y and 0 <= t < 4 for t, y in zip(r["targets"], r["labels"], strict=True))
+    other = ran(known, table_of(Photo(), MoireAttacker(eps=EPS, steps=2)), seed=4)
+    assert not results(complete).keys() & results(other).keys()
+    clean = complete.record(Clean(), UNDEFENDED, 0)
     assert other.record(Clean(), UNDEFENDED, 0)["targets"] != clean["targets"]
 
 
@@ -67,9 +80,8 @@ def test_what_is_done_is_not_done_again(known):
         calls.append(len(batch.images))
         return batch.images
 
-    both = Table(
-        "mine", tuple(cross({"none": UNDEFENDED, "haze": HAZE}, {"mine": Mine(function=show)}))
-    )
+    judges = {"none": UNDEFENDED, "haze": HAZE}
+    both = Table("mine", tuple(cross(judges, {"mine": Mine(function=show)})))
     first = ran(known, both)
     assert calls == [8, 8]
     ran(known, both, records=first.records)
@@ -107,19 +119,14 @@ def test_success_is_counted_on_what_the_judge_has_right(known, contrary):
     assert frame.loc["stranger", "counted"].tolist() == right and 0 < sum(right) < 16
 
 
-def test_a_judge_of_another_model_behind_a_defence_counts_on_that_model(known, contrary):
+def test_another_model_behind_a_defence_counts_on_itself(known, contrary):
     frames = []
     for defence in (None, lambda x: 1 - x):
         table = table_of(Photo(), judge=Judge("both", model=contrary, defence=defence))
-        frames.append(images_frame([table], ran(known, table), (0, 1)))
+        frames.append(frame_of(known, table))
     bare, behind = frames
     assert behind["counted"].equals(bare["counted"]) and 0 < bare["counted"].sum() < 16
     assert not behind["predicted"].equals(bare["predicted"])
-
-
-def test_a_target_is_another_class(known):
-    for r in ran(known).records._records.values():
-        assert all(t != y and 0 <= t < 4 for t, y in zip(r["targets"], r["labels"], strict=True))
 
 
 def test_conditions_of_one_scene_share_their_shots(known):
@@ -151,9 +158,7 @@ def test_rotated_is_bright_and_still_turned(known):
 
 
 def test_measures_are_means_over_the_images_that_got_noise(known):
-    attack = MoireAttacker(eps=EPS, steps=1)
-    runner = ran(known, table_of(attack))
-    frame = images_frame([table_of(attack)], runner, (0, 1))
+    frame = frame_of(known, table_of(MoireAttacker(eps=EPS, steps=1)))
     noisy = frame[frame["largest"] > 0]
     assert len(frame) == 16 and 0 < len(noisy) < 16  # the others are wrong without an attack
     (line,) = rates(frame).to_dict("records")
@@ -165,17 +170,15 @@ def test_measures_are_means_over_the_images_that_got_noise(known):
     assert math.isnan(line["psnr"]) and math.isnan(line["largest"])  # nothing to measure
 
 
-class Dropping:
+def dropping(images):
     """A randomised defence that loses every tenth image."""
-
-    randomised = True
-    identity = "dropping"
-
-    def __call__(self, images):
-        return images * (torch.rand(len(images), 1, 1, 1) < 0.9)
+    return images * (torch.rand(len(images), 1, 1, 1) < 0.9)
 
 
-def test_a_worst_case_behind_a_randomised_defence_pools_no_unlucky_draws():
+dropping.randomised = True
+
+
+def test_worst_cases_pool_no_unlucky_draws():
     """One draw for each of the 64 answers would lose some image but once in 800 times."""
 
     def bright(x):
@@ -185,10 +188,9 @@ def test_a_worst_case_behind_a_randomised_defence_pools_no_unlucky_draws():
     batches = [(torch.full((16, 3, 8, 8), 0.6), torch.ones(16, dtype=torch.long))]
     conditions = (Photo(), PhotoWithoutMoire(), RandomNoise(eps=EPS), Rotated())
     accuracies = []
-    for judge in (Judge("dropping", Dropping()), averaging_judge("dropping", Dropping())):
+    for judge in (Judge("dropping", dropping), averaging_judge("dropping", dropping)):
         table = Table("mine", (Cell("mine", "worst", conditions, judge, worst=True),))
-        runner = ran((bright, batches), table, (0,))
-        accuracies += rates(images_frame([table], runner, (0,)))["accuracy"].tolist()
+        accuracies += rates(frame_of((bright, batches), table))["accuracy"].tolist()
     assert accuracies[0] < accuracies[1] == 1
 
 
@@ -198,7 +200,76 @@ def test_two_conditions_of_one_name_are_refused():
         jobs_of(tables)
 
 
-def test_records_that_are_missing_are_counted(known):
-    runner = ran(known, indices=(0,))
-    jobs = jobs_of([TABLE])
-    assert runner.missing(jobs, (0,)) == 0 and runner.missing(jobs, (0, 1)) == 9
+@pytest.mark.parametrize(
+    ("part", "body"),
+    [
+        ("model", nn.Sequential(classifier(), nn.BatchNorm1d(4))),
+        ("defence", nn.BatchNorm2d(3)),
+        ("attacked", nn.Sequential(classifier(), nn.BatchNorm1d(4))),
+    ],
+)
+def test_a_model_or_defence_is_left_as_it_was_found(part, body, known):
+    """It judges in evaluation mode, without gradients, and keeps its statistics."""
+    seen = []
+
+    class Spy(nn.Module):
+        def forward(self, x):
+            seen.append((self.training, torch.is_grad_enabled()))
+            return x
+
+    stranger = nn.Sequential(body, Spy()).train()
+    state = {k: v.clone() for k, v in stranger.state_dict().items()}
+    if part == "attacked":
+        ran((stranger, known[1]), table_of(Photo()))
+    else:
+        ran(known, table_of(Photo(), judge=Judge("stranger", **{part: stranger})))
+    assert seen and not any(training or grad for training, grad in seen)
+    assert stranger.training
+    assert all(torch.equal(v, stranger.state_dict()[k]) for k, v in state.items())
+
+
+def test_no_logits_or_one_get_a_sentence(known):
+    bad = Judge("bad", model=lambda shown: shown)
+    with pytest.raises(ValueError, match=r"must return logits \(B, K\)"):
+        ran(known, table_of(Clean(), judge=bad), (0,))
+    with pytest.raises(ValueError, match="logits of at least two classes; got 1"):
+        ran((lambda x: x.mean((1, 2, 3))[:, None], known[1]), indices=(0,))
+
+
+def test_a_model_may_work_in_place(known, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "device_count", None)  # whoever asks for it fails
+    model, batches = known
+    table, answers = table_of(*CONDITIONS.values(), CleanTwice(), PhotoGradient()), []
+    for one in (lambda x: model(x - 0.1), lambda x: model(x.sub_(0.1))):
+        records = results(ran((one, batches), table, (0,))).values()
+        answers.append([(record["predicted"], record["measured"]) for record in records])
+    assert answers[0] == answers[1]
+
+
+def test_a_defence_may_work_in_place_and_is_clipped(known):
+    model, batches = known
+    kept = [images.clone() for images, _ in batches]
+    answers = []
+    for defence in (lambda x: (x * 3).clamp(0, 1), lambda x: x.mul_(3)):
+        judge = Judge("defence", defence=defence)
+        runner = ran((model, batches), table_of(Clean(), Photo(), judge=judge), (0,))
+        answers.append([record["predicted"] for record in results(runner).values()])
+    assert answers[0] == answers[1]
+    assert all(torch.equal(a, b) for a, (b, _) in zip(kept, batches, strict=True))
+
+
+def test_a_photos_gradient_is_of_the_attacks_loss(known):
+    """A rejection that outweighs the label hides it from the attack: no gradient is left."""
+    images = known[1][0][0]
+    labels = torch.zeros(len(images), dtype=torch.int64)
+
+    def model(x):
+        brightness = x.mean((1, 2, 3))
+        return torch.stack([brightness - 2, 0 * brightness, 0 * brightness], 1)
+
+    shares = []
+    for attacked in (model, Rejecting(model, lambda x: torch.ones(len(x)), 0.5)):
+        runner = ran((attacked, [(images, labels)]), table_of(PhotoGradient()), (0,))
+        measured = [record["measured"] for record in results(runner).values()]
+        shares += [set(values["zero_gradients"]) for values in measured if values]
+    assert shares == [{0.0}, {1.0}]

@@ -1,8 +1,8 @@
-"""The suite of shifts: corruptions are what they say, and its rows are other suites' where they
-share a question."""
+"""The suite of shifts: corruptions are what they say; rows that other suites have are theirs."""
 
 import dataclasses
 import io
+import itertools
 
 import numpy as np
 import pytest
@@ -31,25 +31,23 @@ def shown(corruption, amount, images, seed=0):
 
 
 @pytest.mark.parametrize("size", [(24, 24), (17, 30), (1, 1), (1, 9)])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@pytest.mark.parametrize(("corruption", "amount"), AMOUNTS)
-def test_a_corrupted_image_is_an_image(corruption, amount, dtype, size):
-    images = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(1)).to(dtype)
-    before = images.clone()
-    found = shown(corruption, amount, images)
-    assert found.shape == images.shape and found.dtype == dtype
-    assert found.min() >= 0 and found.max() <= 1
-    assert torch.equal(images, before)
-    assert torch.equal(found, shown(corruption, amount, images))
+def test_a_corrupted_image_is_an_image(size):
+    for dtype, case in itertools.product((torch.float32, torch.float64), AMOUNTS):
+        images = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(1)).to(dtype)
+        before = images.clone()
+        found = shown(*case, images)
+        assert found.shape == images.shape and found.dtype == dtype, case
+        assert found.min() >= 0 and found.max() <= 1, case
+        assert torch.equal(images, before), case
+        assert torch.equal(found, shown(*case, images)), case
 
 
-@pytest.mark.parametrize("corruption", CORRUPTIONS)
-def test_the_stronger_case_is_further_from_the_image(corruption):
+def test_the_stronger_case_is_further_from_the_image():
     ramp = torch.linspace(0.2, 0.8, 32).repeat(1, 3, 32, 1)
     images = ramp + 0.1 * torch.rand(1, 3, 32, 32, generator=torch.Generator().manual_seed(0))
-    mild, strong = CORRUPTIONS[corruption][1]
-    off = [(shown(corruption, amount, images) - images).norm() for amount in (mild, strong)]
-    assert 0 < off[0] < off[1]
+    for name, (_, amounts) in CORRUPTIONS.items():
+        mild, strong = ((shown(name, amount, images) - images).norm() for amount in amounts)
+        assert 0 < mild < strong, name
 
 
 def test_noise_has_its_deviation_and_follows_the_generator():
@@ -100,13 +98,13 @@ def test_rows_are_scenes_photos_the_image_and_its_corruptions():
     assert own.settings() == ladder.cell("ma_4", "answer").conditions[0].settings()
 
 
-@pytest.mark.parametrize(
-    ("develop", "missing"),
-    [({"jpeg": 80.0}, "photo_jpeg_60"), ({"registered": False}, "camera_frame")],
-)
-def test_photos_that_are_so_anyhow_are_not_asked_for_again(develop, missing):
-    scene = dataclasses.replace(SCENE, develop=dataclasses.replace(SCENE.develop, **develop))
-    (table,) = tables_of("shifts", SuiteConfig(scene=scene))
-    assert missing not in table.rows
+def test_photos_that_are_so_anyhow_are_not_asked_for_again():
     (whole,) = tables_of("shifts", SuiteConfig(scene=SCENE))
-    assert missing in whole.rows
+    for change, missing in (
+        ({"jpeg": 80.0}, "photo_jpeg_60"),
+        ({"registered": False}, "camera_frame"),
+    ):
+        develop = dataclasses.replace(SCENE.develop, **change)
+        scene = dataclasses.replace(SCENE, develop=develop)
+        (table,) = tables_of("shifts", SuiteConfig(scene=scene))
+        assert missing not in table.rows and missing in whole.rows

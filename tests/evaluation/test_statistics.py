@@ -6,22 +6,20 @@ import torch
 from moireaug.evaluation import paired_gain, wilson
 
 
-@pytest.mark.parametrize(
-    ("hits", "n", "expected"),
-    [(0, 10, (0.0, 0.278)), (5, 10, (0.237, 0.763)), (10, 10, (0.722, 1.0)), (0, 0, (0.0, 1.0))],
-)
-def test_wilson_against_published_values(hits, n, expected):
-    assert wilson(hits, n) == pytest.approx(expected, abs=1e-3)
+def test_wilson_against_published_values():
+    assert wilson(0, 10) == pytest.approx((0.0, 0.278), abs=1e-3)
+    assert wilson(5, 10) == pytest.approx((0.237, 0.763), abs=1e-3)
+    assert wilson(10, 10) == pytest.approx((0.722, 1.0), abs=1e-3)
 
 
-def test_no_pairs_leave_the_gain_open():
+def test_nothing_leaves_the_interval_open():
     none = torch.zeros(0, dtype=torch.bool)
+    assert wilson(0, 0) == (0.0, 1.0)
     assert paired_gain(none, none) == (0.0, -1.0, 1.0)
 
 
 def test_paired_gain_covers_the_truth():
-    """Simulated pairs: the 95 % interval holds the true difference about 95 times of 100; unpaired
-    draws widen it."""
+    """Of simulated pairs, about 95 times of 100; unpaired draws widen it."""
     g, covered, widths = torch.Generator().manual_seed(0), 0, []
     for _ in range(400):
         u = torch.rand(200, generator=g)
@@ -44,10 +42,7 @@ def test_paired_gain_covers_the_truth():
         (lambda: wilson(6, 5), r"hits must lie in \[0, n\]; got 6 of 5"),
         (lambda: paired_gain([True], [False]), "bool tensor .n,.; got list"),
         (lambda: paired_gain(torch.ones(5), torch.ones(5)), "bool tensor .n,.; got torch.float32"),
-        (
-            lambda: paired_gain(torch.ones(5).bool(), torch.zeros(5, 1).bool()),
-            r"one shape \(n,\); got \(5,\) and \(5, 1\)",
-        ),
+        (lambda: paired_gain(torch.ones(5) > 0, torch.ones(5, 1) > 0), r"\(n,\); got \(5,\) and"),
     ],
 )
 def test_outcomes_of_another_form_are_refused(call, said):
