@@ -123,7 +123,7 @@ def section(name: str) -> str:
     """Return a preset's part of the page."""
     return (
         f"\n## {name}\n\n{USES[name]}; {milliseconds(name):.1f} ms.\n\n"
-        f"![{name}](gallery/{name}.jpg)\n"
+        f"[![{name}](gallery/{name}.jpg)](gallery/{name}.jpg)\n"
     )
 
 
