@@ -34,7 +34,7 @@ BANNER = ("screen_photo", "phone_at_monitor", "phone_at_phone", "phone_at_led_wa
 INTRODUCTION = f"""# Gallery
 
 One photograph of {SIDE} px in every preset: of {CANDIDATES} draws, the photos with the strongest,
-middle and weakest moiré; a part of the first, magnified four times; the spectrum of its moiré.
+middle and weakest moiré; a part of the first, magnified; the spectrum of its moiré.
 Milliseconds are per photo of 224 px on one thread of {{machine}}. `python docs/gallery.py` draws
 this page; the portrait of Grace Hopper is in the public domain.
 """
@@ -123,7 +123,7 @@ def section(name: str) -> str:
     """Return a preset's part of the page."""
     return (
         f"\n## {name}\n\n{USES[name]}; {milliseconds(name):.1f} ms.\n\n"
-        f"![{name}](gallery/{name}.jpg)\n"
+        f"[![{name}](gallery/{name}.jpg)](gallery/{name}.jpg)\n"
     )
 
 

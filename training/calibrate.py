@@ -74,7 +74,7 @@ class Config:
     photos: str | None = setting(None, "a folder of photos of one picture, or of unknown ones")
     picture: str | None = setting(None, "the file that was on the screen in all of the photos")
     scene: str = setting("screen_photo", "a preset's name, or a YAML file of a scene")
-    out: str | None = setting(None, "the folder of what is written; null: see above")
+    out: str | None = setting(None, "the folder of the results; null: one in runs/calibrate/")
     size: int = setting(384, "side of the crops, in pixels", bounds=(MIN_CROP_SIDE, None))
     crops: int = setting(6, "crops of each picture", bounds=(1, None))
     seed: int = setting(0, "of the shots and the search", bounds=(0, None))

@@ -33,7 +33,7 @@ class Data:
     train: int | None = setting(None, "training images; null is all there are", bounds=(1, None))
     val: int | None = setting(
         None,
-        "validation images; null is a tenth of the training images",
+        "validation images; null is 10 % of the training images",
         bounds=(1, None),
     )
     test: int | None = setting(
@@ -47,8 +47,8 @@ class Data:
     )
     augment: str = setting(
         "none",
-        "of clean training images; shift is by up to an eighth, affine small changes of place, "
-        "form and tone, and erased parts",
+        "of clean training images: none, shift (by up to 12.5 %), shift_flip, or affine (small "
+        "changes of place, form and tone, and erased parts)",
         choices=AUGMENTATIONS,
         trains=True,
     )

@@ -23,8 +23,8 @@ class Pictures:
 
     root: str | None = setting(
         None,
-        "a folder of pictures, of which a tenth validates and a tenth tests, or with train/ and "
-        "test/; null: drawn pictures",
+        "a folder of pictures, 10 % for validation and 10 % for tests, or with train/ and test/; "
+        "null: drawn pictures",
         is_path=True,
     )
     size: int = setting(128, "side of the training crops", bounds=SIZE_RANGE)
@@ -89,7 +89,7 @@ class Train:
     steps: int = setting(2000, "in all", bounds=(1, None))
     check_every: int = setting(100, "steps between validations", bounds=(1, None))
     batch_size: int = setting(4, "of all devices together", bounds=(1, None))
-    lr: float = setting(0.02, "peak of Muon; falls to 0 along half a cosine", bounds=(1e-8, 10))
+    lr: float = setting(0.02, "peak of Muon; falls to 0 by a cosine", bounds=(1e-8, 10))
     warmup: int = setting(50, "steps over which it rises", bounds=(0, None))
     ema: float = setting(
         0.99,
