@@ -252,7 +252,7 @@ def test_pulses_that_fill_the_wells_darken_a_binned_reading_as_a_full_one():
     scene = Scene(
         panel=Panel(scale=24.0, pwm=200.0, duty=0.4, phase=0.0),
         lens=Lens(blur=0.5),
-        sensor=Sensor(scale=60.0, cfa="none", shutter=0.001, readout=0.03),
+        sensor=Sensor(scale=60.0, cfa="none", shutter=0.001, readout=0.01),
         tolerance=0.01,
     )
     white, means = torch.ones(1, 3, 8, 8), {}
