@@ -24,6 +24,7 @@ from moireaug.shot import ShotRecord
 from moireaug.shot_checks import (
     check_batch,
     check_noise,
+    check_noise_shape,
     check_raw,
     check_rows_of_noise,
     check_shot,
@@ -118,18 +119,24 @@ def _mixed_photo_of(
         check_rows_of_noise(noise, shot)
 
     def photo(rows: Tensor, part: ShotRecord) -> Tensor:
-        return photo_of(image[rows.to(image.device)], part, _rows_of_noise(noise, rows))
+        chosen = _rows_of_noise(noise, rows, part.raw_shape()[1:])
+        return photo_of(image[rows.to(image.device)], part, chosen)
 
     return shot.gathered(photo)
 
 
-def _rows_of_noise(noise: Tensor | Sequence[Tensor] | None, rows: Tensor) -> Tensor | None:
-    """Return the noise of some images of a mixture, or None."""
+def _rows_of_noise(
+    noise: Tensor | Sequence[Tensor] | None, rows: Tensor, shape: tuple[int, ...]
+) -> Tensor | None:
+    """Return the noise of some images of a mixture, or None; shape: of each one's raw reading."""
     if isinstance(noise, Tensor):
         return noise[rows.to(noise.device)]
     if noise is None or not len(rows):
         return None
-    return torch.stack([noise[row] for row in rows.tolist()])
+    chosen = rows.tolist()
+    for row in chosen:
+        check_noise_shape(f"noise[{row}]", noise[row], shape)
+    return torch.stack([noise[row] for row in chosen])
 
 
 def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:

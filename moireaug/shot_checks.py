@@ -120,16 +120,21 @@ def check_noise(noise: object, raw: Tensor) -> Tensor:
             f"noise must be a torch.Tensor; got {type(noise).__name__}. Convert it with "
             "torch.as_tensor(noise)."
         )
-    if noise.shape != raw.shape:
-        raise ValueError(
-            f"noise must have the raw reading's shape {tuple(raw.shape)}, see Shot.raw_shape(); "
-            f"got {tuple(noise.shape)}."
-        )
+    check_noise_shape("noise", noise, raw.shape)
     if not is_transformed() and not noise.isfinite().all():
         raise ValueError(
             "noise must be finite; got NaN or infinity. Look for it in the attack's gradients."
         )
     return noise
+
+
+def check_noise_shape(name: str, noise: Tensor, shape: tuple[int, ...]) -> None:
+    """Refuse, with a ValueError, noise that has not the shape of a raw reading."""
+    if noise.shape != shape:
+        raise ValueError(
+            f"{name} must have the raw reading's shape {tuple(shape)}, see Shot.raw_shape(); "
+            f"got {tuple(noise.shape)}."
+        )
 
 
 def check_raw(raw: Tensor, shot: ShotRecord) -> None:

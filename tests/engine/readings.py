@@ -17,7 +17,7 @@ def readings(scene, size, n=2):
     both = expose(images, shot).double(), pipeline.expose(images.double(), shot)
     if not scene.is_rectified:
         return both
-    shown = pixels_on_photo(shot)[1][:, None]  # what bins beside the photo read is never seen
+    shown = pixels_on_photo(shot)[1][:, None]  # beside the photo, beats are less exact
     return both[0] * shown, both[1] * shown
 
 

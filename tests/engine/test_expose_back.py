@@ -62,7 +62,7 @@ def gradient(function, images, shot):
     images = images.clone().requires_grad_()
     raw = function(images, shot)
     direction = torch.randn(raw.shape, generator=torch.Generator().manual_seed(7))
-    if shot.scene.is_rectified:  # what bins beside the photo read is never seen
+    if shot.scene.is_rectified:  # beside the photo, beats are less exact
         direction = direction * pixels_on_photo(shot)[1][:, None]
     return torch.autograd.grad((raw * direction).sum(), images)[0].double(), raw.detach()
 

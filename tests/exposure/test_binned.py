@@ -245,3 +245,34 @@ def test_a_binned_photo_is_differentiable_in_image_and_shot():
     given = [shot.numbers()[name].clone().requires_grad_() for name in moved]
     given.insert(0, shown.requires_grad_())
     assert torch.autograd.gradcheck(read, given, atol=1e-4, fast_mode=True)
+
+
+BESIDE = {
+    "dark": {},
+    "glare": {"panel": Panel(width=64.0, glare=1.0, glare_x=0.5)},
+    "lens": {"lens": Lens(blur=0.5, vignetting=0.6, k1=0.1, k2=-0.05)},
+}
+
+
+@pytest.mark.parametrize("case", BESIDE.values(), ids=BESIDE)
+def test_sharpening_spreads_what_the_reference_reads_beside_the_photo(case):
+    parts = {"panel": Panel(width=64.0), "lens": Lens(blur=0.5, vignetting=0.6)} | case
+    scene = Scene(
+        view=View(shift_x=0.4, zoom=1.5),
+        sensor=Sensor(pitch=0.5),
+        develop=Develop(sharpen=2.0, sharpen_radius=3.0),
+        **parts,
+    )
+    shot, shown = scene.sample(1, (32, 32)), picture(32, 32)
+    expected = pipeline.develop(pipeline.expose(shown.double(), shot), shot)
+    assert_equal(capture(shown, shot), expected)
+
+
+def test_flicker_of_a_cycle_a_row_is_read_as_the_reference_does():
+    scene = Scene(
+        panel=Panel(width=200.0, pwm=1200.0, duty=0.6),
+        view=View(yaw=30.0),
+        lens=SOFT,
+        sensor=Sensor(pitch=3.0, shutter=5e-4, readout=0.02, exposure="mean"),
+    )
+    assert_equal(*readings(scene, (24, 24)))

@@ -226,6 +226,11 @@ REFUSED = {
         ValueError,
         "the raw reading's shape",
     ),
+    "noise shape of a row": (
+        lambda: capture(pictures(4), SHOT, [*torch.zeros(3, 4, 16, 20), torch.zeros(4, 3, 3)]),
+        ValueError,
+        "noise[3] must have the raw reading's shape (4, 16, 20), see Shot.raw_shape(); got (4, 3",
+    ),
     "a single number": (
         lambda: capture(pictures(4), SHOT, torch.tensor(0.1)),
         ValueError,

@@ -65,16 +65,6 @@ def _max_optics_transfer(frequency, h, table, steps_per_cycle, camera):
     return min(TRANSFER_MARGIN * most, 1.0)
 
 
-@loop
-def _with_twice_the_room(terms):
-    """Return terms (T, 3) with room for as many more."""
-    out = np.empty((2 * len(terms), 3), np.int64)
-    for t in range(len(terms)):
-        for j in range(3):
-            out[t, j] = terms[t, j]
-    return out
-
-
 @inner
 def _fill_ranges(ranges, grid, h):
     """Fill ranges (4, 2) with the lowest and the highest frequency of a harmonic along u and v, and
@@ -137,7 +127,7 @@ def candidate_terms(grid, amplitude, least):
     `max_amplitudes`.
     """
     count, n = 0, grid.frequency.shape[2]
-    out = np.empty((64, 3), np.int64)
+    out = np.empty((MAX_BEAT_TERMS, 3), np.int64)
     ranges, side = np.empty((4, 2), np.float64), np.empty((4, 2), np.float64)
     _fill_side_ranges(side, grid.sides)
     for h in range(n):
@@ -160,8 +150,6 @@ def candidate_terms(grid, amplitude, least):
                     continue
                 if count == MAX_BEAT_TERMS:
                     return out
-                if count == len(out):
-                    out = _with_twice_the_room(out)
                 out[count, 0], out[count, 1], out[count, 2] = h, m_u, m_v
                 count += 1
     return out[:count]

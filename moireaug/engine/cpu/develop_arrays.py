@@ -38,14 +38,13 @@ class Columns(NamedTuple):
             `codes.Workspace` lays it out, and their weights.
         back_index, back_weight: (p, T', n / p), the transpose; p is 2 if even and odd columns lie
             apart, else 1.
-        is_identity, halves: see `development_records.Resize`.
+        halves: see `development_records.Resize`.
     """
 
     index: np.ndarray  # type: ignore[assignment]  # hides tuple.index: not called
     weight: np.ndarray
     back_index: np.ndarray
     back_weight: np.ndarray
-    is_identity: bool
     halves: bool
 
 
@@ -81,7 +80,7 @@ def _columns_of(resize: Resize, parity: int) -> Columns:
     """Return a resize's Columns; parity: 2 if even and odd columns are held apart, else 1."""
     table = resize.start.tobytes(), resize.taps.tobytes()
     index, weight, back_index, back_weight = _places(*table, resize.size, parity)
-    return Columns(index, weight, back_index, back_weight, resize.is_identity, resize.halves)
+    return Columns(index, weight, back_index, back_weight, resize.halves)
 
 
 @functools.lru_cache(maxsize=64)

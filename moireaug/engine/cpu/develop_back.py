@@ -13,7 +13,7 @@ from moireaug.engine.cpu.develop import sum_photo_rows
 from moireaug.engine.cpu.srgb import encode_and_slope
 from moireaug.engine.cpu.vectors import add, gather
 
-ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
+ZERO, ONE = np.float32(0), np.float32(1)
 TWO, SIX = np.float32(2), np.float32(6)
 
 
@@ -53,35 +53,12 @@ def _code_slope(out, light, gain, tone):
 
 
 @inner
-def _halves(even, odd, row):
-    for i in range(len(row)):
-        half = HALF * row[i]
-        even[i] = half
-        odd[i] = half
-
-
-@inner
-def _deinterleave(even, odd, row):
-    """Take a row's even and odd pixels apart."""
-    for i in range(len(odd)):
-        even[i] = row[2 * i]
-        odd[i] = row[2 * i + 1]
-    if len(even) > len(odd):
-        even[len(odd)] = row[2 * len(odd)]
-
-
-@inner
 def _resize_along_row_back(even, odd, line, step, w, cols):
     """Fill a cell row's even columns, and the odd ones if there are any, with the gradient in them,
     from that in the resized row."""
-    if step == 2 and cols.halves:
-        _halves(even, odd, line)
-    elif step == 2 and cols.is_identity:
-        _deinterleave(even[: (len(line) + 1) // 2], odd[: len(line) // 2], line)
-    else:
-        gather(even[:w], line, cols.back_index[0], cols.back_weight[0])
-        if step == 2:
-            gather(odd[:w], line, cols.back_index[1], cols.back_weight[1])
+    gather(even[:w], line, cols.back_index[0], cols.back_weight[0])
+    if step == 2:
+        gather(odd[:w], line, cols.back_index[1], cols.back_weight[1])
 
 
 @inner

@@ -31,7 +31,7 @@ from moireaug.engine.cpu.develop import (
 )
 from moireaug.engine.cpu.vectors import gather
 
-ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
+ZERO, ONE = np.float32(0), np.float32(1)
 
 
 class _Finish(NamedTuple):
@@ -59,30 +59,13 @@ def _fill_unclipped(unclipped, row, y):
 
 
 @inner
-def _pairs(out, row):
-    for i in range(len(out)):
-        out[i] = HALF * (row[2 * i] + row[2 * i + 1])
-
-
-@inner
-def _pairs_back(out, line):
-    for i in range(len(line)):
-        half = HALF * line[i]
-        out[2 * i] = half
-        out[2 * i + 1] = half
-
-
-@inner
 def _resize_row(out, row, y, line, rows, cols, top, bottom):
     """Add a photo's row y (3, w), clipped, to rows `top` to `bottom` of out (3, H, W); line: (W,)
     workspace."""
     for c in range(3):
         for i in range(row.shape[1]):
             row[c, i] = min(max(row[c, i], ZERO), ONE)
-        if cols.halves:
-            _pairs(line, row[c])
-        else:
-            gather(line, row[c], cols.index, cols.weight)
+        gather(line, row[c], cols.index, cols.weight)
         add_to_photo_rows(out[c], line, y, rows, top, bottom)
 
 
@@ -92,10 +75,7 @@ def _resize_row_back(photo_grad, unclipped, grad, y, line, rows, cols):
     `unclipped` as in `_fill_unclipped`."""
     for c in range(3):
         sum_photo_rows(line, grad[c], y, rows)
-        if cols.halves:
-            _pairs_back(photo_grad[c, y], line)
-        else:
-            gather(photo_grad[c, y], line, cols.back_index[0], cols.back_weight[0])
+        gather(photo_grad[c, y], line, cols.back_index[0], cols.back_weight[0])
         for i in range(photo_grad.shape[2]):
             photo_grad[c, y, i] *= np.float32(unclipped[c, y, i])
 

@@ -5,7 +5,6 @@ with AVX-512:
 
 - `emit_content`: 1.13 to expose a frontal full reading, 1.2 a turned one
 - `emit_tap_weights`: 1.06 and 1.17
-- `emit_sums`: 1.05 to develop `screen_photo`
 - `emit_peek` and `emit_poke` without their alias scopes: 1.05 to develop, and 1.00 to expose
 """
 
@@ -35,24 +34,6 @@ def emit_poke(context, builder, signature, args):
     pointer = _address(context, builder, array, args[0], index, args[1])
     store = builder.store(context.cast(builder, args[2], value, array.dtype), pointer)
     store.set_metadata("alias.scope", _scope(builder))
-    return context.get_dummy_value()
-
-
-def emit_sums(lanes, sums, context, builder, signature, args):
-    """Write what `vectors._vector_of_sums` makes."""
-    pixel, apart, each = _indices(context, builder, signature, args, (1, 2, 4))
-    at = _pointers(context, builder, signature.args, args)
-    count = context.make_array(signature.args[6])(context, builder, args[6]).nitems
-    targets = [at(0, place) for place in _steps(builder, pixel, apart, sums)]
-    totals = [cgutils.alloca_once_value(builder, _load(builder, to, lanes)) for to in targets]
-    with cgutils.for_range(builder, count, intp=count.type) as tap:
-        offset = builder.load(at(6, tap.index), typ=pixel.type)
-        row = _load(builder, at(5, builder.add(pixel, offset)), lanes)
-        for total, place in zip(totals, _steps(builder, tap.index, each, sums), strict=True):
-            weight = _broadcast(builder, builder.load(at(3, place), typ=ir.FloatType()), lanes)
-            builder.store(_fma(builder, weight, row, builder.load(total)), total)
-    for total, target in zip(totals, targets, strict=True):
-        _store(builder, builder.load(total), target)
     return context.get_dummy_value()
 
 
@@ -115,14 +96,6 @@ def _scope(builder: ir.IRBuilder) -> ir.MDValue:
 def _indices(context, builder, signature, args, places):
     """Return the arguments at some places as indices."""
     return [context.cast(builder, args[i], signature.args[i], types.intp) for i in places]
-
-
-def _steps(builder, first, step, count):
-    """Return `count` indices from the first on, a step apart."""
-    indices = [first]
-    for _ in range(count - 1):
-        indices.append(builder.add(indices[-1], step))
-    return indices
 
 
 def _address(context, builder, array_type, array, index_type, index):
@@ -219,7 +192,7 @@ def _tap_weights(context, builder, record_type, record, first, counts):
     """Return the tap weights of some pixels, as a vector.
 
     Args:
-        record: an `records.TapWeights`. first: the first of the pixels.
+        record: a `records.TapWeights`. first: the first of the pixels.
         counts: taps per pixel, and pixels.
     """
     taps, pixels = counts

@@ -103,12 +103,14 @@ def _factor_at(factor, square):
 @inner
 def fill_photo_positions(u, v, ideal, r, to_photo, size):
     """Fill u and v (w,) with where row r of an image (height, width) lies on the photo, about its
-    centre; ideal: (3, w) float64, workspace. to_photo: an ImageToPhoto."""
+    centre; pixels that it does not show are put at its nearest edge. ideal: (3, w) float64,
+    workspace. to_photo: an ImageToPhoto."""
+    half_h, half_w = size[0] / 2, size[1] / 2
     _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, to_photo, size[0], size[1])
     for i in range(len(u)):
         bent = _factor_at(to_photo.factor, peek(ideal[SQUARE], i))
-        poke(u, i, peek(ideal[X], i) * bent)
-        poke(v, i, peek(ideal[Y], i) * bent)
+        poke(u, i, min(max(peek(ideal[X], i) * bent, -half_w), half_w))
+        poke(v, i, min(max(peek(ideal[Y], i) * bent, -half_h), half_h))
 
 
 @inner

@@ -14,7 +14,6 @@ from moireaug.engine.cpu.intrinsics import (
     emit_content_back,
     emit_peek,
     emit_poke,
-    emit_sums,
     emit_tap_weights,
 )
 from moireaug.engine.cpu.records import TapWeights
@@ -123,7 +122,7 @@ def _content_of(taps: int, rows: int):
         """Fill out (n,), for each pixel, with the sum of
         panel[base + j * stride + i] * across[i] * down[taps * pixel + j] over i, j < taps.
 
-        across: the pixel's tap weights along x, from `weights`, an `records.TapWeights`.
+        across: the pixel's tap weights along x, from `weights`, a `records.TapWeights`.
         """
         whole = len(out) - len(out) % at_once
         for i in range(0, whole, at_once):
@@ -156,44 +155,20 @@ def _content_back_of(taps: int, rows: int):
     return content_back
 
 
-def _vector_of_sums(lanes: int, sums: int):
-    """Make an intrinsic that sums rows for `lanes` pixels, with `sums` sets of coefficients."""
-
-    @intrinsic
-    def store_sums(typing, out, pixel, apart, coefficients, each, rows, offsets):
-        """Do the same as `add_four_sums`, for the `lanes` pixels from `pixel` on. The sums lie
-        `apart` from one another in out, and their coefficients `each` from one another."""
-        if not _floats(out, coefficients, rows):
-            return None
-        kinds = out, pixel, apart, coefficients, each, rows, offsets
-        return types.none(*kinds), partial(emit_sums, lanes, sums)
-
-    return store_sums
-
-
 fill_four_weights, fill_eight_weights = _weights_of(4), _weights_of(8)
 four_by_four, four_by_four_back = _content_of(4, 4), _content_back_of(4, 4)
 eight_by_six, eight_by_six_back = _content_of(8, 6), _content_back_of(8, 6)
 eight_by_eight, eight_by_eight_back = _content_of(8, 8), _content_back_of(8, 8)
-# as many sums as there are registers for
-_one_sum, _wide_sum = _vector_of_sums(LANES, 1), _vector_of_sums(4 * LANES, 1)
-_four_sums = _vector_of_sums(LANES, SUMS_AT_ONCE)
-_four_wide_sums = _vector_of_sums(2 * LANES, SUMS_AT_ONCE)
 
 
 @inner
 def add_sum(out, coefficients, rows, offsets):
-    """Add the sum over l of coefficients[l] * rows[offsets[l] + i] to out[i] (n,), n a multiple of
-    LANES.
+    """Add the sum over l of coefficients[l] * rows[offsets[l] + i] to out[i] (n,).
 
     coefficients, offsets: (taps,) float32 and int64. rows: flat float32.
     """
-    n = len(out)
-    wide = n - n % (4 * LANES)
-    for i in range(0, wide, 4 * LANES):
-        _wide_sum(out, i, 0, coefficients, 0, rows, offsets)
-    for i in range(wide, n, LANES):
-        _one_sum(out, i, 0, coefficients, 0, rows, offsets)
+    for l in range(len(offsets)):
+        add(out, rows[offsets[l] : offsets[l] + len(out)], coefficients[l])
 
 
 @inner
@@ -201,16 +176,11 @@ def add_four_sums(out, coefficients, rows, offsets):
     """Add four sums of the same rows to out (4 * n,): to pixel i of sum j the sum over l of
     coefficients[j, l] * rows[offsets[l] + i].
 
-    Each row is loaded once; sum by sum, loading takes most of the time.
-
     coefficients: (4 * t,), of which the first taps of each t are used. The rest as in `add_sum`.
     """
     n, each = len(out) // SUMS_AT_ONCE, len(coefficients) // SUMS_AT_ONCE
-    wide = n - n % (2 * LANES)
-    for i in range(0, wide, 2 * LANES):
-        _four_wide_sums(out, i, n, coefficients, each, rows, offsets)
-    for i in range(wide, n, LANES):
-        _four_sums(out, i, n, coefficients, each, rows, offsets)
+    for j in range(SUMS_AT_ONCE):
+        add_sum(out[j * n : (j + 1) * n], coefficients[j * each : (j + 1) * each], rows, offsets)
 
 
 @inner

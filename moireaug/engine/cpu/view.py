@@ -6,7 +6,6 @@ import math
 
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.engine.lower.budget import MAX_LENS_RADIUS
 from moireaug.engine.lower.jacobian import panel_jacobian
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
@@ -55,14 +54,17 @@ def inverse(camera):
 @inner
 def undistorted(ideal, k1, k2):
     """Return the radius that a lens takes to an ideal one, as `distortion.inverse_radial_factor`
-    does up to a little past the photo's corners."""
+    does: beyond the photo's corners, by the tangent there."""
+    beyond = 1 + (ideal - 1 - k1 - k2) / (1 + 3 * k1 + 5 * k2)
+    if beyond > 1:
+        return beyond
     inflection = -0.3 * k1 / k2  # squared radius, where Newton's method may start
     r = math.sqrt(inflection) if 0 < inflection < 1 else min(ideal, 1.0)
     for _ in range(NEWTON_STEPS):
         r2 = r * r
         error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
         slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), MIN_LENS_SLOPE)
-        r = min(max(r - error / slope, 0.0), MAX_LENS_RADIUS)
+        r = min(max(r - error / slope, 0.0), 1.0)
     return r
 
 

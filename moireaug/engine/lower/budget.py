@@ -23,7 +23,6 @@ MAX_PHASES = 512
 MAX_PHASES_OF_FEW_NODES = 8192
 
 # Thresholds at any tolerance.
-MAX_LENS_RADIUS = 1.2  # up to which distortion is undone, in units of the photo's corner
 PASSED_CYCLES_PER_BLUR = 0.8  # above this frequency a Gaussian blur passes less than 1e-5
 GAUSSIAN_REACH_SIGMAS = 4.5  # beyond it a Gaussian weighs less than 1e-5
 UNCLIPPED_SIGMAS = 5.0  # a mean is clipped by noise only if it is this close to a bound

@@ -18,7 +18,7 @@ class Resize(NamedTuple):
             last < first.
         size: n. photo_size: m. tap_count: T. target_count: the most photo pixels that a sensor
             pixel contributes to.
-        is_identity: each photo pixel is a sensor pixel. halves: each is the mean of two.
+        halves: each photo pixel is the mean of two sensor pixels.
     """
 
     start: np.ndarray
@@ -29,7 +29,6 @@ class Resize(NamedTuple):
     photo_size: int
     tap_count: int
     target_count: int
-    is_identity: bool
     halves: bool
 
 

@@ -75,7 +75,6 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int) -> Resize:
         photo_size=size,
         tap_count=tap_count,
         target_count=max(int((last - first).max()) + 1, 0),
-        is_identity=tap_count == 1 and bool((start == np.arange(size)).all()),
         halves=read == 2 * size and tap_count == 2 and bool((taps == 0.5).all()),
     )
 

@@ -12,7 +12,6 @@ from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
 from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine.gpu import binned
 from moireaug.engine.lower.exposure import lower_exposure
-from moireaug.exposure.bin_geometry import pixels_on_photo
 from tests.engine.readings import assert_equal
 
 SIZE = (10, 13)
@@ -69,15 +68,13 @@ def shot_and_picture(scene, n=1):
 
 
 def both_readings(shot, picture):
-    """The kernels' readings of bins that the photo shows, and the reference's."""
+    """The kernels' readings, and the reference's."""
     expected, varies = pipeline.expose(picture.double(), shot), False
     if (
         shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
     ):  # over the picture: the reference does it
         picture, varies = pipeline.apply(("prefilter",), picture, shot), True
-    got = binned.expose(picture, *lower_exposure(shot, decoded=varies))
-    on_photo = pixels_on_photo(shot)[1][:, None] if shot.scene.is_rectified else 1.0
-    return got * on_photo, expected * on_photo
+    return binned.expose(picture, *lower_exposure(shot, decoded=varies)), expected
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -91,8 +88,6 @@ def test_the_gradient_in_the_picture(name):
     exact = picture.double().requires_grad_()
     expected = pipeline.expose(exact, shot)
     grad = torch.randn(expected.shape, generator=torch.Generator().manual_seed(5))
-    if shot.scene.is_rectified:  # what bins beside the photo read is never seen
-        grad = grad * pixels_on_photo(shot)[1][:, None]
     (expected,) = torch.autograd.grad(expected, exact, grad.double())
     grad = binned.expose_back(grad, picture, *lower_exposure(shot, decoded=False))
     assert (grad - expected).norm() < 1e-4 * expected.norm()
