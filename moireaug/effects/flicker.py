@@ -12,7 +12,6 @@ from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
 ROWS_OF_A_BIN = 8  # rows sampled within a bin
-BANDS_PER_ROW = 64  # of the photo, between which the engine takes a bin's flicker as linear
 
 
 class Flicker(Effect):

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from moireaug.effects import prefilter, random_numbers
-from moireaug.effects.flicker import BANDS_PER_ROW, light_of_rows
+from moireaug.effects.flicker import light_of_rows
 from moireaug.engine.lower.binned import binned_view
 from moireaug.engine.lower.budget import ErrorBudget
 from moireaug.engine.lower.cell import mean_light_of
@@ -19,8 +19,12 @@ from moireaug.engine.lower.full import cameras_and_cell, full_view, point_view
 from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, homography_of, numbers_of
 from moireaug.exposure.filters import filters_of
 from moireaug.geometry.lattice import CFA
+from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord, sampled_rows_and_columns
+
+BANDS_PER_CHANGE = 64  # of a row's light by its mean
+MIN_BANDS_PER_ROW, MAX_BANDS_PER_ROW = 16, 64
 
 
 def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelView]:
@@ -75,15 +79,24 @@ def _white_of(shot: ShotRecord, filters: np.ndarray) -> np.ndarray:
 
 
 def _flicker_of(shot: ShotRecord) -> np.ndarray:
-    """Return each sensor row's light relative to the mean, or of a binned reading, that at every
-    1 / BANDS_PER_ROW of a photo row, (B, rows) float64; (B, 0) without flicker."""
+    """Return each sensor row's light relative to the mean, or of a binned reading, that at several
+    bands of each photo row, (B, rows) float64; (B, 0) without flicker."""
     if "flicker" not in shot.plan:
         return np.empty((len(shot), 0))
     rows = shot.sampled_pixels()[0].positions()
     if shot.scene.is_binned:
-        bands = shot.size[0] * BANDS_PER_ROW
-        rows = torch.arange(bands + 2, dtype=torch.float64, device="cpu") / BANDS_PER_ROW
+        bands = _bands_per_row(shot.scene, shot.size[0])
+        rows = torch.arange(shot.size[0] * bands + 2, dtype=torch.float64, device="cpu") / bands
     return light_of_rows(rows, shot).detach().contiguous().numpy()
+
+
+def _bands_per_row(scene: SceneRecord, height: int) -> int:
+    """Return in how many bands of a photo row kernels take the flicker as linear: the more, the
+    faster a row's light may change. The scene decides, so that an image is read the same in any
+    batch."""
+    exposed = bounds(scene.panel.duty)[0] * max(bounds(scene.sensor.shutter)[0], 1e-9)
+    change = bounds(scene.sensor.readout)[1] / (height * exposed)  # in a row at most
+    return math.ceil(min(max(BANDS_PER_CHANGE * change, MIN_BANDS_PER_ROW), MAX_BANDS_PER_ROW))
 
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
