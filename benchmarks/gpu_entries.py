@@ -135,8 +135,8 @@ def loop_lengths(development: Development) -> dict[str, tuple[int, ...]]:
     lengths = {
         "develop_kernel": taps[2:],
         "blur_rows_kernel": [blur],
-        "finish_kernel": [*taps[:2], blur],
-        "finish_back_kernel": [blur, *photo_pixels[:2]],
+        "detail_kernel": [*taps[:2], blur],
+        "detail_back_kernel": [blur, *photo_pixels[:2]],
         "filter_back_kernel": [blur],
         "light_back_kernel": photo_pixels[2:],
     }

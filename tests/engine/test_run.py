@@ -66,7 +66,7 @@ def test_every_part_is_done_once_by_two_threads(n):
             by.add(threading.get_ident())
             both.wait(20)  # until the other thread has a part, too
 
-    threads.each(work, n)
+    threads.run_in_parts(work, n)
     assert sorted(done) == list(range(n))
     assert len(by) == (2 if n > 1 else 0)
 
@@ -87,7 +87,7 @@ def test_every_part_is_done_once_by_two_threads(n):
 )
 def test_rows_are_shared_only_where_images_are_too_few(threads_of_torch, n, rows, expected):
     torch.set_num_threads(threads_of_torch)
-    assert threads.surplus(n, rows) == expected
+    assert threads.surplus_images(n, rows) == expected
 
 
 @pytest.mark.parametrize("frame", ["the image's", "the camera's"])
@@ -103,7 +103,7 @@ def test_sharing_an_images_rows_changes_no_bit(preset, frame, size, monkeypatch)
 
     def spy(work, rows):
         shared.append(rows)
-        threads.each_share(work, rows)
+        threads.run_in_shares(work, rows)
 
     def unset(shape, dtype=float):
         out = np.zeros(shape, dtype)
@@ -114,7 +114,7 @@ def test_sharing_an_images_rows_changes_no_bit(preset, frame, size, monkeypatch)
     # compiled before NumPy is changed, from which kernels take their own np.empty
     develop(expose(images, shot).requires_grad_(), shot).sum().backward()
     for module in (launch_expose, launch_develop):
-        monkeypatch.setattr(module, "each_share", spy)
+        monkeypatch.setattr(module, "run_in_shares", spy)
     monkeypatch.setattr(np, "empty", unset)  # memory that nobody has written to
     for count in (1, 2, 3):
         torch.set_num_threads(count)
@@ -135,7 +135,7 @@ def test_an_error_in_one_image_reaches_the_caller():
             raise ValueError("the fourth")
 
     with pytest.raises(ValueError, match="the fourth"):
-        threads.each(work, 8)
+        threads.run_in_parts(work, 8)
 
 
 def test_the_first_call_on_a_machine_is_announced(tmp_path, monkeypatch):

@@ -55,7 +55,7 @@ inner = _inner(fastmath=FAST_MATH)
 exact = _inner(fastmath=False)
 # the same for what a single function calls for each row: passing hundreds of numbers on takes a
 # twentieth of its time
-once = _inner(fastmath=FAST_MATH, forceinline=True)
+inlined = _inner(fastmath=FAST_MATH, forceinline=True)
 
 
 @functools.lru_cache(maxsize=1)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.effects.detail import LEAST_SIGMA
-from moireaug.engine.cpu.compiling import copy, fill, inner, loop, once
+from moireaug.engine.cpu.compiling import copy, fill, inlined, inner, loop
 from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum, padded_width
 from moireaug.engine.lower.budget import GAUSSIAN_REACH_SIGMAS
 
@@ -139,7 +139,7 @@ def _blur_row_back(out, padded, kernel, f, w):
     out[w - 1] = last
 
 
-@once
+@inlined
 def enter(f, photo, y):
     """Blur row y of a photo horizontally, into the ring. The photo may hold its last rows only:
     row y at y modulo their number."""
@@ -216,7 +216,7 @@ def rows_at_once(f):
     return min(f.reach + BLOCK_ROWS, len(f.place))
 
 
-@once
+@inlined
 def blur_block(f, y):
     """Blur the BLOCK_ROWS rows from y on vertically."""
     for c in range(3):
@@ -228,7 +228,7 @@ def blur_block(f, y):
         add_four_sums(soft, weight, f.ring[c], f.offset[: len(kernel) + BLOCK_ROWS - 1])
 
 
-@once
+@inlined
 def filter_row(out, photo, y, k, f):
     """Fill out (3, w) with row y of a photo, row k of the block that `blur_block` blurred: its
     colours smoothed, and its brightness sharpened by its difference from the blurred one. photo: as

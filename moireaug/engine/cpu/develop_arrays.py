@@ -79,7 +79,8 @@ def _demosaic(data: bytes, cells: int) -> Demosaic:
 def _columns_of(resize: Resize, parity: int) -> Columns:
     """Return a resize's Columns; parity: 2 if even and odd columns are held apart, else 1."""
     table = resize.start.tobytes(), resize.taps.tobytes()
-    return Columns(*_places(*table, resize.size, parity), resize.halves)
+    index, weight, back_index, back_weight = _places(*table, resize.size, parity)
+    return Columns(index, weight, back_index, back_weight, resize.halves)
 
 
 @functools.lru_cache(maxsize=64)

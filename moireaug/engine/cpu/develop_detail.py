@@ -34,8 +34,8 @@ from moireaug.engine.cpu.vectors import gather
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
-class _Finish(NamedTuple):
-    """What the finish of one image works with.
+class _Work(NamedTuple):
+    """What one image is developed in.
 
     Args:
         filter: see `detail.Filter`. codes: see `codes.Workspace`.
@@ -81,8 +81,8 @@ def _resize_row_back(photo_grad, unclipped, grad, y, line, rows, cols):
 
 
 @inner
-def _finish_rows(out, unclipped, raw, codes, detail, work, top, bottom):
-    """Do the same as `finish_image`, in buffers that it allocated."""
+def _develop_detail_rows(out, unclipped, raw, codes, detail, work, top, bottom):
+    """Do the same as `develop_detail_image`, in buffers that it allocated."""
     f, developed, step, line = work.filter, work.developed, work.codes.step, work.codes.resized
     clear(out, top, bottom)
     first, last = source_rows(detail.rows, top, bottom)
@@ -107,29 +107,29 @@ def _finish_rows(out, unclipped, raw, codes, detail, work, top, bottom):
 
 
 @part
-def finish_image(out, unclipped, raw, codes, detail, image, top, bottom):
+def develop_detail_image(out, unclipped, raw, codes, detail, image, top, bottom):
     """Fill rows `top` to `bottom` of out (3, H, W) float32, codes in the camera's frame, from raw
     (4 or 3, h, w) float32.
 
     Args:
-        unclipped: (1, 3, ...) uint8, filled for `finish_image_back` with 1 where the clip leaves
-            the code of a sensor pixel as it is, else 0; (0, 3, ...) if not needed.
+        unclipped: (1, 3, ...) uint8, filled for `develop_detail_image_back` with 1 where the clip
+            leaves the code of a sensor pixel as it is, else 0; (0, 3, ...) if not needed.
         codes, detail: see `development_records`. image: index in the batch.
     """
     w = detail.size[1]
     f = filter_of(detail, image, False)
-    work = _Finish(
+    work = _Work(
         f,
         workspace(codes, image, raw.shape[2], out.shape[2]),
         np.empty((3, rows_at_once(f), w), np.float32),
         np.empty((3, w), np.float32),
     )
-    _finish_rows(out, unclipped, raw, codes, detail, work, top, bottom)
+    _develop_detail_rows(out, unclipped, raw, codes, detail, work, top, bottom)
 
 
 @inner
-def _finish_rows_back(codes_grad, grad, unclipped, detail, f, row, line):
-    """Do the same as `finish_image_back`, in buffers that it allocated."""
+def _develop_detail_rows_back(codes_grad, grad, unclipped, detail, f, row, line):
+    """Do the same as `develop_detail_image_back`, in buffers that it allocated."""
     h = codes_grad.shape[1]
     for y in range(h):
         _resize_row_back(codes_grad, unclipped, grad, y, line, detail.rows, detail.cols)
@@ -148,10 +148,10 @@ def _finish_rows_back(codes_grad, grad, unclipped, detail, f, row, line):
 
 
 @part
-def finish_image_back(codes_grad, grad, unclipped, detail, image):
+def develop_detail_image_back(codes_grad, grad, unclipped, detail, image):
     """Fill codes_grad (3, h, w) with the gradient in the codes of every sensor pixel, from grad
-    (3, H, W) and what `finish_image` filled `unclipped` with, (3, h, w)."""
+    (3, H, W) and what `develop_detail_image` filled `unclipped` with, (3, h, w)."""
     row = np.empty((3, codes_grad.shape[2]), np.float32)
     line = np.empty(grad.shape[2], np.float32)
     f = filter_of(detail, image, True)
-    _finish_rows_back(codes_grad, grad, unclipped, detail, f, row, line)
+    _develop_detail_rows_back(codes_grad, grad, unclipped, detail, f, row, line)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.cpu import finish
 from moireaug.engine.cpu.compiling import fill, kernel, part
 from moireaug.engine.cpu.develop import develop_image
 from moireaug.engine.cpu.develop_back import develop_image_back
+from moireaug.engine.cpu.develop_detail import develop_detail_image, develop_detail_image_back
 from moireaug.engine.cpu.register import (
     flat_length,
     image_to_photo,
@@ -41,9 +41,9 @@ def _fill_photo(out, raw, d, i, top, bottom):
         to_photo = _image_to_photo(d.registration, i)
         in_camera = out.in_camera[: 3 * h * w].reshape(3, h, w)
         highest, lowest = rows_read(to_photo, h, w, top, bottom)
-    if d.finishes:
+    if d.filters_detail:
         unclipped = out.unclipped[i : i + 1]
-        finish.finish_image(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)
+        develop_detail_image(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)
     else:
         develop_image(in_camera, raw, d.codes, i, highest, lowest)
     if d.registers:
@@ -66,10 +66,10 @@ def _fill_raw_grad(raw_grad, grad, in_camera, unclipped, raw, d, i):
         fill(in_camera, ZERO)
         register_back(in_camera, grad, _image_to_photo(d.registration, i))
         grad = in_camera[: 3 * h * w].reshape(3, h, w)
-    if d.finishes:
+    if d.filters_detail:
         h, w = d.detail.size
         codes_grad = np.empty((3, h, w), np.float32)
-        finish.finish_image_back(codes_grad, grad, unclipped[i], d.detail, i)
+        develop_detail_image_back(codes_grad, grad, unclipped[i], d.detail, i)
         grad = codes_grad
     develop_image_back(raw_grad, grad, raw, d.codes, i)
 

@@ -28,7 +28,7 @@ def show_back_kernel(grads, shown_grad, light_grad, pictures, e, at_points, i):
         point_back.fill_shown_back(light_grad, points_of(shown_grad, alpha, e), alpha)
     else:
         panel_grad = panel_of(shown_grad, alpha, e)
-        panel_back.fill_panel_back(light_grad, panel_grad, alpha, e.cell, e.dark)
+        panel_back.fill_panel_back(light_grad, panel_grad, alpha, e.cell, e.dark_around)
     black, neighbour_share = e.black[i], e.neighbour_share[i]
     picture.fill_light_back(grads[i], light_grad, pictures[i], e.coded, black, neighbour_share)
 

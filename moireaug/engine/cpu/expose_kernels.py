@@ -58,7 +58,7 @@ def views_fit(e, view):
             view.widths[i],
             view.added_variance[i],
             e.sites,
-            e.dark,
+            e.dark_around,
             e.budget,
         )
     return out
@@ -103,7 +103,7 @@ def show_kernel(shown, light, pictures, e, at_points, i):
     if at_points:
         point.fill_shown(points_of(shown, alpha, e), light, alpha)
     else:
-        panel.fill_panel(panel_of(shown, alpha, e), light, alpha, e.cell, e.dark)
+        panel.fill_panel(panel_of(shown, alpha, e), light, alpha, e.cell, e.dark_around)
 
 
 @part
@@ -118,9 +118,9 @@ def _nodes(camera, cell, e, view, i):
 @part
 def _readout(camera, e, i):
     """Return the Readout of image i."""
-    dark, photons = np.float32(camera.dark_noise), np.float32(camera.photon_noise)
+    read_noise, photons = np.float32(camera.dark_noise), np.float32(camera.photon_noise)
     keys = np.uint32(e.keys[i, 0]), np.uint32(e.keys[i, 1])
-    return Readout(e.noisy, dark, photons, keys, e.clips)
+    return Readout(e.noisy, read_noise, photons, keys, e.clips)
 
 
 @part
@@ -226,7 +226,7 @@ def point_image(e, view, i):
     camera = camera_of(e.cameras[i])
     return PointImage(
         camera, e.size, e.cell, view, view.lit[i], e.sites,
-        e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i), e.dark,
+        e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i), e.dark_around,
     )  # fmt: skip
 
 

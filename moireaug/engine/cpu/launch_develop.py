@@ -12,7 +12,7 @@ from moireaug.engine.cpu import develop_kernels as kernels
 from moireaug.engine.cpu.arrays import array_of, empty
 from moireaug.engine.cpu.develop_arrays import develop_arrays
 from moireaug.engine.cpu.records import Photos
-from moireaug.engine.cpu.threads import each, each_share, surplus
+from moireaug.engine.cpu.threads import run_in_parts, run_in_shares, surplus_images
 from moireaug.engine.lower.development_records import Development
 
 
@@ -24,7 +24,7 @@ def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[
     """
     arrays = develop_arrays(development)
     n, h = len(raw), arrays.size[0]
-    count = n if arrays.finishes and saves else 0
+    count = n if arrays.filters_detail and saves else 0
     unclipped = torch.empty(count, 3, *arrays.detail.size, dtype=torch.uint8, device="cpu")
     photo, readings = empty(n, 3, *arrays.size), array_of(raw)
     filled = photo.numpy(), unclipped.numpy()
@@ -34,10 +34,10 @@ def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[
         out = Photos(filled[0], in_camera, filled[1])
         kernels.develop_kernel(out, readings, arrays, first, last, top, bottom)
 
-    whole = n - surplus(n, h)
-    each(fill_photos, whole)
+    whole = n - surplus_images(n, h)
+    run_in_parts(fill_photos, whole)
     for i in range(whole, n):
-        each_share(functools.partial(fill_photos, i, i + 1), h)
+        run_in_shares(functools.partial(fill_photos, i, i + 1), h)
     return photo, unclipped
 
 
@@ -54,5 +54,5 @@ def launch_develop_back(
         given = in_camera, unclipped.numpy(), readings, arrays, first, last
         kernels.develop_back_kernel(raw_grads, photo_grads, *given)
 
-    each(fill_grads, len(raw))
+    run_in_parts(fill_grads, len(raw))
     return out

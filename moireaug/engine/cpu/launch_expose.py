@@ -14,7 +14,7 @@ from moireaug.engine.cpu import expose_kernels as kernels
 from moireaug.engine.cpu.arrays import array_of, empty
 from moireaug.engine.cpu.first_use import prepare_back
 from moireaug.engine.cpu.records import Span
-from moireaug.engine.cpu.threads import each, each_share, surplus
+from moireaug.engine.cpu.threads import run_in_parts, run_in_shares, surplus_images
 from moireaug.engine.lower.exposure_records import (
     BinnedView,
     Exposure,
@@ -101,10 +101,10 @@ def launch_expose(
         for i in range(first, last):
             read(i, buffers, lambda read_rows, h: read_rows(0, h))
 
-    whole = n - surplus(n, h)
-    each(read_images, whole)
+    whole = n - surplus_images(n, h)
+    run_in_parts(read_images, whole)
     for i in range(whole, n):
-        read(i, _buffers(exposure, at_points), each_share)
+        read(i, _buffers(exposure, at_points), run_in_shares)
     return raw, slopes
 
 
@@ -126,7 +126,7 @@ def launch_expose_back(
             given = pictures, exposure, at_points, i
             back_kernels.show_back_kernel(grads, shown_grad, light_grad, *given)
 
-    each(fill_grads, len(picture))
+    run_in_parts(fill_grads, len(picture))
     return out
 
 

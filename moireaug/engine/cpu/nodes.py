@@ -146,13 +146,14 @@ def _narrowed(rows, cols, camera, lens, cell, widths, added_variance):
 
 
 @loop
-def can_follow_view(camera, lens, cell, widths, added_variance, sites, dark, budget):
-    """Return whether the kernels can follow a view: not one near the horizon, nor, if `dark`, one
-    from so far away that a pixel sees more cells than its taps. Arguments as in
+def can_follow_view(camera, lens, cell, widths, added_variance, sites, dark_around, budget):
+    """Return whether the kernels can follow a view: not one near the horizon, nor, if
+    `dark_around`, one from so far away that a pixel sees more cells than its taps. Arguments as in
     `nodes_of` and `panel.fill_panel`."""
-    if dark and _narrowed(sites.rows, sites.cols, camera, lens, cell, widths, added_variance):
+    rows, cols = sites.rows, sites.cols
+    if dark_around and _narrowed(rows, cols, camera, lens, cell, widths, added_variance):
         return False
-    count, most = counts(sites.rows, sites.cols, camera, lens, cell, budget), 0
+    count, most = counts(rows, cols, camera, lens, cell, budget), 0
     for k in range(2):
         most = max(most, count[0, k], count[1, k])
     return most <= MAX_NODES

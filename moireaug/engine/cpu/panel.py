@@ -165,11 +165,12 @@ def _surround(panel, light, ahead, above):
 
 
 @part
-def fill_panel(panel, light, alpha, cell, dark):
+def fill_panel(panel, light, alpha, cell, dark_around):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 
     A row holds the first pixel of each of its colour's cells, then the second, and so on, so that
-    look-ups read contiguous memory. Beyond the border the outermost pixel or, if `dark`, black.
+    look-ups read contiguous memory. Beyond the border the outermost pixel or, if `dark_around`,
+    black.
     """
     ahead, above = margin(cell, 0), margin(cell, 1)
     for c in range(3):
@@ -180,5 +181,5 @@ def fill_panel(panel, light, alpha, cell, dark):
             _surround(panel[c], light[c], ahead, above)
         else:
             _enlarge(panel[c], light[c], alpha, period, ahead, above)
-        if dark:
+        if dark_around:
             blacken(panel[c], light.shape[1:], alpha, period, ahead, above)

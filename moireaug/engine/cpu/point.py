@@ -26,7 +26,7 @@ class _Axis(NamedTuple):
     Args:
         ratio: panel pixels per pixel shown. lead: pixels shown ahead of the picture; size: all of
             them. end: panel pixels that the picture takes.
-        raster: raster subpixels per panel pixel. dark: see `exposure_records.Exposure`.
+        raster: raster subpixels per panel pixel. dark_around: see `exposure_records.Exposure`.
     """
 
     ratio: float
@@ -34,7 +34,7 @@ class _Axis(NamedTuple):
     size: int
     end: float
     raster: float
-    dark: bool
+    dark_around: bool
 
 
 class _AxisLight(NamedTuple):
@@ -71,12 +71,12 @@ def shown_values(height, width):
 
 
 @inner
-def _axis(size, alpha, raster, dark):
+def _axis(size, alpha, raster, dark_around):
     """Return the _Axis of `size` picture pixels, on a panel of at most its pixels, as in
     `exposure.displayed.DisplayedPicture`."""
     if alpha < 1:
-        return _Axis(1.0, EDGE_PIXELS, shown_pixels(size, alpha), alpha * size, raster, dark)
-    return _Axis(alpha, 0, size, alpha * size, raster, dark)
+        return _Axis(1.0, EDGE_PIXELS, shown_pixels(size, alpha), alpha * size, raster, dark_around)
+    return _Axis(alpha, 0, size, alpha * size, raster, dark_around)
 
 
 @inner
@@ -100,7 +100,8 @@ def _raster(out, at, low, high, period, axis):
     """
     light, first, share = out
     whole, n = high - low >= period, axis.raster
-    ratio, lead, size, end, dark = axis.ratio, axis.lead, axis.size, axis.end, axis.dark
+    ratio, lead, size = axis.ratio, axis.lead, axis.size
+    end, dark_around = axis.end, axis.dark_around
     low, high, around = low * n, high * n, n * period
     for i in range(len(light)):
         place = peek(at, i) * n - 0.5
@@ -113,7 +114,7 @@ def _raster(out, at, low, high, period, axis):
             column = column + 1 if column + 1 < around else 0.0
             second_light *= _covered_share(column, low, high, around)
         here, there = np.floor((left + 0.5) / n) + 0.5, np.floor((left + 1.5) / n) + 0.5
-        if dark:
+        if dark_around:
             first_light *= 1.0 if (here >= 0) & (here < end) else 0.0
             second_light *= 1.0 if (there >= 0) & (there < end) else 0.0
         total = first_light + second_light
@@ -186,8 +187,8 @@ def work_of_points(w, image):
     size = image.size
     raster, alpha = float(image.point.raster), image.camera.alpha
     return _Work(
-        _axis(size[1], alpha, raster, image.dark),
-        _axis(size[0], alpha, raster, image.dark),
+        _axis(size[1], alpha, raster, image.dark_around),
+        _axis(size[0], alpha, raster, image.dark_around),
         np.empty(w),
         np.empty(w),
         np.empty(w),

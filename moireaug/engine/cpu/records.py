@@ -92,7 +92,7 @@ class PointImage(NamedTuple):
 
     Args:
         size: height and width of the picture. lit: share of each subpixel that emits.
-        filters, white, flicker: the image's rows of its Exposure; dark: as there.
+        filters, white, flicker: the image's rows of its Exposure; dark_around: as there.
     """
 
     camera: Camera
@@ -105,7 +105,7 @@ class PointImage(NamedTuple):
     white: np.ndarray
     flicker: np.ndarray
     readout: Readout
-    dark: bool
+    dark_around: bool
 
 
 class Terms(NamedTuple):
@@ -209,7 +209,8 @@ class Photos(NamedTuple):
         in_camera: (`develop_kernels.photo_size`,) float32, workspace: a photo in the camera's
             frame, with zeros after it: a look-up at a plane's last pixels reads beyond them with
             weight 0.
-        unclipped: (B, 3, ...) uint8, see `finish.finish_image`; (0, 3, ...) if not needed.
+        unclipped: (B, 3, ...) uint8, see `develop_detail.develop_detail_image`; (0, 3, ...) if not
+            needed.
     """
 
     photos: np.ndarray

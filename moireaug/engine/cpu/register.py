@@ -79,7 +79,7 @@ def _fill_ideal(x, y, square, r, to_photo, h, w):
     """Fill x, y and square (w,), the `_Row`'s ideal, for row r of an image."""
     forward, per_square = to_photo.forward, to_photo.per_square
     v = r + 0.5 - h / 2
-    half_w, bend, last = w / 2, 4.0 / (h * h + w * w), UNDISTORTION_STEPS + 0.5
+    half_w, radius_scale, last = w / 2, 4.0 / (h * h + w * w), UNDISTORTION_STEPS + 0.5
     ax, bx = forward[0, 0], forward[0, 1] * v + forward[0, 2]
     ay, by = forward[1, 0], forward[1, 1] * v + forward[1, 2]
     az, bz = forward[2, 0], forward[2, 1] * v + forward[2, 2]
@@ -89,7 +89,7 @@ def _fill_ideal(x, y, square, r, to_photo, h, w):
         right, below = (ax * u + bx) * nearness, (ay * u + by) * nearness
         poke(x, i, right)
         poke(y, i, below)
-        poke(square, i, min((right * right + below * below) * bend * per_square, last))
+        poke(square, i, min((right * right + below * below) * radius_scale * per_square, last))
 
 
 @inner
@@ -108,9 +108,9 @@ def fill_photo_positions(u, v, ideal, r, to_photo, size):
     half_h, half_w = size[0] / 2, size[1] / 2
     _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, to_photo, size[0], size[1])
     for i in range(len(u)):
-        bent = _factor_at(to_photo.factor, peek(ideal[SQUARE], i))
-        poke(u, i, min(max(peek(ideal[X], i) * bent, -half_w), half_w))
-        poke(v, i, min(max(peek(ideal[Y], i) * bent, -half_h), half_h))
+        lens_factor = _factor_at(to_photo.factor, peek(ideal[SQUARE], i))
+        poke(u, i, min(max(peek(ideal[X], i) * lens_factor, -half_w), half_w))
+        poke(v, i, min(max(peek(ideal[Y], i) * lens_factor, -half_h), half_h))
 
 
 @inner
@@ -119,8 +119,8 @@ def _distort(at, share, ideal, factor, h, w):
     fx, fy, weight = share[X], share[Y], share[WEIGHT]
     half_w, half_h = w / 2, h / 2
     for i in range(len(at)):
-        bent = _factor_at(factor, peek(ideal[SQUARE], i))
-        x, y = peek(ideal[X], i) * bent, peek(ideal[Y], i) * bent
+        lens_factor = _factor_at(factor, peek(ideal[SQUARE], i))
+        x, y = peek(ideal[X], i) * lens_factor, peek(ideal[Y], i) * lens_factor
         inside = (abs(x) <= half_w) & (abs(y) <= half_h)
         x, y = min(max(x + half_w - 0.5, 0.0), w - 1.0), min(max(y + half_h - 0.5, 0.0), h - 1.0)
         left, top = np.int32(x), np.int32(y)

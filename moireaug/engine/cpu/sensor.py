@@ -38,32 +38,32 @@ def attenuate(line, u, v, camera):
             line[i] *= gain
         return
     for i in range(len(line)):
-        dimmed = 1 + camera.falloff * camera.bend * (u[i] * u[i] + v[i] * v[i])
+        dimmed = 1 + camera.falloff * camera.radius_scale * (u[i] * u[i] + v[i] * v[i])
         line[i] *= np.float32(gain / (dimmed * dimmed))
 
 
 @inner
-def _scale_and_add(line, noise, dark, photons):
-    """Add standard normal noise to a row, times its standard deviation; dark, photons: float32, see
-    `records.Readout`."""
+def _scale_and_add(line, noise, read_noise, photons):
+    """Add standard normal noise to a row, times its standard deviation; read_noise, photons:
+    float32, see `records.Readout`."""
     if photons == 0:
         for i in range(len(noise)):
-            line[i] += noise[i] * dark
+            line[i] += noise[i] * read_noise
         return
     for i in range(len(noise)):
-        variance = dark * dark + photons * photons * max(line[i], DARK32)
+        variance = read_noise * read_noise + photons * photons * max(line[i], DARK32)
         line[i] += noise[i] * np.float32(math.sqrt(variance))
 
 
 @inner
-def _fill_noise_slope(slope, line, noise, dark, photons):
+def _fill_noise_slope(slope, line, noise, read_noise, photons):
     """Fill slope with the derivative of what `_scale_and_add` makes of a row."""
     fill(slope, ONE)
     if photons == 0:
         return
     for i in range(len(slope)):
         if line[i] > DARK32:
-            variance = dark * dark + photons * photons * line[i]
+            variance = read_noise * read_noise + photons * photons * line[i]
             sigma = np.float32(math.sqrt(variance))
             slope[i] += noise[i] * photons * photons / (TWO * sigma)
 
@@ -93,9 +93,9 @@ def _excess_slopes(mean, variance):
 
 
 @inner
-def _clip_slope(value, dark, photons, pattern):
+def _clip_slope(value, read_variance, photons, pattern):
     """Return the derivative of what `clip_mean` makes of a value, float64."""
-    noise = dark + photons * max(value, DARK_LEVEL)
+    noise = read_variance + photons * max(value, DARK_LEVEL)
     more_noise = photons if value > DARK_LEVEL else 0.0
     variance = noise + value * value * pattern
     by_mean, by_variance = _excess_slopes(value - 1, variance)
@@ -110,23 +110,23 @@ def _clip_slope(value, dark, photons, pattern):
 
 
 @inner
-def clip_mean(out, light, slope, dark, photons, pattern):
+def clip_mean(out, light, slope, read_variance, photons, pattern):
     """Fill a row of binned readings (w,) from its light with the mean of sensor pixels clipped to
     [0, 1], as `effects.binned_statistics.expected_clip` does.
 
     Args:
         slope: as `add_noise` filled it, multiplied by that of the clip.
-        dark, photons: float32, variance of the noise that was averaged away: in the dark, and what
-            a reading of 1 adds.
+        read_variance, photons: float32, variance of the noise that was averaged away: in the dark,
+            and what a reading of 1 adds.
         pattern: float32, that of the panel's pattern as a share of the squared reading.
     """
     for i in range(len(slope)):
         slope[i] *= np.float32(
-            _clip_slope(float(light[i]), float(dark), float(photons), float(pattern))
+            _clip_slope(float(light[i]), float(read_variance), float(photons), float(pattern))
         )
     for i in range(len(out)):
         value = light[i]
-        noise = dark + photons * max(value, DARK32)
+        noise = read_variance + photons * max(value, DARK32)
         above = _mean_excess(float(value) - 1.0, noise + value * value * pattern)
         if value * (1 + pattern) > 2:  # else the bound is never the smaller
             above = min(above, _greatest_excess(float(value), noise, pattern))

@@ -22,7 +22,7 @@ MIN_ROWS_PER_THREAD = 32  # of an image: fewer are not worth a thread
 TASK_TYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
-def surplus(n: int, rows: int) -> int:
+def surplus_images(n: int, rows: int) -> int:
     """Return how many images are left of n when every thread has taken as many as the others. They
     do not keep all threads busy, which had better share each one's rows; 0 if those are too few."""
     threads = torch.get_num_threads()
@@ -30,21 +30,21 @@ def surplus(n: int, rows: int) -> int:
     return left if left < min(threads, rows // MIN_ROWS_PER_THREAD) else 0
 
 
-def each(work: Callable[[int, int], None], n: int) -> None:
+def run_in_parts(work: Callable[[int, int], None], n: int) -> None:
     """Run work(first, last) on parts of range(n), on as many threads as the caller's torch uses.
 
     Raises whatever `work` raises first.
     """
-    _each(work, n, max(1, n // (PARTS_PER_THREAD * torch.get_num_threads())))
+    _run(work, n, max(1, n // (PARTS_PER_THREAD * torch.get_num_threads())))
 
 
-def each_share(work: Callable[[int, int], None], rows: int) -> None:
-    """Do the same as `each`, with one part per thread: for an image's rows, which take equally long
-    and of which each part adds some work."""
-    _each(work, rows, max(MIN_ROWS_PER_THREAD, math.ceil(rows / torch.get_num_threads())))
+def run_in_shares(work: Callable[[int, int], None], rows: int) -> None:
+    """Do the same as `run_in_parts`, with one part per thread: for an image's rows, which take
+    equally long and of which each part adds some work."""
+    _run(work, rows, max(MIN_ROWS_PER_THREAD, math.ceil(rows / torch.get_num_threads())))
 
 
-def _each(work: Callable[[int, int], None], n: int, part: int) -> None:
+def _run(work: Callable[[int, int], None], n: int, part: int) -> None:
     threads = min(torch.get_num_threads(), math.ceil(n / part))
     if threads < 2:
         work(0, n)
@@ -59,12 +59,12 @@ def _each(work: Callable[[int, int], None], n: int, part: int) -> None:
         except BaseException as error:
             failed.append(error)
 
-    together(take_parts, threads)
+    run_on_threads(take_parts, threads)
     if failed:
         raise failed[0]
 
 
-def together(task: Callable[[], None], threads: int) -> None:
+def run_on_threads(task: Callable[[], None], threads: int) -> None:
     """Call a task, which must not raise, on several threads at once, and wait for all of them."""
     parallel = _openmp()
     # OpenMP's threads do not survive a fork

@@ -20,20 +20,20 @@ def look(x, y, cols, v, camera):
     about the centre."""
     c = camera
     # the lens's factor as a polynomial in u * u
-    b = c.bend * v * v
+    b = c.radius_scale * v * v
     c0 = 1 + b * (c.k1 + c.k2 * b)
-    c1 = c.bend * (c.k1 + 2 * c.k2 * b)
-    c2 = c.bend * c.bend * c.k2
+    c1 = c.radius_scale * (c.k1 + 2 * c.k2 * b)
+    c2 = c.radius_scale * c.radius_scale * c.k2
     ax, bx, dx = c.alpha * c.h00, c.alpha * c.h01 * v, c.alpha * c.h02
     ay, by, dy = c.alpha * c.h10, c.alpha * c.h11 * v, c.alpha * c.h12
     az, bz, dz = c.h20, c.h21 * v, c.h22
     for i in range(len(x)):
         u = peek(cols, i)
         a = u * u
-        bent = c0 + a * (c1 + a * c2)
-        nearness = 1 / max((az * u + bz) * bent + dz, NEAR_HORIZON)
-        poke(x, i, ((ax * u + bx) * bent + dx) * nearness)
-        poke(y, i, ((ay * u + by) * bent + dy) * nearness)
+        lens_factor = c0 + a * (c1 + a * c2)
+        nearness = 1 / max((az * u + bz) * lens_factor + dz, NEAR_HORIZON)
+        poke(x, i, ((ax * u + bx) * lens_factor + dx) * nearness)
+        poke(y, i, ((ay * u + by) * lens_factor + dy) * nearness)
 
 
 @inner
@@ -77,7 +77,7 @@ def to_photo(x, y, camera):
     u = (of_u[0] * x + of_u[1] * y + of_u[2]) * nearness
     v = (of_v[0] * x + of_v[1] * y + of_v[2]) * nearness
     if camera.k1 != 0 or camera.k2 != 0:
-        ideal = math.sqrt((u * u + v * v) * camera.bend)
+        ideal = math.sqrt((u * u + v * v) * camera.radius_scale)
         if ideal > 1e-9:
             factor = undistorted(ideal, camera.k1, camera.k2) / ideal
             u, v = u * factor, v * factor

@@ -53,8 +53,8 @@ class BinnedVariant(NamedTuple):
     Args:
         period_x, period_y: of the layout, in panel pixels. taps: pixels of the panel that a bin
             sees along each axis.
-        rectified: bins lie in the image's frame. bent: the lens distorts. bayer: the sensor has
-            colour filters. dark: the panel is black beyond the picture.
+        rectified: bins lie in the image's frame. distorts: the lens distorts. bayer: the sensor has
+            colour filters. dark_around: the panel is black beyond the picture.
         flickers, noisy, clips: see `exposure_records.Exposure`.
     """
 
@@ -62,9 +62,9 @@ class BinnedVariant(NamedTuple):
     period_y: int
     taps: int
     rectified: bool
-    bent: bool
+    distorts: bool
     bayer: bool
-    dark: bool
+    dark_around: bool
     flickers: bool
     noisy: bool
     clips: bool
@@ -105,7 +105,7 @@ def bins_at(u, v, image, batch, variant: tl.constexpr):
     half_h, half_w = 0.5 * batch.exposure.size[0], 0.5 * batch.exposure.size[1]
     if variant.rectified:
         x, y = u + half_w, v + half_h
-        u, v = to_photo(u, v, batch.forward + image * 9, lens_of(sensor), variant.bent)
+        u, v = to_photo(u, v, batch.forward + image * 9, lens_of(sensor), variant.distorts)
         u = tl.minimum(tl.maximum(u, -half_w), half_w)  # others are put at the photo's edge
         v = tl.minimum(tl.maximum(v, -half_h), half_h)
     else:
@@ -143,7 +143,7 @@ def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, varian
     end = batch.screen.size[AXIS] * pixel_scale(lens)
     nearest, _, shares = lit_shares(
         place, footprint, tl.load(picture.widths + index), (place + 0.5, 0.5, end), variant.taps,
-        variant.dark,
+        variant.dark_around,
     )  # fmt: skip
     return nearest.to(tl.int32) + (batch.screen.lead - variant.taps // 2), shares
 

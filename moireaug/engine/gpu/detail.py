@@ -94,7 +94,7 @@ def filtered_codes(source, pixels):
 
 
 @triton.jit
-def finish_kernel(photo, codes, soft, detail, TILE: tl.constexpr):
+def detail_kernel(photo, codes, soft, detail, TILE: tl.constexpr):
     """Fill photo (B, 3, H, W) with codes (B, 3, h, w) filtered, clipped and resized; soft: their
     rows, blurred."""
     pixels, source = tile(photo, TILE), (codes, soft, detail)
@@ -102,9 +102,9 @@ def finish_kernel(photo, codes, soft, detail, TILE: tl.constexpr):
 
 
 @triton.jit
-def finish_back_kernel(codes_grad, grad, codes, soft, detail, TILE: tl.constexpr):
+def detail_back_kernel(codes_grad, grad, codes, soft, detail, TILE: tl.constexpr):
     """Fill codes_grad (B, 3, h, w) with the gradient in the filtered codes, from grad
-    (B, 3, H, W), that in photos; the rest as in `finish_kernel`."""
+    (B, 3, H, W), that in photos; the rest as in `detail_kernel`."""
     pixels = tile(codes_grad, TILE)
     r, g, b = filtered((codes, soft, detail), pixels, False)
     red, green, blue = resize_back(grad, pixels, detail.rows, detail.cols)
@@ -129,14 +129,14 @@ def filter_detail(codes: Tensor, detail: DetailArrays) -> Tensor:
     """Return the photos (B, 3, H, W) of codes of sensor pixels (B, 3, h, w)."""
     soft = _blurred_rows(codes, detail, transposed=False)
     photo = codes.new_empty(len(codes), 3, detail.rows.photo_size, detail.cols.photo_size)
-    launch(finish_kernel, photo, codes, soft, detail)
+    launch(detail_kernel, photo, codes, soft, detail)
     return photo
 
 
 def filter_detail_back(grad: Tensor, codes: Tensor, detail: DetailArrays) -> Tensor:
     """Return the gradient in codes (B, 3, h, w), from that in photos (B, 3, H, W)."""
     soft, filtered_grad = _blurred_rows(codes, detail, transposed=False), torch.empty_like(codes)
-    launch(finish_back_kernel, filtered_grad, grad, codes, soft, detail)
+    launch(detail_back_kernel, filtered_grad, grad, codes, soft, detail)
     soft, out = _blurred_rows(filtered_grad, detail, transposed=True), torch.empty_like(codes)
     launch(filter_back_kernel, out, filtered_grad, soft, detail)
     return out

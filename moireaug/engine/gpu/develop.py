@@ -21,15 +21,15 @@ from moireaug.engine.gpu.develop_arrays import CodesArrays, CodesVariant, develo
 from moireaug.engine.gpu.register import register, register_back
 from moireaug.engine.gpu.resize import resize_back, resized
 from moireaug.engine.gpu.tile import launch, store, tile
-from moireaug.engine.gpu.tone import codes, codes_back, look_of
+from moireaug.engine.gpu.tone import codes, codes_back, tone_of
 from moireaug.engine.lower.development_records import Development
 
 
 @triton.jit
 def sensor_codes(source, pixels):
     """Return the codes of Pixels of the sensor, as `resize.resized` takes them."""
-    raw, look, variant = source
-    return codes(sensor_colours(raw, pixels, variant), look, variant)
+    raw, tone, variant = source
+    return codes(sensor_colours(raw, pixels, variant), tone, variant)
 
 
 @triton.jit
@@ -37,7 +37,7 @@ def develop_kernel(photo, raw, arrays, variant: tl.constexpr, TILE: tl.constexpr
     """Fill photo (B, 3, H, W) from raw: means of sensor pixels' codes; arrays, variant: see
     `develop_arrays`."""
     pixels = tile(photo, TILE)
-    source = raw, look_of(arrays.looks, pixels.image), variant
+    source = raw, tone_of(arrays.tones, pixels.image), variant
     store(photo, pixels, resized(sensor_codes, source, pixels, arrays.rows, arrays.cols))
 
 
@@ -47,8 +47,8 @@ def light_back_kernel(out, grad, raw, arrays, variant: tl.constexpr, TILE: tl.co
     (B, 3, ...), from grad (B, 3, H, W). The rest as in `develop_kernel`."""
     pixels = tile(out, TILE)
     code_grads = resize_back(grad, pixels, arrays.rows, arrays.cols)
-    look, light = look_of(arrays.looks, pixels.image), sensor_colours(raw, pixels, variant)
-    grads = codes_back(code_grads, light, look, variant)
+    tone, light = tone_of(arrays.tones, pixels.image), sensor_colours(raw, pixels, variant)
+    grads = codes_back(code_grads, light, tone, variant)
     if variant.planes == 4:
         store(out, pixels, grads)
     else:

@@ -40,11 +40,11 @@ class CodesArrays(NamedTuple):
     """What makes codes of readings, see `development_records.Codes`.
 
     Args:
-        looks: (B, 12) float32, of each image the colour matrix, row by row, shoulder, contrast and
+        tones: (B, 12) float32, of each image the colour matrix, row by row, shoulder, contrast and
             brightness.
     """
 
-    looks: Any
+    tones: Any
     rows: Resize
     cols: Resize
 
@@ -67,12 +67,12 @@ class DetailArrays(NamedTuple):
 
 class RegistrationArrays(NamedTuple):
     """A `development_records.Registration`, the inverses of its homographies, (B, 3, 3) float64,
-    and whether any lens bends."""
+    and whether any lens distorts."""
 
     forward: Any
     inverses: Any
     lenses: Any
-    bends: bool
+    distorts: bool
 
 
 class DevelopArrays(NamedTuple):
@@ -85,8 +85,8 @@ class DevelopArrays(NamedTuple):
 
 def develop_arrays(d: Development, device: torch.device) -> tuple[DevelopArrays, CodesVariant]:
     """Return a Development on a device, and the CodesVariant of its codes."""
-    codes = CodesArrays(_looks(d.codes), d.codes.rows, d.codes.cols)
-    detail = _detail_arrays(d.detail) if d.finishes else None
+    codes = CodesArrays(_tones(d.codes), d.codes.rows, d.codes.cols)
+    detail = _detail_arrays(d.detail) if d.filters_detail else None
     registration = _registration_arrays(d.registration) if d.registers else None
     return upload(DevelopArrays(codes, detail, registration), device), _variant(d.codes)
 
@@ -96,7 +96,7 @@ def _variant(c: Codes) -> CodesVariant:
     return CodesVariant(planes, taps, c.saturates, float(c.levels), c.coded, c.toned)
 
 
-def _looks(c: Codes) -> np.ndarray:
+def _tones(c: Codes) -> np.ndarray:
     tone = np.stack([c.shoulder, c.contrast, c.brighten], 1)
     return np.concatenate([c.matrix.reshape(-1, 9), tone], 1)
 

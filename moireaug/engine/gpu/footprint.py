@@ -129,9 +129,9 @@ def share_on_picture(position, end, footprint):
 
 
 @triton.jit
-def lit_shares(place, footprint, width, picture, TAPS: tl.constexpr, DARK: tl.constexpr):
+def lit_shares(place, footprint, width, picture, TAPS: tl.constexpr, DARK_AROUND: tl.constexpr):
     """Return the nearest cell, float64, how far past the middle of its light a view's is, and the
-    shares of TAPS cells around it, of which those beside the picture are DARK.
+    shares of TAPS cells around it, of which those beside the picture are DARK_AROUND.
 
     Args:
         place: of the view's middle, float64, in cells from the middle of the light of cell 0.
@@ -142,7 +142,7 @@ def lit_shares(place, footprint, width, picture, TAPS: tl.constexpr, DARK: tl.co
     offset, narrowed = (place - nearest).to(tl.float32), narrowing(footprint, width, TAPS)
     fitted = Footprint(footprint.box * narrowed, footprint.sigma * narrowed)
     shares = tap_shares(offset, fitted, width, TAPS)
-    if DARK:
+    if DARK_AROUND:
         position, pixel, end = picture
         whole, lit = share_on_picture(position, end, footprint), ()
         for tap in tl.static_range(TAPS):

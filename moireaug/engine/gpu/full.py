@@ -47,13 +47,14 @@ class FullVariant(NamedTuple):
 
     Args:
         span: columns and rows of pixels shown that one sensor pixel sees of a subpixel.
-        taps: of the panel's cells along each axis. dark: the panel is black beyond the picture.
+        taps: of the panel's cells along each axis.
+        dark_around: the panel is black beyond the picture.
         flickers, noisy, clips: see `exposure_records.Exposure`.
     """
 
     span: tuple[int, int]
     taps: int
-    dark: bool
+    dark_around: bool
     flickers: bool
     noisy: bool
     clips: bool
@@ -97,7 +98,7 @@ def _prepare(
     screen = show(picture, e, batch.exposure)
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     flickers, taps = e.flicker.shape[1] > 0, 2 * e.cell.radius + 1
-    variant = FullVariant(method.span_of(e), taps, e.dark, flickers, e.noisy, e.clips)
+    variant = FullVariant(method.span_of(e), taps, e.dark_around, flickers, e.noisy, e.clips)
     return batch, {"SEE": method.see, "variant": variant, "BLOCK": BLOCK}
 
 

@@ -122,10 +122,10 @@ def pixel_scale(camera):
 @triton.jit
 def decode(code):
     """Return the light of an sRGB code, and its derivative."""
-    bent, root = code > 0.04045, tl.maximum(code + 0.055, 0.0) / 1.055
+    is_above_knee, root = code > 0.04045, tl.maximum(code + 0.055, 0.0) / 1.055
     log = tl.log2(tl.maximum(root, 1e-6))
-    slope = tl.where(bent, 2.4 / 1.055 * tl.exp2(1.4 * log), 1.0 / 12.92)
-    return tl.where(bent, tl.exp2(2.4 * log), code / 12.92), slope
+    slope = tl.where(is_above_knee, 2.4 / 1.055 * tl.exp2(1.4 * log), 1.0 / 12.92)
+    return tl.where(is_above_knee, tl.exp2(2.4 * log), code / 12.92), slope
 
 
 @triton.jit

@@ -56,7 +56,7 @@ def _covered(column, low, high, around):
 
 
 @triton.jit
-def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr):
+def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK_AROUND: tl.constexpr):
     """Return what pixels see of subpixel i along one axis, through the two nearest raster
     subpixels: its light, and the first of two pixels shown that it comes from, with their weights.
 
@@ -77,7 +77,7 @@ def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr
     second = to_second * tl.where(is_whole, 1.0, _covered(next_column, low, high, period))
     here = tl.floor((before + 0.5) * panel_pixels).to(tl.int32)
     there = tl.floor((before + 1.5) * panel_pixels).to(tl.int32)
-    if DARK:
+    if DARK_AROUND:
         end = tl.load(site.camera + ALPHA) * screen.size[AXIS]
         first = tl.where((here >= 0) & (here + 0.5 < end), first, 0.0)
         second = tl.where((there >= 0) & (there + 0.5 < end), second, 0.0)
@@ -92,7 +92,7 @@ def _along_axis(i, position, site, batch, AXIS: tl.constexpr, DARK: tl.constexpr
 @triton.jit
 def see(i, sight, site, batch, variant: tl.constexpr):
     """Return what pixels see of subpixel i, as `spectral.see` does."""
-    light_x, left, across = _along_axis(i, sight[0][0], site, batch, 0, variant.dark)
-    light_y, top, down = _along_axis(i, sight[1][0], site, batch, 1, variant.dark)
+    light_x, left, across = _along_axis(i, sight[0][0], site, batch, 0, variant.dark_around)
+    light_y, top, down = _along_axis(i, sight[1][0], site, batch, 1, variant.dark_around)
     lit = tl.load(batch.subpixels.lit + site.image)
     return light_x * light_y * lit, Patch(left, top, across, down)

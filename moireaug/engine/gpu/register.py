@@ -35,12 +35,12 @@ def about_middle(images, pixels):
 def lens_of_photo(registration, image, half_width, half_height):
     """Return the lens of an image, as `view.to_photo` takes it."""
     lens = registration.lenses + image * 2
-    bend = 1.0 / (half_height * half_height + half_width * half_width)
-    return bend, tl.load(lens), tl.load(lens + 1)
+    radius_scale = 1.0 / (half_height * half_height + half_width * half_width)
+    return radius_scale, tl.load(lens), tl.load(lens + 1)
 
 
 @triton.jit
-def photo_place(images, pixels, registration, BENDS: tl.constexpr):
+def photo_place(images, pixels, registration, DISTORTS: tl.constexpr):
     """Return where an image's pixels lie on the photo, as a row and a column between the centres of
     its pixels, float64; and whether the photo shows them.
 
@@ -48,7 +48,7 @@ def photo_place(images, pixels, registration, BENDS: tl.constexpr):
     """
     (x, y), half_width, half_height = about_middle(images, pixels)
     lens = lens_of_photo(registration, pixels.image, half_width, half_height)
-    u, v = to_photo(x, y, registration.forward + pixels.image * 9, lens, BENDS)
+    u, v = to_photo(x, y, registration.forward + pixels.image * 9, lens, DISTORTS)
     shown = pixels.exist & (tl.abs(u) <= half_width) & (tl.abs(v) <= half_height)
     # the outermost pixels are repeated past their centres
     row = tl.minimum(tl.maximum(v + half_height - 0.5, 0.0), images.height - 1.0)
@@ -63,11 +63,11 @@ def blend(a, b, share):
 
 
 @triton.jit
-def register_kernel(out, photo, registration, BENDS: tl.constexpr, TILE: tl.constexpr):
+def register_kernel(out, photo, registration, DISTORTS: tl.constexpr, TILE: tl.constexpr):
     """Fill out (B, 3, H, W) from photo (B, 3, H, W): bilinear, black where it does not show the
     image."""
     pixels = tile(out, TILE)
-    y, x, shown = photo_place(photo, pixels, registration, BENDS)
+    y, x, shown = photo_place(photo, pixels, registration, DISTORTS)
     top, left = y.to(tl.int32), x.to(tl.int32)
     down, right = (y - top).to(tl.float32), (x - left).to(tl.float32)
     bottom = tl.minimum(top + 1, photo.height - 1)
@@ -82,16 +82,16 @@ def register_kernel(out, photo, registration, BENDS: tl.constexpr, TILE: tl.cons
 def register(photo: Tensor, registration: RegistrationArrays) -> Tensor:
     """Return photos (B, 3, H, W) in the image's frame."""
     out = torch.empty_like(photo)
-    launch(register_kernel, out, photo, registration, BENDS=registration.bends)
+    launch(register_kernel, out, photo, registration, DISTORTS=registration.distorts)
     return out
 
 
 @triton.jit
-def places_kernel(places, registration, BENDS: tl.constexpr, TILE: tl.constexpr):
+def places_kernel(places, registration, DISTORTS: tl.constexpr, TILE: tl.constexpr):
     """Fill places (B, 2, H, W) float32 with the rows and columns of `photo_place`, OFF_PHOTO where
     the photo does not show a pixel."""
     pixels = tile(places, TILE)
-    y, x, shown = photo_place(places, pixels, registration, BENDS)
+    y, x, shown = photo_place(places, pixels, registration, DISTORTS)
     at, plane = address(places, pixels, 2), places.height * places.width
     tl.store(at, tl.where(shown, y, OFF_PHOTO).to(tl.float32), mask=pixels.exist)
     tl.store(at + plane, tl.where(shown, x, OFF_PHOTO).to(tl.float32), mask=pixels.exist)
@@ -132,7 +132,7 @@ def pixels_between(low, high, count):
 
 
 @triton.jit
-def box_of(images, pixels, registration, BENDS: tl.constexpr):
+def box_of(images, pixels, registration, DISTORTS: tl.constexpr):
     """Return the first row, first column and numbers of rows and columns of the image's pixels that
     may look within a pixel of photo pixels.
 
@@ -142,9 +142,9 @@ def box_of(images, pixels, registration, BENDS: tl.constexpr):
     inverse = registration.inverses + pixels.image * 9
     (u, v), half_width, half_height = about_middle(images, pixels)
     step = 1.0
-    if BENDS:
-        bend, k1, k2 = lens_of_photo(registration, pixels.image, half_width, half_height)
-        square = (u * u + v * v) * bend
+    if DISTORTS:
+        radius_scale, k1, k2 = lens_of_photo(registration, pixels.image, half_width, half_height)
+        square = (u * u + v * v) * radius_scale
         factor = 1.0 + square * (k1 + k2 * square)
         u, v = u * factor, v * factor
         # the most by which a pixel along both changes an ideal coordinate
@@ -162,11 +162,11 @@ def box_of(images, pixels, registration, BENDS: tl.constexpr):
 
 @triton.jit
 def register_back_kernel(
-    photo_grad, grad, places, registration, BENDS: tl.constexpr, TILE: tl.constexpr
+    photo_grad, grad, places, registration, DISTORTS: tl.constexpr, TILE: tl.constexpr
 ):
     """Fill photo_grad (B, 3, H, W) from grad (B, 3, H, W) and what `places_kernel` filled."""
     pixels = tile(photo_grad, TILE)
-    first_row, first_col, row_count, col_count = box_of(grad, pixels, registration, BENDS)
+    first_row, first_col, row_count, col_count = box_of(grad, pixels, registration, DISTORTS)
     row_count = tl.where(pixels.exist & (col_count > 0), row_count, 0)
     col_count = tl.where(pixels.exist & (row_count > 0), col_count, 0)
     total, max_cols = black(pixels.exist), greatest(col_count)
@@ -186,7 +186,7 @@ def register_back(grad: Tensor, registration: RegistrationArrays) -> Tensor:
     """Return the gradient in photos (B, 3, H, W) in the camera's frame, from that in the image's
     frame."""
     places, photo_grad = grad.new_empty(len(grad), 2, *grad.shape[2:]), torch.empty_like(grad)
-    bends = registration.bends
-    launch(places_kernel, places, registration, BENDS=bends)
-    launch(register_back_kernel, photo_grad, grad, places, registration, BENDS=bends)
+    distorts = registration.distorts
+    launch(places_kernel, places, registration, DISTORTS=distorts)
+    launch(register_back_kernel, photo_grad, grad, places, registration, DISTORTS=distorts)
     return photo_grad

@@ -14,7 +14,7 @@ from moireaug.effects import binned_statistics, sensor
 from moireaug.engine.gpu.arrays import camera_field
 from moireaug.engine.gpu.optics import MIN_EXPONENT
 from moireaug.engine.gpu.random_numbers import normal
-from moireaug.engine.gpu.view import BEND, load32
+from moireaug.engine.gpu.view import RADIUS_SCALE, load32
 
 GAIN, FALLOFF = camera_field("gain"), camera_field("falloff")
 GLARE, GLARE_U, GLARE_V = camera_field("glare"), camera_field("glare_u"), camera_field("glare_v")
@@ -47,7 +47,7 @@ def reflected(u, v, camera):
 @triton.jit
 def attenuation(u, v, camera):
     """Return the factor of gain and vignetting."""
-    dimmed = 1.0 + load32(camera, FALLOFF) * load32(camera, BEND) * (u * u + v * v)
+    dimmed = 1.0 + load32(camera, FALLOFF) * load32(camera, RADIUS_SCALE) * (u * u + v * v)
     return load32(camera, GAIN) / (dimmed * dimmed)
 
 
@@ -55,8 +55,8 @@ def attenuation(u, v, camera):
 def noise_of(light, index, keys, camera, quantiles):
     """Return the noise of a reading, and its derivative in the light; for quantiles, see
     `random_numbers.normal`."""
-    dark, photons = load32(camera, DARK_NOISE), load32(camera, PHOTON_NOISE)
-    variance = dark * dark + photons * photons * tl.maximum(light, DARK_LEVEL)
+    read_noise, photons = load32(camera, DARK_NOISE), load32(camera, PHOTON_NOISE)
+    variance = read_noise * read_noise + photons * photons * tl.maximum(light, DARK_LEVEL)
     some = variance > 0.0
     sigma = tl.where(some, tl.sqrt(tl.where(some, variance, 1.0)), 0.0)
     number = normal(index, keys, quantiles)
@@ -99,15 +99,16 @@ def mean_excess(mean, variance):
 
 
 @triton.jit
-def clipped_mean(light, dark, photons, pattern):
+def clipped_mean(light, read_variance, photons, pattern):
     """Return the mean of sensor pixels clipped to [0, 1], as `binned_statistics.expected_clip`,
     from their mean light, and its derivative in that.
 
     Args:
-        dark, photons: variance of the noise that was averaged away, in the dark, and what a reading
-            of 1 adds. pattern: that of the panel's pattern as a share of the squared reading.
+        read_variance, photons: variance of the noise that was averaged away, in the dark, and what
+            a reading of 1 adds. pattern: that of the panel's pattern as a share of the squared
+            reading.
     """
-    noise = dark + photons * tl.maximum(light, DARK_LEVEL)
+    noise = read_variance + photons * tl.maximum(light, DARK_LEVEL)
     noise_slope = tl.where(light > DARK_LEVEL, photons, 0.0)
     below, below_by_mean, below_by_noise = mean_excess(-light, noise)
     spread = tl.maximum(light, 0.0) * pattern

@@ -95,7 +95,7 @@ def _along_axis(i, sight, site, batch, AXIS: tl.constexpr, variant: tl.constexpr
     end = tl.load(site.camera + ALPHA) * screen.size[AXIS]
     picture = position * cells, pixel * cells, end * cells
     nearest, offset, shares = lit_shares(
-        place, footprint, tl.load(width), picture, variant.taps, variant.dark
+        place, footprint, tl.load(width), picture, variant.taps, variant.dark_around
     )
     first_position = (nearest - variant.taps // 2) * period + pixel
     first = place_on_shown(first_position, site.shown_scale, screen)

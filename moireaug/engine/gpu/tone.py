@@ -18,7 +18,7 @@ SRGB_OFFSET = tl.constexpr(0.055)
 SRGB_POWER = tl.constexpr(1 / 2.4)
 
 
-class Look(NamedTuple):
+class Tone(NamedTuple):
     """An image's colours: what codes are made with besides its light; see
     `development_records.Codes`.
 
@@ -35,11 +35,11 @@ class Look(NamedTuple):
 @triton.jit
 def encode(light):
     """Return the sRGB code of light, whose straight part goes on below 0, and its derivative."""
-    bent, bright = light > SRGB_KNEE, tl.maximum(light, SRGB_KNEE)
+    is_above_knee, bright = light > SRGB_KNEE, tl.maximum(light, SRGB_KNEE)
     power = SRGB_GAIN * tl.exp2(tl.log2(bright) * SRGB_POWER)
     slope = SRGB_POWER * power / bright
-    code = tl.where(bent, power - SRGB_OFFSET, light * SRGB_LINEAR_GAIN)
-    return code, tl.where(bent, slope, SRGB_LINEAR_GAIN)
+    code = tl.where(is_above_knee, power - SRGB_OFFSET, light * SRGB_LINEAR_GAIN)
+    return code, tl.where(is_above_knee, slope, SRGB_LINEAR_GAIN)
 
 
 @triton.jit
@@ -55,15 +55,15 @@ def clip_back(grad, x):
 
 
 @triton.jit
-def look_of(looks, image):
-    """Return an image's Look, as laid out by `develop_arrays`."""
-    at = looks + image * 12
+def tone_of(tones, image):
+    """Return an image's Tone, as laid out by `develop_arrays`."""
+    at = tones + image * 12
     matrix = (
         (tl.load(at), tl.load(at + 1), tl.load(at + 2)),
         (tl.load(at + 3), tl.load(at + 4), tl.load(at + 5)),
         (tl.load(at + 6), tl.load(at + 7), tl.load(at + 8)),
     )
-    return Look(matrix, tl.load(at + 9), tl.load(at + 10), tl.load(at + 11))
+    return Tone(matrix, tl.load(at + 9), tl.load(at + 10), tl.load(at + 11))
 
 
 @triton.jit
@@ -74,7 +74,7 @@ def mix(colours, matrix):
 
 
 @triton.jit
-def code(light, look, variant: tl.constexpr):
+def code(light, tone, variant: tl.constexpr):
     """Return the code of one colour's light, in [0, 1], and its derivative."""
     x, slope = light, tl.full(light.shape, 1.0, tl.float32)
     if variant.coded:
@@ -82,28 +82,28 @@ def code(light, look, variant: tl.constexpr):
     if variant.toned:
         slope = clip_back(slope, x)
         x = clip(x)
-        inverse = 1 / (1 + look.shoulder * x)
-        slope *= (1 + look.shoulder) * inverse * inverse
-        x *= (1 + look.shoulder) * inverse
-        slope *= 1 + look.contrast * (6 * x * (1 - x) - 1)
-        x += look.contrast * (2 * x - 1) * x * (1 - x)
-    x += look.brighten
+        inverse = 1 / (1 + tone.shoulder * x)
+        slope *= (1 + tone.shoulder) * inverse * inverse
+        x *= (1 + tone.shoulder) * inverse
+        slope *= 1 + tone.contrast * (6 * x * (1 - x) - 1)
+        x += tone.contrast * (2 * x - 1) * x * (1 - x)
+    x += tone.brighten
     return clip(x), clip_back(slope, x)
 
 
 @triton.jit
-def codes(colours, look, variant: tl.constexpr):
+def codes(colours, tone, variant: tl.constexpr):
     """Return the codes of a pixel's colours, as the sensor has them; variant: see
     `develop_arrays.CodesVariant`."""
-    return [code(light, look, variant)[0] for light in mix(colours, look.matrix)]
+    return [code(light, tone, variant)[0] for light in mix(colours, tone.matrix)]
 
 
 @triton.jit
-def codes_back(grad, colours, look, variant: tl.constexpr):
+def codes_back(grad, colours, tone, variant: tl.constexpr):
     """Return the gradient in a pixel's colours, as the sensor has them, from that in its codes."""
-    slopes = [code(light, look, variant)[1] for light in mix(colours, look.matrix)]
+    slopes = [code(light, tone, variant)[1] for light in mix(colours, tone.matrix)]
     red, green, blue = grad[0] * slopes[0], grad[1] * slopes[1], grad[2] * slopes[2]
-    matrix = look.matrix
+    matrix = tone.matrix
     return (
         matrix[0][0] * red + matrix[1][0] * green + matrix[2][0] * blue,
         matrix[0][1] * red + matrix[1][1] * green + matrix[2][1] * blue,

@@ -17,7 +17,7 @@ from moireaug.scene import lens
 H00, H01, H02 = camera_field("h00"), camera_field("h01"), camera_field("h02")
 H10, H11, H12 = camera_field("h10"), camera_field("h11"), camera_field("h12")
 H20, H21, H22 = camera_field("h20"), camera_field("h21"), camera_field("h22")
-K1, K2, BEND = camera_field("k1"), camera_field("k2"), camera_field("bend")
+K1, K2, RADIUS_SCALE = camera_field("k1"), camera_field("k2"), camera_field("radius_scale")
 ALPHA = camera_field("alpha")
 SCALE_U, SCALE_V = camera_field("scale_u"), camera_field("scale_v")
 
@@ -29,10 +29,10 @@ MIN_LENS_SLOPE = tl.constexpr(lens.MIN_LENS_SLOPE)
 @triton.jit
 def to_image(u, v, camera):
     """Return the image point x, y that a photo point sees, float64."""
-    bend, k1, k2 = lens_of(camera)
-    r2 = (u * u + v * v) * bend
-    bent = 1.0 + r2 * (k1 + k2 * r2)
-    x, y, depth = homogeneous(camera + H00, u * bent, v * bent)
+    radius_scale, k1, k2 = lens_of(camera)
+    r2 = (u * u + v * v) * radius_scale
+    lens_factor = 1.0 + r2 * (k1 + k2 * r2)
+    x, y, depth = homogeneous(camera + H00, u * lens_factor, v * lens_factor)
     nearness = 1.0 / tl.maximum(depth, NEAR_HORIZON)
     return x * nearness, y * nearness
 
@@ -53,9 +53,9 @@ def undistortion(ideal, k1, k2):
     near, a, b = ideal.to(tl.float32), k1.to(tl.float32), k2.to(tl.float32)
     # where Newton's method may start: the squared radius at which the lens's curve has no bend
     inflection = -0.3 * a / tl.where(b == 0.0, 1.0, b)
-    bends = (b != 0.0) & (inflection > 0.0) & (inflection < 1.0)
-    start = tl.sqrt(tl.where(bends, inflection, 1.0))
-    r = tl.where(bends, start, tl.minimum(near, 1.0))
+    has_inflection = (b != 0.0) & (inflection > 0.0) & (inflection < 1.0)
+    start = tl.sqrt(tl.where(has_inflection, inflection, 1.0))
+    r = tl.where(has_inflection, start, tl.minimum(near, 1.0))
     for _ in tl.static_range(NEWTON_STEPS - 1):
         r = newton_step(r, near, a, b)
     exact = newton_step(newton_step(r.to(tl.float64), ideal, k1, k2), ideal, k1, k2)
@@ -77,19 +77,20 @@ def homogeneous(homography, x, y):
 
 
 @triton.jit
-def to_photo(x, y, forward, lens, BENDS: tl.constexpr):
+def to_photo(x, y, forward, lens, DISTORTS: tl.constexpr):
     """Return the photo point u, v that shows an image point x, y about the image's centre, float64.
 
     Args:
         forward: (9,) float64, the homography from image to ideal photo coordinates.
-        lens: `bend`, k1 and k2, see `exposure_records.Camera`. BENDS: whether it distorts.
+        lens: `radius_scale`, k1 and k2, see `exposure_records.Camera`. DISTORTS: whether it
+            distorts.
     """
     u, v, depth = homogeneous(forward, x, y)
     nearness = 1.0 / tl.maximum(depth, NEAR_HORIZON)
     u, v = u * nearness, v * nearness
-    if BENDS:
-        bend, k1, k2 = lens
-        factor = undistortion(tl.sqrt((u * u + v * v) * bend), k1, k2)
+    if DISTORTS:
+        radius_scale, k1, k2 = lens
+        factor = undistortion(tl.sqrt((u * u + v * v) * radius_scale), k1, k2)
         u, v = u * factor, v * factor
     return u, v
 
@@ -97,7 +98,7 @@ def to_photo(x, y, forward, lens, BENDS: tl.constexpr):
 @triton.jit
 def lens_of(camera):
     """Return the lens of a Camera, as `to_photo` takes it."""
-    return tl.load(camera + BEND), tl.load(camera + K1), tl.load(camera + K2)
+    return tl.load(camera + RADIUS_SCALE), tl.load(camera + K1), tl.load(camera + K2)
 
 
 @triton.jit
@@ -111,11 +112,11 @@ def jacobian(u, v, camera):
     """Return the change of panel x and y per sensor pixel along u and v at a photo point, as xu,
     xv, yu, yv; float32."""
     u, v = u.to(tl.float32), v.to(tl.float32)
-    bend, k1, k2 = load32(camera, BEND), load32(camera, K1), load32(camera, K2)
-    r2 = bend * (u * u + v * v)
-    bent, along = 1.0 + r2 * (k1 + k2 * r2), 2.0 * bend * (k1 + 2.0 * k2 * r2)
-    uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
-    p, q = u * bent, v * bent
+    radius_scale, k1, k2 = load32(camera, RADIUS_SCALE), load32(camera, K1), load32(camera, K2)
+    r2 = radius_scale * (u * u + v * v)
+    lens_factor, along = 1.0 + r2 * (k1 + k2 * r2), 2.0 * radius_scale * (k1 + 2.0 * k2 * r2)
+    uu, uv, vv = lens_factor + along * u * u, along * u * v, lens_factor + along * v * v
+    p, q = u * lens_factor, v * lens_factor
     h00, h01, h02 = load32(camera, H00), load32(camera, H01), load32(camera, H02)
     h10, h11, h12 = load32(camera, H10), load32(camera, H11), load32(camera, H12)
     h20, h21, h22 = load32(camera, H20), load32(camera, H21), load32(camera, H22)

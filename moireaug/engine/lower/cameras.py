@@ -26,7 +26,7 @@ def camera_fields(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, n
     return {
         "k1": k1,
         "k2": k2,
-        "bend": zero + 4 / (h * h + w * w),
+        "radius_scale": zero + 4 / (h * h + w * w),
         "fill": drawn["sensor.fill"],
         "blur": drawn["lens.blur"],
         "olpf": drawn["lens.olpf"],

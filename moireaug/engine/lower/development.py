@@ -101,7 +101,7 @@ def _development_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Developme
     return Development(
         size=detail.size if denoises else shot.size,
         codes=codes,
-        finishes=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
+        filters_detail=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
         detail=detail,
         registers=_warps(shot) and not denoises,
         registration=_registration_of(shot, drawn),

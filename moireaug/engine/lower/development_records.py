@@ -101,13 +101,13 @@ class Development(NamedTuple):
 
     Args:
         size: height and width of the photos.
-        finishes: `codes` keeps every sensor pixel, and `detail` makes photos of them.
+        filters_detail: `codes` keeps every sensor pixel, and `detail` makes photos of them.
         registers: the photos come back to the image's frame.
     """
 
     size: tuple[int, int]
     codes: Codes
-    finishes: bool
+    filters_detail: bool
     detail: Detail
     registers: bool
     registration: Registration

@@ -61,7 +61,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelV
         noisy="noise" in plan,
         coded="decode" in plan and not decoded,
         neighbour_share=share,
-        dark=shot.scene.is_dark_around,
+        dark_around=shot.scene.is_dark_around,
         clips="full_well" in plan,
         budget=ErrorBudget.of(shot.scene.tolerance),
     )

@@ -21,8 +21,8 @@ class Camera(NamedTuple):
     """One image's camera, as numbers.
 
     h00 ... h22 is the homography from ideal photo coordinates about the photo's centre to image
-    coordinates; `bend` is 4 / (H^2 + W^2), which scales squared radii for the lens's k1 and k2.
-    `alpha` is panel pixels per image pixel, of the panel that is looked at.
+    coordinates; `radius_scale` is 4 / (H^2 + W^2), which scales squared radii for the lens's k1 and
+    k2. `alpha` is panel pixels per image pixel, of the panel that is looked at.
     """
 
     h00: float
@@ -36,7 +36,7 @@ class Camera(NamedTuple):
     h22: float
     k1: float
     k2: float
-    bend: float
+    radius_scale: float
     alpha: float
     scale_u: float  # sensor pixels per photo pixel, along u and v
     scale_v: float
@@ -115,7 +115,7 @@ class Exposure(NamedTuple):
         coded: the pictures hold sRGB codes and the panel turns them into light.
         neighbour_share: (B,) float32, share of a picture pixel's light that comes from its
             neighbours; see `picture.fill_light`.
-        dark: the panel is black beyond the picture, else it repeats the outermost pixel.
+        dark_around: the panel is black beyond the picture, else it repeats the outermost pixel.
         clips: the reading is clipped to [0, 1].
         budget: what is left out, but of a point exposure nothing is.
     """
@@ -132,7 +132,7 @@ class Exposure(NamedTuple):
     noisy: bool
     coded: bool
     neighbour_share: np.ndarray
-    dark: bool
+    dark_around: bool
     clips: bool
     budget: ErrorBudget
 

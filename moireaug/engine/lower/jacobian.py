@@ -16,10 +16,10 @@ def panel_jacobian(u: Any, v: Any, c: Any) -> tuple[Any, Any, Any, Any]:
 
     c: an `exposure_records.Camera`, of numbers or of arrays that broadcast over the points.
     """
-    r2 = c.bend * (u * u + v * v)
-    bent, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.bend * (c.k1 + 2 * c.k2 * r2)
-    uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
-    p, q = u * bent, v * bent
+    r2 = c.radius_scale * (u * u + v * v)
+    lens_factor, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.radius_scale * (c.k1 + 2 * c.k2 * r2)
+    uu, uv, vv = lens_factor + along * u * u, along * u * v, lens_factor + along * v * v
+    p, q = u * lens_factor, v * lens_factor
     nearness = 1 / np.maximum(c.h20 * p + c.h21 * q + c.h22, NEAR_HORIZON)
     x, y = (c.h00 * p + c.h01 * q + c.h02) * nearness, (c.h10 * p + c.h11 * q + c.h12) * nearness
     xp, xq = (c.h00 - x * c.h20) * nearness, (c.h01 - x * c.h21) * nearness
