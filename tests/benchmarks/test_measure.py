@@ -7,15 +7,7 @@ import pytest
 import torch
 from hydra import initialize
 
-from benchmarks import (
-    accuracy_vs_time,
-    effects_cost,
-    measure,
-    panels,
-    sass,
-    speed,
-    training_steps,
-)
+from benchmarks import accuracy_vs_time, effects_cost, measure, panels, sass, speed, training_steps
 from benchmarks.rows import Row
 from moireaug import Lens, Panel, Scene, Sensor, View, expose, images
 from moireaug.scene.by_name import with_values

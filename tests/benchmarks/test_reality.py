@@ -1,5 +1,4 @@
-"""The benchmark against real photos: figures of pairs that the scene itself made, and its parts on
-what they must tell apart, or must not."""
+"""The benchmark against real photos, on pairs that the scene itself made."""
 
 import json
 import runpy

@@ -1,5 +1,4 @@
-"""The wheel: its metadata, its files, and its core where nothing but the core's dependencies is
-installed; the source distribution, which has the commands too; and optional dependencies."""
+"""The wheel, the source distribution, the core alone, and optional dependencies."""
 
 import ast
 import importlib.util

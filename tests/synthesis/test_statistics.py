@@ -1,5 +1,4 @@
-"""Statistics of photos against closed forms: sinusoids, lattices, noise, colour maps, flat
-pictures."""
+"""Statistics of photos against closed forms: waves, lattices, noise, colour, blocks."""
 
 import math
 

@@ -1,5 +1,4 @@
-"""A folder of images as data: halves with classes of their own, sentences for what does not fit;
-and the order of training, the same for any number of ranks, another in every epoch."""
+"""A folder of images as data, and the order in which training reads it."""
 
 import shutil
 from pathlib import Path

@@ -1,5 +1,4 @@
-"""The command that cleans a folder: names, formats, profiles and sizes stay, what cannot be read is
-named, and nothing is overwritten."""
+"""The command that cleans a folder: what stays, what is named; nothing is overwritten."""
 
 import re
 from unittest.mock import Mock

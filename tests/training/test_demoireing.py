@@ -1,5 +1,4 @@
-"""Demoiréing networks through their real commands, small: files, figures, resuming, and sentences
-for what goes wrong."""
+"""Demoiréing networks by their command, small: files, figures, resuming, starting."""
 
 import contextlib
 import csv

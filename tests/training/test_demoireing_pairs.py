@@ -1,5 +1,4 @@
-"""A demoiréing network's pairs: what a crop shows, shrunk photos, pairs that come again; and which
-pictures train, validate and test it."""
+"""A demoiréing network's pairs, and which pictures train, validate and test it."""
 
 from dataclasses import replace
 

@@ -1,5 +1,4 @@
-"""Pictures tile by tile: the whole picture's answer, exactly where a network sees no farther than
-the tiles overlap."""
+"""Pictures in tiles: exact where a network sees no farther than the tiles overlap."""
 
 import pytest
 import torch

@@ -1,5 +1,4 @@
-"""Image files as data: every mode that PIL knows gives the right picture or a sentence, and so does
-every damage."""
+"""Image files as data: every mode and damage gives the right picture or a sentence."""
 
 import io
 import struct

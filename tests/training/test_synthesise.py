@@ -1,5 +1,4 @@
-"""The command that makes pairs: the same bytes however the work is shared or interrupted, files
-that the usual libraries read, and sentences for invalid settings."""
+"""The command that makes pairs: the same bytes however shared, interrupted or read."""
 
 import errno
 import io

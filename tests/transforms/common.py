@@ -1,5 +1,4 @@
-"""What the tests of the transforms share: pixel values, a sample of every leaf, and scenes small
-enough for many tests, one per frame."""
+"""What the tests of the transforms share: values, leaves, and a small scene per frame."""
 
 import dataclasses
 

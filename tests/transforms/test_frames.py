@@ -1,5 +1,4 @@
-"""Pictures of one scene share the shot and differ in sensor noise: picture i of a target has the
-draw's seed + i, whichever transform photographs it."""
+"""Pictures of one target share the shot; picture i has its seed + i for the noise."""
 
 import dataclasses
 

@@ -1,5 +1,4 @@
-"""Each peer's resampling, blur and noise in front of each transform: values left outside [0, 1] are
-clipped."""
+"""Values that peers' resampling, blur and noise leave outside [0, 1] are clipped."""
 
 # isort: skip  # after moireaug, which keeps it from asking for its newest version
 import albumentations as A
