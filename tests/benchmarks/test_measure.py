@@ -91,12 +91,9 @@ def test_panels_are_lit_as_their_rows_say():
     for scene in (plain, *scenes.values()):
         assert scene.panel.lit_x == scene.panel.lit_y == 1
     assert plain.panel.lit == 1
-    assert {name: scene.panel.lit for name, scene in scenes.items()} == {
-        "expose, rgb_stripe, lit 0.35": 0.35,
-        "expose, rgb_stripe, lit 0.9": 0.9,
-        "expose, pentile, lit 0.35": 0.35,
-        "expose, pentile, lit 0.9": 0.9,
-    }
+    layouts = ("rgb_stripe", "pentile")
+    lit = {f"expose, {layout}, lit {share}": share for layout in layouts for share in (0.35, 0.9)}
+    assert {name: scene.panel.lit for name, scene in scenes.items()} == lit
 
 
 def test_one_group_leaves_the_results_of_all_alone(monkeypatch, tmp_path):

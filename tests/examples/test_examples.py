@@ -25,7 +25,7 @@ RUNS = {
         ["new/here.png"],
     ),
     "torchvision_training": (
-        ["--images=64", "--epochs=1"],
+        ["--images=32", "--epochs=1"],
         r"RandomMoire\(p=0\.0\): \d+% clean, .*RandomMoire\(p=0\.5\): \d+% clean, \d+% photo",
         [],
     ),
@@ -35,17 +35,17 @@ RUNS = {
         [],
     ),
     "albumentations_dataloader": (
-        ["--images=64", "--size=24", "--workers=1"],
+        ["--images=32", "--size=24", "--workers=1"],
         r"epoch 0: \d\d% photographed, their screens (\d+)\.\d\d px wide.*epoch 1: ",
         [],
     ),
     "attack_your_classifier": (
-        ["--images=64", "--epochs=1", "--attacked=8", "--steps=1", "--out=new/here.png"],
+        ["--images=32", "--epochs=1", "--attacked=4", "--steps=1", "--out=new/here.png"],
         r"clean images +\d+%\nphotos, no noise +\d+%\nMoiré Attack 2/255 .*Attack 8/255 +\d+%",
         ["new/here.png"],
     ),
     "evaluate_your_defence": (
-        ["--images=64", "--epochs=1", "--attacked=8", "--steps=1"],
+        ["--images=32", "--epochs=1", "--attacked=4", "--steps=1"],
         r" bare defended\n.*clean +\d+% +\d+%\n.*worst_4 .*not know of the defence: \d+%",
         [],
     ),
@@ -118,7 +118,7 @@ NOTEBOOKS = {
         r"\d\d effects are computed.* of 255 codes RMS",
     ),
     "attack": (
-        "IMAGES, EPOCHS, ATTACKED, STEPS, SIDE = 64, 1, 8, 1, 32",
+        "IMAGES, EPOCHS, ATTACKED, STEPS, SIDE = 32, 1, 4, 1, 32",
         r"clean images +\d+%.*Moiré Attack 8/255 +\d+%",
     ),
     "train": (

@@ -26,12 +26,9 @@ def folder(tmp_path):
 
 def same(one, other):
     """Whether two pairs have the same pictures and numbers."""
-    pictures, others = one.pictures(), other.pictures()
-    return (
-        one.to_dict() == other.to_dict()
-        and pictures.keys() == others.keys()
-        and all(torch.equal(picture, others[name]) for name, picture in pictures.items())
-    )
+    ours, theirs = one.pictures(), other.pictures()
+    alike = one.to_dict() == other.to_dict() and ours.keys() == theirs.keys()
+    return alike and all(torch.equal(picture, theirs[name]) for name, picture in ours.items())
 
 
 @pytest.mark.parametrize("scene", ["phone_at_monitor", ["dashcam_at_led_sign", "screen_photo"]])

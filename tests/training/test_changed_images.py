@@ -7,7 +7,7 @@ import pytest
 import torch
 from PIL import Image
 
-from tests.training.small import BRIEF, TINY, configured, inside
+from tests.training.small import BRIEF, TINY, configured
 from training import fit
 from training.classifier.train import train_model
 from training.data.load import load
@@ -53,11 +53,10 @@ def trained_again(monkeypatch, capsys):
 
 def test_a_gain_is_over_the_folders_present_images(tmp_path, settings):
     """An image that is added later is seen by the baseline, too."""
-    settings = [*settings, "train.init=random"]
-    inside("fit.py", "recipe=baseline", *settings, cwd=tmp_path)
+    settings = [*settings, "train.init=random", f"runs={tmp_path / 'runs'}"]
+    fit.fit(configured("recipe=baseline", *settings))
     shutil.copy(tmp_path / "images/test/red/0.png", tmp_path / "images/test/red/9.png")
-    done = inside("fit.py", "recipe=moire_aug", *settings, cwd=tmp_path)
-    assert done.returncode == 0 and not done.stderr, (done.stdout, done.stderr)
+    fit.fit(configured("recipe=moire_aug", *settings))
     found = json.loads(next(tmp_path.glob("runs/*/moire_aug/seed0/metrics.json")).read_text())
     assert {row["n"] for row in found["baseline"]["reattack"]} == {11}
     assert set(found["gain"]) == {row["name"] for row in found["reattack"]}

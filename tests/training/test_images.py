@@ -61,12 +61,7 @@ def see_through_palette():
     return pil(image, transparency=int(image.getpixel((0, 0))))
 
 
-def first_white(values):
-    shown = values.copy()
-    shown[0, 0] = 255
-    return shown
-
-
+FIRST_WHITE = rgb(np.where(RAMP == 1, 255, RAMP))
 LUMA = np.array(of("RGB", COLOURS).convert("L"))
 CMYK = of("RGB", COLOURS).convert("CMYK")
 HIGH_BYTE_FIRST = Image.fromarray(deep(RAMP).astype(">u2"))
@@ -75,7 +70,7 @@ FILES = {
     "RGB": (lambda: pil(of("RGB", COLOURS)), COLOURS),
     "1-bit": (lambda: pil(of("1", (RAMP > 99) * 255)), rgb((RAMP > 99) * 255)),
     "palette": (lambda: pil(of("P")), rgb(RAMP)),
-    "palette, one colour transparent": (see_through_palette, first_white(rgb(RAMP))),
+    "palette, one colour transparent": (see_through_palette, FIRST_WHITE),
     "RGBA": (lambda: pil(with_alpha("RGBA")), on_white(COLOURS)),
     "LA": (lambda: pil(with_alpha("LA")), on_white(rgb(LUMA))),
     "CMYK": (lambda: pil(CMYK, "tiff"), np.array(CMYK.convert("RGB"))),

@@ -90,16 +90,13 @@ def test_every_library_refuses_the_same_pictures(library):
 @pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
 def test_the_memory_layout_is_kept(p):
     pictures = torch.rand(6, 3, 12, 9)
-    for library, images in (
-        (torchvision, rounded(pictures)),
-        (torchvision, pictures),
-        (kornia, pictures),
-    ):
+    given = [(torchvision, rounded(pictures)), (torchvision, pictures), (kornia, pictures)]
+    for library, images in given:
         transform, photos = library.RandomMoire(p=p), []
-        for given in (images, images.to(memory_format=torch.channels_last)):
+        for laid_out in (images, images.to(memory_format=torch.channels_last)):
             torch.manual_seed(0)
-            photos.append(transform(given))
-            assert photos[-1].stride() == given.stride()
+            photos.append(transform(laid_out))
+            assert photos[-1].stride() == laid_out.stride()
         assert torch.equal(*photos)
 
 
