@@ -69,8 +69,7 @@ def test_a_scene_that_is_no_better_replaces_no_earlier_fit(folder, tmp_path, cap
     assert scenes.load(str(path)) == PLAIN
 
 
-def test_photos_alone_are_measured_alone(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(calibrate, "draw", lambda *_: b"")
+def test_photos_alone_are_measured_alone(folder, tmp_path, capsys):
     given = [f"photos={folder / 'photo'}", f"out={tmp_path}", "size=32", "crops=1"]
     calibrate.main(given)
     assert "Mean distance" not in capsys.readouterr().out
