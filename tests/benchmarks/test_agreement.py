@@ -8,15 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from benchmarks.agreement import (
-    CONTROL,
-    REAL,
-    Kind,
-    Sizes,
-    agree,
-    answers_kept,
-    phi_coefficient,
-)
+from benchmarks.agreement import CONTROL, REAL, Kind, Sizes, agree, answers_kept, phi_coefficient
 from moireaug import Lens, Panel, Scene, Sensor
 from training.data.real_pairs import ScreenPhoto
 

@@ -1,5 +1,4 @@
-"""Fine-tuning learns to answer photographed crops as the crops, of a network small enough to see
-why."""
+"""Fine-tuning learns to answer photographed crops as the crops themselves."""
 
 import pytest
 import torch

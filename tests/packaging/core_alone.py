@@ -6,8 +6,6 @@ python core_alone.py DISTRIBUTION,... PROGRAM
 import re
 import sys
 from importlib import metadata
-from importlib.machinery import PathFinder
-from typing import ClassVar
 
 
 def normalised(name):
@@ -33,26 +31,12 @@ def required(names):
     return found
 
 
-class CoreFinder(PathFinder):
-    """Finds modules as the interpreter does, but none of a distribution that is hidden."""
-
-    hidden: ClassVar[set[str]] = set()
-
-    @classmethod
-    def find_spec(cls, name, path=None, target=None):
-        if name.split(".")[0] in cls.hidden:
-            return None
-        return super().find_spec(name, path, target)
-
-
 def hide_all_but(core):
     """Hide every installed module that the core's distributions neither are nor require."""
-    allowed = required(core)
+    allowed = required(core) | {"moireaug"}
     for module, owners in metadata.packages_distributions().items():
         if not allowed & {normalised(owner) for owner in owners}:
-            CoreFinder.hidden.add(module)
-    CoreFinder.hidden.discard("moireaug")
-    sys.meta_path[sys.meta_path.index(PathFinder)] = CoreFinder
+            sys.modules.setdefault(module, None)  # which is found nowhere
 
 
 if __name__ == "__main__":

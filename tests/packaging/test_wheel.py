@@ -1,7 +1,7 @@
-"""The wheel: its metadata, its files, and its core where nothing but the core's dependencies is
-installed; and the source distribution, which has the commands too."""
+"""The wheel, the source distribution, the core alone, and optional dependencies."""
 
 import ast
+import importlib.util
 import os
 import re
 import shutil
@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import moireaug
+from moireaug import extras
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -26,21 +27,26 @@ from setuptools import build_meta
 build_meta.build_wheel("dist")
 build_meta.build_sdist("dist")
 """
-# distribution to the module that it installs, where the two differ
+# distribution to the module that it installs, where the two differ, and the other way round
 MODULES = {"opencv-python-headless": "cv2", "pillow": "PIL"}
+DISTRIBUTIONS = {"skimage": "scikit-image", "pywt": "PyWavelets", "yaml": "pyyaml"}
+DISTRIBUTIONS |= {"hydra": "hydra-core", "omegaconf": "hydra-core"}
 COMPILER = "llvmlite"  # numba's
 ASKS = re.compile(r"\brequire\(\s*\"\w+\"")  # for an extra, before anything of it is imported
 
-CAPTURE = """
-import torch, moireaug
+# what is printed by each: the version, the photo and where it was found; and a missing extra
+CORE = """
+import sys, torch, moireaug, moireaug.attacks, moireaug.transforms, moireaug.synthesis.pairs
 scene = moireaug.Scene.preset("screen_photo")
 shot = scene.sample(1, (16, 16))
 photo = moireaug.capture(torch.rand(1, 3, 16, 16), shot)
 print(moireaug.__version__, tuple(photo.shape), moireaug.__file__)
-try:
-    moireaug.evaluation
-except ModuleNotFoundError as error:
-    print(error)
+sys.path.append(sys.argv[3])
+for name in ("moireaug.evaluation", "moireaug.defenses", "training"):
+    try:
+        __import__(name)
+    except ModuleNotFoundError as error:
+        print(error)
 """
 
 
@@ -50,11 +56,8 @@ def names(requirements):
 
 def files_of(folder):
     """Return the files of a folder, relative to the repository."""
-    paths = set()
-    for path in (ROOT / folder).rglob("*"):
-        if path.is_file() and "__pycache__" not in path.parts:
-            paths.add(path.relative_to(ROOT).as_posix())
-    return paths
+    files = (path for path in (ROOT / folder).rglob("*") if path.is_file())
+    return {p.relative_to(ROOT).as_posix() for p in files if "__pycache__" not in p.parts}
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +111,7 @@ def test_the_core_works_without_any_extra(wheel, tmp_path):
     core = ",".join(names(PROJECT["dependencies"]))
     script = Path(__file__).with_name("core_alone.py")
     done = subprocess.run(
-        [sys.executable, str(script), core, CAPTURE],
+        [sys.executable, str(script), core, CORE, str(ROOT)],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(tmp_path), "MOIREAUG_ENGINE": "off"},
         capture_output=True,
@@ -116,10 +119,12 @@ def test_the_core_works_without_any_extra(wheel, tmp_path):
         timeout=240,
     )
     assert done.returncode == 0, done.stderr
-    photo, missing = done.stdout.splitlines()
+    photo, *missing = done.stdout.splitlines()
     assert photo == f"{moireaug.__version__} (1, 3, 16, 16) {tmp_path / 'moireaug/__init__.py'}"
-    assert missing.startswith("moireaug.evaluation needs ")
-    assert missing.endswith("Install with: pip install 'moireaug[eval]'")
+    needed = {"moireaug.evaluation": "eval", "moireaug.defenses": "eval", "training": "train"}
+    for said, (package, extra) in zip(missing, needed.items(), strict=True):
+        assert said.startswith(f"{package} needs "), said
+        assert said.endswith(f"Install with: pip install 'moireaug[{extra}]'")
 
 
 def imported(path):
@@ -148,3 +153,31 @@ def test_no_core_module_imports_an_extras_dependency():
             ours = {"triton"} if path.parent == ROOT / "moireaug" / "engine" / "gpu" else set()
             assert not imported(path) - allowed - ours, path
     assert {"evaluation", "defenses"} <= set(asking)
+
+
+def test_what_is_missing_is_named_with_its_extra(monkeypatch):
+    hidden = ["hydra", "matplotlib", "skimage"]
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in hidden else name)
+    said = r"^a file needs hydra, matplotlib, skimage, not .* pip install 'moireaug\[train\]'$"
+    with pytest.raises(ModuleNotFoundError, match=said):
+        extras.require("train", "a file")
+
+
+def test_nothing_is_asked_for_where_everything_is_installed(monkeypatch):
+    asked = []
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: asked.append(name) or object())
+    assert extras.require("train", "training") is None
+    assert set(asked) == {*extras.MODULES["train"], *extras.MODULES["eval"]}
+
+
+def test_every_module_asked_for_is_in_its_extra():
+    for extra, modules in extras.MODULES.items():
+        wanted = names(PROJECT["optional-dependencies"][extra])
+        for module in modules:
+            assert DISTRIBUTIONS.get(module, module) in wanted, f"{module} is not in [{extra}]"
+
+
+def test_the_package_names_what_it_has():
+    assert {"Scene", "capture", *moireaug.LAZY} <= set(dir(moireaug))
+    with pytest.raises(AttributeError, match=r"'atacks'; it has Develop, .*capture.*attacks"):
+        _ = moireaug.atacks

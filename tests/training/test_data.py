@@ -1,5 +1,4 @@
-"""A folder of images as data: halves with classes of their own, and sentences for what does not
-fit."""
+"""A folder of images as data, and the order in which training reads it."""
 
 import shutil
 from pathlib import Path
@@ -7,11 +6,13 @@ from pathlib import Path
 import pytest
 import torch
 from PIL import Image
+from torch.utils.data import TensorDataset
 
 from tests.training.small import configured
 from training import fit
 from training.config.data_sets import Data
 from training.data import image_sets, signs
+from training.data.batches import Batches
 from training.data.load import load, require_training_images
 from training.system.locks import locked
 
@@ -43,12 +44,6 @@ def test_an_index_lets_the_halves_hold_different_classes(root):
 def test_without_an_index_the_halves_hold_the_same(root):
     with pytest.raises(ValueError, match=r"same class folders; these differ: \['n01', 'n03'\]"):
         folder(root)
-
-
-def test_a_table_may_begin_as_excels_do(root):
-    table = (root / "labels.csv").read_text()
-    (root / "labels.csv").write_text(table, encoding="utf-8-sig")
-    assert folder(root, class_index=str(root / "labels.csv")).num_classes == 1000
 
 
 def test_a_folder_of_test_images_alone_is_not_trained_on(root):
@@ -97,29 +92,26 @@ def test_a_single_class_is_refused(root, monkeypatch):
         fit.fit(configured("recipe=clean", "data=folder", f"data.root={root}", "data.size=16"))
 
 
-@pytest.mark.parametrize("row", ["n03,1000", "n04,5", "n03,-1"])
-def test_a_folder_without_a_class_gets_a_sentence(root, row):
-    (root / "labels.csv").write_text(f"wnid,class_index\nn01,7\nn02,123\n{row}\n")
-    with pytest.raises(ValueError, match=r"class_index from 0 to 999 for the folders \['n03'\]"):
-        folder(root, class_index=str(root / "labels.csv"))
+ROWS = {
+    "n01,7\nn02,123\nn03,1000\n": r"class_index from 0 to 999 for the folders \['n03'\]",
+    "n01,7\nn02,123\nn04,5\n": r"class_index from 0 to 999 for the folders \['n03'\]",
+    "n01,7\nn02,123\nn03,-1\n": r"class_index from 0 to 999 for the folders \['n03'\]",
+    "n01,7\nn02,7\nn03,9\n": r"gives the folders 'n01' and 'n02' of '.*' one class_index, 7",
+    "n01,7\nn02,8\nn03,9\nn01,5\n": "n01 has two, 7 and 5",
+    "n" * 140_000 + ",7\n": "could not be read .*field larger than field limit",
+}
 
 
-@pytest.mark.parametrize(
-    ("rows", "said"),
-    [
-        ("n01,7\nn02,7\nn03,9\n", r"gives the folders 'n01' and 'n02' of '.*' one class_index, 7"),
-        ("n01,7\nn02,8\nn03,9\nn01,5\n", "n01 has two, 7 and 5"),
-        ("n01,7\nn02,8\nn03,9\nn01,7\n", ""),
-        ("n" * 140_000 + ",7\n", "could not be read .*field larger than field limit"),
-    ],
-)
-def test_a_folder_has_one_class_of_its_own(root, rows, said):
-    (root / "labels.csv").write_text("wnid,class_index\n" + rows)
-    if not said:
-        assert folder(root, class_index=str(root / "labels.csv")).num_classes == 1000
-        return
-    with pytest.raises(ValueError, match=said):
-        folder(root, class_index=str(root / "labels.csv"))
+def test_a_folder_has_one_class_of_its_own(root):
+    table = root / "labels.csv"
+    for rows, said in ROWS.items():
+        table.write_text("wnid,class_index\n" + rows)
+        with pytest.raises(ValueError, match=said):
+            folder(root, class_index=str(table))
+    # a line that repeats another; and as Excel saves "CSV UTF-8"
+    rows = "wnid,class_index\nn01,7\nn02,8\nn03,9\nn01,7\n"
+    table.write_text(rows, encoding="utf-8-sig")
+    assert folder(root, class_index=str(table)).num_classes == 1000
 
 
 def test_signs_are_drawn_when_they_are_read(monkeypatch):
@@ -138,3 +130,42 @@ def test_signs_are_drawn_when_they_are_read(monkeypatch):
         image, label = splits.test[i]
         assert torch.equal(image, images[i]) and label == labels[i]
     assert drawn == ["test"]
+
+
+N = 60
+
+
+def order(ranks, rank, epoch, seed=5):
+    """The images that a rank's loader yields in an epoch."""
+    data = TensorDataset(torch.arange(N), torch.arange(N))
+    splits = type("Splits", (), {"train": data, "val": None})
+    batches = Batches(splits, 8, workers=0, seed=seed)
+    batches.trainer = type("Trainer", (), {"world_size": ranks, "global_rank": rank})
+    loader = batches.train_dataloader()
+    loader.sampler.set_epoch(epoch)
+    return [image for images, _ in loader for image in images.tolist()]
+
+
+def test_two_ranks_see_the_batches_of_one():
+    alone, ranks = order(1, 0, epoch=1), [order(2, rank, epoch=1) for rank in range(2)]
+    assert len(set(alone)) == len(alone) == N // 8 * 8
+    for start in range(0, len(alone), 8):
+        halves = [rank[start // 2 : start // 2 + 4] for rank in ranks]
+        assert sorted(alone[start : start + 8]) == sorted(halves[0] + halves[1])
+
+
+def test_the_order_follows_seed_and_epoch_alone():
+    assert order(1, 0, epoch=1) == order(1, 0, epoch=1)
+    assert order(1, 0, epoch=1) != order(1, 0, epoch=2)
+    assert order(1, 0, epoch=1) != order(1, 0, epoch=1, seed=6)
+
+
+@pytest.mark.parametrize(
+    ("side", "ranks", "most"), [(32, 1, 320), (224, 1, 25), (4096, 1, 1), (448, 8, 1)]
+)
+def test_a_batch_of_validation_is_bounded_in_pixels(side, ranks, most):
+    picture = torch.zeros(1, 1, 1, 1, dtype=torch.uint8).expand(400, 3, side, side)
+    splits = type("Splits", (), {"val": TensorDataset(picture, torch.arange(400))})
+    batches = Batches(splits, 8, workers=0, seed=0)
+    batches.trainer = type("Trainer", (), {"world_size": ranks, "global_rank": 0})
+    assert batches.val_dataloader().batch_size == most

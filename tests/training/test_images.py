@@ -1,5 +1,4 @@
-"""Image files as data: every mode that PIL knows gives the right picture or a sentence, and so does
-every damage."""
+"""Image files as data: every mode and damage gives the right picture or a sentence."""
 
 import io
 import struct
@@ -43,11 +42,9 @@ def of(mode, values=None):
 
 
 def with_alpha(mode):
-    """The left half hides what is under it, a quarter shows half of it."""
-    image, alpha = (
-        of("RGB", COLOURS).convert(mode.removesuffix("A")),
-        np.full((SIDE, SIDE), 255, np.uint8),
-    )
+    """Of which the left half hides what is under it."""
+    image = of("RGB", COLOURS).convert(mode.removesuffix("A"))
+    alpha = np.full((SIDE, SIDE), 255, np.uint8)
     alpha[:, : SIDE // 2] = 0
     image.putalpha(Image.fromarray(alpha))
     return image
@@ -64,99 +61,84 @@ def see_through_palette():
     return pil(image, transparency=int(image.getpixel((0, 0))))
 
 
-def first_white(values):
-    shown = values.copy()
-    shown[0, 0] = 255
-    return shown
-
-
+FIRST_WHITE = rgb(np.where(RAMP == 1, 255, RAMP))
 LUMA = np.array(of("RGB", COLOURS).convert("L"))
 CMYK = of("RGB", COLOURS).convert("CMYK")
+HIGH_BYTE_FIRST = Image.fromarray(deep(RAMP).astype(">u2"))
 FILES = {
     "grey": (lambda: pil(of("L")), rgb(RAMP)),
     "RGB": (lambda: pil(of("RGB", COLOURS)), COLOURS),
     "1-bit": (lambda: pil(of("1", (RAMP > 99) * 255)), rgb((RAMP > 99) * 255)),
     "palette": (lambda: pil(of("P")), rgb(RAMP)),
-    "palette, one colour transparent": (see_through_palette, first_white(rgb(RAMP))),
+    "palette, one colour transparent": (see_through_palette, FIRST_WHITE),
     "RGBA": (lambda: pil(with_alpha("RGBA")), on_white(COLOURS)),
     "LA": (lambda: pil(with_alpha("LA")), on_white(rgb(LUMA))),
     "CMYK": (lambda: pil(CMYK, "tiff"), np.array(CMYK.convert("RGB"))),
     "16-bit grey PNG": (lambda: cv(deep(RAMP)), rgb(RAMP)),
     "16-bit grey TIFF": (lambda: cv(deep(RAMP), "tiff"), rgb(RAMP)),
-    "16-bit grey TIFF, high byte first": (
-        lambda: pil(Image.fromarray(deep(RAMP).astype(">u2")), "tiff"),
-        rgb(RAMP),
-    ),
+    "16-bit, high byte first": (lambda: pil(HIGH_BYTE_FIRST, "tiff"), rgb(RAMP)),
     "16-bit grey PGM": (lambda: cv(deep(RAMP), "pgm"), rgb(RAMP)),
     "16-bit RGB PNG": (lambda: cv(deep(COLOURS[..., ::-1])), COLOURS),
     "16-bit RGB TIFF": (lambda: cv(deep(COLOURS[..., ::-1]), "tiff"), COLOURS),
 }
 
 
-def folder(tmp_path, content, kind="png"):
-    """A folder of two classes whose one test image of class "a" is that file."""
+def folder(tmp_path, *contents, kind="png"):
+    """A folder of two classes whose first test images of class "a" are those files."""
     for half in ("train", "test"):
         for name in ("a", "b"):
             (tmp_path / half / name).mkdir(parents=True)
             for i in range(2):
                 Image.new("RGB", (SIDE, SIDE)).save(tmp_path / half / name / f"x{i}.png")
-    path = tmp_path / "test" / "a" / f"0.{kind}"
-    path.write_bytes(content)
-    return path, load(Data(name="folder", root=str(tmp_path), size=SIDE, val=1)).test
+    for i, content in enumerate(contents):
+        (tmp_path / "test" / "a" / f"{i:02d}.{kind}").write_bytes(content)
+    data = load(Data(name="folder", root=str(tmp_path), size=SIDE, val=1)).test
+    return tmp_path / "test" / "a" / f"00.{kind}", data
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_every_mode_keeps_its_picture(name, tmp_path):
-    make, expected = FILES[name]
-    _, data = folder(tmp_path, make())
-    image, label = data[0]
-    assert label == 0 and np.array_equal(image.permute(1, 2, 0).numpy(), expected)
+def test_every_mode_keeps_its_picture(tmp_path):
+    _, data = folder(tmp_path, *(make() for make, _ in FILES.values()))
+    for i, (name, (_, expected)) in enumerate(FILES.items()):
+        image, label = data[i]
+        assert label == 0 and np.array_equal(image.permute(1, 2, 0).numpy(), expected), name
 
 
-@pytest.mark.parametrize("mode", ["RGB", "RGBA", "I;16"])
-def test_a_picture_keeps_its_exif_data_but_for_its_orientation(mode, tmp_path):
-    exif = Image.Exif()
-    exif[271], exif[274] = "camera", 6
-    Image.new(mode, (4, 3)).save(tmp_path / "x.png", exif=exif)
-    del exif[274]
-    assert read_picture(tmp_path / "x.png").info["exif"] == exif.tobytes()
+def test_a_picture_keeps_its_exif_data_but_for_its_orientation(tmp_path):
+    for mode in ("RGB", "RGBA", "I;16"):
+        exif = Image.Exif()
+        exif[271], exif[274] = "camera", 6
+        Image.new(mode, (4, 3)).save(tmp_path / "x.png", exif=exif)
+        del exif[274]
+        assert read_picture(tmp_path / "x.png").info["exif"] == exif.tobytes(), mode
 
 
-@pytest.mark.parametrize("kind", ["jpg", "tiff"])
-@pytest.mark.parametrize("orientation", [1, 3, 6, 8, 9])
-def test_a_files_head_gives_its_upright_size(kind, orientation, tmp_path):
-    path, exif = tmp_path / f"x.{kind}", Image.Exif()
-    exif[274] = orientation
-    Image.new("RGB", (4, 3)).save(path, exif=exif)
-    with Image.open(path) as image:
-        upright = ImageOps.exif_transpose(image)
-    assert size_of(path) == read_picture(path).size == upright.size
+def test_a_files_head_gives_its_upright_size(tmp_path):
+    for kind in ("jpg", "tiff"):
+        for orientation in (1, 3, 6, 8, 9):
+            path, exif = tmp_path / f"x.{kind}", Image.Exif()
+            exif[274] = orientation
+            Image.new("RGB", (4, 3)).save(path, exif=exif)
+            with Image.open(path) as image:
+                upright = ImageOps.exif_transpose(image)
+            assert size_of(path) == read_picture(path).size == upright.size
 
 
-@pytest.mark.parametrize(
-    ("mode", "values"),
-    [("I", RAMP.astype(np.int32)), ("F", RAMP.astype(np.float32) / 255), ("LAB", COLOURS)],
-)
-def test_a_mode_of_unknown_white_is_refused_by_name(mode, values, tmp_path):
-    image = (
-        Image.fromarray(values)
-        if mode != "LAB"
-        else Image.frombytes("LAB", (SIDE, SIDE), values.tobytes())
-    )
-    path, data = folder(tmp_path, pil(image, "tiff"), "tiff")
-    with pytest.raises(
-        ValueError, match=f"{path} could not be read .*mode is '{mode}'.*8 or 16 bits"
-    ):
-        data[0]
+def test_a_mode_of_unknown_white_is_refused_by_name(tmp_path):
+    path, data = folder(tmp_path, b"", kind="tiff")
+    for mode, image in {
+        "I": Image.fromarray(RAMP.astype(np.int32)),
+        "F": Image.fromarray(RAMP.astype(np.float32) / 255),
+        "LAB": Image.frombytes("LAB", (SIDE, SIDE), COLOURS.tobytes()),
+    }.items():
+        path.write_bytes(pil(image, "tiff"))
+        said = f"{path} could not be read .*mode is '{mode}'.*8 or 16 bits"
+        with pytest.raises(ValueError, match=said):
+            data[0]
 
 
 def chunk(name, content):
-    return (
-        struct.pack(">I", len(content))
-        + name
-        + content
-        + struct.pack(">I", zlib.crc32(name + content))
-    )
+    check = zlib.crc32(name + content)
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", check)
 
 
 def png_of_size(side):
@@ -179,17 +161,13 @@ DAMAGED = {
 }
 
 
-@pytest.mark.parametrize("name", DAMAGED)
-def test_a_file_that_is_no_picture_is_named(name, tmp_path):
-    content, says = DAMAGED[name]
-    path, data = folder(tmp_path, content)
-    with pytest.raises(ValueError, match=f"The image {path} could not be read ") as error:
-        data[0]
-    assert says in str(error.value) and "\n" not in str(error.value)
-
-
-def test_every_cut_of_a_file_gives_a_sentence(tmp_path):
-    path, data = folder(tmp_path, WHOLE)
+def test_a_file_that_is_no_picture_is_named(tmp_path):
+    path, data = folder(tmp_path, b"")
+    for name, (content, says) in DAMAGED.items():
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=f"The image {path} could not be read ") as error:
+            data[0]
+        assert says in str(error.value) and "\n" not in str(error.value), name
     for n in range(0, len(WHOLE) - 64, 499):
         path.write_bytes(WHOLE[:n])
         with pytest.raises(ValueError, match=f"The image {path} could not be read"):

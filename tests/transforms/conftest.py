@@ -1,43 +1,7 @@
-"""Scenes small enough for many tests, one per frame, and a picture whose parts can be found again
-in its photo."""
-
-import dataclasses
+"""What the tests of the transforms share: a picture whose parts can be found again in its photo."""
 
 import pytest
 import torch
-
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View
-
-REGISTERED = Scene(
-    panel=Panel(scale=(0.8, 1.5)),
-    view=View(yaw=(-20.0, 20.0), pitch=(-10.0, 10.0), roll=(-25.0, 25.0)),
-    lens=Lens(k1=(-0.05, 0.05), blur=0.4),
-    sensor=Sensor(gain=2.5, read_noise=0.01),
-)
-CAMERA = dataclasses.replace(REGISTERED, develop=Develop(registered=False))
-# next to no moiré, no noise
-CLEAR = dataclasses.replace(CAMERA, panel=Panel(scale=3.0), sensor=Sensor(scale=4.0))
-SQUARE = (30.0, 10.0, 40.0, 18.0)  # x1, y1, x2, y2
-
-
-@pytest.fixture
-def registered():
-    return REGISTERED
-
-
-@pytest.fixture
-def camera():
-    return CAMERA
-
-
-@pytest.fixture
-def clear():
-    return CLEAR
-
-
-@pytest.fixture
-def square():
-    return SQUARE
 
 
 @pytest.fixture

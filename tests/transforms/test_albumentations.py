@@ -1,6 +1,7 @@
 """The albumentations transforms: targets, replay and serialisation."""
 
 import dataclasses
+import itertools
 import json
 
 # isort: skip  # after moireaug, which keeps it from asking for its newest version
@@ -12,6 +13,7 @@ import torch
 from moireaug import Develop, Panel, Scene, Sensor, Shot, View
 from moireaug.transforms import albumentations as moire
 from moireaug.transforms.albumentations import RandomMoire
+from tests.transforms.common import CAMERA, CLEAR, FRAMES, REGISTERED, SQUARE
 
 
 def values(shape, dtype, seed=0):
@@ -19,58 +21,48 @@ def values(shape, dtype, seed=0):
     return (x * 255).round().astype(dtype) if dtype == np.uint8 else x.astype(dtype)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
-@pytest.mark.parametrize("shape", [(9, 12, 3), (9, 12), (9, 12, 1)], ids=str)
 @pytest.mark.parametrize("frame", ["registered", "camera"])
-def test_shape_dtype_and_range_are_kept(shape, dtype, frame, request):
-    image = values(shape, dtype)
-    before = image.copy()
-    out = A.Compose([RandomMoire(request.getfixturevalue(frame), p=1)])(image=image)["image"]
-    assert out.shape == shape and out.dtype == dtype and np.any(out != image)
-    assert out.min() >= 0 and out.max() <= (255 if dtype == np.uint8 else 1)
-    assert np.array_equal(image, before), "the input was modified"
+def test_shape_dtype_and_range_are_kept(frame):
+    steps = A.Compose([RandomMoire(FRAMES[frame], p=1)])
+    for dtype in (np.uint8, np.float32):
+        for shape in ((9, 12, 3), (9, 12), (9, 12, 1)):
+            image = values(shape, dtype)
+            before = image.copy()
+            out = steps(image=image)["image"]
+            assert out.shape == shape and out.dtype == dtype and np.any(out != image)
+            assert out.min() >= 0 and out.max() <= (255 if dtype == np.uint8 else 1)
+            assert np.array_equal(image, before), "the input was modified"
 
 
 def compose(scene, kind=A.Compose):
-    return kind(
-        [RandomMoire(scene, p=1)],
-        bbox_params=A.BboxParams(format="pascal_voc", label_fields=["kinds"]),
-        keypoint_params=A.KeypointParams(
-            format="xyas", remove_invisible=False, angle_in_degrees=True
-        ),
-    )
+    boxes = A.BboxParams(format="pascal_voc", label_fields=["kinds"])
+    points = A.KeypointParams(format="xyas", remove_invisible=False, angle_in_degrees=True)
+    return kind([RandomMoire(scene, p=1)], bbox_params=boxes, keypoint_params=points)
 
 
 def sample(image, box, points):
     mask = (image[..., 0] > 0.5).astype(np.uint8)
-    return {
-        "image": image,
-        "mask": mask,
-        "masks": np.stack([mask, mask]),
-        "bboxes": [box],
-        "kinds": [1],
-        "keypoints": points,
-    }
+    given = {"image": image, "mask": mask, "masks": np.stack([mask, mask])}
+    return given | {"bboxes": [box], "kinds": [1], "keypoints": points}
 
 
-def test_registered_photos_leave_all_else_alone(registered, square):
-    given = sample(values((48, 64, 3), np.float32), square, [(35.0, 14.0, 30.0, 2.0)])
-    out = compose(registered)(**given)
+def test_registered_photos_leave_all_else_alone():
+    given = sample(values((48, 64, 3), np.float32), SQUARE, [(35.0, 14.0, 30.0, 2.0)])
+    out = compose(REGISTERED)(**given)
     assert out["mask"] is given["mask"] and out["masks"] is given["masks"]
-    assert np.allclose(out["bboxes"], [square]) and np.allclose(
-        out["keypoints"], given["keypoints"]
-    )
+    assert np.allclose(out["bboxes"], [SQUARE])
+    assert np.allclose(out["keypoints"], given["keypoints"])
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_is_carried_lands_on_the_light(seed, clear, marked, square, find):
-    x1, y1, x2, y2 = square
+def test_what_is_carried_lands_on_the_light(seed, marked, find):
+    x1, y1, x2, y2 = SQUARE
     # points right, as long as the rectangle is wide
     tip = ((x1 + x2) / 2 - 0.5, (y1 + y2) / 2 - 0.5, 0.0, 10.0)
     image = marked.permute(1, 2, 0).numpy()
-    steps = compose(clear, A.ReplayCompose)
+    steps = compose(CLEAR, A.ReplayCompose)
     steps.set_random_seed(seed)
-    out = steps(**sample(image, square, [tip]))
+    out = steps(**sample(image, SQUARE, [tip]))
     light, box = find(torch.from_numpy(out["image"]).permute(2, 0, 1))
     (x, y, angle, length), *_ = out["keypoints"]
     assert (torch.tensor([x, y]) + 0.5 - light).norm() < 1.0
@@ -86,25 +78,24 @@ def test_what_is_carried_lands_on_the_light(seed, clear, marked, square, find):
     assert length == pytest.approx(along.norm().item(), rel=0.25)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32, bool])
-def test_masks_of_any_type_move(dtype, camera):
-    mask = np.ones((9, 12, 2), dtype)
-    steps = A.Compose([RandomMoire(camera, p=1)], seed=0)
-    out = steps(image=values((9, 12, 3), np.uint8), mask=mask)["mask"]
-    assert out.dtype == dtype and out.shape == mask.shape and set(np.unique(out)) == {0, 1}
+def test_masks_of_any_type_move():
+    for dtype in (np.uint8, np.uint16, np.int32, np.float32, bool):
+        mask = np.ones((9, 12, 2), dtype)
+        steps = A.Compose([RandomMoire(CAMERA, p=1)], seed=0)
+        out = steps(image=values((9, 12, 3), np.uint8), mask=mask)["mask"]
+        assert out.dtype == dtype and out.shape == mask.shape and set(np.unique(out)) == {0, 1}
 
 
-def test_empty_targets_stay_empty(camera):
-    out = compose(camera)(image=values((9, 12, 3), np.uint8), bboxes=[], kinds=[], keypoints=[])
+def test_empty_targets_stay_empty():
+    out = compose(CAMERA)(image=values((9, 12, 3), np.uint8), bboxes=[], kinds=[], keypoints=[])
     assert len(out["bboxes"]) == 0 and len(out["keypoints"]) == 0
 
 
 @pytest.mark.parametrize("frame", ["registered", "camera"])
-def test_replay_is_exact_and_survives_json(frame, request):
+def test_replay_is_exact_and_survives_json(frame):
     image = values((9, 12, 3), np.uint8)
-    steps = A.ReplayCompose(
-        [RandomMoire(request.getfixturevalue(frame), p=1), A.HorizontalFlip(p=0.5)]
-    )
+    moire_step = RandomMoire(FRAMES[frame], p=1)
+    steps = A.ReplayCompose([moire_step, A.HorizontalFlip(p=0.5)])
     out = steps(image=image)
     assert np.array_equal(A.ReplayCompose.replay(out["replay"], image=image)["image"], out["image"])
     shot = out["replay"]["transforms"][0]["params"]["shot"]
@@ -113,29 +104,29 @@ def test_replay_is_exact_and_survives_json(frame, request):
     assert any(np.array_equal(out["image"], x) for x in (photo, photo[:, ::-1]))
 
 
-def test_a_transform_replays_the_shot_of_another_scene(registered, camera):
+def test_a_transform_replays_the_shot_of_another_scene():
     image = values((9, 12, 3), np.uint8)
-    own, other = RandomMoire(registered, p=1), RandomMoire(camera, p=1)
-    for scene in (registered, camera):
+    own, other = RandomMoire(REGISTERED, p=1), RandomMoire(CAMERA, p=1)
+    for scene in (REGISTERED, CAMERA):
         shot = scene.sample(1, (9, 12), torch.Generator().manual_seed(0)).to_dict()
         expected = moire.apply_to_one(image, Shot.from_dict(shot))
         assert np.array_equal(own.apply(image, shot=shot), expected)
         assert np.array_equal(other.apply(image, shot=shot), expected)
 
 
-def test_a_pipeline_survives_json(registered):
-    steps = A.Compose([RandomMoire(registered, p=0.25)])
+def test_a_pipeline_survives_json():
+    steps = A.Compose([RandomMoire(REGISTERED, p=0.25)])
     again = A.from_dict(json.loads(json.dumps(A.to_dict(steps))))
-    assert again[0].scene == registered and again[0].p == 0.25
+    assert again[0].scene == REGISTERED and again[0].p == 0.25
 
 
-def test_p_and_seed(registered):
+def test_p_and_seed():
     image = values((9, 12, 3), np.uint8)
-    kept = A.Compose([RandomMoire(registered, p=0)])(image=image)["image"]
+    kept = A.Compose([RandomMoire(REGISTERED, p=0)])(image=image)["image"]
     assert kept is image
     runs = []
     for seed in (1, 1, 2):
-        steps = A.Compose([RandomMoire(registered, p=0.5)], seed=seed)
+        steps = A.Compose([RandomMoire(REGISTERED, p=0.5)], seed=seed)
         runs.append(np.stack([steps(image=image)["image"] for _ in range(16)]))
     changed = [np.any(x != image) for x in runs[0]]
     assert np.array_equal(runs[0], runs[1])
@@ -143,8 +134,8 @@ def test_p_and_seed(registered):
     assert 0 < sum(changed) < 16
 
 
-def test_torchs_global_generator_is_left_alone(registered):
-    steps = A.Compose([RandomMoire(registered, p=1)], seed=1)
+def test_torchs_global_generator_is_left_alone():
+    steps = A.Compose([RandomMoire(REGISTERED, p=1)], seed=1)
     torch.manual_seed(0)
     steps(image=values((9, 12, 3), np.uint8))
     after = torch.rand(1)
@@ -152,23 +143,25 @@ def test_torchs_global_generator_is_left_alone(registered):
     assert torch.equal(after, torch.rand(1))
 
 
-def test_errors_are_sentences(registered):
+def test_errors_are_sentences():
     with pytest.raises(TypeError, match="scenes"):
         RandomMoire(scenes="paper")
     with pytest.raises(ValueError, match=r"transpose\(1, 2, 0\)"):
-        RandomMoire(registered, p=1)(image=values((3, 9, 12), np.uint8))
+        RandomMoire(REGISTERED, p=1)(image=values((3, 9, 12), np.uint8))
 
 
-@pytest.mark.parametrize("columns", [2, 5])
-def test_integer_key_points_in_a_direct_call(columns, camera):
-    points = np.array([[3, 4, 0, 0, 10], [7, 2, 0, 1, 10]])[:, :columns]
-    image, moved = values((9, 12, 3), np.uint8), []
-    for given in (points, points.astype(np.float32)):
-        step = RandomMoire(camera, p=1)
-        step.set_random_seed(0)
-        moved.append(step(image=image, keypoints=given)["keypoints"])
-    assert np.array_equal(*moved) and moved[0].dtype == np.float32
-    assert np.any(moved[0][:, :2] % 1 != 0)
+def test_integer_key_points_in_a_direct_call():
+    points = np.array([[3, 4, 0, 0, 10], [7, 2, 0, 1, 10]])
+    image = values((9, 12, 3), np.uint8)
+    for columns in (2, 5):
+        moved = []
+        for dtype in (int, np.float32):
+            step = RandomMoire(CAMERA, p=1)
+            step.set_random_seed(0)
+            given = points[:, :columns].astype(dtype)
+            moved.append(step(image=image, keypoints=given)["keypoints"])
+        assert np.array_equal(*moved) and moved[0].dtype == np.float32
+        assert np.any(moved[0][:, :2] % 1 != 0)
 
 
 MOVED = Scene(
@@ -180,13 +173,13 @@ MOVED = Scene(
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_a_replay_lands_on_the_light_at_any_size(times, marked, square, find):
+def test_a_replay_lands_on_the_light_at_any_size(times, marked, find):
     small = values((40, 60, 3), np.uint8)
     steps = compose(MOVED, A.ReplayCompose)
     replay = steps(image=small, bboxes=[], kinds=[], keypoints=[])["replay"]
     step = A.ReplayCompose._restore_for_replay(replay["transforms"][0])
     image = np.repeat(np.repeat(marked.permute(1, 2, 0).numpy(), times, 0), times, 1)
-    x1, y1, x2, y2 = (v * times for v in square)
+    x1, y1, x2, y2 = (v * times for v in SQUARE)
     sides = np.array([64, 48, 64, 48]) * times
     out = step(
         image=image,
@@ -198,32 +191,29 @@ def test_a_replay_lands_on_the_light_at_any_size(times, marked, square, find):
     assert (torch.from_numpy(out["bboxes"][0] * sides) - box).abs().max() < 2.0 * times
 
 
-@pytest.mark.parametrize("each", [False, True])
-@pytest.mark.parametrize("clip", [False, True])
-@pytest.mark.parametrize(("least", "kept"), [(0.0, 1), (0.9, 0)])
-def test_a_compose_measures_how_much_of_a_box_is_visible(least, kept, clip, each):
+def test_a_compose_measures_how_much_of_a_box_is_visible():
     scene = dataclasses.replace(MOVED, view=View(shift_x=0.5, fit=False))
     boxes = [(20.0, 10.0, 50.0, 40.0), (50.0, 10.0, 60.0, 20.0)]  # the second leaves the photo
-    settings = {"min_visibility": least, "clip": clip, "check_each_transform": each}
-    params = A.BboxParams("pascal_voc", label_fields=["kinds"], **settings)
-    steps = A.Compose([RandomMoire(scene, p=1)], bbox_params=params)
-    out = steps(image=values((48, 64, 3), np.uint8), bboxes=boxes, kinds=[1, 2])
-    assert len(out["bboxes"]) == kept
-    assert not kept or np.allclose(out["bboxes"], [(52, 10, 64, 40)], atol=1e-4)
+    for least, clip, each in itertools.product((0.0, 0.9), (False, True), (False, True)):
+        settings = {"min_visibility": least, "clip": clip, "check_each_transform": each}
+        params = A.BboxParams("pascal_voc", label_fields=["kinds"], **settings)
+        steps = A.Compose([RandomMoire(scene, p=1)], bbox_params=params)
+        out = steps(image=values((48, 64, 3), np.uint8), bboxes=boxes, kinds=[1, 2])
+        kept = [] if least else [(52, 10, 64, 40)]
+        assert len(out["bboxes"]) == len(kept), settings
+        assert not kept or np.allclose(out["bboxes"], kept, atol=1e-4)
 
 
-@pytest.mark.parametrize("dtype", [">f4", np.longdouble, ">i4"])
-def test_numbers_that_torch_does_not_read(dtype, camera):
-    step = RandomMoire(camera, p=1)
-    step.set_random_seed(0)
+@pytest.mark.parametrize("dtype", [">f4", np.longdouble])
+def test_floats_that_torch_does_not_read(dtype):
     known = values((9, 12, 3), np.float64 if dtype == np.longdouble else np.float32)
     mask = (known[..., 0] * 100).astype(np.int32)
-    shown = step(image=known, mask=mask)
-    step.set_random_seed(0)
-    if np.dtype(dtype).kind == "f":
-        given = known.astype(dtype)
-        out = step(image=given)["image"]
-        assert out.dtype == given.dtype and np.array_equal(out, shown["image"])
-    else:
-        out = step(image=known, mask=mask.astype(dtype))["mask"]
-        assert out.dtype == np.dtype(dtype) and np.array_equal(out, shown["mask"])
+    shown = []
+    for image, of_mask in ((known, np.int32), (known.astype(dtype), ">i4")):
+        step = RandomMoire(CAMERA, p=1)
+        step.set_random_seed(0)
+        shown.append(step(image=image, mask=mask.astype(of_mask)))
+        assert shown[-1]["image"].dtype == image.dtype
+        assert shown[-1]["mask"].dtype == np.dtype(of_mask)
+    for target in ("image", "mask"):
+        assert np.array_equal(shown[0][target], shown[1][target])

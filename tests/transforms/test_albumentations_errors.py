@@ -10,6 +10,7 @@ import torch
 from albumentations.pytorch import ToTensorV2
 
 from moireaug.transforms import albumentations as moire
+from tests.transforms.common import CAMERA, REGISTERED
 
 IMAGE = np.zeros((9, 12, 3), np.uint8)
 TENSOR = torch.zeros(3, 9, 12)
@@ -30,18 +31,17 @@ SAMPLES = {
 
 
 @pytest.fixture(params=["RandomMoire", "AdversarialMoire"])
-def transform(request, camera):
+def transform(request):
     if request.param == "RandomMoire":
-        return moire.RandomMoire(camera, p=1)
+        return moire.RandomMoire(CAMERA, p=1)
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
-    return moire.AdversarialMoire(model, camera, steps=1, p=1)
+    return moire.AdversarialMoire(model, CAMERA, steps=1, p=1)
 
 
-@pytest.mark.parametrize("name", SAMPLES)
-def test_what_is_no_numpy_array_is_refused_in_a_sentence(name, transform):
-    sample, sentence = SAMPLES[name]
-    with pytest.raises(TypeError, match=re.escape(sentence)):
-        transform(**sample, label=1)
+def test_what_is_no_numpy_array_is_refused_in_a_sentence(transform):
+    for sample, sentence in SAMPLES.values():
+        with pytest.raises(TypeError, match=re.escape(sentence)):
+            transform(**sample, label=1)
 
 
 def test_a_transform_after_totensor_is_sent_before_it(transform):
@@ -49,20 +49,19 @@ def test_a_transform_after_totensor_is_sent_before_it(transform):
         A.Compose([ToTensorV2(), transform])(image=IMAGE, label=1)
 
 
-def test_tensors_in_a_replay_are_refused(camera):
-    out = A.ReplayCompose([moire.RandomMoire(camera, p=1)])(volume=IMAGE[None])
+def test_tensors_in_a_replay_are_refused():
+    out = A.ReplayCompose([moire.RandomMoire(CAMERA, p=1)])(volume=IMAGE[None])
     with pytest.raises(TypeError, match=BEFORE):
         A.ReplayCompose.replay(out["replay"], volume=TENSOR[None])
 
 
-def test_masks_that_stay_may_be_tensors(registered):
+def test_masks_that_stay_may_be_tensors():
     mask = TENSOR[0]
-    out = moire.RandomMoire(registered, p=1)(image=IMAGE, mask=mask)
-    assert out["mask"] is mask
+    assert moire.RandomMoire(REGISTERED, p=1)(image=IMAGE, mask=mask)["mask"] is mask
 
 
-def test_lists_of_arrays_are_taken(camera):
-    out = moire.RandomMoire(camera, p=1)(images=[IMAGE, IMAGE], masks=[IMAGE[..., 0]])
+def test_lists_of_arrays_are_taken():
+    out = moire.RandomMoire(CAMERA, p=1)(images=[IMAGE, IMAGE], masks=[IMAGE[..., 0]])
     assert out["images"].shape == (2, *IMAGE.shape) and out["masks"].shape == (1, 9, 12)
 
 

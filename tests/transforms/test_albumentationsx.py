@@ -19,6 +19,7 @@ from albumentations.core.transforms_interface import DualTransform
 from moireaug import Shot
 from moireaug.transforms import _calls
 from moireaug.transforms import albumentations as moire
+from tests.transforms.common import CAMERA, REGISTERED
 
 IMAGE = np.random.default_rng(0).random((9, 12, 3)).astype(np.float32)
 
@@ -92,8 +93,8 @@ def shot_of(transform):
     return Shot.from_dict(values["shot"])
 
 
-def test_a_shot_is_sampled_and_applied(other_module, camera):
-    transform = other_module.RandomMoire(camera, p=1)
+def test_a_shot_is_sampled_and_applied(other_module):
+    transform = other_module.RandomMoire(CAMERA, p=1)
     mask = np.ones((9, 12), np.uint8)
     out = transform(image=IMAGE, mask=mask, keypoints=np.array([[3.0, 4.0]]), label=1)
     shot = shot_of(transform)
@@ -102,16 +103,16 @@ def test_a_shot_is_sampled_and_applied(other_module, camera):
     assert np.array_equal(out["keypoints"], moire.move_keypoints(np.array([[3.0, 4.0]]), shot))
 
 
-def test_an_attack_is_sampled_and_applied(other_module, registered):
+def test_an_attack_is_sampled_and_applied(other_module):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
-    transform = other_module.AdversarialMoire(model, registered, steps=1, p=1)
+    transform = other_module.AdversarialMoire(model, REGISTERED, steps=1, p=1)
     out = transform(image=IMAGE, volume=np.stack([IMAGE, IMAGE]), label=1)
     assert np.any(out["image"] != moire.apply_to_one(IMAGE, shot_of(transform)))
     assert np.any(out["volume"][0] != out["image"]), "the volume has the noise of the image"
 
 
-def test_a_replay_at_another_size_moves_boxes_by_that_size(other_module, camera):
-    transform = other_module.RandomMoire(camera, p=1)
+def test_a_replay_at_another_size_moves_boxes_by_that_size(other_module):
+    transform = other_module.RandomMoire(CAMERA, p=1)
     transform(image=IMAGE)
     large, box = np.repeat(IMAGE, 2, 0), np.array([[0.25, 0.25, 0.5, 0.75]])
     out = transform.apply_with_params(transform.record, image=large, bboxes=box)

@@ -1,5 +1,4 @@
-"""Pictures of one scene share the shot and differ in sensor noise: picture i of a target has the
-draw's seed + i, whichever transform photographs it."""
+"""Pictures of one target share the shot; picture i has its seed + i for the noise."""
 
 import dataclasses
 
@@ -14,6 +13,7 @@ from moireaug.attacks import MoireAttack
 from moireaug.scene.by_name import with_values
 from moireaug.transforms import albumentations as moire
 from moireaug.transforms import torchvision
+from tests.transforms.common import CAMERA, FRAMES, REGISTERED
 
 SHAPE = (9, 12, 3)
 LEADS = {"image": (), "images": (3,), "volume": (3,)}
@@ -37,41 +37,40 @@ def photos_by_hand(picture, shot, n):
 
 
 @pytest.mark.parametrize("frame", ["registered", "camera"])
-@pytest.mark.parametrize("target", LEADS)
-def test_a_target_s_pictures_differ_in_sensor_noise(target, frame, repeated, request):
-    steps = A.ReplayCompose([moire.RandomMoire(request.getfixturevalue(frame), p=1)])
-    out = steps(**{target: of_target(target, repeated)})
-    shot = Shot.from_dict(out["replay"]["transforms"][0]["params"]["shot"])
-    photos = out[target].reshape(-1, *SHAPE)
-    assert np.array_equal(photos, photos_by_hand(repeated[0], shot, len(photos)))
-    assert len({photo.tobytes() for photo in photos}) == len(photos)
+def test_a_target_s_pictures_differ_in_sensor_noise(frame, repeated):
+    steps = A.ReplayCompose([moire.RandomMoire(FRAMES[frame], p=1)])
+    for target in LEADS:
+        out = steps(**{target: of_target(target, repeated)})
+        shot = Shot.from_dict(out["replay"]["transforms"][0]["params"]["shot"])
+        photos = out[target].reshape(-1, *SHAPE)
+        assert np.array_equal(photos, photos_by_hand(repeated[0], shot, len(photos))), target
+        assert len({photo.tobytes() for photo in photos}) == len(photos)
 
 
-def test_a_video_s_frames_are_those_of_images(registered, repeated):
-    shot = registered.sample(1, SHAPE[:2], torch.Generator().manual_seed(0))
+def test_a_video_s_frames_are_those_of_images(repeated):
+    shot = REGISTERED.sample(1, SHAPE[:2], torch.Generator().manual_seed(0))
     video = tv_tensors.Video(torch.from_numpy(repeated).permute(0, 3, 1, 2))
     frames = torchvision.apply_shot(video, shot).permute(0, 2, 3, 1).numpy()
     assert np.array_equal(frames, moire.apply_to_all(repeated, shot))
     assert np.array_equal(frames, photos_by_hand(repeated[0], shot, 4))
 
 
-def test_without_sensor_noise_the_pictures_of_a_target_are_alike(registered, repeated):
-    quiet = with_values(registered, {"sensor.read_noise": 0.0})
+def test_without_sensor_noise_the_pictures_of_a_target_are_alike(repeated):
+    quiet = with_values(REGISTERED, {"sensor.read_noise": 0.0})
     photos = A.Compose([moire.RandomMoire(quiet, p=1)])(images=repeated)["images"]
     assert np.array_equal(photos, np.repeat(photos[:1], 4, 0)) and np.any(photos != repeated)
 
 
-def test_the_masks_of_a_volume_move_alike(camera, repeated):
-    out = A.Compose([moire.RandomMoire(camera, p=1)])(
-        volume=repeated, mask3d=np.ones((4, 9, 12), np.uint8)
-    )
+def test_the_masks_of_a_volume_move_alike(repeated):
+    mask = np.ones((4, 9, 12), np.uint8)
+    out = A.Compose([moire.RandomMoire(CAMERA, p=1)])(volume=repeated, mask3d=mask)
     assert np.array_equal(out["mask3d"], np.repeat(out["mask3d"][:1], 4, 0))
 
 
 @pytest.mark.parametrize("targets", [["images"], ["image", "images", "volume"]], ids=str)
-def test_the_photos_are_those_that_the_attack_found(targets, registered, repeated, monkeypatch):
+def test_the_photos_are_those_that_the_attack_found(targets, repeated, monkeypatch):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
-    adversarial = moire.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)
+    adversarial = moire.AdversarialMoire(model, REGISTERED, eps=0.1, steps=2, p=1)
     results, attack = [], MoireAttack.__call__
 
     def recorded(*args, **kwargs):

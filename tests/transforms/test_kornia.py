@@ -9,22 +9,21 @@ from kornia.augmentation import AugmentationSequential, RandomHorizontalFlip, Vi
 from moireaug import Develop, Panel, Scene, Sensor, View, capture
 from moireaug.transforms import kornia
 from moireaug.transforms.kornia import RandomMoire, from_params, to_params
+from tests.transforms.common import REGISTERED
 
 
-@pytest.mark.parametrize(
-    "dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64], ids=str
-)
-@pytest.mark.parametrize("shape", [(3, 9, 12), (1, 9, 12), (2, 3, 9, 12), (2, 1, 9, 12)], ids=str)
 @pytest.mark.parametrize("keepdim", [False, True])
-def test_shape_dtype_and_range_are_kept(shape, dtype, keepdim, registered):
-    image = torch.rand(shape).to(dtype)
-    before = image.clone()
-    out = RandomMoire(registered, p=1, keepdim=keepdim)(image)
-    assert (
-        out.shape == (shape if keepdim or len(shape) == 4 else (1, *shape)) and out.dtype == dtype
-    )
-    assert out.min() >= 0 and out.max() <= 1 and not torch.equal(out.reshape(shape), image)
-    assert torch.equal(image, before), "the input was modified"
+def test_shape_dtype_and_range_are_kept(keepdim):
+    transform = RandomMoire(REGISTERED, p=1, keepdim=keepdim)
+    for shape in ((3, 9, 12), (1, 9, 12), (2, 3, 9, 12), (2, 1, 9, 12)):
+        for dtype in (torch.float16, torch.bfloat16, torch.float32, torch.float64):
+            image = torch.rand(shape).to(dtype)
+            before = image.clone()
+            out = transform(image)
+            assert out.shape == (shape if keepdim or len(shape) == 4 else (1, *shape))
+            assert out.dtype == dtype and out.min() >= 0 and out.max() <= 1
+            assert not torch.equal(out.reshape(shape), image)
+            assert torch.equal(image, before), "the input was modified"
 
 
 ANNOTATIONS = {
@@ -34,8 +33,8 @@ ANNOTATIONS = {
 }
 
 
-def test_masks_boxes_and_keypoints_stay(registered):
-    steps = AugmentationSequential(RandomMoire(registered, p=1), data_keys=["input", *ANNOTATIONS])
+def test_masks_boxes_and_keypoints_stay():
+    steps = AugmentationSequential(RandomMoire(REGISTERED, p=1), data_keys=["input", *ANNOTATIONS])
     image = torch.rand(2, 3, 9, 12)
     photo, *others = steps(image, *ANNOTATIONS.values())
     assert not torch.equal(photo, image)
@@ -44,25 +43,23 @@ def test_masks_boxes_and_keypoints_stay(registered):
 
 
 @pytest.mark.parametrize("same_on_batch", [False, True])
-def test_one_draw_per_image_unless_same_on_batch(same_on_batch, registered):
+def test_one_draw_per_image_unless_same_on_batch(same_on_batch):
     batch = torch.rand(1, 3, 9, 12).expand(4, -1, -1, -1)
-    photos = RandomMoire(registered, p=1, same_on_batch=same_on_batch)(batch)
+    photos = RandomMoire(REGISTERED, p=1, same_on_batch=same_on_batch)(batch)
     assert len({p.numpy().tobytes() for p in photos}) == (1 if same_on_batch else 4)
 
 
 @pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("same_on_batch", [False, True])
-def test_p_and_replay(p, same_on_batch, registered):
+def test_p_and_replay(p, same_on_batch):
     torch.manual_seed(1)
     batch = torch.rand(8, 3, 9, 12)
     flip = RandomHorizontalFlip(p=0.5)
-    steps = AugmentationSequential(
-        flip, RandomMoire(registered, p=p, same_on_batch=same_on_batch), data_keys=["input"]
-    )
+    transform = RandomMoire(REGISTERED, p=p, same_on_batch=same_on_batch)
+    steps = AugmentationSequential(flip, copy.deepcopy(transform), data_keys=["input"])
     out = steps(batch)
     assert torch.equal(out, steps(batch, params=steps._params))
     assert p == 0 or not torch.equal(out, steps(batch))
-    transform = RandomMoire(registered, p=p, same_on_batch=same_on_batch)
     torch.manual_seed(2)
     out = transform(batch)
     kept = torch.tensor([torch.equal(a, b) for a, b in zip(out, batch, strict=True)])
@@ -72,18 +69,18 @@ def test_p_and_replay(p, same_on_batch, registered):
     assert torch.equal(out, transform(batch))
 
 
-def test_parameters_hold_the_whole_shot(registered):
-    shot = registered.sample(3, (9, 12))
+def test_parameters_hold_the_whole_shot():
+    shot = REGISTERED.sample(3, (9, 12))
     params = to_params(shot)
     assert all(v.shape == (3,) for v in params.values())
-    assert from_params(registered, (9, 12), params).to_dict() == shot.to_dict()
-    transform, image = RandomMoire(registered, p=1), torch.rand(3, 3, 9, 12)
+    assert from_params(REGISTERED, (9, 12), params).to_dict() == shot.to_dict()
+    transform, image = RandomMoire(REGISTERED, p=1), torch.rand(3, 3, 9, 12)
     out = transform(image)
-    assert torch.equal(out, capture(image, from_params(registered, (9, 12), transform._params)))
+    assert torch.equal(out, capture(image, from_params(REGISTERED, (9, 12), transform._params)))
 
 
-def test_skipped_rows_cost_nothing_and_may_hold_nan(registered, monkeypatch):
-    transform, batch = RandomMoire(registered, p=0.5), torch.rand(8, 3, 9, 12)
+def test_skipped_rows_cost_nothing_and_may_hold_nan(monkeypatch):
+    transform, batch = RandomMoire(REGISTERED, p=0.5), torch.rand(8, 3, 9, 12)
     torch.manual_seed(0)
     params = transform.forward_parameters(batch.shape)
     chosen = params["batch_prob"] > 0.5
@@ -99,28 +96,23 @@ def test_skipped_rows_cost_nothing_and_may_hold_nan(registered, monkeypatch):
     assert batch.grad.isfinite().all() and batch.grad[chosen].abs().sum() > 0
 
 
-def test_in_a_video_sequence_frames_share_the_shot(registered):
+def test_in_a_video_sequence_frames_share_the_shot():
     clip = torch.rand(2, 1, 3, 9, 12).expand(-1, 4, -1, -1, -1)
-    moire = RandomMoire(registered, p=1)
+    moire = RandomMoire(REGISTERED, p=1)
     out = VideoSequential(moire, data_format="BTCHW", same_on_frame=True)(clip)
     assert out.shape == clip.shape
     assert torch.equal(out[:, 0], out[:, 3])
     assert not torch.equal(out[0, 0], out[1, 0])
 
 
-def test_a_copy_and_an_empty_batch(registered):
-    transform = copy.deepcopy(RandomMoire(registered, p=1))
-    assert transform(torch.rand(0, 3, 9, 12)).shape == (0, 3, 9, 12)
-
-
-@pytest.mark.parametrize("scene", ["paper", "paper_code"])
-def test_the_cameras_frame_is_refused(scene):
-    with pytest.raises(ValueError, match=r"registered=True, or use moireaug\.transforms"):
-        RandomMoire(scene)
+def test_an_empty_batch():
+    assert RandomMoire(REGISTERED, p=1)(torch.rand(0, 3, 9, 12)).shape == (0, 3, 9, 12)
 
 
 @pytest.mark.parametrize("scene", ["paper", "paper_code"])
 def test_the_cameras_frame_is_taken_for_images_alone(scene):
+    with pytest.raises(ValueError, match=r"registered=True, or use moireaug\.transforms"):
+        RandomMoire(scene)
     image, labels = torch.rand(2, 3, 9, 12), torch.tensor([[1.0], [2.0]])
     moire = RandomMoire(scene, p=1, images_only=True)
     photo, same = AugmentationSequential(moire, data_keys=["input", "class"])(image, labels)
@@ -129,18 +121,18 @@ def test_the_cameras_frame_is_taken_for_images_alone(scene):
     assert torch.equal(photo, capture(image, shot))
 
 
-@pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("key", ANNOTATIONS)
-def test_images_only_refuses_what_would_have_to_move(key, p):
-    moire = RandomMoire("paper", p=p, images_only=True)
-    steps = AugmentationSequential(moire, data_keys=["input", key])
-    with pytest.raises(ValueError, match="images_only=True takes no"):
-        steps(torch.rand(2, 3, 9, 12), ANNOTATIONS[key])
+def test_images_only_refuses_what_would_have_to_move():
+    for p in (0.0, 0.5, 1.0):
+        moire = RandomMoire("paper", p=p, images_only=True)
+        for key, annotation in ANNOTATIONS.items():
+            steps = AugmentationSequential(moire, data_keys=["input", key])
+            with pytest.raises(ValueError, match="images_only=True takes no"):
+                steps(torch.rand(2, 3, 9, 12), annotation)
 
 
 @pytest.mark.parametrize("p", [0.5, 1.0])
-def test_parameters_of_one_image_replay_on_all_rows(p, registered):
-    transform, batch = RandomMoire(registered, p=p), torch.rand(4, 3, 9, 12)
+def test_parameters_of_one_image_replay_on_all_rows(p):
+    transform, batch = RandomMoire(REGISTERED, p=p), torch.rand(4, 3, 9, 12)
     torch.manual_seed(0)
     while not (transform(batch[:1]) != batch[:1]).any():
         pass
@@ -175,8 +167,8 @@ def test_a_frontal_scene_in_the_cameras_frame_is_taken():
     assert RandomMoire(scene, p=1)(torch.rand(1, 3, 8, 8)).shape == (1, 3, 8, 8)
 
 
-def test_errors_are_sentences(registered):
+def test_errors_are_sentences():
     with pytest.raises(TypeError, match="images_only must be True or False; got 'no'"):
         RandomMoire("paper", images_only="no")
     with pytest.raises(TypeError):
-        RandomMoire(registered, p=1)(torch.zeros(1, 3, 9, 12, dtype=torch.uint8))
+        RandomMoire(REGISTERED, p=1)(torch.zeros(1, 3, 9, 12, dtype=torch.uint8))

@@ -9,18 +9,15 @@ from torchvision.transforms.v2 import functional as F
 
 from moireaug import Shot, capture
 from moireaug.transforms import albumentations, kornia, torchvision
+from tests.transforms.common import REGISTERED
 
 
 def through_kornia(image, shot):
-    if image.dtype == torch.uint8:
-        pytest.skip("kornia takes no uint8")
     transform = kornia.RandomMoire(shot.scene, p=1, keepdim=True)
     return transform(image, params={**kornia.to_params(shot), "batch_prob": torch.ones(1)})
 
 
 def through_pil(image, shot):
-    if image.dtype != torch.uint8:
-        pytest.skip("PIL images are uint8")
     picture = F.to_pil_image(image)
     return F.pil_to_tensor(torchvision.apply_shot(picture, shot))
 
@@ -36,29 +33,40 @@ WAYS = {
     "kornia": through_kornia,
     "albumentations": through_albumentations,
 }
+DTYPES = {"kornia": [torch.float32], "PIL": [torch.uint8]}  # of those that do not take both
 
 
-@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32], ids=str)
-@pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("name", WAYS)
-def test_all_libraries_give_the_same_photo(name, channels, dtype, registered):
-    image = torch.rand(channels, 10, 14, generator=torch.Generator().manual_seed(0))
-    image = (image * 255).round().to(dtype) if dtype == torch.uint8 else image
-    shot = registered.sample(1, (10, 14), torch.Generator().manual_seed(1))
-    photo = WAYS[name](image, Shot.from_dict(shot.to_dict()))
-    assert torch.equal(photo, torchvision.apply_shot(image, shot))
-    if channels == 3:
-        shown = image.float() / 255 if dtype == torch.uint8 else image
-        expected = capture(shown[None], shot)[0]
-        expected = (expected * 255).round().to(dtype) if dtype == torch.uint8 else expected
-        assert torch.equal(photo, expected)
+def rounded(image):
+    return (image * 255).round().to(torch.uint8)
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_every_library_refuses_a_shot_of_other_images(name, registered):
+def test_all_libraries_give_the_same_photo(name):
+    shot = REGISTERED.sample(1, (10, 14), torch.Generator().manual_seed(1))
+    again = Shot.from_dict(shot.to_dict())
+    for channels in (1, 3):
+        image = torch.rand(channels, 10, 14, generator=torch.Generator().manual_seed(0))
+        for given in (image, rounded(image)):
+            if given.dtype not in DTYPES.get(name, (torch.uint8, torch.float32)):
+                continue
+            photo = WAYS[name](given, again)
+            assert torch.equal(photo, torchvision.apply_shot(given, shot)), (channels, given.dtype)
+            if channels == 1:
+                continue
+            if given is image:
+                assert torch.equal(photo, capture(image[None], shot)[0])
+            else:
+                assert torch.equal(photo, rounded(capture(given[None].float() / 255, shot)[0]))
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_every_library_refuses_a_shot_of_other_images(name):
     image = torch.zeros(3, 10, 14, dtype=torch.uint8 if name == "PIL" else torch.float32)
     with pytest.raises(ValueError, match=r"(of|for) 3 images"):
-        WAYS[name](image, registered.sample(3, (10, 14)))
+        WAYS[name](image, REGISTERED.sample(3, (10, 14)))
+    if name in ("torchvision", "PIL"):  # others replay at any size
+        with pytest.raises(ValueError, match="1 images of 10 x 13; got 1 of 10 x 14"):
+            WAYS[name](image, REGISTERED.sample(1, (10, 13)))
 
 
 NORMALISED = torch.rand(1, 3, 9, 12) * 2 - 1
@@ -66,11 +74,11 @@ REFUSED = {"3 channels": torch.rand(1, 4, 9, 12), "Undo the normalisation": NORM
 
 
 @pytest.mark.parametrize("library", [torchvision, kornia, albumentations], ids=str)
-def test_every_library_refuses_the_same_pictures(library, registered):
+def test_every_library_refuses_the_same_pictures(library):
     for p in (-0.1, 1.5, "often", None, True, float("nan")):
         with pytest.raises(ValueError, match=r"p must be a probability in \[0, 1\]; got"):
-            library.RandomMoire(registered, p=p)
-    transform = library.RandomMoire(registered, p=1)
+            library.RandomMoire(REGISTERED, p=p)
+    transform = library.RandomMoire(REGISTERED, p=1)
     for sentence, images in REFUSED.items():
         with pytest.raises(ValueError, match=sentence):
             if library is albumentations:
@@ -80,42 +88,36 @@ def test_every_library_refuses_the_same_pictures(library, registered):
 
 
 @pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize(
-    ("library", "dtype"),
-    [(torchvision, torch.uint8), (torchvision, torch.float32), (kornia, torch.float32)],
-    ids=str,
-)
-def test_the_memory_layout_is_kept(library, dtype, p):
-    images = (torch.rand(6, 3, 12, 9) * (255 if dtype == torch.uint8 else 1)).to(dtype)
-    transform, photos = library.RandomMoire(p=p), []
-    for given in (images, images.to(memory_format=torch.channels_last)):
-        torch.manual_seed(0)
-        photos.append(transform(given))
-        assert photos[-1].stride() == given.stride()
-    assert torch.equal(*photos)
+def test_the_memory_layout_is_kept(p):
+    pictures = torch.rand(6, 3, 12, 9)
+    given = [(torchvision, rounded(pictures)), (torchvision, pictures), (kornia, pictures)]
+    for library, images in given:
+        transform, photos = library.RandomMoire(p=p), []
+        for laid_out in (images, images.to(memory_format=torch.channels_last)):
+            torch.manual_seed(0)
+            photos.append(transform(laid_out))
+            assert photos[-1].stride() == laid_out.stride()
+        assert torch.equal(*photos)
 
 
-# one process each, as what is imported stays; after each statement, what must not be there yet
-IMPORTS = [
-    [
-        ("import moireaug", ("torchvision", "albumentations")),
-        ("import moireaug.effects.denoise", ("cv2",)),
-        ("moireaug.transforms.kornia.RandomMoire", ("torchvision", "albumentations")),
-        ("moireaug.transforms.RandomMoire", ("albumentations",)),
-        ("from moireaug.transforms import RandomMoire; RandomMoire()", ("albumentations",)),
-    ],
-    [("import moireaug; moireaug.transforms.albumentations.RandomMoire()", ("torchvision",))],
-]
+# after each statement, what must not be there yet; an indented one runs in a fork of its own
+IMPORTS = """
+import moireaug  # torchvision albumentations
+import moireaug.effects.denoise  # cv2
+    moireaug.transforms.albumentations.RandomMoire()  # torchvision
+moireaug.transforms.kornia.RandomMoire  # torchvision albumentations
+moireaug.transforms.RandomMoire()  # albumentations
+"""
 
 
 def test_a_library_imports_no_other():
     lines = ["import os, sys, torch"]
-    for statements in IMPORTS:
-        lines.append("if not os.fork():")
-        for statement, absent in statements:
-            check = f"assert m not in sys.modules, ({statement!r}, m)"
-            lines += [f"    {statement}", f"    for m in {absent!r}: {check}"]
-        lines += ["    os._exit(0)", "assert os.wait()[1] == 0"]
+    for line in IMPORTS.strip().splitlines():
+        indent = line[: len(line) - len(line.lstrip())]
+        absent = line.partition("# ")[2].split()
+        lines += ["if not os.fork():"] if indent else []
+        lines += [line, f"{indent}for m in {absent}: assert m not in sys.modules, ({line!r}, m)"]
+        lines += ["    os._exit(0)", "assert os.wait()[1] == 0"] if indent else []
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True)
     assert done.returncode == 0 and done.stderr.strip() == "", done.stderr
 

@@ -1,7 +1,4 @@
-"""Each peer's resampling, blur and noise in front of each transform: values left outside [0, 1] are
-clipped."""
-
-import functools
+"""Values that peers' resampling, blur and noise leave outside [0, 1] are clipped."""
 
 # isort: skip  # after moireaug, which keeps it from asking for its newest version
 import albumentations as A
@@ -26,32 +23,26 @@ def one_thread(_threads_and_seed):
     torch.set_num_threads(1)  # pictures this small do not share their work
 
 
-def of_torchvision(step):
-    return lambda image: step(image)
-
-
-def of_kornia(step):
-    return lambda image: step(image[None])[0]
-
-
 def of_albumentations(step):
-    return lambda image: torch.from_numpy(
-        step(image=image.permute(1, 2, 0).numpy())["image"]
-    ).permute(2, 0, 1)
+    def call(image):
+        array = step(image=image.permute(1, 2, 0).numpy())["image"]
+        return torch.from_numpy(array).permute(2, 0, 1)
+
+    return call
 
 
+AFFINE = K.RandomAffine(30, resample="bicubic", p=1.0, keepdim=True)
 PEERS = {
-    "v2.Resize bicubic": of_torchvision(v2.Resize(SIZE, BICUBIC)),
-    "v2.GaussianNoise": of_torchvision(v2.GaussianNoise(sigma=0.2, clip=False)),
-    "kornia.RandomAffine bicubic": of_kornia(K.RandomAffine(30, resample="bicubic", p=1.0)),
-    "kornia.RandomGaussianNoise": of_kornia(K.RandomGaussianNoise(0.0, 0.2, p=1.0)),
+    "v2.Resize bicubic": v2.Resize(SIZE, BICUBIC),
+    "v2.GaussianNoise": v2.GaussianNoise(sigma=0.2, clip=False),
+    "kornia.RandomAffine bicubic": AFFINE,
+    "kornia.RandomGaussianNoise": K.RandomGaussianNoise(0.0, 0.2, p=1.0, keepdim=True),
     "albumentations.Affine Lanczos": of_albumentations(
         A.Affine(scale=(0.6, 1.8), rotate=(-30, 30), interpolation=cv2.INTER_LANCZOS4, p=1)
     ),
 }
 
 
-@functools.cache
 def drawn(name):
     """Draws: pictures with white areas, random pixels of black and white, and random ones."""
     torch.manual_seed(0)
@@ -67,9 +58,8 @@ def drawn(name):
 
 def through_albumentations(images):
     steps = A.Compose([albumentations.RandomMoire(SCENE, p=1)], seed=0)
-    return torch.from_numpy(steps(images=images.permute(0, 2, 3, 1).numpy())["images"]).permute(
-        0, 3, 1, 2
-    )
+    photos = steps(images=images.permute(0, 2, 3, 1).numpy())["images"]
+    return torch.from_numpy(photos).permute(0, 3, 1, 2)
 
 
 def through_attack(images):
