@@ -21,8 +21,8 @@ from training.demoireing.schema import DemoireConfig
 PAGE = Path(__file__).with_suffix(".md")
 INTRODUCTION = """# Settings
 
-Each is given as `key=value` after a command, and printed by its `--help`. `null` is no value. In a
-path, `~` is expanded.
+Each is given as `key=value` after a command, whose `--help` also prints the ranges. `null` is no
+value. In a path, `~` is expanded.
 """
 COMMANDS = (
     ("Training classifiers", "training/fit.py", Config),
@@ -52,9 +52,10 @@ def page() -> str:
 
 
 def row_of(one: Setting) -> str:
-    """Return a setting's row of the table."""
+    """Return a setting's row of the table: with its words, as `--help` has the ranges."""
     key = one.key.removesuffix(".name")  # a group is chosen by its own name
-    return f"| `{key}={as_argument(one.default)}` | {one.facts.help}{allowed_values(one)} |"
+    words = allowed_values(one) if one.facts.choices else ""
+    return f"| `{key}={as_argument(one.default)}` | {one.facts.help}{words} |"
 
 
 def groups_of(keys: list[str]) -> list[str]:
