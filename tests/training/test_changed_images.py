@@ -7,11 +7,11 @@ import pytest
 import torch
 from PIL import Image
 
-from tests.training.small import TINY, configured, inside
+from tests.training.small import BRIEF, TINY, configured, inside, train
 from training import fit
-from training.classifier.train import train_model
 from training.data.load import load
 from training.models import classifiers as models
+from training.recipe import phases
 from training.runs import resume
 from training.runs.run import Run
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 @pytest.fixture
 def settings(tmp_path):
     """Settings of runs on a folder of images that are red or blue."""
-    for half, n in (("train", 24), ("test", 5)):
+    for half, n in (("train", 12), ("test", 3)):
         for k, colour in enumerate(("red", "blue")):
             (tmp_path / "images" / half / colour).mkdir(parents=True)
             for i in range(n):
@@ -29,8 +29,8 @@ def settings(tmp_path):
                 shade[2 * k] += 5 * i + 20
                 path = tmp_path / "images" / half / colour / f"{i}.png"
                 Image.new("RGB", (24, 24), tuple(shade)).save(path)
-    given = ["data=folder", f"data.root={tmp_path / 'images'}", "data.val=8", "reattack.n=24"]
-    return [*TINY, *given, "model=small_resnet", "reattack.eps=[0.02]", "reattack.steps=1"]
+    given = ["data=folder", f"data.root={tmp_path / 'images'}", "data.val=8", "train.epochs=1"]
+    return [*TINY, *BRIEF, *given, "model=small_resnet", "reattack.n=24"]
 
 
 def test_a_gain_is_over_the_folders_present_images(tmp_path, settings):
@@ -40,50 +40,51 @@ def test_a_gain_is_over_the_folders_present_images(tmp_path, settings):
     done = inside("fit.py", "recipe=moire_aug", *settings, cwd=tmp_path)
     assert done.returncode == 0 and not done.stderr, (done.stdout, done.stderr)
     found = json.loads(next(tmp_path.glob("runs/*/moire_aug/seed0/metrics.json")).read_text())
-    assert {row["n"] for row in found["baseline"]["reattack"]} == {11}
+    assert {row["n"] for row in found["baseline"]["reattack"]} == {7}
     assert set(found["gain"]) == {row["name"] for row in found["reattack"]}
 
 
-def test_no_run_resumes_from_an_overwritten_weights_file(tmp_path, settings):
-    """Two models with one file's name would share a start, a baseline and a report."""
-    weights = tmp_path / "weights.pt"
-    torch.save(models.as_model("small_resnet", 2).state_dict(), weights)
-    given = [*settings, f"weights={weights}"]
-    cfg = configured("recipe=clean", *given, f"runs={tmp_path / 'runs'}")
-    train_model(Run(cfg), load(cfg.data))
-    run = Run(cfg)
-    assert resume.weights_difference(run) is None
-    torch.save(models.as_model("small_resnet", 2).state_dict(), weights)
-    with pytest.raises(ValueError, match=r"weights\.pt no longer holds the weights that it began"):
-        fit.fit(cfg)
-    done = inside("fit.py", "recipe=baseline", *given, cwd=tmp_path)
-    assert done.returncode == 0 and "The start cannot be reused" in done.stdout, done.stderr
-    weights.unlink()  # a finished run needs it no more
-    assert resume.weights_difference(run) is None
+def test_no_run_goes_on_with_other_weights_classes_or_files(tmp_path, settings, capsys):
+    """Two models with one file's name would share a start, its logits would mean others, or it
+    would be validated on what it was trained on."""
+    images, weights = tmp_path / "images", tmp_path / "weights.pt"
 
+    def overwrite():
+        torch.save(models.as_model("small_resnet", 2).state_dict(), weights)
 
-def test_no_run_goes_on_with_other_classes_or_files(tmp_path, settings):
-    """Its logits would mean others, or it would be validated on what it was trained on."""
-    images = tmp_path / "images"
-    cfg = configured("recipe=clean", *settings, f"runs={tmp_path / 'runs'}")
-    train_model(Run(cfg), load(cfg.data))
-    run = Run(cfg)
+    overwrite()
+    given = [*settings, f"weights={weights}", f"runs={tmp_path / 'runs'}"]
+    cfg, baseline = (configured(f"recipe={name}", *given) for name in ("clean", "baseline"))
+    run, _ = train(cfg)
 
-    def difference():
+    def differences():
         splits = load(cfg.data)
-        return resume.data_difference(run, splits.files, splits.classes)
+        return resume.weights_difference(run), resume.data_difference(
+            run, splits.files, splits.classes
+        )
 
-    assert difference() is None
+    def refused(message):
+        with pytest.raises(ValueError, match=message):
+            fit.fit(cfg)
+
+    def start_is_trained_again(because):
+        phases.plain_runs(Run(baseline), load(cfg.data))
+        said = f"The start cannot be reused and is trained again: {because}"
+        assert said in capsys.readouterr().out
+
+    assert differences() == (None, None)
     (images / "train/red/0.png").rename(images / "train/red/24.png")
-    with pytest.raises(ValueError, match="cannot go on: the files that it was trained on are not"):
-        fit.fit(cfg)
+    refused("cannot go on: the files that it was trained on are not")
     (images / "train/red/24.png").rename(images / "train/red/0.png")
-    assert difference() is None
+    assert differences() == (None, None)
+    overwrite()
+    refused(r"weights\.pt no longer holds the weights that it began")
+    start_is_trained_again(f"{weights} no longer holds the weights")
+    weights.rename(tmp_path / "elsewhere")  # a finished run needs it no more
+    assert differences() == (None, None)
     for half in ("train", "test"):
         (images / half / "blue").rename(images / half / "green")
-    with pytest.raises(ValueError, match="cannot go on: it was trained on other classes"):
-        fit.fit(cfg)
-    done = inside("fit.py", "recipe=baseline", *settings, cwd=tmp_path)
-    said = "The start cannot be reused and is trained again: it was trained on other classes."
-    assert done.returncode == 0 and said in done.stdout, (done.stdout, done.stderr)
-    assert len(list(run.folder.parent.glob("seed0-*"))) == 1, "nothing is lost"
+    refused("cannot go on: it was trained on other classes")
+    (tmp_path / "elsewhere").rename(weights)
+    start_is_trained_again("it was trained on other classes.")
+    assert len(list(run.folder.parent.glob("seed0-*"))) == 2, "nothing is lost"

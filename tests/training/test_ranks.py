@@ -13,7 +13,7 @@ from torch.distributed.launcher import api
 
 from tests.training import rank_jobs
 from tests.training.forked import Command
-from tests.training.small import BRIEF, NO_DATA, TINY, configured, wait
+from tests.training.small import NO_DATA, TINY, configured, wait
 from training import fit
 from training.classifier.train import classifier_of, train_model, trainer_of
 from training.classifier.tuning import tuning_of
@@ -29,10 +29,9 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 
 def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
-    given = ["recipe=clean", *TINY, *BRIEF, "train.epochs=30"]
-    processes = ["trainer.devices=2", "trainer.strategy=ddp"]
-    process = Command("fit.py", *given, *processes, cwd=tmp_path, ranks="fork")
-    wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
+    given = ["recipe=clean", *TINY, "train.epochs=300", "trainer.devices=2", "trainer.strategy=ddp"]
+    process = Command("fit.py", *given, cwd=tmp_path, ranks="fork")
+    wait(process, (tmp_path / "runs/clean/seed0/last.ckpt").is_file)
     os.kill(process.ranks()[1], signal.SIGKILL)
     _, err = process.communicate()
     assert process.returncode == 1 and err.count("another process of this run was lost") == 1
@@ -126,14 +125,8 @@ def test_an_epoch_begins_with_the_statistics_of_the_first_process(monkeypatch):
 
 
 def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
-    for name, value in {
-        "NTASKS": "1",
-        "PROCID": "0",
-        "LOCALID": "0",
-        "NODEID": "0",
-        "JOB_ID": "1",
-    }.items():
-        monkeypatch.setenv(f"SLURM_{name}", value)
+    for name in ("NTASKS=1", "PROCID=0", "LOCALID=0", "NODEID=0", "JOB_ID=1"):
+        monkeypatch.setenv(*f"SLURM_{name}".split("="))
     cfg = configured(*TINY)
     trainer = trainer_of(cfg.trainer, tuning_of(cfg.train, fine=False), 1, tmp_path, NO_DATA)
     environment = trainer._accelerator_connector.cluster_environment
