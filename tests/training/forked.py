@@ -16,7 +16,9 @@ ALONE = {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONPATH": str
 LONG = 240  # seconds, for a busy machine
 
 forks = multiprocessing.get_context("forkserver")
-forks.set_forkserver_preload(["training.classifier.train", "training.fit", "training.reattack"])
+forks.set_forkserver_preload(
+    ["training.classifier.train", "training.fit", "training.reattack", "moireaug.engine.cpu.run"]
+)
 
 
 class Command:

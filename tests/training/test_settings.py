@@ -66,12 +66,10 @@ SENTENCES = [
     (["train.init=clean", "data.train=32"], "use random"),
     (["data=folder"], "needs data.root=DIR"),
     (["data=gtsrb", "data.root=null"], "data=gtsrb needs data.root=DIR"),
-    (["scene=3"], "a Scene, a preset's name or a dict"),
     (["reattack.eps=[2,4]"], "Divide by 255?"),
     (["data.root=somewhere"], "has no effect on data=signs"),
     (["data=folder", "data.download=true"], "has no effect on data=folder"),
     (["adversary.natural=0.3"], "leave adversary.* out"),
-    (["trainer.accelerator=tpu"], "must be one of 'auto', 'cpu', 'gpu'"),
 ]
 
 
