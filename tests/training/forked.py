@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import pickle
 import runpy
+import signal
 import subprocess
 import sys
 import tempfile
@@ -74,6 +75,7 @@ def _run(args, cwd, said, ranks, signal_at):
 
     # its own processes start as those of any script, not from the server, which outlives it
     multiprocessing.set_start_method(None, force=True)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which jobs in the background ignore
     if ranks == "fork":
         _fork_ranks()
     if signal_at:

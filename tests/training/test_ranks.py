@@ -75,13 +75,11 @@ def test_of_several_processes_the_one_that_failed_first_speaks(tmp_path):
         ranks.run_job(Trainer(accelerator="cpu", devices=2), rank_jobs.fail_in_one, tmp_path)
 
 
-def test_no_more_processes_start_than_there_are_cores(monkeypatch):
+def test_no_process_too_many_is_started(monkeypatch):
+    """No more than there are cores, and none where a launcher has started them."""
     monkeypatch.setattr(ranks, "_launch", lambda *_: pytest.fail("processes were started"))
     with pytest.raises(ValueError, match=r"trainer.devices must be 1 to .* got 99999"):
         ranks.run_job(Trainer(accelerator="cpu", devices=99_999), print)
-
-
-def test_processes_of_a_launcher_start_no_others(monkeypatch):
     monkeypatch.setenv("RANK", "1")
     done = []
     ranks.run_job(Trainer(accelerator="cpu", devices=2), done.append, "here")

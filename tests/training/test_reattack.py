@@ -63,10 +63,6 @@ def test_weights_are_attacked_without_settings_of_training(nothing_attacked):
             reattack.reattack(configured(*given, name="reattack"), given)
 
 
-class StopError(Exception):
-    pass
-
-
 @pytest.mark.parametrize(
     ("trained_on", "classes", "message"),
     [
@@ -84,9 +80,9 @@ def test_data_of_other_classes_is_refused(trained_on, classes, message, tmp_path
 
     def reached(cfg, *_):
         seen.append(cfg)
-        raise StopError
+        raise StopIteration
 
     monkeypatch.setattr(suites, "suite_config", reached)
-    with pytest.raises(ValueError if message else StopError, match=message):
+    with pytest.raises(ValueError if message else StopIteration, match=message):
         attack(folder, *given)
     assert message or seen[0].data.size == 24, "the size that the model was trained on"

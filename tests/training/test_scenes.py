@@ -21,10 +21,6 @@ TEXT = "preset: phone_at_monitor\npanel: {lit: [0.6, 0.9]}\nview: {roll: [-3, 3]
 WANTED = {"preset": "phone_at_monitor", "panel": {"lit": [0.6, 0.9]}, "view": {"roll": [-3, 3]}}
 
 
-class StopError(Exception):
-    pass
-
-
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "mine.yaml"
@@ -76,14 +72,14 @@ def test_training_and_re_attack_keep_what_a_scene_file_holds(file, monkeypatch):
 
     def stop(cfg):
         seen.append(cfg)
-        raise StopError
+        raise StopIteration
 
     monkeypatch.setattr(fit, "check", stop)
     monkeypatch.setattr(reattack, "check", stop)
-    with pytest.raises(StopError):
+    with pytest.raises(StopIteration):
         fit.fit(configured("recipe=moire_at", *TINY, f"scene={file}"))
     given = ["model=small_resnet", "weights=FILE", f"scene={file}"]
-    with pytest.raises(StopError):
+    with pytest.raises(StopIteration):
         reattack.reattack(configured(*given, name="reattack"), given)
     file.unlink()
     for cfg in seen:

@@ -18,11 +18,7 @@ from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
-MODULE = """import pathlib
-pathlib.Path(__file__).with_name('it_ran').touch()
-def clean(images):
-    return images
-"""
+MODULE = "import pathlib; pathlib.Path(__file__).with_name('it_ran').touch(); clean = abs"
 
 
 def added(line):
@@ -35,8 +31,6 @@ def replaced(before, after):
 
 HOSTILE = [
     (added("demoire: stranger:clean"), "Key 'demoire' not in 'Config'"),
-    (added("networks: DIR"), "Key 'networks' not in 'Config'"),
-    (added("suite: defences"), "Key 'suite' not in 'Config'"),
     (added("targets: {other: /etc}"), "Key 'targets' not in 'Config'"),
     (added("_target_: os.system"), "Key '_target_' not in 'Config'"),
     (replaced("recipe: clean", "recipe: ${oc.env:SECRET}"), r"an interpolation \(\$\{\.\.\.\}\)"),

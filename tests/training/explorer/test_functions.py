@@ -66,10 +66,9 @@ def test_the_ends_of_a_range_come_in_any_order():
 
 
 def test_a_field_is_described_by_its_documentations_first_sentence():
-    assert argument_sentences(Lens)["blur"].startswith(
-        "standard deviation of the Gaussian point spread"
-    )
-    assert argument_sentences(Lens)["k1"] == argument_sentences(Lens)["k2"] == "radial distortion."
+    said = argument_sentences(Lens)
+    assert said["blur"].startswith("standard deviation of the Gaussian point spread")
+    assert said["k1"] == said["k2"] == "radial distortion."
 
 
 def test_code_and_yaml_build_the_scene(tmp_path):
