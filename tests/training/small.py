@@ -117,14 +117,10 @@ def train(cfg):
     return run, train_model(run, load(cfg.data))[1]
 
 
-def weights(path):
-    return torch.load(path, weights_only=True)["state_dict"]
-
-
 def same(one, other):
     """Whether two runs' folders hold the same weights, bit for bit."""
     for name in ("best.ckpt", "last.ckpt"):
-        ours, theirs = weights(one / name), weights(other / name)
-        if not all(torch.equal(value, theirs[key]) for key, value in ours.items()):
+        states = [torch.load(run / name, weights_only=True)["state_dict"] for run in (one, other)]
+        if not all(torch.equal(value, states[1][key]) for key, value in states[0].items()):
             return False
     return True
