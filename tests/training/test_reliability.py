@@ -48,11 +48,9 @@ def straight(tmp_path_factory):
 
 
 def test_a_stopped_and_killed_command_resumes_to_the_same_weights(tmp_path):
-    given = ["recipe=clean", *TINY, *BRIEF, "train.epochs=10"]  # clean takes four
+    given = ["recipe=clean", *TINY, *BRIEF, "data.workers=1", "train.epochs=10"]  # clean takes four
     folder = tmp_path / "runs/clean/seed0"
-    stopped = Command(
-        "fit.py", *given, "data.workers=1", cwd=tmp_path, signal_at=(0, signal.SIGINT)
-    )
+    stopped = Command("fit.py", *given, cwd=tmp_path, signal_at=(0, signal.SIGINT))
     out, _ = stopped.communicate()
     assert stopped.returncode == 130 and epoch(folder / "last.ckpt") == 0
     assert re.search("python .*training/fit.py recipe=clean", out) and "resume" not in out
