@@ -30,10 +30,9 @@ def root(tmp_path):
     """Three recipes of three seeds; `slow` is beaten by `good`, and `lone` has one seed."""
     for seed in range(3):
         put(tmp_path, "clean", seed, worst=(0.01, 0.0), seconds=10.0 + seed)
-        put(tmp_path, "good", seed, worst=(0.3 + 0.02 * seed, 0.2), seconds=20.0, start=10.0 + seed)
-        put(
-            tmp_path, "slow", seed, worst=(0.2, 0.1), seconds=60.0, start=10.0 + seed, init="random"
-        )
+        start = {"start": 10.0 + seed}
+        put(tmp_path, "good", seed, worst=(0.3 + 0.02 * seed, 0.2), seconds=20.0, **start)
+        put(tmp_path, "slow", seed, seconds=60.0, init="random", **start)
     put(tmp_path, "lone", 0, worst=(0.5, 0.25), seconds=100.0, collapsed=4)
     return tmp_path
 
@@ -43,15 +42,12 @@ def weights(tmp_path_factory):
     """Return the weights of a small network that was never trained, but has the first image of the
     test right, so that one counts."""
     torch.manual_seed(0)
-    path, model = (
-        tmp_path_factory.mktemp("weights") / "small.pt",
-        models.as_model("small_resnet", 16).eval(),
-    )
-    cfg = configured()
+    model, cfg = models.as_model("small_resnet", 16).eval(), configured()
     images, labels = protocol_of(cfg, load(cfg.data)).batches[0]
     with torch.no_grad():
         logits, label = model(images)[0], labels[0]
         model.head.bias[label] += logits.max() - logits[label] + 1e-3
+    path = tmp_path_factory.mktemp("weights") / "small.pt"
     torch.save(model.state_dict(), path)
     return path
 

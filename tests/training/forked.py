@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import pickle
 import runpy
+import signal
 import subprocess
 import sys
 import tempfile
@@ -16,7 +17,9 @@ ALONE = {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONPATH": str
 LONG = 240  # seconds, for a busy machine
 
 forks = multiprocessing.get_context("forkserver")
-forks.set_forkserver_preload(["training.classifier.train", "training.fit", "training.reattack"])
+forks.set_forkserver_preload(
+    ["training.classifier.train", "training.fit", "training.reattack", "moireaug.engine.cpu.run"]
+)
 
 
 class Command:
@@ -24,12 +27,13 @@ class Command:
 
     Args:
         ranks: how its own processes start: by "spawn", as a user's, or quickly, by "fork".
+        signal_at: (epoch, signal): it gets that signal once that epoch is kept.
     """
 
-    def __init__(self, script, *overrides, cwd, ranks="spawn"):
+    def __init__(self, script, *overrides, cwd, ranks="spawn", signal_at=None):
         self.args = [str(ROOT / "training" / script), *overrides]
         self._said = tempfile.TemporaryDirectory()
-        given = self.args, str(cwd), self._said.name, ranks
+        given = self.args, str(cwd), self._said.name, ranks, signal_at
         self._process = forks.Process(target=_run, args=given)
         self._process.start()
         self.pid = self._process.pid
@@ -66,13 +70,16 @@ class Command:
             return [(Path(folder) / name).read_text() for name in ("stdout", "stderr")]
 
 
-def _run(args, cwd, said, ranks):
+def _run(args, cwd, said, ranks, signal_at):
     import torch
 
     # its own processes start as those of any script, not from the server, which outlives it
     multiprocessing.set_start_method(None, force=True)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which jobs in the background ignore
     if ranks == "fork":
         _fork_ranks()
+    if signal_at:
+        _signal_at(*signal_at)
     os.environ |= ALONE
     torch.set_num_threads(1)
     os.chdir(cwd)
@@ -81,6 +88,19 @@ def _run(args, cwd, said, ranks):
         os.dup2(file, number)
     sys.argv = list(args)
     runpy.run_path(args[0], run_name="__main__")
+
+
+def _signal_at(epoch, number):
+    from training.trainer.checkpoints import AtomicCheckpointIO
+
+    save = AtomicCheckpointIO.save_checkpoint
+
+    def save_checkpoint(self, checkpoint, path, storage_options=None):
+        save(self, checkpoint, path, storage_options)
+        if Path(path).name == "last.ckpt" and checkpoint["epoch"] == epoch:
+            os.kill(os.getpid(), number)
+
+    AtomicCheckpointIO.save_checkpoint = save_checkpoint
 
 
 def _fork_ranks():

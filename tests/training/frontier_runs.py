@@ -23,6 +23,7 @@ def put(
     root, recipe, seed, *, worst=(0.2, 0.1), seconds=10.0, start=10.0, plain=20.0, init="clean",
     unseen=0.6, attacked=True, n=200, steps=50, collapsed=None, scene="screen_photo", data="signs",
     at=None, size=48, device=ENVIRONMENT, trust=(), eps=0.02, decay=None, length=1.0,
+    weights=None,
 ):  # fmt: skip
     """A finished run as fit.py leaves it, and its re-attack.
 
@@ -32,20 +33,13 @@ def put(
     init = "random" if recipe == "clean" else init
     where = Scene.preset(scene).to_dict()
     config = result_settings(Config(recipe=recipe, seed=seed, model="small_resnet"))
-    config["adversary"]["eps"] = eps
+    config["adversary"]["eps"], config["weights"] = eps, weights
     config["train"] |= {"epochs": 12, "length": length, "weight_decay": decay, "init": init}
     config["data"] |= {"name": data, "size": size, "root": at}
     config["reattack"] |= {"n": 480, "steps": 20, "seed": 1234}
     names = {"recipe": recipe, "seed": seed, "data": data, "model": "small_resnet"}
-    facts = names | {
-        "scene_name": scene,
-        "scene": where,
-        "plan": "",
-        "config": config,
-        "fingerprint": "",
-        "environment": device,
-        "command": "",
-    }
+    facts = names | {"scene_name": scene, "scene": where, "config": config, "environment": device}
+    facts |= {"plan": "", "fingerprint": "", "command": ""}
     own_start = baseline = None
     if init == "clean":
         own_start = PlainMetrics(**names | {"recipe": "clean"}, train=cost(start, "random"))
@@ -56,42 +50,23 @@ def put(
     RunMetrics(**facts, train=train, start=own_start, baseline=baseline, **gain).write(made(folder))
     if attacked:
         rows = [cell(f"eps_{e}", "worst", w, n) for e, w in zip((4, 8), worst, strict=True)]
-        rows += [
-            cell("eps_4", "clean", 0.9, n),
-            cell("eps_4", "pgd", 0.4, n),
-            cell("eps_4", "moire", 0.7, n),
-        ]
+        others = {"clean": 0.9, "pgd": 0.4, "moire": 0.7}
+        rows += [cell("eps_4", column, accuracy, n) for column, accuracy in others.items()]
         photos = [cell(OWN_SCENE_ROW, "moire", 0.7, n), cell(OWN_SCENE_ROW, "no_moire", 0.8, n)]
-        photos += [
-            cell(name, "moire", unseen + 0.2 * (i % 2), n)
-            for i, name in enumerate(other_scenes(SCENE))
-        ]
-        SuiteMetrics(
-            **facts,
-            suite="recipes",
-            n=n,
-            steps=steps,
-            eps=0.02,
-            trust=list(trust),
-            tables={"worst_case": rows, "unseen": photos},
-        ).write(made(folder / "reattack" / f"{scene}-n{n}-steps{steps}" / "recipes"))
+        for i, name in enumerate(other_scenes(SCENE)):
+            photos.append(cell(name, "moire", unseen + 0.2 * (i % 2), n))
+        facts |= {"suite": "recipes", "n": n, "steps": steps, "eps": 0.02, "trust": list(trust)}
+        out = folder / "reattack" / f"{scene}-n{n}-steps{steps}" / "recipes"
+        SuiteMetrics(**facts, tables={"worst_case": rows, "unseen": photos}).write(made(out))
     return folder
 
 
 def cost(seconds, init):
     """The cost of a training of one epoch."""
+    facts = {"init": init, "passes": 2.5, "images_per_second": 600.0, "collapsed_at": None}
+    facts |= {"epochs": 1, "total_epochs": 1, "best_epoch": 0, "history": [{"seconds": seconds}]}
     return TrainCost(
-        init=init,
-        passes=2.5,
-        seconds=seconds,
-        epochs=1,
-        images_per_second=600.0,
-        collapsed_at=None,
-        history=[{"seconds": seconds}],
-        wall_seconds=seconds,
-        best_epoch=0,
-        total_epochs=1,
-        total_seconds=seconds,
+        **facts, **dict.fromkeys(("seconds", "wall_seconds", "total_seconds"), seconds)
     )
 
 

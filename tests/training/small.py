@@ -26,11 +26,11 @@ from training.runs.run import Run, baseline_of, start_of
 from training.system.files import read_checkpoint
 
 NO_DATA = Splits(None, None, None, {}, 0)
-TINY = ["data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2"]
-TINY += ["train.batch_size=32", "reattack.n=24", "reattack.batch_size=12", "reattack.steps=2"]
+TINY = ["data.train=32", "data.val=16", "data.test=24", "data.size=24", "train.epochs=2"]
+TINY += ["train.batch_size=16", "reattack.n=8", "reattack.batch_size=4", "reattack.steps=2"]
 TINY += ["trainer.accelerator=cpu", "trainer.precision=32-true"]  # whatever the CPU multiplies fast
 # after TINY, where the attack does not matter
-BRIEF = ["reattack.n=6", "reattack.eps=[0.02]", "reattack.steps=1"]
+BRIEF = ["reattack.n=4", "reattack.eps=[0.02]", "reattack.steps=1"]
 MAINS = {"fit.py": (fit.main, Config), "reattack.py": (reattack.main, ReattackConfig)}
 
 
@@ -73,10 +73,10 @@ def epoch(path):
     return read_checkpoint(path)["epoch"] if path.is_file() else -1
 
 
-def wait(process, last, at_least):
-    """Wait until a running command has kept that epoch."""
+def wait(process, is_reached):
+    """Wait until a running command has come as far as that."""
     deadline = time.monotonic() + LONG
-    while epoch(last) < at_least:
+    while not is_reached():
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline
         time.sleep(0.02)
@@ -110,31 +110,17 @@ def baseline_config(cfg):
     return run and run.config
 
 
-def train(tmp_path, name, *overrides):
-    """Three epochs of one recipe, without its baseline and re-attack: the run's folder, and what it
-    cost."""
-    cfg = configured(
-        "recipe=moire_at",
-        *TINY,
-        "train.epochs=3",
-        "train.init=random",
-        f"runs={tmp_path / name}",
-        *overrides,
-    )
-    Run(cfg).prepare()
-    out = Run(cfg).folder
-    _, found = train_model(Run(cfg), load(cfg.data))
-    return out, found
-
-
-def weights(path):
-    return torch.load(path, weights_only=True)["state_dict"]
+def train(cfg):
+    """Train a run alone, without its start, baseline and re-attack: the run, and what it cost."""
+    run = Run(cfg)
+    run.prepare()
+    return run, train_model(run, load(cfg.data))[1]
 
 
 def same(one, other):
     """Whether two runs' folders hold the same weights, bit for bit."""
     for name in ("best.ckpt", "last.ckpt"):
-        ours, theirs = weights(one / name), weights(other / name)
-        if not all(torch.equal(value, theirs[key]) for key, value in ours.items()):
+        states = [torch.load(run / name, weights_only=True)["state_dict"] for run in (one, other)]
+        if not all(torch.equal(value, states[1][key]) for key, value in states[0].items()):
             return False
     return True

@@ -18,15 +18,17 @@ SCENE = Scene.preset("screen_photo")
 
 
 class Counting(nn.Module):
-    """A linear classifier that counts the images it sees, with and without gradient."""
+    """A linear classifier that counts the images it sees, with and without gradient, and keeps the
+    last."""
 
     def __init__(self):
         super().__init__()
         torch.manual_seed(0)
-        self.head = nn.Linear(3 * 24 * 24, 4)
+        self.head = nn.Linear(3 * 24 * 24, 8)
         self.forwards, self.backwards = 0, 0
 
     def forward(self, x):
+        self.seen = x.detach()
         self.forwards += len(x)
         if x.requires_grad:
             n = len(x)
@@ -59,9 +61,7 @@ COSTS = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("cfg", "cost"), COSTS, ids=[f"{c.kind}-{k}" for k, (c, _) in enumerate(COSTS)]
-)
+@pytest.mark.parametrize(("cfg", "cost"), COSTS)
 def test_passes_are_what_the_network_is_asked_for(cfg, cost):
     assert passes(cfg) == pytest.approx(cost)
     model = Counting()
@@ -82,48 +82,28 @@ def test_eps_rises_linearly(monkeypatch):
     assert strengths == pytest.approx([0.05, 0.25, 0.5, 1, 1])
 
 
-def stepped(model, *batch):
-    """One training step away from a trainer."""
-    model._strength = lambda: 1.0
-    model.log = lambda *a, **k: None
-    return model.training_step(batch, 0)
+PARTS = [  # recipe, share, natural
+    ("moire_at", 0.5, 0.25),  # attacked, photographed, clean
+    ("moire_at", 0.5, 0.0),  # attacked and clean
+    ("moire_at", 0.75, 0.25),  # no clean one
+    ("pgd_at", 0.25, 0.5),  # pixels beside photos
+    ("moire_aug", 0.0, 0.5),  # photos and clean
+]
 
 
-class Seeing(nn.Module):
-    """Keeps the images of the last training step."""
-
-    def __init__(self):
-        super().__init__()
-        torch.manual_seed(0)
-        self.head = nn.Linear(3 * 24 * 24, 16)
-
-    def forward(self, x):
-        self.seen = x.detach()
-        return self.head(x.flatten(1))
-
-
-PARTS = {  # recipe, share, natural
-    "attacked, photographed, clean": ("moire_at", 0.5, 0.25),
-    "attacked and clean": ("moire_at", 0.5, 0.0),
-    "no clean one": ("moire_at", 0.75, 0.25),
-    "pixels beside photos": ("pgd_at", 0.25, 0.5),
-    "photos and clean": ("moire_aug", 0.0, 0.5),
-}
-
-
-@pytest.mark.parametrize(("recipe", "share", "natural"), PARTS.values(), ids=PARTS)
+@pytest.mark.parametrize(("recipe", "share", "natural"), PARTS)
 def test_a_batch_has_its_parts(recipe, share, natural):
-    cfg = configured(
-        f"recipe={recipe}", *TINY, f"adversary.share={share}", f"adversary.natural={natural}"
-    )
+    parts = [f"adversary.share={share}", f"adversary.natural={natural}"]
+    cfg = configured(f"recipe={recipe}", *TINY, *parts)
     model = classifier_of(cfg, 16)
-    model.model = Seeing()
+    model.model = Counting()
     model.adversary = TrainingAdversary(model.model, model.scene, cfg.adversary)
     photographed = []
     take = model.adversary.photograph
     model.adversary.photograph = lambda x: photographed.append(x) or take(x)
     images = torch.randint(0, 256, (8, 3, 24, 24), dtype=torch.uint8)
-    stepped(model, images, torch.arange(8))
+    model._strength, model.log = lambda: 1.0, lambda *given, **settings: None
+    model.training_step((images, torch.arange(8)), 0)
     n, end = round(share * 8), round((share + natural) * 8)
     same = (model.model.seen == images / 255).flatten(1).all(1)
     assert same.tolist() == [False] * end + [True] * (8 - end)
@@ -132,14 +112,12 @@ def test_a_batch_has_its_parts(recipe, share, natural):
         assert torch.equal(photo, images[n:end] / 255)
 
 
-REFUSED = [
-    ({"share": 0.5}, "the kind none attacks none: use moire_attack or pgd"),
-    ({"kind": "pgd", "share": 0.75, "natural": 0.5, "steps": 2, "eps": 0.02}, "must not add up to"),
-    ({"kind": "pgd", "steps": 2, "eps": 0.02}, "needs a share, steps and eps above 0; got 0.0, 2"),
-]
-
-
-@pytest.mark.parametrize(("settings", "sentence"), REFUSED)
-def test_adversaries_that_cannot_be_get_a_sentence(settings, sentence):
-    with pytest.raises(ValueError, match=sentence.replace("?", r"\?")):
-        check_adversary(Adversary(**settings))
+def test_adversaries_that_cannot_be_get_a_sentence():
+    pgd = {"kind": "pgd", "steps": 2, "eps": 0.02}
+    for settings, sentence in (
+        ({"share": 0.5}, "the kind none attacks none: use moire_attack or pgd"),
+        (pgd | {"share": 0.75, "natural": 0.5}, "must not add up to"),
+        (pgd, "needs a share, steps and eps above 0; got 0.0, 2"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            check_adversary(Adversary(**settings))

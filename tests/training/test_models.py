@@ -3,6 +3,7 @@
 import pytest
 import torch
 from torch import nn
+from torchvision.models import VisionTransformer
 
 from moireaug.attacks import Normalized
 from training.models import classifiers as models
@@ -18,16 +19,16 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("size", [(1, 1), (32, 32), (48, 48), (64, 64), (33, 47)])
 @pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
-def test_small_networks_map_images_to_logits(make, size):
-    logits = make(7)(torch.rand(2, 3, *size))
-    assert logits.shape == (2, 7) and logits.isfinite().all()
+def test_small_networks_map_images_to_logits(make):
+    model = make(7)
+    for size in ((1, 1), (32, 32), (48, 48), (33, 47)):
+        logits = model(torch.rand(2, 3, *size))
+        assert logits.shape == (2, 7) and logits.isfinite().all()
 
 
 @pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
 def test_every_parameter_and_the_image_receive_a_gradient(make):
-    torch.manual_seed(0)
     model = make(5)
     images = torch.rand(4, 3, 32, 32, requires_grad=True)
     nn.functional.cross_entropy(model(images), torch.arange(4)).backward()
@@ -50,36 +51,20 @@ def test_attention_pooling_takes_the_mean_where_it_attends():
 
 @pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
 def test_small_networks_leave_their_input_alone_and_centre_it(make):
-    model, images = make(5).eval(), torch.full((1, 3, 32, 32), 0.5)
-    seen = []
-    model.stem.register_forward_hook(lambda module, inputs, output: seen.append(inputs[0]))
+    model, images, seen = make(5).eval(), torch.full((1, 3, 32, 32), 0.5), []
+    model.stem.register_forward_pre_hook(lambda module, inputs: seen.append(inputs[0]))
     model(images)
     assert (seen[0] == 0).all() and (images == 0.5).all()
 
 
-@pytest.mark.parametrize(("name", "side"), [("vit_b_16", 32), ("alexnet", 32)])
-def test_a_size_that_a_model_cannot_take_is_refused(name, side):
-    with pytest.raises(ValueError, match=rf"{name} cannot take images of {side} x {side} pixels"):
-        models.check_side(models.as_model(name, 3, None), name, side)
-    small = models.as_model("small_resnet", 3, None)
-    models.check_side(small, "small_resnet", side)
+def test_a_size_that_a_model_cannot_take_is_refused():
+    transformer = VisionTransformer(224, 16, num_layers=1, num_heads=1, hidden_dim=8, mlp_dim=8)
+    for model in (transformer, models.as_model("squeezenet1_1", 3)):
+        with pytest.raises(ValueError, match="odd one cannot take images of 8 x 8 pixels"):
+            models.check_side(model, "odd one", 8)
+    small = models.as_model("small_resnet", 3)
+    models.check_side(small, "small_resnet", 8)
     assert small.training
-
-
-@pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
-def test_small_networks_learn(make):
-    generator = torch.Generator().manual_seed(0)
-    labels = torch.arange(32) % 2
-    images = torch.rand(32, 3, 32, 32, generator=generator) * 0.5
-    images[labels == 1, :, :16] += 0.3
-    torch.manual_seed(0)
-    model = make(2)
-    optimiser = torch.optim.SGD(model.parameters(), 0.05, momentum=0.9)
-    for _ in range(15):
-        optimiser.zero_grad()
-        nn.functional.cross_entropy(model(images), labels).backward()
-        optimiser.step()
-    assert (model.eval()(images).argmax(1) == labels).all()
 
 
 def test_own_models_take_images_as_they_are():
@@ -88,17 +73,13 @@ def test_own_models_take_images_as_they_are():
 
 
 def test_names_hold_classifiers_only():
-    assert models.model_names()[: len(models.OWN_MODELS)] == list(models.OWN_MODELS)
-    assert {"resnet18", "mobilenet_v2", "vit_b_16"} < set(models.model_names())
-    assert not any(
-        "rcnn" in name or "raft" in name or "quantized" in name for name in models.model_names()
-    )
+    names = models.model_names()
+    assert names[: len(models.OWN_MODELS)] == list(models.OWN_MODELS)
+    assert {"resnet18", "mobilenet_v2", "vit_b_16"} < set(names)
+    assert not any(other in " ".join(names) for other in ("rcnn", "raft", "quantized"))
 
 
-BUILT = [*models.OWN_MODELS, "squeezenet1_1", "shufflenet_v2_x0_5", "mnasnet0_5", "regnet_x_400mf"]
-
-
-@pytest.mark.parametrize("name", BUILT)
+@pytest.mark.parametrize("name", [*models.OWN_MODELS, "squeezenet1_1", "mnasnet0_5"])
 def test_a_model_has_the_number_of_classes_asked_for(name):
     assert models.as_model(name, 7).eval()(torch.rand(1, 3, 64, 64)).shape == (1, 7)
 
@@ -107,14 +88,11 @@ def test_googlenet_has_one_output_even_in_training():
     assert models.as_model("googlenet", 7)(torch.rand(2, 3, 64, 64)).shape == (2, 7)
 
 
-@pytest.mark.parametrize(
-    ("name", "hint"),
-    [
+def test_an_unknown_name_lists_the_closest():
+    for name, hint in (
         ("resnet19", "Closest: resnet18"),
         ("small-resnet", "Closest: small_resnet"),
         ("", "Pass 'attention_convnet', 'attention_resnet'"),
-    ],
-)
-def test_an_unknown_name_lists_the_closest(name, hint):
-    with pytest.raises(ValueError, match=f"no model named {name!r}.*{hint}"):
-        models.as_model(name, 7)
+    ):
+        with pytest.raises(ValueError, match=f"no model named {name!r}.*{hint}"):
+            models.as_model(name, 7)

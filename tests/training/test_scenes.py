@@ -18,15 +18,7 @@ from training.config.schema import Adversary
 from training.runs import trained
 
 TEXT = "preset: phone_at_monitor\npanel: {lit: [0.6, 0.9]}\nview: {roll: [-3, 3]}\n"
-WANTED = {
-    "preset": "phone_at_monitor",
-    "panel": {"lit": [0.6, 0.9]},
-    "view": {"roll": [-3, 3]},
-}
-
-
-class StopError(Exception):
-    pass
+WANTED = {"preset": "phone_at_monitor", "panel": {"lit": [0.6, 0.9]}, "view": {"roll": [-3, 3]}}
 
 
 @pytest.fixture
@@ -40,39 +32,39 @@ def test_a_file_is_the_scene_that_it_describes(file):
     scene = scenes.load(str(file))
     assert scene == Scene.from_dict(WANTED)
     assert scene.panel.lit == (0.6, 0.9) and scene.lens == Scene.preset("phone_at_monitor").lens
-    assert scenes.load("screen_photo") == Scene.preset("screen_photo")
+    assert scenes.load("paper") == scenes.load_one("paper") == Scene.preset("paper")
     assert scenes.inline_files(WANTED) is WANTED
     file.write_text("tolerance: 1e-3")  # which YAML alone takes for a word
     assert scenes.load(str(file)).tolerance == 1e-3
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("panel: [", "could not be read as YAML"),
-        ("", "it must be a YAML mapping of its parts, or a list of scenes"),
-        ("3", "could not be read"),
-        ("lens: {blur: '${lens'}", "could not be read as YAML"),
-        ("- panel", "a preset must be one of"),
-        ("- [paper, screen_photo]", "Put all scenes into one list"),
-        ("- paper\n- {lens: {blurr: 1}}", "Did you mean 'blur'"),
-        ("pannel: {}", "Did you mean 'panel'"),
-        ("panel: {lid: 1}", "Did you mean 'lit'"),
-        ("panel: 3", "Scene.panel must be a mapping of its fields; got 3"),
-        ("panel: {lit: 7}", r"Panel.lit must lie in"),
-        ("preset: phone", "a preset must be one of"),
-        ("lens: {blur: 1}\npanel: {}\nlens: {}", "found duplicate key lens .* line 3"),
-        ("lens:\n  blur: 1\n  blur: 2", "found duplicate key blur .* line 3"),
-        ("lens: {blur: 2026-13-45}", "must be a number"),
-        ("[" * 5000, "could not be read as YAML"),
-        (b"\xff\xfe\xff", "could not be read as YAML"),
-    ],
-)
-def test_what_is_no_scene_is_refused_by_the_files_name(tmp_path, text, said):
+WRONG = [
+    ("panel: [", "could not be read as YAML"),
+    ("", "it must be a YAML mapping of its parts, or a list of scenes"),
+    ("3", "could not be read"),
+    ("lens: {blur: '${lens'}", "could not be read as YAML"),
+    ("- panel", "a preset must be one of"),
+    ("- [paper, screen_photo]", "Put all scenes into one list"),
+    ("- paper\n- {lens: {blurr: 1}}", "Did you mean 'blur'"),
+    ("pannel: {}", "Did you mean 'panel'"),
+    ("panel: {lid: 1}", "Did you mean 'lit'"),
+    ("panel: 3", "Scene.panel must be a mapping of its fields; got 3"),
+    ("panel: {lit: 7}", r"Panel.lit must lie in"),
+    ("preset: phone", "a preset must be one of"),
+    ("lens: {blur: 1}\npanel: {}\nlens: {}", "found duplicate key lens .* line 3"),
+    ("lens:\n  blur: 1\n  blur: 2", "found duplicate key blur .* line 3"),
+    ("lens: {blur: 2026-13-45}", "must be a number"),
+    ("[" * 5000, "could not be read as YAML"),
+    (b"\xff\xfe\xff", "could not be read as YAML"),
+]
+
+
+def test_what_is_no_scene_is_refused_by_the_files_name(tmp_path):
     path = tmp_path / "wrong.yaml"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(ValueError, match=rf"^scene={path} .*{said}"):
-        scenes.load(str(path))
+    for text, said in WRONG:
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        with pytest.raises(ValueError, match=rf"^scene={path} .*{said}"):
+            scenes.load(str(path))
 
 
 def test_training_and_re_attack_keep_what_a_scene_file_holds(file, monkeypatch):
@@ -80,14 +72,14 @@ def test_training_and_re_attack_keep_what_a_scene_file_holds(file, monkeypatch):
 
     def stop(cfg):
         seen.append(cfg)
-        raise StopError
+        raise StopIteration
 
     monkeypatch.setattr(fit, "check", stop)
     monkeypatch.setattr(reattack, "check", stop)
-    with pytest.raises(StopError):
+    with pytest.raises(StopIteration):
         fit.fit(configured("recipe=moire_at", *TINY, f"scene={file}"))
     given = ["model=small_resnet", "weights=FILE", f"scene={file}"]
-    with pytest.raises(StopError):
+    with pytest.raises(StopIteration):
         reattack.reattack(configured(*given, name="reattack"), given)
     file.unlink()
     for cfg in seen:
@@ -118,7 +110,6 @@ def test_a_file_may_hold_a_list_and_conversely(tmp_path, file):
         scenes.load_one(str(several))
     several.write_text("[phone_at_monitor]")
     assert scenes.load_one(str(several)) == Scene.preset("phone_at_monitor")
-    assert scenes.load_one("paper") == Scene.preset("paper")
 
 
 def test_a_command_takes_a_list_and_repeats_it():
@@ -141,11 +132,9 @@ def test_runs_of_other_lists_of_scenes_are_not_compared():
     found = comparable.run_settings(metrics)
     assert found["scene 2.panel"] == Scene.preset(LISTED[1]).to_dict()["panel"]
     assert comparable.run_settings(replace(metrics, scene=metrics.scene[0]))["scene.panel"]
+    other = comparable.run_settings(replace(metrics, scene=metrics.scene[:1] * 2))
     with pytest.raises(ValueError, match="runs with different scene"):
-        other = replace(metrics, scene=metrics.scene[:1] * 2)
-        comparable.require_shared(
-            {"a": found, "b": found, "c": comparable.run_settings(other)}, "runs"
-        )
+        comparable.require_shared({"a": found, "b": found, "c": other}, "runs")
 
 
 @pytest.mark.parametrize("kind", ["none", "moire_attack"])

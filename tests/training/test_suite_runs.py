@@ -2,10 +2,7 @@
 and given what they cannot use."""
 
 import json
-import os
 import shutil
-import signal
-import time
 import warnings
 from types import SimpleNamespace
 
@@ -14,8 +11,10 @@ import torch
 
 from moireaug.defenses import demoire
 from tests.training.forked import Command
-from tests.training.tiny_suites import TINY, cells, folder_of, records_of, suite
+from tests.training.small import wait
+from tests.training.tiny_suites import TINY, cells, configured, folder_of, records_of, suite
 from training.attack import suites
+from training.attack.subject import subject_of_weights
 from training.attack.suites import networks_of
 from training.config.command_line import check_keys
 from training.config.schema import Reattack, ReattackConfig
@@ -25,43 +24,43 @@ from training.data.splits import Splits
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 TWO = ("trainer.devices=2", "trainer.strategy=ddp")
+RELU = "torch.nn.functional:relu"
 
 
 @pytest.fixture(scope="module")
 def straight(weights, tmp_path_factory):
     """One suite by one process, never stopped."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return suite("noise_position", weights, tmp_path_factory.mktemp("straight"))
 
 
 def run(cwd, weights, *more, ranks="spawn"):
-    given = ["model=small_resnet", f"weights={weights}", *TINY, *more]
+    given = ["model=small_resnet", f"weights={weights}", "suite=noise_position", *TINY, *more]
     return Command("reattack.py", *given, cwd=cwd, ranks=ranks)
 
 
-def metrics_of(cwd, name):
-    return json.loads((folder_of(cwd / "runs", name) / "metrics.json").read_text())
+def records_in(cwd):
+    """The complete records of a running command."""
+    found = []
+    for path in sorted(cwd.glob("runs/reattack/small_resnet/records/*.jsonl")):
+        found += [line for line in path.read_text().splitlines(True) if line.endswith("\n")]
+    return [json.loads(line) for line in found]
 
 
 def test_a_killed_evaluation_goes_on_where_it_was(weights, straight, tmp_path):
     """And gives the figures of one that was never stopped."""
-    process = run(tmp_path, weights, "suite=noise_position")
-    until, kept = time.time() + 240, 0
-    while time.time() < until and kept < 4 and process.poll() is None:
-        found = list(tmp_path.glob("runs/reattack/small_resnet/records/records-0.jsonl"))
-        kept = len(found[0].read_text().splitlines()) if found else 0
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
+    process = run(tmp_path, weights)
+    wait(process, lambda: len(records_in(tmp_path)) >= 4)
+    process.kill()
     process.communicate()
-    assert kept >= 4 and not list(tmp_path.rglob("metrics.json"))
+    assert not list(tmp_path.rglob("metrics.json"))
     records = records_of(tmp_path / "runs")
     text = records.read_text()
     before = text[: text.rfind("\n") + 1]
     records.write_text(text + '{"key": "0a", "mo')  # what a kill in the middle of a write leaves
     stopped = suite("noise_position", weights, tmp_path / "runs")
     assert records.read_text().startswith(before)
-    lines = [json.loads(line) for line in records.read_text().splitlines()]
+    lines = records_in(tmp_path)
     assert len({r["key"] for r in lines}) == len(lines)  # nothing was done twice
     assert cells(stopped) == cells(straight)
 
@@ -69,29 +68,17 @@ def test_a_killed_evaluation_goes_on_where_it_was(weights, straight, tmp_path):
 def test_processes_share_the_work(weights, straight, tmp_path):
     """Two of Lightning's processes: each its own batches, one report, the figures of one
     process."""
-    process = run(tmp_path, weights, "suite=noise_position", *TWO, ranks="fork")
+    process = run(tmp_path, weights, *TWO, ranks="fork")
     out, err = process.communicate()
     assert process.returncode == 0, err
     assert out.count("Report: ") == 1
-    folder = tmp_path / "runs/reattack/small_resnet/records"
-    batches = []
-    for path in sorted(folder.glob("*.jsonl")):
-        batches.append({json.loads(line)["batch"] for line in path.read_text().splitlines()})
-    assert sorted(batches, key=min) == [{0}, {1}]
-    assert cells(metrics_of(tmp_path, "noise_position")) == cells(straight)
-
-
-def test_a_suite_ends_where_one_of_its_processes_is_lost(weights, tmp_path):
-    more = ("suite=noise_position", "reattack.steps=2000")
-    process = run(tmp_path, weights, *more, *TWO, ranks="fork")
-    until, kept = time.time() + 240, 0
-    while time.time() < until and not kept and process.poll() is None:
-        kept = len(list(tmp_path.glob("runs/reattack/small_resnet/records/*.jsonl")))
-        time.sleep(0.01)
-    os.kill(process.ranks()[1], signal.SIGKILL)
-    _, err = process.communicate()
-    assert process.returncode == 1 and err.count("another process of this run was lost") == 1
-    assert "What is complete is kept" in err and not list(tmp_path.rglob("metrics.json"))
+    shares = {}
+    for path in tmp_path.glob("runs/reattack/small_resnet/records/*.jsonl"):
+        lines = path.read_text().splitlines()
+        shares[path.name] = {json.loads(line)["batch"] for line in lines}
+    assert sorted(shares.values(), key=min) == [{0}, {1}]
+    metrics = folder_of(tmp_path / "runs", "noise_position") / "metrics.json"
+    assert cells(json.loads(metrics.read_text())) == cells(straight)
 
 
 def test_the_first_process_to_finish_waits_for_the_last(monkeypatch):
@@ -113,16 +100,10 @@ def test_the_first_process_to_finish_waits_for_the_last(monkeypatch):
 
 
 def test_a_network_against_moire_is_a_defence(weights, tmp_path):
-    found = suite("defences", weights, tmp_path, "demoire=torch.nn.functional:relu", "reattack.n=3")
-    rows = {r["row"] for r in found["tables"]["defences"]}
-    relu = "torch.nn.functional:relu"
-    assert {relu, "quilting", "tvm"} <= rows
-    same = []
-    for row in (relu, "undefended"):
-        same.append(
-            {r["column"]: r["success"] for r in found["tables"]["defences"] if r["row"] == row}
-        )
-    assert same[0] == same[1]  # relu changes nothing in [0, 1]
+    given = ["model=small_resnet", f"weights={weights}", "suite=defences", f"demoire={RELU}"]
+    cfg = configured(*given, f"runs={tmp_path}")
+    config = suites.suite_config(cfg, subject_of_weights(cfg), suites.fabric_of(cfg.trainer))
+    assert config.defences.keys() >= {RELU, "quilting"} and not config.networks
 
 
 @pytest.fixture(scope="module")
@@ -139,54 +120,53 @@ def test_demoireing_networks_are_rows(weights, networks, tmp_path):
     run = tmp_path / "run"
     run.mkdir()
     shutil.copy(networks / "amnet.pt", run / "weights.pt")
-    rows = []
-    for given in (networks, f"{{mine: {networks / 'esdnet.pt'}, amnet: {run}}}"):
-        more = ["reattack.n=1", f"networks={given}"]
-        found = suite("demoireing", weights, tmp_path / "runs", *more)
-        rows.append({r["row"] for r in found["tables"]["demoireing"]})
-    assert rows == [{"undefended", "amnet", "esdnet"}, {"undefended", "amnet", "mine"}]
-    assert list(networks_of(str(run), torch.device("cpu"))) == ["amnet"]
-    for page in tmp_path.rglob("tables.md"):
-        text = page.read_text("utf-8")
-        assert "| AMNet |" in text and "| MopNet | – |" in text
-        assert "MopNet: no weights were given" in text
+    for given, names in ((str(run), ["amnet"]), (str(networks), ["amnet", "esdnet"])):
+        assert list(networks_of(given, torch.device("cpu"))) == names
+    given = f"networks={{mine: {networks / 'esdnet.pt'}, amnet: {run}}}"
+    found = suite("demoireing", weights, tmp_path, given, f"demoire={RELU}", "reattack.n=1")
+    rows = {}
+    for cell in found["tables"]["demoireing"]:
+        rows.setdefault(cell["row"], {})[cell["column"]] = cell["success"]
+    assert rows.keys() == {"undefended", "amnet", "mine", RELU}
+    shared = rows[RELU].keys() & rows["undefended"].keys()
+    assert "ma" in shared  # ReLU changes nothing in [0, 1]
+    assert all(rows[RELU][column] == rows["undefended"][column] for column in shared)
+    text = (folder_of(tmp_path, "demoireing", 1) / "tables.md").read_text("utf-8")
+    assert "| AMNet |" in text and "| MopNet | – |" in text
+    assert "MopNet: no weights were given" in text
 
 
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        (["suite=defenses"], "suite must be one of .* got 'defenses'. Did you mean 'defences'"),
-        (["suite=transfer", "targets={nobody: FILE}"], "targets.nobody='FILE' is neither a run's"),
-        (["suite=transfer", "targets={resnet18: FILE}"], "no weights file 'FILE'"),
-        (["suite=defences", "demoire=nothing:there"], "='nothing:there' could not be imported"),
-        (["suite=defences", "demoire=math:pi"], "is a float, not a callable"),
-        (["suite=demoireing"], "suite=demoireing needs demoiréing networks: pass networks=DIR"),
-        (["suite=demoireing", "networks=nowhere"], "networks='nowhere' has no weights"),
-        (["suite=demoireing", "networks={amnet: none.pt}"], "no weights file 'none.pt'"),
-    ],
-)
-def test_mistakes_get_a_sentence(more, message, weights, tmp_path):
+MISTAKES = [
+    (["suite=defenses"], "suite must be one of .* got 'defenses'. Did you mean 'defences'"),
+    (["suite=transfer", "targets={nobody: FILE}"], "targets.nobody='FILE' is neither a run's"),
+    (["suite=transfer", "targets={resnet18: FILE}"], "no weights file 'FILE'"),
+    (["suite=defences", "demoire=nothing:there"], "='nothing:there' could not be imported"),
+    (["suite=defences", "demoire=math:pi"], "is a float, not a callable"),
+    (["suite=demoireing"], "suite=demoireing needs demoiréing networks: pass networks=DIR"),
+    (["suite=demoireing", "networks=nowhere"], "networks='nowhere' has no weights"),
+    (["suite=demoireing", "networks={amnet: none.pt}"], "no weights file 'none.pt'"),
+    (["suite=demoireing", "networks={mopnet: AMNET}"], "'mopnet' names another .*, amnet"),
+]
+
+
+@pytest.mark.parametrize(("more", "message"), MISTAKES)
+def test_mistakes_get_a_sentence(more, message, weights, networks, tmp_path):
+    more = [given.replace("AMNET", str(networks / "amnet.pt")) for given in more]
     with pytest.raises(ValueError, match=message):
         suite("success", weights, tmp_path, *more)
     assert not list(tmp_path.rglob("report.html"))
 
 
-def test_a_network_is_not_shown_as_another(weights, networks, tmp_path):
-    given = f"networks={{mopnet: {networks / 'amnet.pt'}}}"
-    with pytest.raises(ValueError, match=r"'mopnet' names another network than .*, amnet"):
-        suite("demoireing", weights, tmp_path, given)
-
-
 def test_a_target_on_its_own_says_how_to_pass_it():
-    with pytest.raises(SystemExit, match=r"pass targets whole, as in targets='{resnet18: FILE, "):
-        check_keys(["targets.resnet18=FILE"], ReattackConfig)
-    with pytest.raises(SystemExit, match=r"pass networks whole, as in networks='{mopnet: FILE, "):
-        check_keys(["networks.mopnet=FILE"], ReattackConfig)
+    for key, example in (("targets", "resnet18"), ("networks", "mopnet")):
+        message = rf"pass {key} whole, as in {key}='{{{example}: FILE, "
+        with pytest.raises(SystemExit, match=message):
+            check_keys([f"{key}.{example}=FILE"], ReattackConfig)
 
 
-@pytest.mark.parametrize(("size", "batch"), [(24, 96), (224, 25), (299, 14), (4000, 1)])
-def test_batches_fit_the_memory_unless_given(size, batch):
+def test_batches_fit_the_memory_unless_given():
     data = torch.utils.data.TensorDataset(torch.zeros(300, 1), torch.zeros(300))
     splits = Splits(data, data, data, {}, 1)
-    batches = EvalBatches(splits, Reattack(n=200), size, torch.device("cpu"))
-    assert batches.size == batch and len(batches.unattacked_images(splits)) == 100
+    for side, size in ((24, 96), (224, 25), (299, 14), (4000, 1)):
+        batches = EvalBatches(splits, Reattack(n=200), side, torch.device("cpu"))
+        assert batches.size == size and len(batches.unattacked_images(splits)) == 100

@@ -1,34 +1,19 @@
 """Suites run through the real command on six drawn signs, for the tests of it."""
 
-from hydra import compose, initialize
-from hydra.core.global_hydra import GlobalHydra
-
+from tests.training import small
 from training import reattack
-from training.config.schema import as_config
 
-TINY = [
-    "data.train=60",
-    "data.val=16",
-    "data.test=24",
-    "data.size=24",
-    "reattack.n=6",
-    "reattack.batch_size=3",
-    "reattack.steps=1",
-    "trainer.accelerator=cpu",
-]
+TINY = ["data.train=60", "data.val=16", "data.test=24", "data.size=24", "trainer.accelerator=cpu"]
+TINY += ["reattack.n=6", "reattack.batch_size=3", "reattack.steps=1"]
 
 
 def configured(*overrides):
-    GlobalHydra.instance().clear()
-    with initialize(version_base="1.3", config_path=None):
-        return as_config(compose("reattack", [*TINY, *overrides]))
+    return small.configured(*TINY, *overrides, name="reattack")
 
 
 def suite(name, weights, runs, *more):
-    cfg = configured(
-        "model=small_resnet", f"weights={weights}", f"suite={name}", f"runs={runs}", *more
-    )
-    return reattack.reattack(cfg, [])
+    given = ["model=small_resnet", f"weights={weights}", f"suite={name}", f"runs={runs}", *more]
+    return reattack.reattack(configured(*given), [])
 
 
 def folder_of(runs, name, n=6):

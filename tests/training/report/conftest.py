@@ -10,37 +10,19 @@ from tests.training import frontier_runs
 from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics
 
 N, COUNTED = 200, 180
-LADDER_ROWS = {
-    "clean": 0,
-    "no_moire": 0,
-    "moire": 0,
-    "ma_2": 2 / 255,
-    "ma_4": 4 / 255,
-    "ma_8": 8 / 255,
-    "ma_4_targeted": 4 / 255,
-    "pgd_4": 4 / 255,
-}
+LADDER_ROWS = {"clean": 0, "no_moire": 0, "moire": 0, "ma_2": 2, "ma_4": 4, "ma_8": 8}
+LADDER_ROWS |= {"ma_4_targeted": 4, "pgd_4": 4}  # eps * 255
 
 
 def rows(accuracies, fooled):
     found = []
     for (name, eps), accuracy, success in zip(LADDER_ROWS.items(), accuracies, fooled, strict=True):
-        row = {
-            "name": name,
-            "eps": eps,
-            "steps": 20 if eps else 0,
-            "control": not eps,
-            "headline": name == "ma_4",
-            "targeted": name.endswith("targeted"),
-            "accuracy": accuracy,
-            "accuracy_interval": list(wilson(round(accuracy * N), N)),
-            "success": success,
-            "success_interval": list(wilson(round(success * COUNTED), COUNTED)),
-            "n": N,
-            "counted": COUNTED,
-            "undecided": 0,
-            "seconds": 1.5,
-        }
+        row = {"name": name, "eps": eps / 255, "steps": 20 if eps else 0, "control": not eps}
+        row |= {"headline": name == "ma_4", "targeted": name.endswith("targeted")}
+        row |= {"accuracy": accuracy, "success": success}
+        row["accuracy_interval"] = list(wilson(round(accuracy * N), N))
+        row["success_interval"] = list(wilson(round(success * COUNTED), COUNTED))
+        row |= {"n": N, "counted": COUNTED, "undecided": 0, "seconds": 1.5}
         if eps:
             row |= {"psnr": 38.2, "ssim": 0.987, "ciede2000": 1.2, "largest": 12 / 255}
         found.append(row)
@@ -58,8 +40,7 @@ def cost(seconds):
     return replace(frontier_runs.cost(seconds, "clean"), **facts, **totals)
 
 
-@pytest.fixture
-def metrics():
+def run_metrics():
     """A run, and plain training of as many epochs."""
     names = {"seed": 0, "data": "signs", "model": "small_resnet"}
     accuracies = (0.9, 0.9, 0.9, 0.8, 0.76, 0.5, 0.8, 0.6)
@@ -68,6 +49,7 @@ def metrics():
     gains = {}
     for own, plain in zip(ours, theirs, strict=True):
         gains[own["name"]] = own["accuracy"] - plain["accuracy"]
+    beside = {"train": cost(70.0), "clean_accuracy": 0.95, "reattack": theirs}
     return RunMetrics(
         **names,
         recipe="moire_at",
@@ -83,12 +65,15 @@ def metrics():
         clean_accuracy=0.9,
         reattack=ours,
         start=None,
-        baseline=PlainMetrics(
-            **names, recipe="baseline", train=cost(70.0), clean_accuracy=0.95, reattack=theirs
-        ),
+        baseline=PlainMetrics(**names, recipe="baseline", **beside),
         gain=gains,
         gain_interval={name: [gain - 0.06, gain + 0.06] for name, gain in gains.items()},
     )
+
+
+@pytest.fixture
+def metrics():
+    return run_metrics()
 
 
 @pytest.fixture
@@ -105,14 +90,16 @@ def suite_metrics(**given):
     return SuiteMetrics(**facts | {"tables": {}, "time": {"re-attack": 1.0}} | given)
 
 
+def image(side):
+    return np.random.default_rng(side).integers(0, 256, (side, side, 3), dtype=np.uint8)
+
+
+def run_pictures():
+    answers = [("moire_at", "stop", True), ("baseline", "go", False)]
+    cell = {"title": "clean image", "image": image(32), "predictions": answers}
+    return [{"label": "stop", "cells": [cell, {"title": "noise, × 8", "image": image(299)}]}]
+
+
 @pytest.fixture
 def pictures():
-    def image(side):
-        return np.random.default_rng(side).integers(0, 256, (side, side, 3), dtype=np.uint8)
-
-    cell = {
-        "title": "clean image",
-        "image": image(32),
-        "predictions": [("moire_at", "stop", True), ("baseline", "go", False)],
-    }
-    return [{"label": "stop", "cells": [cell, {"title": "noise, × 8", "image": image(299)}]}]
+    return run_pictures()

@@ -17,6 +17,7 @@ from tests.evaluation.conftest import classifier
 from tests.evaluation.haze import cell_of, ran
 from tests.training.report.conftest import suite_metrics
 from training import report
+from training.attack.suites import PAPER_TARGETS
 from training.report.page import render
 from training.report.published import read_published, with_paper
 from training.report.suite_view import suite_view
@@ -24,59 +25,53 @@ from training.report.suite_view import suite_view
 CONFIG = SuiteConfig(scene=Scene.preset("screen_photo"), steps=2)
 
 
-def run_suite(suite, config=CONFIG):
-    """(tables by name, rates) on four images."""
+@pytest.fixture(scope="module")
+def measured():
+    """The suite of recipes on four images: (its tables, its rates)."""
     model = classifier().eval()
     images = torch.rand(4, 3, 16, 16, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
         batches = [(images, model(images).argmax(1))]
-    tables = tables_of(suite, config)
-    frame = images_frame(tables, ran((model, batches), tables, scene=config.scene), (0,))
-    return {table.name: table for table in tables}, rates(frame)
-
-
-@pytest.fixture(scope="module")
-def measured():
-    return run_suite("recipes")
+    tables = tables_of("recipes", CONFIG)
+    frame = images_frame(tables, ran((model, batches), tables, scene=CONFIG.scene), (0,))
+    return tables, with_paper(rates(frame), tables)
 
 
 def test_every_published_figure_has_a_cell():
-    targets = {
-        name: nn.Identity() for name in ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
-    }
-    config = dataclasses.replace(CONFIG, targets=targets)
-    config = dataclasses.replace(config, defences={**config.defences, "quilting": nn.Identity()})
-    networks = {name: nn.Identity() for name in ("mopnet", "mddm", "fhde2net", "amnet")}
-    config = dataclasses.replace(config, networks=networks)
+    none = nn.Identity()
+    config = dataclasses.replace(
+        CONFIG,
+        targets=dict.fromkeys(PAPER_TARGETS, none),
+        defences={**CONFIG.defences, "quilting": none},
+        networks=dict.fromkeys(("mopnet", "mddm", "fhde2net", "amnet"), none),
+    )
     cells = set()
     for table in tables_of("paper", config):
         assert table.published
         cells |= {(table.name, cell.row, cell.column) for cell in table.cells}
     published = read_published()
     assert len(published) == 135 and published["paper"].between(0, 1).all()
-    missing = [
-        line
-        for line in published[["table", "row", "column"]].itertuples(index=False)
-        if tuple(line) not in cells
-    ]
-    assert not missing
+    assert not set(published[CELL_COLUMNS].itertuples(index=False, name=None)) - cells
+
+
+def published_of(table):
+    """The paper's figures beside a table that was not measured."""
+    cells = [(table.name, cell.row, cell.column, None) for cell in table.cells]
+    return with_paper(pd.DataFrame(cells, columns=[*CELL_COLUMNS, "paper"]), [table])
 
 
 def test_the_papers_figures_stand_beside_its_own_bound_alone():
-    for eps, wanted in ((4 / 255, True), (16 / 255, False)):
-        config = dataclasses.replace(CONFIG, eps=(eps,), steps=1)
-        tables, lines = run_suite("noise_position", config)
-        told = with_paper(lines, list(tables.values()))
-        assert told["paper"].notna().any() == wanted
-        if wanted:
-            assert cell_of(told, "jpeg_20", "moire_bim")["paper"] == 0.857
+    for eps, wanted in ((4 / 255, 0.857), (16 / 255, None)):
+        (table,) = tables_of("noise_position", dataclasses.replace(CONFIG, eps=(eps,)))
+        told = published_of(table)
+        assert told["paper"].notna().any() == (wanted is not None)
+        assert wanted in (None, cell_of(told, "jpeg_20", "moire_bim")["paper"])
 
 
 def test_the_papers_figures_stand_beside_its_networks():
     networks = {name: Demoire(nn.Identity()) for name in ("mddm", "smooth")}
     (table,) = tables_of("demoireing", dataclasses.replace(CONFIG, networks=networks))
-    cells = [("demoireing", cell.row, cell.column, None) for cell in table.cells]
-    told = with_paper(pd.DataFrame(cells, columns=[*CELL_COLUMNS, "paper"]), [table])
+    told = published_of(table)
     assert cell_of(told, "mddm", "ma")["paper"] == 0.997
     assert cell_of(told, "undefended", "ma_8")["paper"] == 1
     assert np.isnan(cell_of(told, "smooth", "ma")["paper"])
@@ -85,7 +80,7 @@ def test_the_papers_figures_stand_beside_its_networks():
 def test_the_tables_say_what_they_show(measured):
     tables, lines = measured
     metrics = suite_metrics()
-    view = suite_view(metrics, list(tables.values()), with_paper(lines, list(tables.values())), {})
+    view = suite_view(metrics, tables, lines, {})
     worst, unseen = view["tables"]
     assert worst["natural"] is None and unseen["verdict"] is None
     assert worst["verdict"]["attack"] == cell_of(lines, "eps_4", "worst")["success"]
@@ -95,12 +90,10 @@ def test_the_tables_say_what_they_show(measured):
 
 
 def test_names_are_escaped_once(measured, tmp_path):
-    tables, lines = measured
     evil = "a&b<i>"
     names = dict.fromkeys(("model", "suite", "data", "scene_name", "command", "plan"), evil)
     metrics = suite_metrics(**names, trust=[{"name": evil, "verdict": "fail", "says": evil}])
-    told = with_paper(lines, list(tables.values()))
-    report.write_suite(tmp_path, metrics, list(tables.values()), told, {})
+    report.write_suite(tmp_path, metrics, *measured, {})
     page = (tmp_path / "report.html").read_text("utf-8")
     assert "<i>b" not in page and "b<i>" not in page and "&amp;amp;" not in page
     assert page.count("a&amp;b&lt;i&gt;") >= 8
@@ -108,10 +101,8 @@ def test_names_are_escaped_once(measured, tmp_path):
 
 def test_lpips_is_a_column_where_it_was_measured(measured, tmp_path):
     tables, lines = measured
-    metrics = suite_metrics()
     for name, own in (("without", lines), ("with", lines.assign(lpips=lines["psnr"] / 1000))):
-        shown = with_paper(own, list(tables.values()))
-        report.write_suite(tmp_path / name, metrics, list(tables.values()), shown, {})
+        report.write_suite(tmp_path / name, suite_metrics(), tables, own, {})
         for file in ("report.html", "tables.md", "results.csv"):
             text = (tmp_path / name / file).read_text("utf-8")
             assert ("lpips" in text.lower()) == (name == "with"), (name, file)

@@ -30,15 +30,10 @@ def test_headline_says_what_was_gained_and_paid(metrics):
 
 def test_headline_of_a_loss(metrics):
     ends = {name: [-high, -low] for name, (low, high) in metrics.gain_interval.items()}
-    title, lead, _ = headline(
-        replace(
-            metrics,
-            reattack=metrics.baseline.reattack,
-            baseline=replace(metrics.baseline, reattack=metrics.reattack),
-            gain={name: -gain for name, gain in metrics.gain.items()},
-            gain_interval=ends,
-        )
-    )
+    gains = {name: -gain for name, gain in metrics.gain.items()}
+    ours, theirs = metrics.reattack, metrics.baseline
+    swapped = replace(metrics, reattack=theirs.reattack, baseline=replace(theirs, reattack=ours))
+    title, lead, _ = headline(replace(swapped, gain=gains, gain_interval=ends))
     assert title == "moire_at lowers accuracy under the Moiré Attack from 76 % to 8 %"
     assert "fell from 76 % to 8 % (−68 points, 95 % interval −74 to −62" in lead
 
@@ -60,10 +55,7 @@ def test_headline_of_a_difference_that_may_be_none(metrics, interval):
 def test_headline_without_a_baseline(alone):
     title, lead, _ = headline(alone)
     assert title == "Accuracy under the Moiré Attack of moire_at: 76 %"
-    assert lead.startswith(
-        "The Moiré Attack at 4/255 fools moire_at on 18 % of the images that it classifies "
-        "correctly when clean."
-    )
+    assert lead.startswith("The Moiré Attack at 4/255 fools moire_at on 18 % of the images that")
 
 
 def test_headline_is_about_the_row_that_says_so_else_the_last(metrics):
@@ -87,16 +79,10 @@ def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, alone, has_
     assert ("  baseline  " in lines[1]) == has_baseline
 
 
-@pytest.mark.parametrize(
-    ("name", "section", "title"),
-    [
-        ("moire", "columns", "moiré, δ = 0"),  # by its name
-        ("roll_15", "rows", "roll 15°"),  # by a pattern
-        ("phone_at_laptop", "rows", "phone_at_laptop"),  # by none
-    ],
-)
-def test_titles(name, section, title):
-    assert title_of(name, section) == title
+def test_titles():
+    assert title_of("moire", "columns") == "moiré, δ = 0"  # by its name
+    assert title_of("roll_15", "rows") == "roll 15°"  # by a pattern
+    assert title_of("phone_at_laptop", "rows") == "phone_at_laptop"  # by none
 
 
 def test_numbers_are_tied_to_their_units():
@@ -106,21 +92,8 @@ def test_numbers_are_tied_to_their_units():
     )
 
 
-@pytest.mark.parametrize(
-    ("printed", "value", "said"),
-    [
-        (points, 0.123, "+12.3"),
-        (points, -0.004, "−0.4"),
-        (points, 0.0001, "0.0"),
-        (points, None, "–"),
-        (points, float("nan"), "–"),
-        (duration, None, "–"),
-        (duration, 0.04, "0.0 s"),
-        (duration, 59.94, "59.9 s"),
-        (duration, 59.97, "1 min 0 s"),
-        (duration, 210.3, "3 min 30 s"),
-        (duration, 3900, "1 h 5 min"),
-    ],
-)
-def test_numbers_are_printed_as_people_say_them(printed, value, said):
-    assert printed(value) == said
+def test_numbers_are_printed_as_people_say_them():
+    shares = [points(value) for value in (0.123, -0.004, 0.0001, None, float("nan"))]
+    assert shares == ["+12.3", "−0.4", "0.0", "–", "–"]
+    times = [duration(value) for value in (None, 0.04, 59.94, 59.97, 210.3, 3900)]
+    assert times == ["–", "0.0 s", "59.9 s", "1 min 0 s", "3 min 30 s", "1 h 5 min"]
