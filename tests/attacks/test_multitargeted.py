@@ -200,10 +200,3 @@ def test_classes_that_are_ruled_out_are_no_targets():
     attack = PGD(lambda x: deaf(x) + ruled_out, steps=1)
     result = MultiTargeted(attack)(torch.rand(2, 3, 8, 8), torch.tensor([0, 1]))
     assert result.success.tolist() == [False, True]
-
-
-def test_three_classes_have_no_targeted_ratio(model, batch):
-    images, _ = batch
-    attack = PGD(lambda x: model.eval()(x)[:, :3], steps=1, rule="apgd", loss="dlr")
-    with pytest.raises(ValueError, match="'dlr', targeted, needs a model of at least 4 classes"):
-        MultiTargeted(attack)(images, predicted(attack.model, images))

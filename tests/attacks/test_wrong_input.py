@@ -46,6 +46,7 @@ BAD = [
     (lambda m, x, y: MoireAttack(m, rule="printed", optimise=("view",)), "adds to the reading"),
     (lambda m, x, y: PGD(m, rule="printed"), "a pixel attack has none"),
     (lambda m, x, y: PGD(lambda i: m(i)[:, :2], loss="dlr")(x, y * 0), "at least 3 classes; got"),
+    (lambda m, x, y: PGD(lambda i: m(i)[:, :3], loss="dlr")(x, y * 0, y * 0 + 1), "4 classes; got"),
     (lambda m, x, y: SquareMoire(m, rule="momentum"), "no use for rule = 'momentum'"),
     (lambda m, x, y: SquareMoire(m, step_size=0.1), "no use for step_size"),
     (lambda m, x, y: SquareMoire(m, eot=2), "no use for eot"),

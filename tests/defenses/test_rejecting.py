@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from torch import nn
 
 from moireaug import attacks, evaluation
 from moireaug.attacks import predicted
@@ -12,12 +11,10 @@ from moireaug.transforms import AdversarialMoire
 RED, GREEN = 0, 1
 
 
-class Bright(nn.Module):
+def bright(images):
     """Class 1 where red and green together are brighter than 1; class 2 never wins."""
-
-    def forward(self, images):
-        lead = 10 * (images[:, RED].mean((1, 2)) + images[:, GREEN].mean((1, 2)) - 1)
-        return torch.stack([torch.zeros_like(lead), lead, lead - 20], 1)
+    lead = 10 * (images[:, RED].mean((1, 2)) + images[:, GREEN].mean((1, 2)) - 1)
+    return torch.stack([torch.zeros_like(lead), lead, lead - 20], 1)
 
 
 def red(images):
@@ -32,27 +29,27 @@ def grey():
 def test_the_last_logit_wins_above_the_threshold_alone():
     images = torch.rand(64, 3, 8, 8, generator=torch.Generator().manual_seed(0))
     scores = red(images)
-    model = Rejecting(Bright(), red, scores.quantile(0.5))
+    model = Rejecting(bright, red, scores.quantile(0.5))
     logits = model(images)
-    assert torch.equal(logits[:, :-1], Bright()(images))
+    assert torch.equal(logits[:, :-1], bright(images))
     assert torch.equal(logits.argmax(1) == 3, scores > model.threshold)
     assert (predicted(logits, rejects=True) == attacks.REJECTED).sum() == 32
 
 
 def test_an_attack_goes_around_model_and_detector_together(grey):
     images, labels = grey
-    rejecting = Rejecting(Bright(), red, 0.49)
+    rejecting = Rejecting(bright, red, 0.49)
     settings = {"eps": 0.1, "steps": 40, "step_size": 0.1}
-    unaware = attacks.PGD(Bright(), **settings)(images, labels)
+    unaware = attacks.PGD(bright, **settings)(images, labels)
     assert unaware.success.all()
     assert (predicted(rejecting(unaware.images), rejects=True) == attacks.REJECTED).all()
     aware = attacks.PGD(rejecting, **settings)(images, labels)
     assert aware.success.all() and (red(aware.images) <= 0.49).all()
-    assert (Bright()(aware.images).argmax(1) == 1).all()
+    assert (bright(aware.images).argmax(1) == 1).all()
 
 
 def test_no_attack_succeeds_where_everything_is_rejected(grey):
-    model, settings = Rejecting(Bright(), red, -9.0), {"eps": 0.5, "steps": 3}
+    model, settings = Rejecting(bright, red, -9.0), {"eps": 0.5, "steps": 3}
     for attack in (
         attacks.MoireAttack(model, **settings),
         attacks.SquareMoire(model, **settings),
@@ -79,7 +76,7 @@ def test_a_grey_models_rejection_is_no_class():
 
 
 def test_an_infinite_score_rejects():
-    model = Rejecting(Bright(), lambda images: images.sum((1, 2, 3)) + torch.inf, 0.5)
+    model = Rejecting(bright, lambda images: images.sum((1, 2, 3)) + torch.inf, 0.5)
     for dtype in (torch.float16, torch.float32, torch.float64):
         logits = model(torch.rand(2, 3, 8, 8).to(dtype))
         assert predicted(logits, rejects=True).tolist() == [attacks.REJECTED] * 2
@@ -87,7 +84,7 @@ def test_an_infinite_score_rejects():
 
 def test_an_evaluation_tells_rejected_images_from_fooled_ones(grey):
     images, labels = torch.cat([grey[0], grey[0] + 0.1]), torch.cat([grey[1], grey[1]])
-    model, settings = Rejecting(Bright(), red, 0.5), {"eps": 4 / 255, "steps": 1}
+    model, settings = Rejecting(bright, red, 0.5), {"eps": 4 / 255, "steps": 1}
     frame = evaluation.evaluate(model, [(images, labels)], **settings, progress=False)
     outcomes = frame[["correct", "rejected", "fooled"]]
     assert (outcomes[~frame["targeted"]].sum(axis=1) == 1).all()
@@ -99,12 +96,12 @@ def test_an_evaluation_tells_rejected_images_from_fooled_ones(grey):
 def test_rejecting_is_no_class(grey):
     """A label that equals the rejection's column is refused, and a single class beside it."""
     images, labels = grey
-    rejecting, settings = Rejecting(Bright(), red, 0.5), {"eps": 0.1, "steps": 1}
+    rejecting, settings = Rejecting(bright, red, 0.5), {"eps": 0.1, "steps": 1}
     with pytest.raises(ValueError, match=r"must lie in \[0, 2\]"):
         attacks.PGD(rejecting, **settings)(images, labels + 3)
     with pytest.raises(ValueError, match=r"must lie in \[0, 2\]"):
         evaluation.evaluate(rejecting, [(images, labels + 3)], "unseen", progress=False)
-    single = Rejecting(lambda x: Bright()(x)[:, :1], red, 0.5)
+    single = Rejecting(lambda x: bright(x)[:, :1], red, 0.5)
     with pytest.raises(ValueError, match="at least two classes; got 1"):
         attacks.PGD(single, **settings)(images, labels)
 
@@ -112,9 +109,9 @@ def test_rejecting_is_no_class(grey):
 def test_mistakes_get_a_sentence():
     for make, message in (
         (lambda: Rejecting(None, red, 0.5), "model must be a function"),
-        (lambda: Rejecting(Bright(), Rejecting, 0.5), "detector must be a function"),
-        (lambda: Rejecting(Bright(), red, float("nan")), "must be a finite number; got nan"),
-        (lambda: Rejecting(Bright(), Bright(), 0.5)(torch.rand(2, 3, 8, 8)), r"scores \(2,\)"),
+        (lambda: Rejecting(bright, Rejecting, 0.5), "detector must be a function"),
+        (lambda: Rejecting(bright, red, float("nan")), "must be a finite number; got nan"),
+        (lambda: Rejecting(bright, bright, 0.5)(torch.rand(2, 3, 8, 8)), r"scores \(2,\)"),
     ):
         with pytest.raises((TypeError, ValueError), match=message):
             make()

@@ -53,6 +53,7 @@ REFUSED = [
     ),
     ({"defences": {"mine": JPEG}, "suite": "defences"}, "mine must be a function .* to images"),
     ({"defences": {"d": Compose((ELSEWHERE,))}}, "d is on meta, the model on cpu"),
+    ({"networks": {"jpeg_60": unknown}}, "'jpeg_60' cannot name a target, defence or network"),
     ({"networks": {"mine": unknown}}, "networks= is for suite=demoireing or paper"),
     ({"eps": 0.1, "suite": "unseen"}, "eps= is for suite=ladder.*suite=unseen has no use"),
     ({"eps": 0.1, "suite": "recipes"}, "suite=recipes has no use for it"),

@@ -56,29 +56,24 @@ def labelled(model, n=24):
     fields = 0.2 + 0.6 * torch.rand(n, 3, 4, 4, generator=g)
     images = fields.repeat_interleave(4, 2).repeat_interleave(4, 3)
     with torch.no_grad():
-        return images, model.eval()(images).argmax(1)
+        return images, model(images).argmax(1)
 
 
 def test_a_sound_model_passes_every_check():
-    model = Pooled().eval()
-    found = verdicts(model, labelled(model), eps=40 / 255, targets={"twin": Pooled(2).eval()})
+    model = Pooled()
+    found = verdicts(model, labelled(model), eps=40 / 255, targets={"twin": Pooled(2)})
     assert {c.verdict for c in found.values()} == {"pass"}, found
     assert "twin" in found["white box, then transfer, then random noise"].says
 
 
-class Through(nn.Module):
-    """Changes its images before the network."""
-
-    def __init__(self, change):
-        super().__init__()
-        self.change, self.net = change, Pooled()
-
-    def forward(self, x):
-        return self.net(self.change(x))
+def through(change):
+    """A model that changes its images before the network."""
+    net = Pooled()
+    return lambda x: net(change(x))
 
 
 def test_hidden_gradients_are_found():
-    model = Through(lambda x: (x * 8).round() / 8).eval()
+    model = through(lambda x: (x * 8).round() / 8)
     found = verdicts(model, labelled(model), eps=40 / 255)
     assert found[HIDDEN].verdict == "fail" and "100.0 %" in found[HIDDEN].says
     assert found[BLIND].verdict == "fail", found[BLIND].says
@@ -86,7 +81,7 @@ def test_hidden_gradients_are_found():
 
 def test_too_few_steps_are_found():
     """One step's direction is soon wrong, and many steps that are one do not beat it."""
-    model = Through(lambda x: 0.5 + 0.5 * torch.sin(6 * torch.pi * x)).eval()
+    model = through(lambda x: 0.5 + 0.5 * torch.sin(6 * torch.pi * x))
     found = verdicts(model, labelled(model), eps=60 / 255, steps=1)
     assert found[CONVERGED].verdict == "fail", found[CONVERGED].says
     assert found["many steps beat one"].verdict == "warning"
@@ -94,7 +89,7 @@ def test_too_few_steps_are_found():
 
 @pytest.mark.parametrize(("size", "verdict"), [(0.05, "warning"), (1e-6, "pass")])
 def test_a_randomised_model_is_noticed_but_rounding_is_not(size, verdict):
-    model = Through(lambda x: x + size * torch.rand(x.shape)).eval()
+    model = through(lambda x: x + size * torch.rand(x.shape))
     assert verdicts(model, labelled(model), steps=1)[SETTLED].verdict == verdict
 
 
@@ -127,14 +122,14 @@ def test_a_weaker_target_does_not_fail_a_sound_model():
         is_clean = (x == images[: len(x)]).flatten(1).all(1)
         return model(x) * torch.where(is_clean, 1.0, -1.0)[:, None]
 
-    model = Pooled().eval()
+    model = Pooled()
     images, labels = labelled(model)
     found = verdicts(model, (images, labels), eps=2 / 255, steps=4, targets={"fragile": fragile})
     assert found["white box, then transfer, then random noise"].verdict != "fail"
 
 
 def test_nothing_right_leaves_nothing_to_check():
-    model = Pooled().eval()
+    model = Pooled()
     images, labels = labelled(model)
     (check,) = verdicts(model, (images, (labels + 1) % 4), steps=1).values()
     assert check.verdict == "warning" and "0 % of the images are right" in check.says
@@ -142,7 +137,7 @@ def test_nothing_right_leaves_nothing_to_check():
 
 @pytest.mark.parametrize("eps", [0.6, 1.0])
 def test_any_bound_can_be_checked(eps):
-    model = Pooled().eval()
+    model = Pooled()
     assert len(verdicts(model, labelled(model), eps=eps, steps=1)) == 10
 
 
