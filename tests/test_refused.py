@@ -1,6 +1,7 @@
 """Scenes and pictures that cannot be photographed: each gets a sentence with what is allowed."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -19,11 +20,12 @@ from moireaug import (
     engine,
     expose,
 )
+from moireaug.scene.by_name import with_values
 from moireaug.synthesis import without_moire
 from moireaug.transforms import RandomMoire
 
 X = torch.rand(1, 3, 4, 4)
-SHOT = Scene().sample(1, (4, 4))
+SHOT, ONE = Scene().sample(1, (4, 4)), torch.ones(1, dtype=torch.float64)
 
 
 def changed(**values):
@@ -36,12 +38,6 @@ def changed(**values):
         else:
             found[name] = value
     return Shot.from_dict(found)
-
-
-def bent(k1):
-    """A shot with a lens that no scene may have."""
-    lens = SHOT.lens.drawn({"k1": torch.tensor([k1], dtype=torch.float64)})
-    return dataclasses.replace(SHOT, lens=lens)
 
 
 def having(**fields):
@@ -68,8 +64,7 @@ REFUSED = [
     (lambda: with_float("lens", k1=0.01), "here of shape (2,); got 0.01 as shot.lens.k1"),
     (lambda: with_float("panel", width=500.0), "got 500.0 as shot.panel.width"),
     (lambda: capture(X, having(seed=[5])), "a shot's seed must be (B,) int64; got [5]"),
-    (lambda: capture(X, bent(-0.5)), "fold the photo onto itself"),
-    (lambda: capture(X, bent(-1.0)), "fold the photo onto itself"),
+    (lambda: capture(X, with_values(SHOT, {"lens.k1": ONE * -0.5})), "fold the photo onto itself"),
     (lambda: capture(X, dataclasses.replace(SHOT, seed=SHOT.seed.float())), "(B,) int64; got (1,)"),
     (lambda: changed(size=[8.0, 8.0]), "in whole numbers; got [8.0, 8.0]"),
     (lambda: changed(size=[8, 8, 8]), "in whole numbers; got [8, 8, 8]"),
@@ -127,9 +122,8 @@ MISTAKEN = [
 
 @pytest.mark.parametrize(("make", "sentence"), MISTAKEN, ids=range(len(MISTAKEN)))
 def test_what_is_of_another_kind_is_refused(make, sentence):
-    with pytest.raises(TypeError) as error:
+    with pytest.raises(TypeError, match=re.escape(sentence)):
         make()
-    assert sentence in str(error.value)
 
 
 @pytest.mark.parametrize("row", [1, np.int64(1), torch.tensor(1)])
@@ -140,6 +134,5 @@ def test_one_row_of_a_shot_is_a_shot(row):
 
 @pytest.mark.parametrize(("make", "sentence"), REFUSED, ids=range(len(REFUSED)))
 def test_what_cannot_be_photographed_is_refused(make, sentence):
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(ValueError, match=re.escape(sentence)):
         make()
-    assert sentence in str(error.value)

@@ -50,22 +50,19 @@ BAD = [
 
 @pytest.mark.parametrize(("make", "sentence"), BAD, ids=[b[1][:30] for b in BAD])
 def test_wrong_values_get_a_sentence(make, sentence):
-    with pytest.raises((ValueError, TypeError)) as error:
+    with pytest.raises((ValueError, TypeError), match=re.escape(sentence)):
         make()
-    assert sentence in str(error.value)
 
 
-RANGED = [(cls, field) for cls in PARTS.values() for field in cls.ranged]
-
-
-@pytest.mark.parametrize(("cls", "field"), RANGED, ids=[f"{c.__name__}.{f}" for c, f in RANGED])
-def test_a_number_beyond_its_bounds_is_refused(cls, field):
-    metadata = cls.__dataclass_fields__[field].metadata
-    low, high = metadata["low"], metadata["high"]
-    sentence = re.escape(f"{cls.__name__}.{field} must lie in [{low:g}, {high:g}]") + ".* got"
-    for value in (low - 1, high + 1, (low, high + 1), math.nan, math.inf, 10**400):
-        with pytest.raises(ValueError, match=sentence):
-            cls(**{field: value})
+@pytest.mark.parametrize("cls", PARTS.values(), ids=PARTS)
+def test_a_number_beyond_its_bounds_is_refused(cls):
+    for field in cls.ranged:
+        metadata = cls.__dataclass_fields__[field].metadata
+        low, high = metadata["low"], metadata["high"]
+        sentence = re.escape(f"{cls.__name__}.{field} must lie in [{low:g}, {high:g}]") + ".* got"
+        for value in (low - 1, high + 1, (low, high + 1), math.nan, math.inf, 10**400):
+            with pytest.raises(ValueError, match=sentence):
+                cls(**{field: value})
 
 
 OWN = Scene(panel=Panel(layout=Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 1)))))
@@ -93,11 +90,11 @@ def test_a_dict_starts_from_a_preset():
 @pytest.mark.parametrize("preset", PRESETS)
 def test_draws_fill_their_ranges(preset):
     scene = Scene.preset(preset)
-    shot, ranges = scene.sample(400, (8, 8), torch.Generator().manual_seed(0)), values_of(scene)
+    shot, ranges = scene.sample(200, (8, 8), torch.Generator().manual_seed(0)), values_of(scene)
     for name, drawn in shot.numbers().items():
         low, high = bounds(ranges[name])
-        assert drawn.shape == (400,) and drawn.dtype == torch.float64
-        assert drawn.min() >= low and drawn.max() <= high, name
+        assert drawn.shape == (200,) and drawn.dtype == torch.float64
+        assert low <= drawn.min() and drawn.max() <= high, name
         if high > low:
             assert drawn.max() - drawn.min() > 0.9 * (high - low), name
             assert drawn.unique().numel() > 30, name

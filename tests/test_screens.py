@@ -2,6 +2,7 @@
 the picture."""
 
 import dataclasses
+import re
 
 import pytest
 import torch
@@ -22,14 +23,13 @@ SCREEN = Scene(
     lens=Lens(blur=0.4),
     sensor=Sensor(pitch=(1.8, 2.4)),
 )
-SIZES = [(40, 64), (64, 40), (17, 17), (1, 1), (300, 500)]
 
 
 def rms(difference):
     return float(difference.square().mean().sqrt())
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [(40, 64), (64, 40), (1, 1), (300, 500)])
 def test_a_screen_has_its_pixels_at_any_size(size):
     shot = SCREEN.sample(3, size, torch.Generator().manual_seed(0))
     assert torch.allclose(shot.panel_scale * max(size), shot.panel.width)
@@ -70,9 +70,8 @@ SENTENCES = [
 
 @pytest.mark.parametrize(("make", "sentence"), SENTENCES, ids=range(len(SENTENCES)))
 def test_what_says_two_things_gets_a_sentence(make, sentence):
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(ValueError, match=re.escape(sentence)):
         make()
-    assert sentence in str(error.value)
 
 
 def test_a_reading_is_binned_where_a_screen_is_stated():
@@ -103,12 +102,8 @@ def test_a_plan_is_that_of_a_size():
 
 def test_the_engine_sums_the_harmonics_of_the_pictures_size():
     """Of a full reading of a screen, seen closer in a large picture than in a small one."""
-    full = Scene(
-        panel=Panel(width=40.0),
-        view=View(yaw=10.0, roll=3.0),
-        lens=Lens(blur=0.25),
-        sensor=Sensor(scale=2.0, reading="full"),
-    )
+    parts = {"lens": Lens(blur=0.25), "sensor": Sensor(scale=2.0, reading="full")}
+    full = Scene(panel=Panel(width=40.0), view=View(yaw=10.0, roll=3.0), **parts)
     assert len(full.plan((300, 200)).harmonics) > len(full.plan().harmonics)
     assert_equal(*readings(full, (300, 200), n=1))
 
@@ -130,11 +125,11 @@ def test_contrast_is_judged_in_the_photo():
 
 
 def before_and_after(scene):
-    """The moiré, as photo less twin, of photos (8, 3, 48, 64): taken of a picture twice as large
+    """The moiré, as photo less twin, of photos (4, 3, 48, 64): taken of a picture twice as large
     and then made smaller, and taken of the picture made smaller first."""
-    smooth = torch.rand(8, 3, 3, 4, generator=torch.Generator().manual_seed(3))
+    smooth = torch.rand(4, 3, 3, 4, generator=torch.Generator().manual_seed(3))
     large = F.interpolate(smooth, (96, 128), mode="bicubic").clamp(0, 1)
-    shot = scene.sample(8, (96, 128), torch.Generator().manual_seed(4))
+    shot = scene.sample(4, (96, 128), torch.Generator().manual_seed(4))
     small = dataclasses.replace(shot, size=(48, 64))
     found = []
     for one, picture in ((shot, large), (small, F.interpolate(large, (48, 64), mode="area"))):
@@ -190,11 +185,10 @@ def test_hard_cases_are_finite_and_near_their_float64_answer(panel, sensor, view
     assert capture(picture, shot).isfinite().all()
 
 
-@pytest.mark.parametrize("scale", [0.01, 0.5, 2.0, 3.0, 150.0])
-def test_a_value_averages_the_pixels_of_its_colour(scale):
-    shot = SCREEN.sample(1, (8, 8))
-    count = averaged_pixels(shot, torch.tensor([scale]))
-    assert count.item() == pytest.approx(max(1.0, scale**2 / 4))
+def test_a_value_averages_the_pixels_of_its_colour():
+    scale = torch.tensor([0.01, 0.5, 2.0, 3.0, 150.0])
+    counts = averaged_pixels(SCREEN.sample(5, (8, 8)), scale)
+    assert counts.tolist() == pytest.approx((scale**2 / 4).clamp(min=1).tolist())
 
 
 def test_a_colour_that_a_panel_lacks_is_dark_in_bins():

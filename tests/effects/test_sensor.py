@@ -42,13 +42,8 @@ def test_read_noise_has_the_stated_deviation():
 
 def test_photon_noise_ends_at_the_dark_current():
     """Below it, and below zero, its slope and size stay finite."""
-    raw = (
-        torch.tensor([-1.0, 0.0, DARK_LEVEL, 1.0], dtype=torch.float64)
-        .reshape(1, 1, 1, 4)
-        .requires_grad_()
-    )
-    read, shot = torch.zeros(1, dtype=torch.float64), torch.full((1,), 0.1, dtype=torch.float64)
-    noisy = add_noise(raw, read, shot, SEEDS[:1])
+    raw = fields(-1.0, 0.0, DARK_LEVEL, 1.0).reshape(1, 1, 1, 4).requires_grad_()
+    noisy = add_noise(raw, fields(0.0), fields(0.1), SEEDS[:1])
     size = (noisy - raw) / normal(raw.shape[1:], SEEDS[:1])
     assert size.flatten().tolist() == pytest.approx([0.1 * DARK_LEVEL**0.5] * 3 + [0.1])
     (gradient,) = torch.autograd.grad(noisy.sum(), raw)
@@ -57,18 +52,13 @@ def test_photon_noise_ends_at_the_dark_current():
 
 def test_gradients_of_every_argument():
     raw = (torch.rand(2, 1, 2, 3, dtype=torch.float64) + 0.1).requires_grad_()
-    read, shot = (
-        torch.tensor(v, dtype=torch.float64, requires_grad=True)
-        for v in ([0.02, 0.1], [0.05, 0.01])
-    )
+    read, shot = fields(0.02, 0.1).requires_grad_(), fields(0.05, 0.01).requires_grad_()
     assert torch.autograd.gradcheck(lambda *a: add_noise(*a, SEEDS[:2]), (raw, read, shot))
 
 
 @pytest.mark.parametrize("bits", [1, 2, 8, 16])
 def test_a_converter_ends_at_its_levels(bits):
-    raw = torch.tensor(
-        [-0.3, 0.0, 0.5 / (2**bits - 1) * 0.99, 1 - 1e-9, 1.0, 1.4], dtype=torch.float64
-    )
+    raw = fields(-0.3, 0.0, 0.5 / (2**bits - 1) * 0.99, 1 - 1e-9, 1.0, 1.4)
     assert quantise(raw, bits).tolist() == pytest.approx([0, 0, 0, 1, 1, 1], abs=1e-12)
 
 

@@ -17,8 +17,7 @@ def test_falloff_takes_its_share_in_the_very_corners(size, loss):
     assert dark[::2, ::2].flatten().tolist() == pytest.approx([1 - loss] * 4)
     assert dark[1, 1] == 1
     # along the ray of the corner the angle's tangent grows with the distance: half way out
-    half = falloff(u / 2 + w / 4, v / 2 + h / 4, size, torch.tensor([loss], dtype=torch.float64))[
-        0, 0, 0
-    ]
+    places = u / 2 + w / 4, v / 2 + h / 4
+    half = falloff(*places, size, torch.tensor([loss], dtype=torch.float64))[0, 0, 0]
     corner = math.acos((1 - loss) ** 0.25)
     assert half.item() == pytest.approx(math.cos(math.atan(math.tan(corner) / 2)) ** 4)

@@ -29,10 +29,8 @@ def test_resize_is_torchs(n, m, how):
             )
     else:
         lifted = line[None, None, None].expand(1, 1, 2, n)
-        aa = how == "antialias"
-        expected = F.interpolate(
-            lifted, size=(2, m), mode="bilinear", align_corners=False, antialias=aa
-        )[0, 0, 0]
+        bilinear = {"mode": "bilinear", "align_corners": False, "antialias": how == "antialias"}
+        expected = F.interpolate(lifted, size=(2, m), **bilinear)[0, 0, 0]
     known = [i for i, _ in _whole(resize, n)]
     np.testing.assert_allclose(got, expected.numpy()[known], rtol=0, atol=1e-6)
 

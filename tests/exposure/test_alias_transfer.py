@@ -54,11 +54,11 @@ def closed_form(frequency, scale, colours=(0, 1, 2)):
     return torch.stack(found)[:, 1:-1, 1:-1]
 
 
-@pytest.mark.parametrize("frequency", FREQUENCIES)
 @pytest.mark.parametrize("scale", NEAR)
-def test_four_aliases_are_the_mean_of_interpolated_pixels(scale, frequency):
-    difference = closed_form(frequency, scale) - brute_force(frequency, scale)
-    assert difference.abs().square().mean().sqrt() < NEAR[scale]
+def test_four_aliases_are_the_mean_of_interpolated_pixels(scale):
+    for frequency in FREQUENCIES:
+        difference = closed_form(frequency, scale) - brute_force(frequency, scale)
+        assert difference.abs().square().mean().sqrt() < NEAR[scale], frequency
 
 
 @pytest.mark.parametrize("scale", [4.0, 9.0])
@@ -69,10 +69,10 @@ def test_a_wrong_plane_is_not_near(scale):
     assert swapped.abs().square().mean(dim=(1, 2)).sqrt()[0] > 0.3
 
 
-@pytest.mark.parametrize("colour", [0, 1, 2, None])
-def test_flat_light_is_read_as_it_is(colour):
+@pytest.mark.parametrize("colours", [(0, 1, 2), (None,)])
+def test_flat_light_is_read_as_it_is(colours):
     for scale in (0.01, 0.5, 1.0, 2.7, 150.0):
-        (flat,) = closed_form((0.0, 0.0), scale, (colour,))
+        flat = closed_form((0.0, 0.0), scale, colours)
         assert torch.allclose(flat, torch.ones_like(flat), atol=1e-12)
 
 
@@ -140,12 +140,8 @@ def test_a_triangle_filter_is_a_mean_of_bins_around(frequency):
         return [(torch.complex(*wave)[0] * carrier).mean() for wave in waves]
 
     expected = read(around[None], 0.0)
-    for found, mean, plain in zip(
-        read(middle.reshape(1, 1, 1, 2), 1.0),
-        expected,
-        read(middle.reshape(1, 1, 1, 2), 0.0),
-        strict=True,
-    ):
+    at = middle.reshape(1, 1, 1, 2)
+    for found, mean, plain in zip(read(at, 1.0), expected, read(at, 0.0), strict=True):
         assert (found - mean).abs() < 1e-3
         assert found.abs() <= plain.abs() + 1e-9
 

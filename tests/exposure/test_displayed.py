@@ -52,13 +52,12 @@ def shown_by(alpha, picture):
     return on_panel(DisplayedPicture(picture, shot), panel_size(alpha, size), MARGIN)
 
 
-@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("alpha", ALPHAS)
-def test_a_panel_pixel_shows_the_mean_under_a_triangle(alpha, size):
-    picture = torch.rand(2, 3, *size, dtype=torch.float64)
-    for seen, of in zip(shown_by(alpha, picture), picture, strict=True):
-        expected = by_matrix(of, alpha, panel_size(alpha, size), MARGIN)
-        assert torch.allclose(seen, expected, atol=1e-12)
+def test_a_panel_pixel_shows_the_mean_under_a_triangle(alpha):
+    for size in SIZES:
+        picture = torch.rand(1, 3, *size, dtype=torch.float64)
+        expected = by_matrix(picture[0], alpha, panel_size(alpha, size), MARGIN)
+        assert torch.allclose(shown_by(alpha, picture)[0], expected, atol=1e-12), size
 
 
 def test_each_image_of_a_batch_has_its_own_panel():
@@ -87,13 +86,13 @@ def engine_shows(scene, picture):
 
 
 @pytest.mark.parametrize("layout", ["rgb_stripe", "pentile"])
-@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("alpha", ALPHAS)
-def test_the_engines_panel_shows_the_same(alpha, size, layout):
-    picture = torch.rand(1, 3, *size)
-    seen, margin = engine_shows(Scene(panel=Panel(scale=alpha, layout=layout)), picture)
-    expected = by_matrix(picture[0].double(), alpha, tuple(seen.shape), margin)[0]
-    assert (seen - expected).abs().max() < 1e-5
+def test_the_engines_panel_shows_the_same(alpha, layout):
+    for size in SIZES:
+        picture = torch.rand(1, 3, *size)
+        seen, margin = engine_shows(Scene(panel=Panel(scale=alpha, layout=layout)), picture)
+        expected = by_matrix(picture[0].double(), alpha, tuple(seen.shape), margin)[0]
+        assert (seen - expected).abs().max() < 1e-5, size
 
 
 @pytest.mark.parametrize("alpha", [0.3, 0.73, 1.7])
@@ -152,11 +151,8 @@ def test_a_slope_forward_is_the_slope_backward(alpha):
     given, along = (picture, torch.full((2,), alpha).double()), (torch.rand_like(picture), ONES)
 
     def show(picture, alpha):
-        return (
-            on_panel(DisplayedPicture(picture, SHOT, alpha), panel_size(1, (6, 7)), MARGIN)
-            .square()
-            .sum()
-        )
+        displayed = DisplayedPicture(picture, SHOT, alpha)
+        return on_panel(displayed, panel_size(1, (6, 7)), MARGIN).square().sum()
 
     _, forward = torch.func.jvp(show, given, along)
     backward = torch.func.grad(show, argnums=(0, 1))(*given)
@@ -180,8 +176,7 @@ def test_images_are_read_alike_alone_and_in_a_transform(exposure):
 
 
 @pytest.mark.parametrize("registered", [True, False])
-@pytest.mark.parametrize("exposure", ["spectral", "mean"])
-@pytest.mark.parametrize("layout", ["rgb_stripe", "pentile"])
+@pytest.mark.parametrize(("layout", "exposure"), [("rgb_stripe", "mean"), ("pentile", "spectral")])
 def test_the_engine_reads_mixed_panels_as_the_reference_does(layout, exposure, registered):
     scene = Scene(
         panel=Panel(scale=(0.1, 1.5), layout=layout),

@@ -41,7 +41,7 @@ def test_each_plane_reads_what_its_filter_passes(exposure, images):
 @pytest.mark.parametrize("exposure", ["spectral", "point", "supersample:2"])
 def test_a_bayer_site_reads_one_filter_of_three(exposure, images):
     """The lattice of the full sensor's planes, as far as it reaches the same pixels."""
-    sensor = Sensor(cfa="none", scale=2.0, crosstalk=0.25, exposure=exposure)
+    sensor = dataclasses.replace(FULL, exposure=exposure)
     full = Scene(panel=Panel(scale=1.2), view=View(roll=5.0), sensor=sensor)
     bayer = with_values(full, {"sensor.cfa": "rggb"})
     planes, packed = (

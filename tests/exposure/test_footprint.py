@@ -83,9 +83,8 @@ def test_gradients_of_every_argument():
 
 
 def test_normalised_shares_sum_to_one_where_nothing_is_seen_too():
-    share = torch.tensor(
-        [[[[0.2, 0.3, 0.1], [0.0, 0.0, 0.0], [-1e-18, 0.0, 0.4]]]], dtype=torch.float64
-    )
+    rows = [[0.2, 0.3, 0.1], [0.0, 0.0, 0.0], [-1e-18, 0.0, 0.4]]
+    share = torch.tensor([[rows]], dtype=torch.float64)
     whole = normalised(share.requires_grad_())
     assert torch.allclose(whole.sum(-1), torch.ones(()).double())
     assert whole[0, 0, 1].tolist() == [0, 1, 0] and whole[0, 0, 2, 2] > 0.999

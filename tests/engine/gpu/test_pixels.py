@@ -54,14 +54,9 @@ def _view(out, u, v, camera, forward, N: tl.constexpr):
     x, y = view.to_image(u, v, camera)
     back_u, back_v = view.to_photo(x, y, forward, view.lens_of(camera), True)
     xu, xv, yu, yv = view.jacobian(u, v, camera)
-    tl.store(out + i, x)
-    tl.store(out + N + i, y)
-    tl.store(out + 2 * N + i, back_u)
-    tl.store(out + 3 * N + i, back_v)
-    tl.store(out + 4 * N + i, xu)
-    tl.store(out + 5 * N + i, xv)
-    tl.store(out + 6 * N + i, yu)
-    tl.store(out + 7 * N + i, yv)
+    values = (x, y, back_u, back_v, xu, xv, yu, yv)
+    for row in tl.static_range(8):
+        tl.store(out + row * N + i, values[row])
 
 
 @triton.jit
@@ -147,13 +142,10 @@ SHOWN = {
     "codes": Scene(panel=Panel(black=0.1), develop=Develop(linear_light=True)),
     "light": Scene(panel=Panel(black=0.1)),
     "prefiltered": Scene(
-        panel=Panel(scale=1.3, black=0.05),
-        view=View(zoom=0.2),
-        lens=Lens(blur=0.5),
-        sensor=Sensor(scale=2.0),
-        develop=Develop(linear_light=True),
+        panel=Panel(scale=1.3, black=0.05), view=View(zoom=0.2), lens=Lens(blur=0.5),
+        sensor=Sensor(scale=2.0), develop=Develop(linear_light=True),
     ),
-}
+}  # fmt: skip
 
 
 def lowered(shot):
