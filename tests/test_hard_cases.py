@@ -166,14 +166,6 @@ def test_magnified_screens_under_any_lens_are_near_brute_force(name):
     assert error.square().mean().sqrt() < 0.03  # a box for all was off by 0.1 to 0.2
 
 
-@pytest.mark.parametrize("size", [(16, 16), (17, 17)])
-def test_a_picture_smaller_than_a_pixel_keeps_its_light(size):
-    bare = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
-    scene = with_values(bare, {"view.zoom": 0.01, "develop.registered": False})
-    light = float(scene.capture(torch.ones(1, 3, *size, dtype=torch.float64)).sum())
-    assert light == pytest.approx(3 * size[0] * size[1] * 0.01**2, rel=1e-3)
-
-
 def test_no_noise_of_a_noisy_scene_has_a_gradient():
     scene = Scene(sensor=Sensor(shot_noise=(0, 0.1)))
     shot = scene.sample(1, (4, 4))

@@ -88,21 +88,14 @@ def test_one_bad_image_of_a_batch_is_named(spoil, sentence):
             capture(images.to(dtype), SCENE.sample(4, (24, 32)))
 
 
-@pytest.mark.parametrize(
-    ("spoil", "error"),
-    [
-        (lambda raw: raw[:1], ValueError),
-        (lambda raw: raw[:, :3], ValueError),
-        (lambda raw: raw[..., :-1], ValueError),
-        (lambda raw: raw[0], ValueError),
-        (lambda raw: (raw * 255).long(), TypeError),
-        (lambda raw: raw.numpy(), TypeError),
-    ],
-)
 @pytest.mark.parametrize("scene", [Scene(), SCENE], ids=["frontal", "turned"])
-def test_a_raw_reading_belongs_to_its_shot(scene, spoil, error):
+def test_a_raw_reading_belongs_to_its_shot(scene):
     shot = scene.sample(4, (8, 12))
     raw = expose(torch.rand(4, 3, 8, 12), shot)
     assert develop(raw, shot).shape == (4, 3, 8, 12)
-    with pytest.raises(error, match="raw must"):
-        develop(spoil(raw), shot)
+    for other in (raw[:1], raw[:, :3], raw[..., :-1], raw[0]):
+        with pytest.raises(ValueError, match="raw must"):
+            develop(other, shot)
+    for other in ((raw * 255).long(), raw.numpy()):
+        with pytest.raises(TypeError, match="raw must"):
+            develop(other, shot)

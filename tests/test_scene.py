@@ -29,7 +29,6 @@ BAD = [
     (lambda: Panel(scale=True), "must be a number"),
     (lambda: Panel(scale=np.float64(-3)), "Panel.scale must lie in [0.0001, 100000]"),
     (lambda: Develop(registered="off"), "must be True or False"),
-    (lambda: View(fit=0), "must be True or False"),
     (lambda: View(pose="pinhole"), "'camera', 'released'"),
     (lambda: Lens(k1=-0.5), "fold the photo"),
     (lambda: Lens(k1=(-0.1, 0.1), k2=(-0.4, 0.0)), "fold the photo"),
@@ -44,7 +43,6 @@ BAD = [
     (lambda: Scene().sample(-1, (8, 8)), "n >= 0"),
     (lambda: Scene().sample(1, (8.9, 8)), "in whole numbers; got (8.9, 8)"),
     (lambda: Scene().sample(2.5, (8, 8)), "a whole number n >= 0 of images; got n = 2.5"),
-    (lambda: Scene().sample("2", (8, 8)), "a whole number n >= 0 of images; got n = '2'"),
 ]
 
 
@@ -100,15 +98,12 @@ def test_draws_fill_their_ranges(preset):
             assert drawn.unique().numel() > 30, name
 
 
-def test_released_pose_turns_by_whole_degrees():
+def test_released_pose_turns_by_whole_degrees_and_keeps_what_else_is_drawn():
+    """Its homography reads none of it."""
     shot = Scene.preset("paper_code").sample(200, (8, 8))
     for angle in (shot.view.yaw, shot.view.pitch, shot.view.roll):
         assert (angle == angle.round()).all()
         assert angle.min() >= -20 and angle.max() <= 19
-
-
-def test_released_pose_keeps_what_else_is_drawn():
-    """Its homography reads none of it."""
     view = View(roll=(-20, 20), zoom=(0.5, 2), shift_x=(-0.3, 0.3), fov=(20, 50), pose="released")
     drawn = Scene(view=view).sample(200, (8, 8)).view
     for field in ("zoom", "shift_x", "fov"):

@@ -77,18 +77,11 @@ def test_what_says_two_things_gets_a_sentence(make, sentence):
 def test_a_reading_is_binned_where_a_screen_is_stated():
     assert not Scene().is_binned
     assert Scene(panel=Panel(width=200.0)).is_binned and Scene(sensor=Sensor(pitch=2.0)).is_binned
+    assert all(Scene.preset(name).is_binned != name.startswith("paper") for name in PRESETS)
     full = Scene(panel=Panel(width=200.0), sensor=Sensor(scale=2.0, reading="full"))
     assert not full.is_binned
     shot = full.sample(1, (10, 20))
     assert shot.raw_shape() == (1, 4, 10, 20) and shot.panel_scale.tolist() == [10.0]
-
-
-@pytest.mark.parametrize("name", [n for n in PRESETS if not n.startswith("paper")])
-def test_every_preset_but_the_papers_is_a_screen(name):
-    scene = Scene.preset(name)
-    assert scene.is_binned and scene.panel.scale == 1.0 and scene.sensor.scale == 1.0
-    low, high = scene.panel.width
-    assert 48 <= low < high <= 2560
 
 
 def test_a_plan_is_that_of_a_size():

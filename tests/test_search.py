@@ -84,7 +84,7 @@ def a_part(part):
 SCENES = st.builds(
     a_scene,
     **{part: a_part(part) for part in PARTS},
-    tolerance=st.sampled_from([1 / 512, 1 / 512, 0.0, 1e-6, 1.0]),
+    tolerance=st.sampled_from([1 / 512, 1 / 512, 1 / 512, 0.0, 1.0]),
 )
 
 

@@ -75,18 +75,6 @@ def check_whole_pitches(dtype):
             assert contrast < CLOSE[dtype] if whole else contrast > 1e-3
 
 
-def check_low_pass_filter(dtype):
-    """One that shifts its copies by half a pitch removes the first harmonic and leaves the
-    second."""
-    n = 64
-    for share, gone in ((1 / 2, True), (1 / 3, False)):  # of the pitch, 2 n / 95 sensor pixels
-        lens, sensor = Lens(olpf=share * 2 * n / 95), Sensor(scale=2.0, exposure="spectral")
-        scene = Scene(panel=Panel(scale=95 / n), lens=lens, sensor=sensor, tolerance=1e-7)
-        first, second = (red_spectrum(scene, n, dtype)[0, 95 * k % n].abs() for k in (1, 2))
-        assert first < CLOSE[dtype] if gone else first > 0.01
-        assert second > 0.01
-
-
 def check_mean_light(dtype):
     """Over all phases of the panel, 31 along each axis. Points do not integrate, so `point` has no
     such form."""

@@ -53,13 +53,6 @@ def test_no_photos_at_all():
     assert out.shape == torch.autograd.grad(out.sum(), photo)[0].shape == photo.shape
 
 
-def test_each_photo_has_its_own_quality():
-    photo = scenes(4)
-    together = jpeg(photo, torch.tensor(QUALITIES))
-    for i, q in enumerate(QUALITIES):
-        assert torch.equal(together[i : i + 1], jpeg(photo[i : i + 1], torch.tensor([q])))
-
-
 def test_quality_is_rounded_and_clamped():
     given, used = torch.tensor(
         [[-3.0, 1.0], [0.0, 1.0], [74.6, 75.0], [75.4, 75.0], [1e9, 100.0]]
@@ -67,12 +60,6 @@ def test_quality_is_rounded_and_clamped():
     photo = scenes(1).expand(5, -1, -1, -1)
     assert torch.equal(jpeg(photo, given), jpeg(photo, used))
     assert torch.equal(jpeg(photo, given.long()), jpeg(photo, given.long().float()))
-
-
-def test_less_quality_is_more_error():
-    photo = scenes(1)
-    out = jpeg(photo.expand(5, -1, -1, -1), torch.tensor([5.0, 25.0, 50.0, 75.0, 95.0]))
-    assert ((out - photo).square().mean((1, 2, 3)).diff() < 0).all()
 
 
 def test_the_gradient_is_kornias_with_a_share_straight_through(monkeypatch):
@@ -94,8 +81,10 @@ def test_the_gradient_is_kornias_with_a_share_straight_through(monkeypatch):
 def test_gradients_of_flat_photos_are_finite(colour, size):
     photo = torch.tensor(colour)[:, None, None].expand(34, 3, *size).clone().requires_grad_()
     out = jpeg(photo, torch.arange(1.0, 101.0, 3.0))
-    (gradient,) = torch.autograd.grad((out * torch.randn(out.shape)).sum(), photo)
+    (gradient,) = torch.autograd.grad((out * (torch.rand(out.shape) + 0.5)).sum(), photo)
     assert gradient.isfinite().all()
+    if colour in ([0.0] * 3, [1.0] * 3):  # which do not hide from an attack
+        assert (gradient != 0).all()
 
 
 @pytest.mark.parametrize("quality", [10.0, 50.0, 90.0])
@@ -144,15 +133,6 @@ def test_is_a_sound_operator():
     args = (torch.rand(2, 3, 9, 11, requires_grad=True), torch.tensor([30.0, 80.0]))
     found = torch.library.opcheck(torch.ops.moireaug.jpeg.default, args, test_utils=checks)
     assert found == dict.fromkeys(checks, "SUCCESS")
-
-
-@pytest.mark.parametrize("level", [0.0, 1.0])
-@pytest.mark.parametrize("quality", [10.0, 50.0, 95.0])
-def test_flat_black_and_white_do_not_hide_from_an_attack(level, quality):
-    photo = torch.full((1, 3, 16, 16), level, requires_grad=True)
-    weight = torch.rand(1, 3, 16, 16) + 0.5
-    (gradient,) = torch.autograd.grad((jpeg(photo, torch.tensor([quality])) * weight).sum(), photo)
-    assert (gradient != 0).all()
 
 
 def test_the_gradient_has_a_gradient():

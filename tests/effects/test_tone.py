@@ -28,10 +28,10 @@ def test_balance_leaves_green_alone():
 CROSSTALK = numbers(0.0, 0.1, 0.2, 0.3)
 
 
-@pytest.mark.parametrize("saturation", [0.0, 0.6, 1.0, 4.0])
-def test_grey_stays_grey(saturation):
-    matrix = colour_matrix(CROSSTALK, torch.full_like(CROSSTALK, saturation))
-    assert torch.allclose(matrix.sum(2), torch.ones(4, 3).double(), atol=1e-12)
+def test_grey_stays_grey():
+    for saturation in (0.0, 0.6, 1.0, 4.0):
+        matrix = colour_matrix(CROSSTALK, torch.full_like(CROSSTALK, saturation))
+        assert torch.allclose(matrix.sum(2), torch.ones(4, 3).double(), atol=1e-12)
 
 
 def test_the_colour_matrix_undoes_the_crosstalk():

@@ -150,16 +150,11 @@ def test_a_tangent_is_not_lost():
     assert tangent.shape == IMAGES.shape and tangent.any()
 
 
-@pytest.mark.parametrize(
-    ("value", "off"),
-    [("off", True), ("OFF", True), ("0", True), ("false", True), ("", False), ("on", False)],
-)
-def test_the_environment_turns_the_engine_off(value, off, monkeypatch):
-    monkeypatch.setenv(switch.ENGINE_VARIABLE, value)
-    assert ("turned off" in program.explain(Scene.preset("screen_photo"))) == off
-
-
-def test_a_switch_that_says_neither_is_refused(monkeypatch):
+def test_the_environment_turns_the_engine_off(monkeypatch):
+    for value in ("off", "OFF", "0", "false", "", "on"):
+        monkeypatch.setenv(switch.ENGINE_VARIABLE, value)
+        off = value not in ("", "on")
+        assert ("turned off" in program.explain(Scene.preset("screen_photo"))) == off
     monkeypatch.setenv(switch.ENGINE_VARIABLE, "of")
     with pytest.raises(ValueError, match="MOIREAUG_ENGINE must be 'off', or unset; got 'of'"):
         Scene.preset("screen_photo").capture(torch.rand(1, 3, 8, 8))

@@ -82,6 +82,31 @@ def test_a_single_row_is_where_the_lens_sees_it(size, scale):
     assert_equal(*readings(Scene(view=view, lens=Lens(k1=0.25), sensor=sensor), size))
 
 
+STEEP = {
+    "oblique": (Panel(scale=1.1), View(yaw=35.0, fov=40.0), Lens(blur=(0.2, 0.4)), (40, 40)),
+    "barrel": (Panel(), View(), Lens(k1=0.1, k2=0.02, blur=0.3), (40, 40)),
+    "pincushion": (Panel(), View(), Lens(k1=-0.08, blur=0.3), (31, 50)),
+}
+
+
+@pytest.mark.parametrize(("panel", "view", "lens", "size"), STEEP.values(), ids=STEEP)
+def test_steep_views_that_fit_are_equal(panel, view, lens, size):
+    scene = Scene(panel=panel, view=view, lens=lens, sensor=Sensor(scale=2.0))
+    shot = scene.sample(1, size, torch.Generator().manual_seed(3))
+    assert run.fits(*lower_exposure(shot, decoded=False)).tolist() == [True]
+    assert_equal(*readings(scene, size, n=1))
+
+
+def test_an_image_is_read_the_same_beside_one_of_the_horizon():
+    scene = with_values(SCENES["turned"], {"view.yaw": (0.0, 85.0), "view.fov": 60.0})
+    shot = scene.sample(3, (40, 40), torch.Generator().manual_seed(0))
+    shot = with_values(shot, {"view.yaw": torch.tensor([5.0, 85.0, -5.0], dtype=torch.float64)})
+    images = torch.rand(3, 3, 40, 40, generator=torch.Generator().manual_seed(1))
+    assert run.fits(*lower_exposure(shot, decoded=False)).tolist() == [True, False, True]
+    alone = [expose(images[i : i + 1], shot[i : i + 1]) for i in range(3)]
+    assert torch.equal(expose(images, shot), torch.cat(alone))
+
+
 def test_a_batch_of_none():
     shot = SCENES["turned"].sample(0, (8, 8))
     assert expose(torch.rand(0, 3, 8, 8), shot).shape == shot.raw_shape()

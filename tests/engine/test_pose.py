@@ -14,19 +14,18 @@ RANGES = {
     "zoom": (0.2, 3.0),
     "fov": (5.0, 80.0),
 }
-SHIFTED = {"shift_x": (-0.5, 0.5), "shift_y": (-0.5, 0.5)}
 LENS = Lens(k1=(-0.05, 0.2), k2=(-0.02, 0.02))
 
 
+VIEWS = {
+    "shifted": View(**RANGES, shift_x=(-0.5, 0.5), shift_y=(-0.5, 0.5)),
+    "not fitted": View(**RANGES, fit=False),
+    "released": View(pose="released", roll=(-45.0, 45.0)),
+}
+
+
 @pytest.mark.parametrize("size", [(1, 1), (40, 40), (33, 200)])
-@pytest.mark.parametrize(
-    "view",
-    [
-        View(**RANGES, **SHIFTED),
-        View(**RANGES, fit=False),
-        View(pose="released", roll=(-45.0, 45.0)),
-    ],
-)
+@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
 def test_homographies_agree(view, size):
     shot = Scene(view=view, lens=LENS).sample(200, size, torch.Generator().manual_seed(0))
     drawn = numbers.numbers_of(shot)

@@ -11,7 +11,6 @@ import pytest
 import torch
 
 from moireaug import Scene, capture, develop, expose
-from moireaug.capture import reading_of
 from moireaug.engine.cpu import compiling, first_use, launch_develop, launch_expose, threads
 from moireaug.scene.by_name import with_values
 
@@ -54,23 +53,18 @@ def test_every_part_is_done_once_by_two_threads(n):
     assert len(by) == (2 if n > 1 else 0)
 
 
-@pytest.mark.parametrize(
-    ("threads_of_torch", "n", "rows", "expected"),
-    [
-        (1, 1, 1000, 0),
-        (2, 0, 1000, 0),
-        (2, 1, 63, 0),  # too few rows to share
-        (2, 1, 64, 1),
-        (2, 16, 1000, 0),  # every thread has an image
-        (2, 5, 1000, 1),
-        (4, 3, 1000, 3),
-        (4, 3, 100, 0),  # three parts of each would be no faster than an image per thread
-        (4, 2, 100, 2),
-    ],
-)
-def test_rows_are_shared_only_where_images_are_too_few(threads_of_torch, n, rows, expected):
-    torch.set_num_threads(threads_of_torch)
-    assert threads.surplus(n, rows) == expected
+SURPLUS = [  # threads, images, rows of each; images whose rows are shared
+    (1, 1, 1000, 0), (2, 0, 1000, 0), (2, 1, 63, 0),  # too few rows to share
+    (2, 1, 64, 1), (2, 16, 1000, 0),  # every thread has an image
+    (2, 5, 1000, 1), (4, 3, 1000, 3), (4, 2, 100, 2),
+    (4, 3, 100, 0),  # three parts of each would be no faster than an image per thread
+]  # fmt: skip
+
+
+def test_rows_are_shared_only_where_images_are_too_few():
+    for count, n, rows, expected in SURPLUS:
+        torch.set_num_threads(count)
+        assert threads.surplus(n, rows) == expected, (count, n, rows)
 
 
 @pytest.mark.parametrize("registered", [True, False])
@@ -173,19 +167,3 @@ def test_what_ended_early_is_compiled_ahead_again(tmp_path):
     assert marker.exists()
     first_use._stop(Mock(poll=lambda: None), marker)
     assert not marker.exists()
-
-
-def test_what_is_compiled_ahead_is_what_is_called(tmp_path):
-    (tmp_path / "torch.py").write_text("raise SystemExit('a file of the folder was run')")
-    raw = expose(IMAGES, SHOT).requires_grad_()
-    reading_of((255 * IMAGES).byte(), SHOT)
-    develop(raw, SHOT).sum().backward()  # compiled now, if never before
-    count = """
-from moireaug.engine.cpu import develop_kernels as develop, expose_kernels as expose
-kernels = expose.show_kernel, develop.develop_kernel, develop.develop_back_kernel
-print([len(kernel.stats.cache_misses) for kernel in kernels])
-"""
-    given = [a + count if a == first_use.HELPER_CODE else a for a in first_use.PYTHON_ARGUMENTS]
-    command = [sys.executable, *given]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
-    assert done.stdout == "[0, 0, 0]\n", done.stderr

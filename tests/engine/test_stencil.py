@@ -61,20 +61,6 @@ def test_pictures_of_few_pixels(scene, size):
     assert_reads_alike(noise(*size), shot)
 
 
-@pytest.mark.parametrize("corner", [(0, 0), (0, -1), (-1, 0), (-1, -1)], ids=str)
-@pytest.mark.parametrize("scene", ["blurred", "sharp"])
-def test_a_bright_pixel_in_a_corner_is_read_there(scene, corner):
-    """Pixels beyond the border repeat it, and rows do not run into one another."""
-    scene = SCENES[scene][1]
-    shot, reach = of(scene, 20, 24)
-    images = torch.zeros(2, 3, 20, 24)
-    images[:, :, corner[0], corner[1]] = 1.0
-    assert_reads_alike(images, shot)
-    rows, cols = (slice(0, reach + 1) if k == 0 else slice(-reach - 1, None) for k in corner)
-    read = expose(images, shot) - expose(torch.zeros_like(images), shot)
-    assert read[..., rows, cols].sum() > 0.999 * read.abs().sum() > 0
-
-
 @pytest.mark.parametrize("scene", ["blurred", "sharp"])
 def test_bytes_are_read_by_a_stencil_too(scene):
     shot, _ = of(SCENES[scene][1], 30, 33)

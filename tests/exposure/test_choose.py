@@ -83,5 +83,8 @@ def test_slanted_subpixels_are_never_taken_for_boxes(layout):
         readings.append(expose(torch.ones(1, 3, 24, 24), shot))
     apart = (readings[0] - readings[1]).square().mean().sqrt()
     assert apart < 0.15 * readings[1].mean()  # a box is off by 0.78 and 1.4
-    with pytest.raises(ValueError, match="'box' takes subpixels for rectangles"):
-        with_values(scene, {"sensor.exposure": "box"}).plan()
+    for exposure in ("box", "point"):
+        refused = with_values(scene, {"sensor.exposure": exposure})
+        for use in (refused.plan, lambda of=refused: of.sample(1, (4, 4))):
+            with pytest.raises(ValueError, match=f"'{exposure}' takes subpixels for rectangles"):
+                use()

@@ -9,7 +9,6 @@ import torch
 pytest.importorskip("triton")
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
-from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine.gpu import binned
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.exposure.bin_geometry import pixels_on_photo
@@ -25,10 +24,6 @@ SCENES = {
         panel=PANEL, view=TURNED, lens=LENS,
         sensor=dataclasses.replace(SENSOR, shutter=0.002, readout=0.0003),
         develop=Develop(linear_light=True, resize="antialias"),
-    ),
-    "from afar, in the camera's frame": Scene(
-        panel=Panel(width=30.0), view=View(yaw=10.0, zoom=0.1, fit=False), lens=Lens(blur=0.2),
-        sensor=Sensor(pitch=5.0), develop=Develop(registered=False),
     ),
     "no colour filters": Scene(
         panel=Panel(width=24.0, layout="chevron"), view=TURNED, lens=Lens(blur=0.3),
@@ -54,10 +49,8 @@ def shot_and_picture(scene, n=1):
 
 def both_readings(shot, picture):
     """The kernels' readings of bins that the photo shows, and the reference's."""
-    expected, varies = pipeline.expose(picture.double(), shot), False
-    if shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE:  # the reference does it
-        picture, varies = pipeline.apply(("prefilter",), picture, shot), True
-    got = binned.expose(picture, *lower_exposure(shot, decoded=varies))
+    expected = pipeline.expose(picture.double(), shot)
+    got = binned.expose(picture, *lower_exposure(shot, decoded=False))
     on_photo = pixels_on_photo(shot)[1][:, None] if shot.scene.is_rectified else 1.0
     return got * on_photo, expected * on_photo
 
