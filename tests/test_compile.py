@@ -50,7 +50,7 @@ def seen_by(name):
     return torch.rand(2, 3, *SIZE), SCENES[name].sample(2, SIZE)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", ["binned", "everything"])
 def test_a_graph_gives_the_photo_of_the_engine(name):
     images, shot = seen_by(name)
     called = []

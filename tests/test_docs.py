@@ -5,7 +5,6 @@ import re
 import runpy
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -109,9 +108,3 @@ def test_the_site_builds_without_warnings(tmp_path):
     assert "Formatting signatures requires" not in done.stderr
     page = (tmp_path / "api" / "capture" / "index.html").read_text(encoding="utf-8")
     assert "packed Bayer planes" in page  # the docstrings are there
-
-
-def test_the_extra_of_the_site_formats_signatures():
-    """Without ruff or black, mkdocstrings leaves long ones on one line."""
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert any(name.startswith("ruff") for name in extras["optional-dependencies"]["docs"])

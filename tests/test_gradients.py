@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
-from moireaug.attacks import LOSSES
 from moireaug.scene.by_name import values_of, with_values
 
 SCENES = {
@@ -98,14 +97,6 @@ def test_every_field_of_a_shot(name):
         assert torch.allclose(found, numeric, rtol=1e-3, atol=1e-4), (field, found, numeric)
 
 
-@pytest.mark.parametrize("name", LOSSES)
-def test_saturated_logits_still_have_gradients(name):
-    logits = (torch.tensor([[1.0, 0.2, -3.0], [0.0, 2.0, 1.0]]) * 1e4).requires_grad_()
-    loss = LOSSES[name](logits, torch.tensor([0, 1]))
-    (g,) = torch.autograd.grad(loss.sum(), logits)
-    assert loss.isfinite().all() and (g.abs().sum(1) > (1e-5 if name == "dlr" else 0.5)).all()
-
-
 @pytest.mark.parametrize("exposure", ["spectral", "box", "mean"])
 def test_a_subpixel_amid_an_aperture_moves_with_the_camera(exposure):
     """On a bound `torch.clamp` would stop the gradient: here every sensor pixel looks at a
@@ -118,8 +109,7 @@ def test_a_subpixel_amid_an_aperture_moves_with_the_camera(exposure):
     shift = torch.zeros(1, dtype=torch.float64, requires_grad=True)
     raw = expose(image, with_values(shot, {"view.shift_x": shift}))
     for reading in raw[0, :, 6, 6:9].flatten():
-        (slope,) = torch.autograd.grad(reading, shift, retain_graph=True)
-        assert slope.isfinite().all()
+        assert torch.autograd.grad(reading, shift, retain_graph=True)[0].isfinite().all()
     (slope,) = torch.autograd.grad(raw.sum(), shift)
     assert slope.abs() > 0.1
 

@@ -1,7 +1,6 @@
 """Scene: ranges, validation, plain values; Shot: draws, replay, indexing."""
 
 import copy
-import dataclasses
 import json
 import math
 import pickle
@@ -137,14 +136,6 @@ def test_a_damaged_shot_dict_is_refused():
     values["view"]["roll"] = [0.0]
     with pytest.raises(ValueError, match=r"view\.roll must hold 2 numbers"):
         Shot.from_dict(values)
-
-
-def test_records_are_frozen():
-    scene = Scene()
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        scene.view.roll = 3
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        scene.sample(1, (4, 4)).seed = None
 
 
 def test_a_pickled_shot_is_no_larger_than_its_numbers():

@@ -17,12 +17,9 @@ from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
 from tests.engine.readings import assert_equal, readings
 
-SCREEN = Scene(
-    panel=Panel(width=(150.0, 300.0)),
-    view=View(yaw=(-15.0, 15.0), roll=(-5.0, 5.0)),
-    lens=Lens(blur=0.4),
-    sensor=Sensor(pitch=(1.8, 2.4)),
-)
+SWAYED = View(yaw=(-15.0, 15.0), roll=(-5.0, 5.0))
+PARTS = {"panel": Panel(width=(150.0, 300.0)), "sensor": Sensor(pitch=(1.8, 2.4))}
+SCREEN = Scene(view=SWAYED, lens=Lens(blur=0.4), **PARTS)
 
 
 def rms(difference):

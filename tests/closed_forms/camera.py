@@ -28,7 +28,7 @@ BENDS = ((0.0, 0.0), (0.2, 0.0), (-0.15, 0.0), (0.05, 0.1), (0.3, -0.15), (-0.2,
 def check_round_trip(dtype):
     """Where a photo point looks is shown at that photo point. Coordinates are float64 whatever the
     image's dtype."""
-    size, n = (30, 40), 8
+    size, n = (30, 40), 4
     points = grids.grid(*(torch.linspace(0, s, 9, dtype=torch.float64) for s in size))
     corners = points.flatten(1, 2)
     for pose in POSES:

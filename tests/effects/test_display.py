@@ -7,6 +7,7 @@ import torch
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.effects.display import most_reflected, reflected
+from moireaug.geometry.lattice import pack
 from moireaug.scene.by_name import with_values
 
 EVEN = Panel(layout="even")
@@ -73,10 +74,7 @@ def test_glares_slope_is_linear_over_the_photo(cfa, turned):
     added = read(scene, 0.0, (h, w))
     rows, cols = ((torch.arange(2 * n, dtype=torch.float64) + 0.5) / n - 1 for n in (h, w))
     plane = 0.2 * (1 + 0.4 * cols - 0.1 * rows[:, None])
-    if cfa == "none":
-        expected = plane.expand(3, -1, -1)
-    else:
-        expected = torch.stack([plane[r::2, c::2] for r in (0, 1) for c in (0, 1)])
+    expected = plane.expand(3, -1, -1) if cfa == "none" else pack(plane[None])[0]
     assert torch.allclose(added, expected, atol=1e-9)
 
 

@@ -44,7 +44,6 @@ FOUR = {"panel": Panel(scale=2.1), "sensor": {"scale": 4.0}}
 CASES = {
     "two": {"panel": Panel(scale=1.05), "sensor": {"scale": 2.0}},
     "two and a half": {"panel": Panel(scale=1.2), "sensor": {"scale": 2.5}},
-    "six": {"panel": Panel(scale=2.9), "sensor": {"scale": 6.0}},
     "nine, matrix": {"panel": Panel(scale=4.2, lit_y=0.6), "sensor": {"scale": 9.0}},
     "frontal": FOUR | {"view": View()},
     "crosstalk": {"panel": Panel(scale=1.9), "sensor": {"scale": 4.0, "crosstalk": 0.2}},
@@ -52,11 +51,6 @@ CASES = {
     "no colour filters": {"panel": Panel(scale=3.1), "sensor": {"scale": 3.0, "cfa": "none"}},
     "coarse panel": {"panel": Panel(scale=0.45), "sensor": {"scale": 1.0}},
     "registered": FOUR | {"view": View(), "develop": Develop()},
-    "vignetting, flicker": {
-        "panel": Panel(scale=2.1, pwm=240.0, glare=0.02, glare_x=0.4),
-        "lens": Lens(blur=0.4, vignetting=0.4),
-        "sensor": {"scale": 4.0, "shutter": 0.002, "readout": 0.03},
-    },
 }
 
 
