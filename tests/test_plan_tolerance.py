@@ -7,23 +7,12 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.effects.flicker import flicker
-
-BARE = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))  # the photo is the image
-
-
-def colour(**fields):
-    return Sensor(cfa="none", **fields)
-
-
-def even(**fields):
-    return {"panel": Panel(layout="even", **fields)}
-
+from tests.test_plan import BARE, colour, even
 
 PULSED = even(pwm=1000.0, duty=0.5)
 BRIGHT = PULSED | {"sensor": colour(shutter=0.3, readout=0.03)}
 BANDS = PULSED | {"sensor": colour(shutter=0.0012, readout=0.03)}
 LIGHT = {"develop": Develop(linear_light=True)}  # in the dark, a little of it is many codes
-FAINT_NOISE = colour(read_noise=2e-5)
 DROPPED = [  # effect, too small to matter, and not so
     ("black_level", even(black=0.0019), even(black=0.2)),
     ("glare", even(glare=0.001, glare_x=0.5, glare_y=-0.45), even(glare=0.2)),
@@ -38,11 +27,7 @@ DROPPED = [  # effect, too small to matter, and not so
     ("noise", {"sensor": colour(read_noise=0.0003)}, {"sensor": colour(read_noise=0.1)}),
     ("noise", {"sensor": colour(shot_noise=0.0003)}, {"sensor": colour(shot_noise=0.1)}),
     ("bits", {"sensor": colour(bits=9)}, {"sensor": colour(bits=2)}),
-    (
-        "noise",
-        LIGHT | {"sensor": colour(read_noise=2e-5)},
-        LIGHT | {"sensor": colour(read_noise=0.005)},
-    ),
+    ("noise", LIGHT | {"sensor": colour(read_noise=2e-5)}, {"sensor": colour(read_noise=0.1)}),
     ("bits", LIGHT | {"sensor": colour(bits=12)}, LIGHT | {"sensor": colour(bits=4)}),
     ("balance", {"develop": Develop(red=1.0019)}, {"develop": Develop(red=1.5)}),
     ("balance", {"develop": Develop(blue=0.9981)}, {"develop": Develop(blue=0.5)}),
@@ -87,12 +72,8 @@ def test_flicker_is_left_out_only_where_rows_are_even(duty, shutter):
 def test_harmonics_below_the_tolerance_change_nothing_above_it(images):
     """Each dropped harmonic is below the tolerance. Their sum may exceed it: here it stays below
     four times as much."""
-    base = Scene(
-        panel=Panel(scale=(0.8, 1.6)),
-        view=View(roll=(-20, 20)),
-        lens=Lens(blur=0.25),
-        sensor=Sensor(scale=2),
-    )
+    parts = {"lens": Lens(blur=0.25), "sensor": Sensor(scale=2)}
+    base = Scene(panel=Panel(scale=(0.8, 1.6)), view=View(roll=(-20, 20)), **parts)
     shot = base.sample(4, (24, 32))
     exact = dataclasses.replace(base, tolerance=1e-7)
     assert len(exact.plan().harmonics) > len(base.plan().harmonics) > 0
@@ -103,12 +84,8 @@ def test_harmonics_below_the_tolerance_change_nothing_above_it(images):
 def test_harmonics_are_kept_that_only_the_photos_corners_show():
     """There a lens shows the panel largest, while a zoomed picture's own corners are out of
     sight."""
-    base = Scene(
-        panel=Panel(scale=4.0),
-        view=View(zoom=4.0, roll=3.0),
-        lens=Lens(k1=-0.3, blur=0.3),
-        sensor=Sensor(scale=2, cfa="none"),
-    )
+    parts = {"lens": Lens(k1=-0.3, blur=0.3), "sensor": colour(scale=2)}
+    base = Scene(panel=Panel(scale=4.0), view=View(zoom=4.0, roll=3.0), **parts)
     shot, white = base.sample(1, (32, 32)), torch.ones(1, 3, 32, 32, dtype=torch.float64)
     exact = dataclasses.replace(shot, scene=dataclasses.replace(base, tolerance=1e-6))
     assert (expose(white, shot) - expose(white, exact)).abs().max() < 4 * base.tolerance

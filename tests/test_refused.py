@@ -1,6 +1,7 @@
 """Scenes and pictures that cannot be photographed: each gets a sentence with what is allowed."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -20,11 +21,12 @@ from moireaug import (
     expose,
 )
 from moireaug.mixtures import Mixture
+from moireaug.scene.by_name import with_values
 from moireaug.synthesis import without_moire
 from moireaug.transforms import RandomMoire
 
 X = torch.rand(1, 3, 4, 4)
-SHOT = Scene().sample(1, (4, 4))
+SHOT, ONE = Scene().sample(1, (4, 4)), torch.ones(1, dtype=torch.float64)
 MIXED = Mixture((Scene(), Scene())).sample(1, (4, 4))
 
 
@@ -38,12 +40,6 @@ def changed(**values):
         else:
             found[name] = value
     return Shot.from_dict(found)
-
-
-def bent(k1):
-    """A shot with a lens that no scene may have."""
-    lens = SHOT.lens.drawn({"k1": torch.tensor([k1], dtype=torch.float64)})
-    return dataclasses.replace(SHOT, lens=lens)
 
 
 def having(**fields):
@@ -64,14 +60,11 @@ class OnGpu(torch.Generator):
 
 REFUSED = [
     (lambda: capture(X, having(yaw=10.0)), "here of shape (1,); got 10.0 as shot.view.yaw"),
-    (lambda: expose(X, having(yaw=(0.0, 9.0))), "got (0.0, 9.0) as shot.view.yaw"),
     (lambda: capture(X, having(roll=np.zeros(1))), "got array([0.]) as shot.view.roll"),
     (lambda: develop(expose(X, SHOT), having(yaw=10.0)), "got 10.0 as shot.view.yaw"),
     (lambda: with_float("lens", k1=0.01), "here of shape (2,); got 0.01 as shot.lens.k1"),
-    (lambda: with_float("panel", width=500.0), "got 500.0 as shot.panel.width"),
     (lambda: capture(X, having(seed=[5])), "a shot's seed must be (B,) int64; got [5]"),
-    (lambda: capture(X, bent(-0.5)), "fold the photo onto itself"),
-    (lambda: capture(X, bent(-1.0)), "fold the photo onto itself"),
+    (lambda: capture(X, with_values(SHOT, {"lens.k1": ONE * -0.5})), "fold the photo onto itself"),
     (lambda: capture(X, dataclasses.replace(SHOT, seed=SHOT.seed.float())), "(B,) int64; got (1,)"),
     (lambda: changed(size=[8.0, 8.0]), "in whole numbers; got [8.0, 8.0]"),
     (lambda: changed(size=[8, 8, 8]), "in whole numbers; got [8, 8, 8]"),
@@ -83,16 +76,13 @@ REFUSED = [
     (lambda: changed(panel_scale=1.0), "panel.scale must hold 1 numbers"),
     (lambda: changed(panel_scale=[0.0]), "a shot's panel.scale must lie in [0.0001, 100000]"),
     (lambda: changed(view_yaw=[float("nan")]), "a shot's view.yaw must lie in [-89, 89]"),
-    (lambda: View(yaw=(-0.4, 0.4), pose="released"), "View.yaw must be in whole degrees"),
     (lambda: View(roll=2.7, pose="released"), "got 2.7. Round it, or use pose = 'camera'"),
     (lambda: Panel(layout={}), "Panel.layout must name its subpixels"),
-    (lambda: Panel(layout={"period": (1, 1)}), "got {'period': (1, 1)}"),
     (lambda: Sensor(exposure="supersample:1000"), "supersample:n with n from 1 to 999"),
     (lambda: changed(panel_scael=[1.0]), "Did you mean 'scale'?"),
     (lambda: changed(pannel={}), "Did you mean 'panel'?"),
     (lambda: Sensor(bits=0), "Sensor.bits must be a whole number in [1, 16]"),
     (lambda: RandomMoire("scene.yaml"), "Pass what it holds, yaml.safe_load(open('scene.yaml'))"),
-    (lambda: Scene().plan(224), "at least 1 x 1 pixels"),
     (lambda: Scene().sample(1, (0, 8)), "at least 1 x 1 pixels"),
     (lambda: Scene().sample(1, 8), "in whole numbers; got 8"),
     (lambda: capture(X, SHOT, torch.full((1, 4, 2, 2), torch.nan)), "finite"),
@@ -102,11 +92,9 @@ REFUSED = [
 
 MISTAKEN = [
     (lambda: capture(X, Scene()), "a shot must be a Shot; got a Scene"),
-    (lambda: capture(X, "screen_photo"), "a shot must be a Shot; got a str"),
     (lambda: engine.explain("screen_photo"), "must be a Scene; got 'screen_photo'. For a preset"),
     (lambda: capture(X, dataclasses.replace(SHOT, scene="paper")), "must be a Scene; got 'pa"),
     (lambda: Scene(lens=Lens(blur="5e-1")), "numbers; got '5e-1'. It is text: write 0.5."),
-    (lambda: Scene(lens=Lens(blur="much")), "numbers; got 'much'."),
     (lambda: without_moire("screen_photo"), "a shot must be a Shot; got a str"),
     (lambda: Scene().sample(1, (4, 4), 0), "torch.Generator or None; got 0. For a seed, pass"),
     (lambda: develop(expose(X, SHOT), Scene()), "a shot must be a Shot; got a Scene"),
@@ -121,7 +109,6 @@ MISTAKEN = [
     (lambda: Layout((1, 2)), "Layout.subpixels must be (channel, x0, y0, x1, y1)"),
     (lambda: Scene.from_dict("screen_photo"), "must be a mapping; got 'screen_photo'"),
     (lambda: Scene(view=View(yaw=torch.ones(2))), "View.yaw of a scene must be a number"),
-    (lambda: Scene(view=View(yaw=torch.tensor(500.0))), "View.yaw of a scene must be a number"),
     (lambda: capture(X, SHOT, np.zeros((1, 4, 2, 2))), "noise must be a torch.Tensor; got"),
     (lambda: capture(X, SHOT, [0.0]), "noise must be a torch.Tensor; got"),
     *[
@@ -136,9 +123,8 @@ MISTAKEN = [
 
 @pytest.mark.parametrize(("make", "sentence"), MISTAKEN, ids=range(len(MISTAKEN)))
 def test_what_is_of_another_kind_is_refused(make, sentence):
-    with pytest.raises(TypeError) as error:
+    with pytest.raises(TypeError, match=re.escape(sentence)):
         make()
-    assert sentence in str(error.value)
 
 
 @pytest.mark.parametrize("row", [1, np.int64(1), torch.tensor(1)])
@@ -149,6 +135,5 @@ def test_one_row_of_a_shot_is_a_shot(row):
 
 @pytest.mark.parametrize(("make", "sentence"), REFUSED, ids=range(len(REFUSED)))
 def test_what_cannot_be_photographed_is_refused(make, sentence):
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(ValueError, match=re.escape(sentence)):
         make()
-    assert sentence in str(error.value)

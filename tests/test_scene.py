@@ -1,7 +1,6 @@
 """Scene: ranges, validation, plain values; Shot: draws, replay, indexing."""
 
 import copy
-import dataclasses
 import json
 import math
 import pickle
@@ -29,7 +28,6 @@ BAD = [
     (lambda: Panel(scale=True), "must be a number"),
     (lambda: Panel(scale=np.float64(-3)), "Panel.scale must lie in [0.0001, 100000]"),
     (lambda: Develop(registered="off"), "must be True or False"),
-    (lambda: View(fit=0), "must be True or False"),
     (lambda: View(pose="pinhole"), "'camera', 'released'"),
     (lambda: Lens(k1=-0.5), "fold the photo"),
     (lambda: Lens(k1=(-0.1, 0.1), k2=(-0.4, 0.0)), "fold the photo"),
@@ -44,28 +42,24 @@ BAD = [
     (lambda: Scene().sample(-1, (8, 8)), "n >= 0"),
     (lambda: Scene().sample(1, (8.9, 8)), "in whole numbers; got (8.9, 8)"),
     (lambda: Scene().sample(2.5, (8, 8)), "a whole number n >= 0 of images; got n = 2.5"),
-    (lambda: Scene().sample("2", (8, 8)), "a whole number n >= 0 of images; got n = '2'"),
 ]
 
 
 @pytest.mark.parametrize(("make", "sentence"), BAD, ids=[b[1][:30] for b in BAD])
 def test_wrong_values_get_a_sentence(make, sentence):
-    with pytest.raises((ValueError, TypeError)) as error:
+    with pytest.raises((ValueError, TypeError), match=re.escape(sentence)):
         make()
-    assert sentence in str(error.value)
 
 
-RANGED = [(cls, field) for cls in PARTS.values() for field in cls.ranged]
-
-
-@pytest.mark.parametrize(("cls", "field"), RANGED, ids=[f"{c.__name__}.{f}" for c, f in RANGED])
-def test_a_number_beyond_its_bounds_is_refused(cls, field):
-    metadata = cls.__dataclass_fields__[field].metadata
-    low, high = metadata["low"], metadata["high"]
-    sentence = re.escape(f"{cls.__name__}.{field} must lie in [{low:g}, {high:g}]") + ".* got"
-    for value in (low - 1, high + 1, (low, high + 1), math.nan, math.inf, 10**400):
-        with pytest.raises(ValueError, match=sentence):
-            cls(**{field: value})
+@pytest.mark.parametrize("cls", PARTS.values(), ids=PARTS)
+def test_a_number_beyond_its_bounds_is_refused(cls):
+    for field in cls.ranged:
+        metadata = cls.__dataclass_fields__[field].metadata
+        low, high = metadata["low"], metadata["high"]
+        sentence = re.escape(f"{cls.__name__}.{field} must lie in [{low:g}, {high:g}]") + ".* got"
+        for value in (low - 1, high + 1, (low, high + 1), math.nan, math.inf, 10**400):
+            with pytest.raises(ValueError, match=sentence):
+                cls(**{field: value})
 
 
 OWN = Scene(panel=Panel(layout=Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 1)))))
@@ -93,25 +87,22 @@ def test_a_dict_starts_from_a_preset():
 @pytest.mark.parametrize("preset", PRESETS)
 def test_draws_fill_their_ranges(preset):
     scene = Scene.preset(preset)
-    shot, ranges = scene.sample(400, (8, 8), torch.Generator().manual_seed(0)), values_of(scene)
+    shot, ranges = scene.sample(200, (8, 8), torch.Generator().manual_seed(0)), values_of(scene)
     for name, drawn in shot.numbers().items():
         low, high = bounds(ranges[name])
-        assert drawn.shape == (400,) and drawn.dtype == torch.float64
-        assert drawn.min() >= low and drawn.max() <= high, name
+        assert drawn.shape == (200,) and drawn.dtype == torch.float64
+        assert low <= drawn.min() and drawn.max() <= high, name
         if high > low:
             assert drawn.max() - drawn.min() > 0.9 * (high - low), name
             assert drawn.unique().numel() > 30, name
 
 
-def test_released_pose_turns_by_whole_degrees():
+def test_released_pose_turns_by_whole_degrees_and_keeps_what_else_is_drawn():
+    """Its homography reads none of it."""
     shot = Scene.preset("paper_code").sample(200, (8, 8))
     for angle in (shot.view.yaw, shot.view.pitch, shot.view.roll):
         assert (angle == angle.round()).all()
         assert angle.min() >= -20 and angle.max() <= 19
-
-
-def test_released_pose_keeps_what_else_is_drawn():
-    """Its homography reads none of it."""
     view = View(roll=(-20, 20), zoom=(0.5, 2), shift_x=(-0.3, 0.3), fov=(20, 50), pose="released")
     drawn = Scene(view=view).sample(200, (8, 8)).view
     for field in ("zoom", "shift_x", "fov"):
@@ -145,14 +136,6 @@ def test_a_damaged_shot_dict_is_refused():
     values["view"]["roll"] = [0.0]
     with pytest.raises(ValueError, match=r"view\.roll must hold 2 numbers"):
         Shot.from_dict(values)
-
-
-def test_records_are_frozen():
-    scene = Scene()
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        scene.view.roll = 3
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        scene.sample(1, (4, 4)).seed = None
 
 
 def test_a_pickled_shot_is_no_larger_than_its_numbers():

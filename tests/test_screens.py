@@ -2,6 +2,7 @@
 the picture."""
 
 import dataclasses
+import re
 
 import pytest
 import torch
@@ -16,20 +17,16 @@ from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
 from tests.engine.readings import assert_equal, readings
 
-SCREEN = Scene(
-    panel=Panel(width=(150.0, 300.0)),
-    view=View(yaw=(-15.0, 15.0), roll=(-5.0, 5.0)),
-    lens=Lens(blur=0.4),
-    sensor=Sensor(pitch=(1.8, 2.4)),
-)
-SIZES = [(40, 64), (64, 40), (17, 17), (1, 1), (300, 500)]
+SWAYED = View(yaw=(-15.0, 15.0), roll=(-5.0, 5.0))
+PARTS = {"panel": Panel(width=(150.0, 300.0)), "sensor": Sensor(pitch=(1.8, 2.4))}
+SCREEN = Scene(view=SWAYED, lens=Lens(blur=0.4), **PARTS)
 
 
 def rms(difference):
     return float(difference.square().mean().sqrt())
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [(40, 64), (64, 40), (1, 1), (300, 500)])
 def test_a_screen_has_its_pixels_at_any_size(size):
     shot = SCREEN.sample(3, size, torch.Generator().manual_seed(0))
     assert torch.allclose(shot.panel_scale * max(size), shot.panel.width)
@@ -70,26 +67,18 @@ SENTENCES = [
 
 @pytest.mark.parametrize(("make", "sentence"), SENTENCES, ids=range(len(SENTENCES)))
 def test_what_says_two_things_gets_a_sentence(make, sentence):
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(ValueError, match=re.escape(sentence)):
         make()
-    assert sentence in str(error.value)
 
 
 def test_a_reading_is_binned_where_a_screen_is_stated():
     assert not Scene().is_binned
     assert Scene(panel=Panel(width=200.0)).is_binned and Scene(sensor=Sensor(pitch=2.0)).is_binned
+    assert all(Scene.preset(name).is_binned != name.startswith("paper") for name in PRESETS)
     full = Scene(panel=Panel(width=200.0), sensor=Sensor(scale=2.0, reading="full"))
     assert not full.is_binned
     shot = full.sample(1, (10, 20))
     assert shot.raw_shape() == (1, 4, 10, 20) and shot.panel_scale.tolist() == [10.0]
-
-
-@pytest.mark.parametrize("name", [n for n in PRESETS if not n.startswith("paper")])
-def test_every_preset_but_the_papers_is_a_screen(name):
-    scene = Scene.preset(name)
-    assert scene.is_binned and scene.panel.scale == 1.0 and scene.sensor.scale == 1.0
-    low, high = scene.panel.width
-    assert 48 <= low < high <= 2560
 
 
 def test_a_plan_is_that_of_a_size():
@@ -103,12 +92,8 @@ def test_a_plan_is_that_of_a_size():
 
 def test_the_engine_sums_the_harmonics_of_the_pictures_size():
     """Of a full reading of a screen, seen closer in a large picture than in a small one."""
-    full = Scene(
-        panel=Panel(width=40.0),
-        view=View(yaw=10.0, roll=3.0),
-        lens=Lens(blur=0.25),
-        sensor=Sensor(scale=2.0, reading="full"),
-    )
+    parts = {"lens": Lens(blur=0.25), "sensor": Sensor(scale=2.0, reading="full")}
+    full = Scene(panel=Panel(width=40.0), view=View(yaw=10.0, roll=3.0), **parts)
     assert len(full.plan((300, 200)).harmonics) > len(full.plan().harmonics)
     assert_equal(*readings(full, (300, 200), n=1))
 
@@ -130,11 +115,11 @@ def test_contrast_is_judged_in_the_photo():
 
 
 def before_and_after(scene):
-    """The moiré, as photo less twin, of photos (8, 3, 48, 64): taken of a picture twice as large
+    """The moiré, as photo less twin, of photos (4, 3, 48, 64): taken of a picture twice as large
     and then made smaller, and taken of the picture made smaller first."""
-    smooth = torch.rand(8, 3, 3, 4, generator=torch.Generator().manual_seed(3))
+    smooth = torch.rand(4, 3, 3, 4, generator=torch.Generator().manual_seed(3))
     large = F.interpolate(smooth, (96, 128), mode="bicubic").clamp(0, 1)
-    shot = scene.sample(8, (96, 128), torch.Generator().manual_seed(4))
+    shot = scene.sample(4, (96, 128), torch.Generator().manual_seed(4))
     small = dataclasses.replace(shot, size=(48, 64))
     found = []
     for one, picture in ((shot, large), (small, F.interpolate(large, (48, 64), mode="area"))):
@@ -190,11 +175,10 @@ def test_hard_cases_are_finite_and_near_their_float64_answer(panel, sensor, view
     assert capture(picture, shot).isfinite().all()
 
 
-@pytest.mark.parametrize("scale", [0.01, 0.5, 2.0, 3.0, 150.0])
-def test_a_value_averages_the_pixels_of_its_colour(scale):
-    shot = SCREEN.sample(1, (8, 8))
-    count = pixels_per_value(shot, torch.tensor([scale]))
-    assert count.item() == pytest.approx(max(1.0, scale**2 / 4))
+def test_a_value_averages_the_pixels_of_its_colour():
+    scale = torch.tensor([0.01, 0.5, 2.0, 3.0, 150.0])
+    counts = pixels_per_value(SCREEN.sample(5, (8, 8)), scale)
+    assert counts.tolist() == pytest.approx((scale**2 / 4).clamp(min=1).tolist())
 
 
 def test_a_colour_that_a_panel_lacks_is_dark_in_bins():

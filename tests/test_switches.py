@@ -49,14 +49,8 @@ EXECUTIONS = [
 
 
 def test_whatever_others_switch_off_is_done_without():
-    done = subprocess.run(
-        [sys.executable, "-c", EVERYTHING],
-        cwd=ROOT,
-        env=os.environ | SWITCHES,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    command, given = [sys.executable, "-c", EVERYTHING], {"cwd": ROOT, "env": os.environ | SWITCHES}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, **given)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "Moire\n"
 

@@ -8,27 +8,11 @@ from moireaug.effects.demosaic import demosaic_bilinear, demosaic_malvar
 
 # Malvar, He and Cutler (2004), figure 2, in eighths, as printed: (wanted colour, site) to filter
 AT_OTHER = [[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]
-IN_ROW = [
-    [0, 0, 0.5, 0, 0],
-    [0, -1, 0, -1, 0],
-    [-1, 4, 5, 4, -1],
-    [0, -1, 0, -1, 0],
-    [0, 0, 0.5, 0, 0],
-]
-IN_COLUMN = [
-    [0, 0, -1, 0, 0],
-    [0, -1, 4, -1, 0],
-    [0.5, 0, 5, 0, 0.5],
-    [0, -1, 4, -1, 0],
-    [0, 0, -1, 0, 0],
-]
-ACROSS = [
-    [0, 0, -1.5, 0, 0],
-    [0, 2, 0, 2, 0],
-    [-1.5, 0, 6, 0, -1.5],
-    [0, 2, 0, 2, 0],
-    [0, 0, -1.5, 0, 0],
-]
+SIDES = [0, -1, 0, -1, 0]
+IN_ROW = [[0, 0, 0.5, 0, 0], SIDES, [-1, 4, 5, 4, -1], SIDES, [0, 0, 0.5, 0, 0]]
+IN_COLUMN = np.transpose(IN_ROW)
+BESIDE, CORNERS = [0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0]
+ACROSS = [BESIDE, CORNERS, [-1.5, 0, 6, 0, -1.5], CORNERS, BESIDE]
 OWN = [[0] * 5, [0] * 5, [0, 0, 8, 0, 0], [0] * 5, [0] * 5]
 MALVAR = {  # for each site of the cell, the filters of red, green and blue
     (0, 0): (OWN, AT_OTHER, ACROSS),
@@ -57,12 +41,8 @@ def nearest_mean(mosaic):
         if (y % 2, x % 2) in sites[channel]:
             colour[channel, y, x] = mosaic[y, x]
             continue
-        around = [(y + i, x + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-        own = [
-            mosaic[p]
-            for p in around
-            if (p[0] % 2, p[1] % 2) in sites[channel] and 0 <= p[0] < h and 0 <= p[1] < w
-        ]
+        rows, cols = range(max(y - 1, 0), min(y + 2, h)), range(max(x - 1, 0), min(x + 2, w))
+        own = [mosaic[i, j] for i in rows for j in cols if (i % 2, j % 2) in sites[channel]]
         colour[channel, y, x] = np.mean(own)
     return colour
 

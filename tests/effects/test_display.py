@@ -8,6 +8,7 @@ import torch
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.effects.display import glare_share
 from moireaug.exposure.extreme_light import max_glare
+from moireaug.geometry.lattice import pack
 from moireaug.scene.by_name import with_values
 
 EVEN = Panel(layout="even")
@@ -69,17 +70,12 @@ def test_glares_slope_is_linear_over_the_photo(cfa, turned):
     the screen is turned."""
     h, w = 24, 32
     panel = Panel(layout="even", glare=0.2, glare_x=0.4, glare_y=-0.1)
-    scene = Scene(
-        panel=panel, view=View(roll=turned), sensor=Sensor(scale=2.0, cfa=cfa),
-        develop=Develop(registered=False),
-    )  # fmt: skip
+    sensor, develop = Sensor(scale=2.0, cfa=cfa), Develop(registered=False)
+    scene = Scene(panel=panel, view=View(roll=turned), sensor=sensor, develop=develop)
     added = read(scene, 0.0, (h, w))
     rows, cols = ((torch.arange(2 * n, dtype=torch.float64) + 0.5) / n - 1 for n in (h, w))
     plane = 0.2 * (1 + 0.4 * cols - 0.1 * rows[:, None])
-    if cfa == "none":
-        expected = plane.expand(3, -1, -1)
-    else:
-        expected = torch.stack([plane[r::2, c::2] for r in (0, 1) for c in (0, 1)])
+    expected = plane.expand(3, -1, -1) if cfa == "none" else pack(plane[None])[0]
     assert torch.allclose(added, expected, atol=1e-9)
 
 
@@ -107,17 +103,14 @@ def test_gradients_of_light_and_fields():
         panel=Panel(black=0.1, glare=0.2, glare_x=0.1, glare_y=-0.3), sensor=Sensor(crosstalk=0.1)
     )
     shot = scene.sample(1, (2, 3))
-    names = ("black", "glare", "glare_x", "glare_y")
+    names = "panel.black", "panel.glare", "panel.glare_x", "panel.glare_y"
 
     def reading(image, *values):
-        panel = dataclasses.replace(shot.panel, **dict(zip(names, values, strict=True)))
-        return expose(image, dataclasses.replace(shot, panel=panel))
+        return expose(image, with_values(shot, dict(zip(names, values, strict=True))))
 
     image = torch.rand(1, 3, 2, 3, dtype=torch.float64) * 0.5 + 0.2
-    values = [getattr(shot.panel, name).clone() for name in names]
-    for given in (image, *values):
-        given.requires_grad_()
-    assert torch.autograd.gradcheck(reading, (image, *values))
+    given = image, *(shot.numbers()[name].clone() for name in names)
+    assert torch.autograd.gradcheck(reading, [values.requires_grad_() for values in given])
 
 
 def test_the_room_does_not_flicker_with_the_panel():

@@ -23,18 +23,13 @@ def scenes(b=2, n=48, dtype=torch.float32):
 def opencv(photo, qualities, *, swapped=False):
     """Another library's libjpeg; `swapped` forgets that OpenCV's channels are B, G, R on the way
     in."""
+    photos = (photo * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
     rows = []
-    for codes, q in zip(
-        (photo * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy(), qualities, strict=True
-    ):
+    for codes, q in zip(photos, qualities, strict=True):
         bgr = np.ascontiguousarray(codes if swapped else codes[..., ::-1])
         file = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, int(q)])[1]
-        rows.append(
-            torch.from_numpy(cv2.imdecode(file, cv2.IMREAD_COLOR)[..., ::-1].copy()).permute(
-                2, 0, 1
-            )
-        )
-    return torch.stack(rows).to(photo.dtype) / 255
+        rows.append(cv2.imdecode(file, cv2.IMREAD_COLOR)[..., ::-1])
+    return torch.from_numpy(np.stack(rows)).permute(0, 3, 1, 2).to(photo.dtype) / 255
 
 
 @pytest.mark.parametrize("dtype", DTYPES, ids=str)
@@ -48,6 +43,8 @@ def test_forward_is_libjpegs(size, dtype):
     assert out.min() >= 0 and out.max() <= 1
     off = (out - opencv(photo, QUALITIES)).abs() * 255
     assert off.max() < 2.5 and off.mean() < 0.1  # builds of libjpeg may round differently
+    # negative control
+    assert size != (48, 40) or (out - opencv(photo, QUALITIES, swapped=True)).abs().max() > 0.1
 
 
 def test_no_photos_at_all():
@@ -56,38 +53,13 @@ def test_no_photos_at_all():
     assert out.shape == torch.autograd.grad(out.sum(), photo)[0].shape == photo.shape
 
 
-def test_a_swap_of_channels_is_noticed():
-    photo = scenes(4)
-    assert (
-        jpeg(photo, torch.tensor(QUALITIES)) - opencv(photo, QUALITIES, swapped=True)
-    ).abs().max() > 0.1
-
-
-def test_each_photo_has_its_own_quality():
-    photo = scenes(4)
-    together = jpeg(photo, torch.tensor(QUALITIES))
-    for i, q in enumerate(QUALITIES):
-        assert torch.equal(together[i : i + 1], jpeg(photo[i : i + 1], torch.tensor([q])))
-
-
-@pytest.mark.parametrize(
-    ("given", "used"), [(-3.0, 1.0), (0.0, 1.0), (74.6, 75.0), (75.4, 75.0), (1e9, 100.0)]
-)
-def test_quality_is_rounded_and_clamped(given, used):
-    photo = scenes(1)
-    assert torch.equal(jpeg(photo, torch.tensor([given])), jpeg(photo, torch.tensor([used])))
-    assert torch.equal(
-        jpeg(photo, torch.tensor([given]).long()), jpeg(photo, torch.tensor([given]).long().float())
-    )
-
-
-def test_less_quality_is_more_error():
-    photo = scenes(1)
-    errors = [
-        (jpeg(photo, torch.tensor([q])) - photo).square().mean().item()
-        for q in (5.0, 25.0, 50.0, 75.0, 95.0)
-    ]
-    assert errors == sorted(errors, reverse=True) and len(set(errors)) == 5
+def test_quality_is_rounded_and_clamped():
+    given, used = torch.tensor(
+        [[-3.0, 1.0], [0.0, 1.0], [74.6, 75.0], [75.4, 75.0], [1e9, 100.0]]
+    ).T
+    photo = scenes(1).expand(5, -1, -1, -1)
+    assert torch.equal(jpeg(photo, given), jpeg(photo, used))
+    assert torch.equal(jpeg(photo, given.long()), jpeg(photo, given.long().float()))
 
 
 def test_the_gradient_is_kornias_with_a_share_straight_through(monkeypatch):
@@ -105,14 +77,14 @@ def test_the_gradient_is_kornias_with_a_share_straight_through(monkeypatch):
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (9, 20)], ids=str)
-@pytest.mark.parametrize(
-    "colour", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.5, 0.5, 0.5), (0.9, 0.2, 0.4)], ids=str
-)
+@pytest.mark.parametrize("colour", [[0.0] * 3, [1.0] * 3, [0.5] * 3, [0.9, 0.2, 0.4]], ids=str)
 def test_gradients_of_flat_photos_are_finite(colour, size):
-    photo = torch.tensor(colour)[:, None, None].expand(100, 3, *size).clone().requires_grad_()
-    out = jpeg(photo, torch.arange(1.0, 101.0))
-    (gradient,) = torch.autograd.grad((out * torch.randn(out.shape)).sum(), photo)
+    photo = torch.tensor(colour)[:, None, None].expand(34, 3, *size).clone().requires_grad_()
+    out = jpeg(photo, torch.arange(1.0, 101.0, 3.0))
+    (gradient,) = torch.autograd.grad((out * (torch.rand(out.shape) + 0.5)).sum(), photo)
     assert gradient.isfinite().all()
+    if colour in ([0.0] * 3, [1.0] * 3):  # which do not hide from an attack
+        assert (gradient != 0).all()
 
 
 @pytest.mark.parametrize("quality", [10.0, 50.0, 90.0])
@@ -161,15 +133,6 @@ def test_is_a_sound_operator():
     args = (torch.rand(2, 3, 9, 11, requires_grad=True), torch.tensor([30.0, 80.0]))
     found = torch.library.opcheck(torch.ops.moireaug.jpeg.default, args, test_utils=checks)
     assert found == dict.fromkeys(checks, "SUCCESS")
-
-
-@pytest.mark.parametrize("level", [0.0, 1.0])
-@pytest.mark.parametrize("quality", [10.0, 50.0, 95.0])
-def test_flat_black_and_white_do_not_hide_from_an_attack(level, quality):
-    photo = torch.full((1, 3, 16, 16), level, requires_grad=True)
-    weight = torch.rand(1, 3, 16, 16) + 0.5
-    (gradient,) = torch.autograd.grad((jpeg(photo, torch.tensor([quality])) * weight).sum(), photo)
-    assert (gradient != 0).all()
 
 
 def test_the_gradient_has_a_gradient():

@@ -47,18 +47,12 @@ def test_a_row_depends_on_its_seed_alone():
     for i in range(len(seeds)):
         assert torch.equal(batch[i : i + 1], normal((4, 5, 7), seeds[i : i + 1]))
     assert len({row.numpy().tobytes() for row in batch}) == len(seeds)
-
-
-@pytest.mark.parametrize("shape", [(0, (4, 2, 2)), (1, (4, 0, 3)), (2, (1, 1, 1))])
-def test_empty_and_single_shapes(shape):
-    n, shape = shape
-    assert normal(shape, torch.zeros(n, dtype=torch.int64)).shape == (n, *shape)
-
-
-def test_the_seeds_are_not_changed():
-    seeds = torch.tensor(SEEDS)
-    normal((4, 2, 2), seeds)
     assert seeds.tolist() == list(SEEDS)
+
+
+@pytest.mark.parametrize(("n", "shape"), [(0, (4, 2, 2)), (1, (4, 0, 3)), (2, (1, 1, 1))])
+def test_empty_and_single_shapes(n, shape):
+    assert normal(shape, torch.zeros(n, dtype=torch.int64)).shape == (n, *shape)
 
 
 def test_the_table_is_even_and_has_variance_one():
@@ -87,16 +81,14 @@ def test_moments(sample):
 
 
 def test_kolmogorov_smirnov(sample):
-    for z in sample.flatten(1):
+    for z in sample.flatten(1)[:, : N // 4]:
         assert stats.kstest(z.numpy(), "norm").pvalue > 1e-3
-
-
-def test_kolmogorov_smirnov_finds_a_wrong_width(sample):
-    assert stats.kstest(sample[0].numpy().ravel() * 1.01, "norm").pvalue < 1e-3
+        # negative control: a wrong width
+        assert stats.kstest(1.02 * z.numpy(), "norm").pvalue < 1e-3
 
 
 @pytest.mark.parametrize("power", [1, 2])
-@pytest.mark.parametrize("lag", [1, 2, 3, 16, 511, 512, 513, 1024, 512 * 512])
+@pytest.mark.parametrize("lag", [1, 2, 3, 16, 511, 512, 513, 512 * 512])
 def test_pixels_do_not_know_of_their_neighbours(sample, lag, power):
     for z in sample.flatten(1) ** power:
         assert abs(correlation(z[lag:], z[:-lag])) < 4.5 / (N - lag) ** 0.5

@@ -23,9 +23,8 @@ def test_whole_pixels_move_whole_and_the_unseen_is_black(dx, dy):
 
 
 def test_a_registered_photo_lies_on_its_image():
-    blobs = F.interpolate(
-        torch.rand(1, 3, 4, 5, dtype=torch.float64), size=(32, 40), mode="bicubic"
-    ).clamp(0, 1)
+    coarse = torch.rand(1, 3, 4, 5, dtype=torch.float64)
+    blobs = F.interpolate(coarse, size=(32, 40), mode="bicubic").clamp(0, 1)
     sensor, view = Sensor(cfa="none", scale=2.0), View(yaw=15, roll=-10, zoom=0.9)
     scene = Scene(panel=Panel(layout="even"), view=view, lens=Lens(k1=0.05), sensor=sensor)
     off = (scene.capture(blobs) - blobs).abs()[..., 3:-3, 3:-3]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 
 from moireaug import Develop, Panel, Scene, Sensor, develop, pipeline
 from moireaug.effects.resize import area_means, area_weights, resize, window_centres
@@ -15,28 +16,18 @@ def resized(photo, size, scale, how):
     return resize(photo, rows, cols, how)
 
 
-@pytest.mark.parametrize(
-    ("step", "middle"), [(1, [0]), (2, [0, 1]), (3, [1]), (4, [1, 2]), (5, [2])]
-)
+@pytest.mark.parametrize(("step", "middle"), [(1, [0]), (2, [0, 1]), (4, [1, 2]), (5, [2])])
 def test_the_centre_of_a_window(step, middle):
     photo = torch.rand(1, 3, 2 * step, 3 * step, dtype=torch.float64)
-    found = window_centres(photo, step)
-    assert found.shape == (1, 3, 2, 3)
-    for i in range(2):
-        for j in range(3):
-            rows, cols = ([s * step + m for m in middle] for s in (i, j))
-            assert torch.allclose(found[..., i, j], photo[..., rows, :][..., cols].mean((2, 3)))
+    windows = photo.reshape(1, 3, 2, step, 3, step)[:, :, :, middle][..., middle]
+    assert torch.allclose(window_centres(photo, step), windows.mean((3, 5)))
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0, 3.0])
 def test_area_is_the_mean_of_windows(scale):
     s = int(scale)
     photo = torch.rand(2, 3, 4 * s, 5 * s, dtype=torch.float64)
-    found = resized(photo, (4, 5), scale, "area")
-    for i in range(4):
-        for j in range(5):
-            window = photo[..., i * s : (i + 1) * s, j * s : (j + 1) * s]
-            assert torch.allclose(found[..., i, j], window.mean((2, 3)))
+    assert torch.allclose(resized(photo, (4, 5), scale, "area"), F.avg_pool2d(photo, s))
 
 
 @pytest.mark.parametrize("scale", [9.0, 8.0, 3.0])
@@ -47,9 +38,7 @@ def test_points_are_those_of_a_resize_without_antialias(scale):
     whole = torch.rand(1, 3, 3 * s, 4 * s, dtype=torch.float64)
     rows, cols = (torch.tensor(sampled_pixels(n, scale, "point", 0).index) for n in (3, 4))
     found = resized(whole[..., rows, :][..., cols], (3, 4), scale, "point")
-    wanted = torch.nn.functional.interpolate(
-        whole, size=(3, 4), mode="bilinear", align_corners=False
-    )
+    wanted = F.interpolate(whole, size=(3, 4), mode="bilinear", align_corners=False)
     assert torch.allclose(found, wanted)
 
 
@@ -64,11 +53,11 @@ def test_a_turned_photo_is_resized_as_the_photo(how, size):
 
 
 @pytest.mark.parametrize("how", ["area", "antialias", "point"])
-@pytest.mark.parametrize("scale", [0.5, 1.0, 1.5, 2.0, 3.0])
-def test_a_flat_photo_stays_flat(how, scale):
-    rows, cols = (len(sampled_pixels(n, scale, how, 0).index) for n in (4, 7))
-    out = resized(torch.full((1, 3, rows, cols), 0.3, dtype=torch.float64), (4, 7), scale, how)
-    assert out.shape == (1, 3, 4, 7) and torch.allclose(out, torch.full_like(out, 0.3))
+def test_a_flat_photo_stays_flat(how):
+    for scale in (0.5, 1.0, 1.5, 2.0, 3.0):
+        rows, cols = (len(sampled_pixels(n, scale, how, 0).index) for n in (4, 7))
+        out = resized(torch.full((1, 3, rows, cols), 0.3, dtype=torch.float64), (4, 7), scale, how)
+        assert out.shape == (1, 3, 4, 7) and torch.allclose(out, torch.full_like(out, 0.3))
 
 
 @pytest.mark.parametrize("how", ["area", "antialias", "point"])

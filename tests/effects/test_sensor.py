@@ -33,22 +33,10 @@ def test_noise_does_not_touch_the_global_generator():
     assert torch.equal(torch.rand(3), wanted)
 
 
-def test_read_noise_has_the_stated_deviation():
-    raw, read = torch.rand(4, 4, 50, 60, dtype=torch.float64), fields(0.0, 0.01, 0.1, 1.0)
-    added = add_noise(raw, read, fields(0, 0, 0, 0), SEEDS) - raw
-    assert (added[0] == 0).all()
-    assert added.flatten(1).std(1).tolist() == pytest.approx(read.tolist(), rel=0.03)
-
-
 def test_photon_noise_ends_at_the_dark_current():
     """Below it, and below zero, its slope and size stay finite."""
-    raw = (
-        torch.tensor([-1.0, 0.0, DARK_LEVEL, 1.0], dtype=torch.float64)
-        .reshape(1, 1, 1, 4)
-        .requires_grad_()
-    )
-    read, shot = torch.zeros(1, dtype=torch.float64), torch.full((1,), 0.1, dtype=torch.float64)
-    noisy = add_noise(raw, read, shot, SEEDS[:1])
+    raw = fields(-1.0, 0.0, DARK_LEVEL, 1.0).reshape(1, 1, 1, 4).requires_grad_()
+    noisy = add_noise(raw, fields(0.0), fields(0.1), SEEDS[:1])
     size = (noisy - raw) / normal(raw.shape[1:], SEEDS[:1])
     assert size.flatten().tolist() == pytest.approx([0.1 * DARK_LEVEL**0.5] * 3 + [0.1])
     (gradient,) = torch.autograd.grad(noisy.sum(), raw)
@@ -57,24 +45,14 @@ def test_photon_noise_ends_at_the_dark_current():
 
 def test_gradients_of_every_argument():
     raw = (torch.rand(2, 1, 2, 3, dtype=torch.float64) + 0.1).requires_grad_()
-    read, shot = (
-        torch.tensor(v, dtype=torch.float64, requires_grad=True)
-        for v in ([0.02, 0.1], [0.05, 0.01])
-    )
+    read, shot = fields(0.02, 0.1).requires_grad_(), fields(0.05, 0.01).requires_grad_()
     assert torch.autograd.gradcheck(lambda *a: add_noise(*a, SEEDS[:2]), (raw, read, shot))
 
 
 @pytest.mark.parametrize("bits", [1, 2, 8, 16])
 def test_a_converter_ends_at_its_levels(bits):
-    raw = torch.tensor(
-        [-0.3, 0.0, 0.5 / (2**bits - 1) * 0.99, 1 - 1e-9, 1.0, 1.4], dtype=torch.float64
-    )
+    raw = fields(-0.3, 0.0, 0.5 / (2**bits - 1) * 0.99, 1 - 1e-9, 1.0, 1.4)
     assert quantise(raw, bits).tolist() == pytest.approx([0, 0, 0, 1, 1, 1], abs=1e-12)
-
-
-def test_a_converter_passes_the_gradient_straight_through():
-    raw = torch.linspace(-0.5, 1.5, 9, requires_grad=True)
-    assert torch.autograd.grad(quantise(raw, 2).sum(), raw)[0].tolist() == [1] * 9
 
 
 def test_normal_is_a_sound_operator():

@@ -12,6 +12,7 @@ from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine import program
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.exposure import lower_exposure
+from moireaug.scene.by_name import with_values
 from moireaug.scene.presets import PRESETS
 from tests.engine.readings import assert_equal, readings
 from tests.engine.scenes import SCENES, random_scene
@@ -25,11 +26,9 @@ def test_equals_the_reference(name):
 @pytest.mark.parametrize(("lit", "gain"), [(0.2, 100.0), (0.02, 900.0)])
 def test_what_is_faint_on_the_panel_is_amplified(lit, gain):
     scene = Scene(
-        panel=Panel(layout="led_cob", lit=lit, scale=1.3),
-        view=View(roll=3.0, yaw=5.0),
-        lens=Lens(blur=0.3),
-        sensor=Sensor(scale=2.0, gain=gain),
-    )
+        panel=Panel(layout="led_cob", lit=lit, scale=1.3), view=View(roll=3.0, yaw=5.0),
+        lens=Lens(blur=0.3), sensor=Sensor(scale=2.0, gain=gain),
+    )  # fmt: skip
     shot = scene.sample(1, (48, 48))
     images = torch.full((1, 3, 48, 48), 0.9)
     got = expose(images, shot)
@@ -45,8 +44,7 @@ def test_equals_the_reference_on_every_preset(name):
 @pytest.mark.parametrize(("pitch", "taps"), [(8.0, 3), (1.2, 5), (0.8, 7), (0.3, 7)])
 @pytest.mark.parametrize("name", ["turned", "pentile", "camera's frame"])
 def test_any_number_of_panel_pixels_in_view(name, pitch, taps):
-    scene = SCENES[name]
-    scene = dataclasses.replace(scene, panel=dataclasses.replace(scene.panel, scale=2.0 / pitch))
+    scene = with_values(SCENES[name], {"panel.scale": 2.0 / pitch})
     assert scene.plan().method.taps == taps
     assert_equal(*readings(scene, (24, 32)))
 
@@ -62,7 +60,7 @@ def test_stripes_are_stripes_in_any_cell(execution):
     assert (readings[0] - readings[1]).abs().max() < 1e-5
 
 
-@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("part", range(6))
 def test_random_scenes(part):
     for i in range(5):
         scene = random_scene(5 * part + i)
@@ -73,21 +71,40 @@ def test_random_scenes(part):
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (12, 1), (2, 2), (7, 33), (67, 30)])
-@pytest.mark.parametrize(
-    "name", ["turned", "light", "no colour filters", "two and a half", "everything"]
-)
+@pytest.mark.parametrize("name", ["no colour filters", "two and a half", "everything"])
 def test_any_size(name, size):
     assert_equal(*readings(SCENES[name], size))
 
 
 @pytest.mark.parametrize(("size", "scale"), [((1, 1), 1.0), ((2, 2), 0.7), ((1, 40), 1.0)])
 def test_a_single_row_is_where_the_lens_sees_it(size, scale):
-    scene = Scene(
-        view=View(yaw=30.0, pitch=-35.0, roll=-152.0),
-        lens=Lens(k1=0.25),
-        sensor=Sensor(scale=scale, cfa="none"),
-    )
-    assert_equal(*readings(scene, size))
+    view, sensor = View(yaw=30.0, pitch=-35.0, roll=-152.0), Sensor(scale=scale, cfa="none")
+    assert_equal(*readings(Scene(view=view, lens=Lens(k1=0.25), sensor=sensor), size))
+
+
+STEEP = {
+    "oblique": (Panel(scale=1.1), View(yaw=35.0, fov=40.0), Lens(blur=(0.2, 0.4)), (40, 40)),
+    "barrel": (Panel(), View(), Lens(k1=0.1, k2=0.02, blur=0.3), (40, 40)),
+    "pincushion": (Panel(), View(), Lens(k1=-0.08, blur=0.3), (31, 50)),
+}
+
+
+@pytest.mark.parametrize(("panel", "view", "lens", "size"), STEEP.values(), ids=STEEP)
+def test_steep_views_that_fit_are_equal(panel, view, lens, size):
+    scene = Scene(panel=panel, view=view, lens=lens, sensor=Sensor(scale=2.0))
+    shot = scene.sample(1, size, torch.Generator().manual_seed(3))
+    assert run.fits(*lower_exposure(shot, decoded=False)).tolist() == [True]
+    assert_equal(*readings(scene, size, n=1))
+
+
+def test_an_image_is_read_the_same_beside_one_of_the_horizon():
+    scene = with_values(SCENES["turned"], {"view.yaw": (0.0, 85.0), "view.fov": 60.0})
+    shot = scene.sample(3, (40, 40), torch.Generator().manual_seed(0))
+    shot = with_values(shot, {"view.yaw": torch.tensor([5.0, 85.0, -5.0], dtype=torch.float64)})
+    images = torch.rand(3, 3, 40, 40, generator=torch.Generator().manual_seed(1))
+    assert run.fits(*lower_exposure(shot, decoded=False)).tolist() == [True, False, True]
+    alone = [expose(images[i : i + 1], shot[i : i + 1]) for i in range(3)]
+    assert torch.equal(expose(images, shot), torch.cat(alone))
 
 
 def test_a_batch_of_none():
@@ -112,33 +129,24 @@ def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():
 
 
 def test_threads_and_parts_of_a_batch_change_nothing():
-    shot = SCENES["noise"].sample(5, (20, 24))
-    images = torch.rand(5, 3, 20, 24)
-    threads = torch.get_num_threads()
-    try:
-        torch.set_num_threads(1)
-        alone = expose(images, shot)
-        torch.set_num_threads(3)
-        assert torch.equal(alone, expose(images, shot))
-    finally:
-        torch.set_num_threads(threads)
+    shot, images = SCENES["noise"].sample(5, (20, 24)), torch.rand(5, 3, 20, 24)
+    torch.set_num_threads(1)
+    alone = expose(images, shot)
+    torch.set_num_threads(3)
+    assert torch.equal(alone, expose(images, shot))
     assert torch.equal(alone[2:4], expose(images[2:4], shot[2:4]))
 
 
 @pytest.mark.parametrize(
-    "change",
-    [
-        lambda s: dataclasses.replace(s, lens=dataclasses.replace(s.lens, blur=s.lens.blur * 1.1)),
-        lambda s: dataclasses.replace(
-            s, panel=dataclasses.replace(s.panel, scale=s.panel.scale * 1.0005)
-        ),
-        lambda s: dataclasses.replace(s, seed=s.seed + 1),
-    ],
-    ids=["blur", "pitch", "seed"],
+    ("field", "factor"), [("lens.blur", 1.1), ("panel.scale", 1.0005), ("seed", 2)]
 )
-def test_another_shot_is_not_equal(change):
+def test_another_shot_is_not_equal(field, factor):
     shot = SCENES["noise"].sample(1, (40, 52))
+    if field == "seed":
+        other = dataclasses.replace(shot, seed=shot.seed + 1)
+    else:
+        other = with_values(shot, {field: factor * shot.numbers()[field]})
     image = torch.rand(1, 3, 40, 52)
-    got, expected = expose(image, change(shot)).double(), pipeline.expose(image.double(), shot)
+    got, expected = expose(image, other).double(), pipeline.expose(image.double(), shot)
     with pytest.raises(AssertionError):
         assert_equal(got, expected)

@@ -18,16 +18,9 @@ SIZE = (13, 16)
 # of the gradient's norm: by default, and where kernels leave next to nothing out
 MAX_ERROR, MAX_TIGHT_ERROR = 1e-3, 3e-4
 FULL = (
-    "bent",
-    "coarse",
-    "three",
-    "no colour filters",
-    "camera's frame",
-    "photon noise",
-    "flicker and glare",
-    "black level, light",
-    "black level, prefilter that varies",
-)
+    "bent", "coarse", "three", "no colour filters", "camera's frame", "photon noise",
+    "flicker and glare", "black level, light", "black level, prefilter that varies",
+)  # fmt: skip
 POINT = ("everything", "led", "coarse and fine, camera's frame")
 BRIGHT = Sensor(pitch=2.1, gain=2.5, read_noise=0.02, shot_noise=0.05, crosstalk=0.1)
 SCENES = {
@@ -36,19 +29,15 @@ SCENES = {
     **{name: Scene.preset(name) for name in PRESETS},
     "mean": Scene(view=View(roll=5.0), sensor=Sensor(scale=2.0, exposure="mean")),
     "bins that saturate": Scene(
-        panel=Panel(width=700.0, pwm=200.0, black=0.05, glare=0.1),
-        view=View(yaw=20.0, roll=5.0),
-        lens=Lens(vignetting=0.3, blur=0.4, k1=0.03),
+        panel=Panel(width=700.0, pwm=200.0, black=0.05, glare=0.1), view=View(yaw=20.0, roll=5.0),
+        lens=Lens(vignetting=0.3, blur=0.4, k1=0.03), develop=Develop(linear_light=True),
         sensor=dataclasses.replace(BRIGHT, shutter=0.002, readout=0.001),
-        develop=Develop(linear_light=True),
     ),
     "few and many panel pixels in bins, camera's frame": Scene(
-        panel=Panel(width=(5.0, 40.0)),
-        view=View(yaw=20.0, roll=5.0),
-        sensor=dataclasses.replace(BRIGHT, cfa="none"),
-        develop=Develop(registered=False),
+        panel=Panel(width=(5.0, 40.0)), view=View(yaw=20.0, roll=5.0),
+        sensor=dataclasses.replace(BRIGHT, cfa="none"), develop=Develop(registered=False),
     ),
-}
+}  # fmt: skip
 
 
 def shot_and_images(name, size=SIZE):

@@ -13,13 +13,10 @@ TURNED = View(yaw=(-20.0, 20.0), pitch=(-10.0, 10.0), roll=(-20.0, 20.0))
 SCENES = {
     "paper": Scene.preset("paper"),
     "paper_code": Scene.preset("paper_code"),
-    "registered": Scene(panel=Panel(scale=2.0), view=TURNED, sensor=POINT),
-    "pentile": Scene(panel=Panel(scale=1.5, layout="pentile"), view=TURNED, sensor=POINT),
     "led": Scene(panel=Panel(scale=2.0, layout="led", lit=(0.5, 0.9)), view=TURNED, sensor=POINT),
     "no colour filters": Scene(view=TURNED, sensor=dataclasses.replace(POINT, cfa="none")),
     "light": Scene(view=TURNED, sensor=POINT, develop=Develop(linear_light=True)),
     "glare": Scene(panel=Panel(glare=0.2, glare_x=0.3, glare_y=-0.4), view=TURNED, sensor=POINT),
-    "black level": Scene(panel=Panel(black=0.1, scale=0.8), view=TURNED, sensor=POINT),
     "crosstalk": Scene(view=TURNED, sensor=dataclasses.replace(POINT, crosstalk=(0.1, 0.3))),
     "everything": Scene(
         panel=Panel(black=0.1, glare=0.2, glare_x=0.3, scale=1.5, layout="pentile"),
@@ -30,10 +27,7 @@ SCENES = {
     "camera's frame": Scene(view=TURNED, sensor=POINT, develop=Develop(registered=False)),
     "coarse": Scene(panel=Panel(scale=0.3, layout="pentile"), view=TURNED, sensor=POINT),
     "coarse and fine, camera's frame": Scene(
-        panel=Panel(scale=(0.3, 1.7)),
-        view=TURNED,
-        sensor=POINT,
-        develop=Develop(registered=False),
+        panel=Panel(scale=(0.3, 1.7)), view=TURNED, sensor=POINT, develop=Develop(registered=False)
     ),
 }
 

@@ -63,7 +63,6 @@ def exact(phases, box, sigma, width):
     return out
 
 
-@pytest.mark.parametrize("width", [0.1, 1 / 3, 1.0])
 @pytest.mark.parametrize(
     ("box", "sigma", "close"),
     [
@@ -75,6 +74,7 @@ def exact(phases, box, sigma, width):
         (0.9, 0.02, 2e-3),  # more than 48 phases are taken where light is blurred as little
     ],
 )
-def test_tap_weights_are_the_closed_form(filled, box, sigma, width, close):
-    for phases, got in zip(PHASES, filled(box, sigma, width), strict=True):
-        np.testing.assert_allclose(got, exact(phases, box, sigma, width), atol=close)
+def test_tap_weights_are_the_closed_form(filled, box, sigma, close):
+    for width in (0.1, 1 / 3, 1.0):
+        for phases, got in zip(PHASES, filled(box, sigma, width), strict=True):
+            np.testing.assert_allclose(got, exact(phases, box, sigma, width), atol=close)

@@ -28,16 +28,8 @@ def slope(grad, values, saved):
 # forward and backward kernels, and how they fail
 STAGES = {
     "equal": (doubled, slope, ""),
-    "another photo": (
-        lambda values, saves: (values * 2.01, values),
-        slope,
-        "differ from the reference by",
-    ),
-    "not a number": (
-        lambda values, saves: (values / 0 * 0, values),
-        slope,
-        "differ from the reference by",
-    ),
+    "another photo": (lambda values, saves: (values * 2.01, values), slope, "differ from the refe"),
+    "not a number": (lambda values, saves: (values / 0 * 0, values), slope, "differ from the refe"),
     "no launch": (fails, slope, r"do not run \(RuntimeError: no kernel image is available\)"),
     "no launch of the gradient": (doubled, fails, r"do not run \(RuntimeError: no kernel image"),
     "infinite gradient": (doubled, lambda grad, *_: grad / 0, "give a gradient that is not finite"),
@@ -54,11 +46,8 @@ def test_kernels_are_held_against_the_reference(name):
     message = STAGES[name][2]
     failure = trial.failure_of(stage_of(name), torch.rand(2, 3, 4, 5), back=True)
     assert re.match(message, failure) and bool(failure) == bool(message)
-
-
-def test_a_gradient_is_tried_where_one_is_asked_for():
-    stage = stage_of("no launch of the gradient")
-    assert not trial.failure_of(stage, torch.rand(2, 3, 4, 5), back=False)
+    if "gradient" in name:  # tried where one is asked for
+        assert not trial.failure_of(stage_of(name), torch.rand(2, 3, 4, 5), back=False)
 
 
 @pytest.fixture

@@ -30,12 +30,8 @@ def test_pixels_behind_the_camera_have_finite_bins():
 @pytest.mark.parametrize("registered", [True, False])
 def test_a_bins_sides_are_a_photo_pixel(registered):
     """By moving half of each side to both sides of the middle, and looking there."""
-    scene = Scene(
-        **SCREEN,
-        view=View(yaw=20.0, pitch=-10.0, roll=8.0),
-        lens=Lens(k1=0.04),
-        develop=Develop(registered=registered),
-    )
+    view, develop = View(yaw=20.0, pitch=-10.0, roll=8.0), Develop(registered=registered)
+    scene = Scene(**SCREEN, view=view, lens=Lens(k1=0.04), develop=develop)
     shot = scene.sample(1, (30, 40))
     bins, inverse = middle_bins(shot), torch.linalg.inv(shot.matrix())
     s = shot.sensor_scale
@@ -55,12 +51,8 @@ def test_a_bins_sides_are_a_photo_pixel(registered):
 @pytest.mark.parametrize("lens", [Lens(), Lens(k1=0.3), Lens(k1=(-0.1, 0.2))])
 @pytest.mark.parametrize("zoom", [1.0, (0.8, 1.3)])
 def test_no_bin_is_smaller_than_the_plan_takes_for_the_least(registered, lens, zoom):
-    scene = Scene(
-        **SCREEN,
-        view=View(yaw=(-20.0, 20.0), roll=(-30.0, 30.0), zoom=zoom),
-        lens=lens,
-        develop=Develop(registered=registered),
-    )
+    view = View(yaw=(-20.0, 20.0), roll=(-30.0, 30.0), zoom=zoom)
+    scene = Scene(**SCREEN, view=view, lens=lens, develop=Develop(registered=registered))
     size = (128, 128)
     least = least_bin_scale(scene.at(size), 200.0 / 128)
     bins = scene.sample(200, size, torch.Generator().manual_seed(0)).bin_scale

@@ -3,6 +3,7 @@ follow from the pitch."""
 
 import math
 
+import numpy as np
 import pytest
 import torch
 
@@ -26,12 +27,11 @@ def picture(h, w):
     return shown[None]
 
 
-def photo(reading, *, panel, sensor, view=TURNED, develop=None, lens=SOFT, size=(40, 48)):
+def photo(reading, *, panel, sensor, view=TURNED, develop=None, lens=SOFT):
     sensor = Sensor(reading=reading, **sensor)
     develop = develop or Develop(registered=False)
     scene = Scene(panel=panel, view=view, lens=lens, sensor=sensor, develop=develop)
-    shot = scene.sample(1, size, torch.Generator().manual_seed(0))
-    shown = picture(*size)
+    shot, shown = scene.sample(1, (40, 48), torch.Generator().manual_seed(0)), picture(40, 48)
     inner = (..., slice(8, -8), slice(8, -8))  # the picture's dark surroundings are left out
     return capture(shown, shot)[inner], capture(shown, without_moire(shot))[inner]
 
@@ -43,22 +43,14 @@ def rms(difference):
 FOUR = {"panel": Panel(scale=2.1), "sensor": {"scale": 4.0}}
 CASES = {
     "two": {"panel": Panel(scale=1.05), "sensor": {"scale": 2.0}},
-    "three": {"panel": Panel(scale=1.4), "sensor": {"scale": 3.0}},
     "two and a half": {"panel": Panel(scale=1.2), "sensor": {"scale": 2.5}},
-    "six": {"panel": Panel(scale=2.9), "sensor": {"scale": 6.0}},
     "nine, matrix": {"panel": Panel(scale=4.2, lit_y=0.6), "sensor": {"scale": 9.0}},
     "frontal": FOUR | {"view": View()},
     "crosstalk": {"panel": Panel(scale=1.9), "sensor": {"scale": 4.0, "crosstalk": 0.2}},
-    "PenTile": {"panel": Panel(scale=2.1, layout="pentile_diamond"), "sensor": {"scale": 4.0}},
     "chevron": {"panel": Panel(scale=1.9, layout="chevron"), "sensor": {"scale": 4.0}},
     "no colour filters": {"panel": Panel(scale=3.1), "sensor": {"scale": 3.0, "cfa": "none"}},
     "coarse panel": {"panel": Panel(scale=0.45), "sensor": {"scale": 1.0}},
     "registered": FOUR | {"view": View(), "develop": Develop()},
-    "vignetting, flicker": {
-        "panel": Panel(scale=2.1, pwm=240.0, glare=0.02, glare_x=0.4),
-        "lens": Lens(blur=0.4, vignetting=0.4),
-        "sensor": {"scale": 4.0, "shutter": 0.002, "readout": 0.03},
-    },
 }
 
 
@@ -71,7 +63,6 @@ def test_a_binned_photo_is_the_full_one(case):
 
 
 VIEWS = {
-    "turned": {"view": TURNED},
     "rolled far": {"view": View(roll=40.0)},
     "bent": {"view": TURNED, "lens": Lens(blur=0.4, k1=-0.06, k2=0.02)},
     "moved": {"view": View(yaw=10.0, zoom=1.1, shift_x=0.03)},
@@ -91,12 +82,11 @@ def test_bins_in_the_images_frame_are_a_large_photo_registered_and_shrunk(case):
     k, size, panel, sensor = 6, (24, 30), case.get("panel", {}), case.get("sensor", {})
     shown = picture(*size).double()
     large = torch.nn.functional.interpolate(shown, scale_factor=k, mode="nearest")
-    common = {"view": case["view"], "lens": case.get("lens", SOFT), "develop": Develop()}
+    common = {"view": case["view"], "lens": case.get("lens", SOFT)}
     both = []
     for reading, scale, image in (("full", 1, large), ("binned", k, shown)):
-        parts = {"panel": Panel(scale=0.5 * scale, **panel)}
-        parts["sensor"] = Sensor(scale=float(scale), reading=reading, **sensor)
-        scene = Scene(**parts, **common)
+        parts = common | {"panel": Panel(scale=0.5 * scale, **panel)}
+        scene = Scene(sensor=Sensor(scale=float(scale), reading=reading, **sensor), **parts)
         shot = scene.sample(1, tuple(image.shape[-2:]), torch.Generator().manual_seed(0))
         twin = pipeline.expose(image, without_moire(shot))
         both.append([pipeline.develop(raw, shot) for raw in (pipeline.expose(image, shot), twin)])
@@ -114,22 +104,20 @@ def test_a_saturated_binned_photo_is_nearly_the_full_one(monkeypatch):
     with switch.reference():
         full, _ = photo("full", **case)
         binned, _ = photo("binned", **case)
-        monkeypatch.setattr(
-            "moireaug.effects.sensor.expected_clip", lambda raw, noise, pattern: raw.clamp(0, 1)
-        )
+        clip = "moireaug.effects.sensor.expected_clip"
+        monkeypatch.setattr(clip, lambda raw, noise, pattern: raw.clamp(0, 1))
         naive, _ = photo("binned", **case)
     assert rms(binned - full) < 0.013 and rms(binned - full) < 0.6 * rms(naive - full)
 
 
-@pytest.mark.parametrize("gain", [3.0, 30.0, 1000.0])
+@pytest.mark.parametrize("gain", [3.0, 1000.0])
 def test_a_saturated_sparse_panel_is_neither_black_nor_too_bright(gain):
     """Light of two levels is the extreme: no light of a pattern, clipped, is darker."""
-    panel = Panel(layout="led", width=64.0, lit=0.4)
+    panel = Panel(layout="led", width=32.0, lit=0.4)
     scene = Scene(panel=panel, sensor=Sensor(pitch=8.0, gain=gain))
-    shot = scene.sample(1, (32, 32))
-    reading = expose(torch.ones(1, 3, 32, 32), shot)
-    with switch.reference():
-        assert rms(reading - expose(torch.ones(1, 3, 32, 32), shot)) < 1e-6
+    shot, white = scene.sample(1, (16, 16)), torch.ones(1, 3, 16, 16)
+    reading = expose(white, shot)
+    assert rms(reading - pipeline.expose(white, shot)) < 1e-6
     assert reading.min() > 0.03 and reading.max() < 0.2
 
 
@@ -142,12 +130,11 @@ def test_clipped_light_of_two_levels_is_exact():
     assert (binned_statistics.expected_clip(mean, none, variance) >= bound - 1e-12).all()
 
 
-@pytest.mark.parametrize("reading", ["scale", "pitch"])
-def test_one_camera_stated_in_two_ways_sees_the_same(reading):
-    sensors = {"scale": Sensor(scale=16.0), "pitch": Sensor(pitch=16 * 64 / 516)}
+def test_one_camera_stated_in_two_ways_sees_the_same():
     panel, white = Panel(width=516.0, lit_y=0.5), torch.ones(1, 3, 64, 64)
     full = Scene(panel=panel, sensor=Sensor(scale=16.0, reading="full")).capture(white)
-    assert rms(Scene(panel=panel, sensor=sensors[reading]).capture(white) - full) < 0.003
+    for sensor in (Sensor(scale=16.0), Sensor(pitch=16 * 64 / 516)):
+        assert rms(Scene(panel=panel, sensor=sensor).capture(white) - full) < 0.003
 
 
 def test_a_pattern_is_never_darker_than_black():
@@ -176,12 +163,9 @@ def test_beats_have_the_period_strength_and_colour_of_their_pitch(pitch):
     swing = raw - raw.mean(1, keepdim=True)
     red, green, blue = (2 * (beat * swing[i]).sum() / window.sum() for i in (0, 1, 3))
 
-    def sinc(x):
-        return math.sin(math.pi * x) / (math.pi * x)
-
     first = math.sin(math.pi / 3) / math.pi  # of a stripe a third of a pixel wide
-    passed = sinc(f) * math.exp(-2 * math.pi**2 * 0.4**2 * f**2)
-    left = math.cos(math.pi * g) ** 2 * sinc(g) * sinc(s * g)
+    passed = np.sinc(f) * math.exp(-2 * math.pi**2 * 0.4**2 * f**2)
+    left = math.cos(math.pi * g) ** 2 * np.sinc(g) * np.sinc(s * g)
     assert float(red.abs()) == pytest.approx(2 * first * passed * left, rel=0.03)
     assert float(blue.abs()) == pytest.approx(float(red.abs()), rel=0.03)
     assert green.abs() < 0.1 * red.abs()  # what is left of the first harmonic itself
@@ -202,9 +186,8 @@ ENGINE = {
 }
 SENSORS = {
     "Bayer": Sensor(pitch=(1.6, 2.4)),
-    "crosstalk": Sensor(pitch=(1.6, 2.4), crosstalk=0.2),
     "no colour filters": Sensor(pitch=(0.8, 1.2), cfa="none"),
-    "noise": Sensor(pitch=2.0, gain=2.0, read_noise=0.02, shot_noise=0.03),
+    "noise": Sensor(pitch=2.0, gain=2.0, read_noise=0.02, shot_noise=0.03, crosstalk=0.2),
 }
 BENT = Lens(k1=(-0.03, 0.05), blur=(0.3, 0.6), motion_x=(-0.3, 0.3), olpf=(0.0, 0.5))
 MOVED = View(yaw=(-25.0, 25.0), pitch=(-15.0, 15.0), roll=(-12.0, 12.0))
@@ -226,25 +209,6 @@ def test_noise_is_that_of_the_pixels_that_a_bin_averages():
     full = expose(grey, scene.sample(4, (64, 64)))
     means = torch.nn.functional.avg_pool2d(full, 4)  # 4 x 4 pixels of a colour are a photo pixel
     assert means.std(dim=(2, 3)).mean() == pytest.approx(0.1 / 4, rel=0.02)
-
-
-def test_a_binned_photo_is_differentiable_in_image_and_shot():
-    scene = Scene(
-        panel=Panel(width=(30.0, 60.0), lit=(0.5, 0.9)),
-        view=View(yaw=(-20.0, 20.0), roll=(-5.0, 5.0)),
-        lens=Lens(blur=(0.3, 0.5)),
-        sensor=Sensor(pitch=(1.7, 2.3), crosstalk=0.1, gain=1.2),
-    )
-    shot = scene.sample(1, (4, 5), torch.Generator().manual_seed(1))
-    shown = torch.rand(1, 3, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
-    moved = ("panel.width", "sensor.pitch", "view.yaw", "view.roll", "lens.blur", "panel.lit")
-
-    def read(shown, *values):
-        return pipeline.expose(shown, with_values(shot, dict(zip(moved, values, strict=True))))
-
-    given = [shot.numbers()[name].clone().requires_grad_() for name in moved]
-    given.insert(0, shown.requires_grad_())
-    assert torch.autograd.gradcheck(read, given, atol=1e-4, fast_mode=True)
 
 
 def test_pulses_that_fill_the_wells_darken_a_binned_reading_as_a_full_one():

@@ -41,7 +41,7 @@ def test_each_plane_reads_what_its_filter_passes(exposure, images):
 @pytest.mark.parametrize("exposure", ["spectral", "point", "supersample:2"])
 def test_a_bayer_site_reads_one_filter_of_three(exposure, images):
     """The lattice of the full sensor's planes, as far as it reaches the same pixels."""
-    sensor = Sensor(cfa="none", scale=2.0, crosstalk=0.25, exposure=exposure)
+    sensor = dataclasses.replace(FULL, exposure=exposure)
     full = Scene(panel=Panel(scale=1.2), view=View(roll=5.0), sensor=sensor)
     bayer = with_values(full, {"sensor.cfa": "rggb"})
     planes, packed = (
@@ -73,13 +73,9 @@ def test_a_camera_of_three_filters_a_pixel_undoes_its_crosstalk(linear_light, im
 
 def grey_screen(scale, crosstalk):
     """The reading and the photo of a grey screen of RGB stripes, without their borders."""
-    scene = Scene(
-        panel=Panel(scale=scale),
-        view=View(roll=3.0),
-        lens=Lens(blur=0.3),
-        sensor=Sensor(scale=2.0, crosstalk=crosstalk),
-        develop=Develop(registered=False),
-    )
+    parts = {"lens": Lens(blur=0.3), "develop": Develop(registered=False)}
+    sensor = Sensor(scale=2.0, crosstalk=crosstalk)
+    scene = Scene(panel=Panel(scale=scale), view=View(roll=3.0), sensor=sensor, **parts)
     shot = scene.sample(1, (32, 48))
     raw = expose(torch.full((1, 3, 32, 48), 0.8, dtype=torch.float64), shot)
     return raw[0, ..., 6:-6, 6:-6], develop(raw, shot)[0, ..., 6:-6, 6:-6]
@@ -101,15 +97,12 @@ def test_filters_that_overlap_read_less_moire_of_stripes(scale, share):
     assert kept == pytest.approx([side, 1 - 1.5 * share, 1 - 1.5 * share, side], rel=0.02)
 
 
-@pytest.mark.parametrize("scale", [0.5, 0.6])
-def test_filters_that_overlap_alias_less_in_colour_where_stripes_are_seen(scale):
+def test_filters_that_overlap_alias_less_in_colour_where_stripes_are_seen():
     """Panel pixels three to four sensor pixels wide: the colour matrix, which undoes crosstalk on
     flat colours, gives back only part of it between sites of a mosaic."""
-    none, some, much = (colour(grey_screen(scale, share)[1]) for share in (0.0, 0.15, 0.3))
-    assert much < 0.75 * none and much < some < none
-
-
-def test_the_colour_matrix_brings_back_the_moire_of_finer_stripes():
-    """Negative control: it is no blur, which makes less of every moiré."""
+    for scale in (0.5, 0.6):
+        none, some, much = (colour(grey_screen(scale, share)[1]) for share in (0.0, 0.15, 0.3))
+        assert much < 0.75 * none and much < some < none
+    # negative control: it is no blur, and brings back the moiré of finer stripes
     none, much = (colour(grey_screen(1.3, share)[1]) for share in (0.0, 0.3))
     assert much > 1.1 * none

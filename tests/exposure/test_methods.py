@@ -36,20 +36,6 @@ def test_a_colour_that_a_layout_lacks_is_dark(cfa, exposure, images):
     assert (photo[:, 1:] == 0).all() and photo.isfinite().all()
 
 
-@pytest.mark.parametrize("exposure", ["auto", *METHODS])
-def test_a_layout_of_ones_own_is_captured(exposure, images):
-    """The mean over a picture is, to the alias at hand, the mean light of each colour's
-    rectangles."""
-    sensor = Sensor(scale=2.0, cfa="none", exposure=exposure)
-    scene = Scene(
-        panel=Panel(layout=OWN, scale=1.37), view=View(roll=3.0), lens=Lens(blur=0.3), sensor=sensor
-    )
-    photo = capture(torch.full_like(images, 0.9), scene.sample(4, (24, 32)))
-    assert photo.mean((0, 2, 3)).tolist() == pytest.approx(
-        [0.9 * a for a in (0.25, 0.1, 0.125)], rel=0.02
-    )
-
-
 def seen(layout, exposure, picture, scale=1.3, **panel):
     """The raw reading of a picture from an oblique view."""
     scene = Scene(
@@ -62,63 +48,46 @@ def seen(layout, exposure, picture, scale=1.3, **panel):
     return expose(picture, shot)
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("exposure", METHODS)
-def test_a_rectangle_given_as_a_parallelogram_is_the_rectangle(exposure, dtype, images):
-    first, second = (seen(layout, exposure, images.to(dtype)) for layout in (OWN, SAME))
-    assert torch.equal(first, second)
+def test_a_rectangle_given_as_a_parallelogram_is_the_rectangle(exposure, images):
+    for picture in (images[:1], images[:1].double()):
+        assert torch.equal(*(seen(layout, exposure, picture) for layout in (OWN, SAME)))
 
 
-def distance(layout, n):
-    """Return how far the series is from brute force, on a white screen so near that its subpixels
-    are seen."""
-    white = torch.ones(1, 3, 8, 8, dtype=torch.float64)
-    brute = seen(SLANTED, f"supersample:{n}", white, scale=0.6)
-    series = seen(layout, "spectral", white, scale=0.6)
+def off(series, brute):
     return float((series - brute).square().mean().sqrt() / brute.mean())
 
 
 def test_brute_force_converges_to_the_series_of_slanted_subpixels():
-    few, many = distance(SLANTED, 3), distance(SLANTED, 24)
-    assert many < 0.02 and many < few / 4
-
-
-def test_a_cell_slanted_the_other_way_gives_another_photo():
-    """Negative control: what converges above is not what any slant would give."""
-    mirrored = Layout(
-        tuple((c, cx, cy, ax, -ay, -dx, dy) for c, cx, cy, ax, ay, dx, dy in SLANTED.subpixels)
-    )
-    assert distance(mirrored, 24) > 0.04
+    """On a white screen so near that its subpixels are seen."""
+    white = torch.ones(1, 3, 8, 8, dtype=torch.float64)
+    few, many = (seen(SLANTED, f"supersample:{n}", white, scale=0.6) for n in (3, 24))
+    series = seen(SLANTED, "spectral", white, scale=0.6)
+    assert off(series, many) < 0.02 and off(series, many) < off(series, few) / 4
+    # negative control: a slant the other way
+    others = [(c, cx, cy, ax, -ay, -dx, dy) for c, cx, cy, ax, ay, dx, dy in SLANTED.subpixels]
+    assert off(seen(Layout(tuple(others)), "spectral", white, scale=0.6), many) > 0.04
 
 
 # centre and edges of rectangles, in a cell of two by one panel pixels
 RECTANGLES = {
     "inside": (1.0, 0.5, 0.5, 0.0, 0.0, 0.75),
     "over the left edge": (0.125, 0.5, 0.5, 0.0, 0.0, 0.75),
-    "over the right edge": (1.875, 0.5, 0.5, 0.0, 0.0, 0.75),
     "over the upper edge": (1.0, 0.125, 0.5, 0.0, 0.0, 0.75),
     "over the lower right corner": (1.875, 0.875, 0.5, 0.0, 0.0, 0.75),
     "edges to the left and up": (1.0, 0.5, -0.5, 0.0, 0.0, -0.75),
 }
 
 
-@pytest.mark.parametrize("execution", [expose, pipeline.expose])
 @pytest.mark.parametrize("name", RECTANGLES)
-def test_points_find_a_rectangle_wherever_it_lies(name, execution):
+def test_points_find_a_rectangle_wherever_it_lies(name):
     """Over whole cells, sampled at every eighth of a panel pixel, the light is the area."""
     layout = Layout(((0, *RECTANGLES[name]),), (2, 1))
     panel, sensor = Panel(layout=layout), Sensor(scale=8.0, cfa="none", exposure="point")
     shot = Scene(panel=panel, sensor=sensor).sample(1, (6, 6))
-    raw = execution(torch.ones(1, 3, 6, 6), shot)
-    assert raw.mean((0, 2, 3)).tolist() == pytest.approx([0.5 * 0.75 / 2, 0, 0], abs=1e-6)
-
-
-def test_points_of_slanted_subpixels_are_refused():
-    scene = Scene(panel=Panel(layout=SLANTED), sensor=Sensor(exposure="point"))
-    sentence = r"takes subpixels for rectangles.*Use 'auto' or 'supersample:8'"
-    for use in (scene.plan, lambda: scene.sample(1, (4, 4))):
-        with pytest.raises(ValueError, match=sentence):
-            use()
+    for execution in (expose, pipeline.expose):
+        light = execution(torch.ones(1, 3, 6, 6), shot).mean((0, 2, 3))
+        assert light.tolist() == pytest.approx([0.5 * 0.75 / 2, 0, 0], abs=1e-6)
 
 
 @pytest.mark.parametrize("exposure", METHODS)
@@ -134,28 +103,14 @@ def test_a_lit_area_is_its_two_sides(exposure, images):
         assert not torch.allclose(other, area, atol=0.01)
 
 
-@pytest.mark.parametrize("exposure", ["spectral", "box", "supersample:6"])
-def test_gaps_between_rows_alias_along_the_columns(exposure):
-    """A panel of even colour whose rows have gaps: bands go down the photo, and none across."""
-    panel = Panel(layout="even", lit_y=0.5, scale=1.1)
-    sensor = Sensor(cfa="none", exposure=exposure)
-    raw = expose(
-        torch.ones(1, 3, 20, 20, dtype=torch.float64),
-        Scene(panel=panel, sensor=sensor).sample(1, (20, 20)),
-    )
-    assert raw.std(2).min() > 0.02 and raw.std(3).max() < 0.002
-    assert raw.mean().item() == pytest.approx(0.5, abs=0.01)
-
-
 @pytest.mark.parametrize("exposure", ["spectral", "box", "mean"])
 def test_a_narrowed_view_sees_as_much_of_a_small_picture_as_the_whole(exposure):
     """In the camera's frame, from so far that the picture is a third of a sensor pixel, wherever
     that pixel lies."""
+    parts = {"view": View(zoom=0.03, fit=False), "develop": Develop(registered=False)}
     for size in ((12, 12), (13, 13)):
-        view, sensor = View(zoom=0.03, fit=False), Sensor(cfa="none", exposure=exposure)
-        scene = Scene(
-            panel=Panel(layout="even"), view=view, sensor=sensor, develop=Develop(registered=False)
-        )
+        sensor = Sensor(cfa="none", exposure=exposure)
+        scene = Scene(panel=Panel(layout="even"), sensor=sensor, **parts)
         raw = expose(torch.ones(1, 3, *size, dtype=torch.float64), scene.sample(1, size))
         assert raw.sum().item() == pytest.approx(3 * size[0] * size[1] * 0.03**2, rel=0.01)
         assert raw.max() < 0.2
@@ -170,22 +125,15 @@ def test_mean_is_the_same_camera_without_moire(images):
     assert with_moire.mean().item() == pytest.approx(without.mean().item(), rel=0.01)
 
 
-def looked_up(picture, shot):
-    """The exposure of a panel that counts as too large to be built."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Screen, "look", Screen._on_picture)
-        return expose(picture, shot)
-
-
 def test_a_panel_of_more_pixels_than_are_looked_at_is_not_built(images, monkeypatch):
     """Where both ways are open they show one thing."""
-    scene = Scene(
-        panel=Panel(scale=1.3),
-        view=View(yaw=20, roll=8, zoom=0.8),
-        develop=Develop(registered=False),
-    )
+    view, develop = View(yaw=20, roll=8, zoom=0.8), Develop(registered=False)
+    scene = Scene(panel=Panel(scale=1.3), view=view, develop=develop)
     shot, picture = scene.sample(4, (24, 32)), images.double()
-    assert torch.allclose(looked_up(picture, shot), expose(picture, shot), atol=1e-12)
+    built = expose(picture, shot)
+    with monkeypatch.context() as patch:  # a panel that counts as too large
+        patch.setattr(Screen, "look", Screen._on_picture)
+        assert torch.allclose(expose(picture, shot), built, atol=1e-12)
 
     def refuse(*_):
         raise AssertionError("the panel was built")
@@ -196,24 +144,22 @@ def test_a_panel_of_more_pixels_than_are_looked_at_is_not_built(images, monkeypa
         expose(picture, shot)
 
 
-@pytest.mark.parametrize(("n", "scale"), [(1, 2.0), (3, 2.0)])
-def test_a_point_between_two_subpixels_is_in_one_of_them(n, scale):
+@pytest.mark.parametrize("n", [1, 3])
+def test_a_point_between_two_subpixels_is_in_one_of_them(n):
     """From in front, the middle of a sensor pixel may lie on a border of panel pixels."""
     sensor = Sensor(cfa="none", exposure=f"supersample:{n}")
-    scene = Scene(panel=Panel(layout="even", scale=scale), sensor=sensor)
+    scene = Scene(panel=Panel(layout="even", scale=2.0), sensor=sensor)
     assert torch.allclose(scene.capture(torch.ones(1, 3, 4, 4)), torch.ones(1, 3, 4, 4))
 
 
 @pytest.mark.parametrize("exposure", ["spectral", "box", "mean"])
-@pytest.mark.parametrize("blur", [0.0, 0.6, 3.0])
-def test_light_past_the_taps_is_not_lost(exposure, blur):
+def test_light_past_the_taps_is_not_lost(exposure):
     """On a white screen without stripes every reading is 1, however far its view reaches."""
-    sensor = Sensor(cfa="none", exposure=exposure)
-    scene = Scene(
-        panel=Panel(layout="even"), view=View(roll=20), lens=Lens(blur=blur), sensor=sensor
-    )
-    raw = expose(torch.ones(1, 3, 8, 8, dtype=torch.float64), scene.sample(1, (8, 8)))
-    assert (raw - 1).abs().max() < 1e-5
+    parts = {"panel": Panel(layout="even"), "sensor": Sensor(cfa="none", exposure=exposure)}
+    for blur in (0.0, 0.6, 3.0):
+        scene = Scene(view=View(roll=20), lens=Lens(blur=blur), **parts)
+        raw = expose(torch.ones(1, 3, 8, 8, dtype=torch.float64), scene.sample(1, (8, 8)))
+        assert (raw - 1).abs().max() < 1e-5
 
 
 MOVED = Lens(blur=0.3, motion_x=0.5, motion_y=-0.3)
@@ -221,17 +167,9 @@ MOVED = Lens(blur=0.3, motion_x=0.5, motion_y=-0.3)
 
 def of_white(exposure, lens=MOVED, crosstalk=0.2):
     """The reading of a white screen through overlapping filters, from an oblique view."""
-    scene = Scene(
-        panel=Panel(scale=0.6),
-        view=View(yaw=20, roll=8),
-        lens=lens,
-        sensor=Sensor(scale=2.0, crosstalk=crosstalk, exposure=exposure),
-    )
+    sensor = Sensor(scale=2.0, crosstalk=crosstalk, exposure=exposure)
+    scene = Scene(panel=Panel(scale=0.6), view=View(yaw=20, roll=8), lens=lens, sensor=sensor)
     return expose(torch.ones(1, 3, 6, 6, dtype=torch.float64), scene.sample(1, (6, 6)))
-
-
-def off(series, brute):
-    return float((series - brute).square().mean().sqrt() / brute.mean())
 
 
 def test_brute_force_converges_to_the_series_with_motion_and_crosstalk():
@@ -253,19 +191,16 @@ def test_motion_blurs_what_lies_across_it(exposure, near):
     """Stripes of a wave of eight pixels keep exp(-2 pi^2 sigma^2 / 64); those along it all."""
     wave = 0.5 + 0.4 * torch.cos(2 * math.pi * torch.arange(32, dtype=torch.float64) / 8)
     vertical = wave.expand(1, 3, 32, 32)
-    sensor = Sensor(cfa="none", exposure=exposure)
-
-    def kept(picture):
+    shares = []
+    for picture in (vertical, vertical.mT):
         contrast = []
         for motion in (0.0, 0.8):
-            lens = Lens(blur=0.3, motion_x=motion)
-            scene = Scene(panel=Panel(layout="even"), lens=lens, sensor=sensor)
-            raw = expose(picture, scene.sample(1, (32, 32)))
-            contrast.append(raw[..., 12:20, 12:20].std().item())
-        return contrast[1] / contrast[0]
-
-    assert kept(vertical) == pytest.approx(math.exp(-2 * math.pi**2 * 0.8**2 / 64), abs=near)
-    assert kept(vertical.mT) == pytest.approx(1, abs=1e-3)
+            parts = {"panel": Panel(layout="even"), "lens": Lens(blur=0.3, motion_x=motion)}
+            shot = Scene(sensor=Sensor(cfa="none", exposure=exposure), **parts).sample(1, (32, 32))
+            contrast.append(expose(picture, shot)[..., 12:20, 12:20].std().item())
+        shares.append(contrast[1] / contrast[0])
+    assert shares[0] == pytest.approx(math.exp(-2 * math.pi**2 * 0.8**2 / 64), abs=near)
+    assert shares[1] == pytest.approx(1, abs=1e-3)
 
 
 @pytest.mark.parametrize("execution", [expose, pipeline.expose])

@@ -17,47 +17,37 @@ SCENES = {
 }
 
 
-def seen(scene, points):
+def camera_of(scene):
+    """What `grids` takes beside points: an inverse homography, a size and a lens."""
     shot = scene.sample(1, SIZE, torch.Generator().manual_seed(1))
-    inverse = torch.linalg.inv(shot.matrix())
-    return lambda p: grids.photo_to_image(p, inverse, SIZE, shot.distortion), (
-        inverse,
-        SIZE,
-        shot.distortion,
-    )
+    return torch.linalg.inv(shot.matrix()), SIZE, shot.distortion
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_jacobian_is_the_derivative(name):
-    points = grids.grid(
-        torch.tensor([2.0, 15.0, 29.0]).double(), torch.tensor([1.0, 20.0, 39.0]).double()
-    )
-    look, given = seen(SCENES[name], points)
-    found = grids.jacobian(points, *given)
-    step = 1e-5
+    rows, cols = torch.tensor([[2.0, 15.0, 29.0], [1.0, 20.0, 39.0]]).double()
+    points, camera, step = grids.grid(rows, cols), camera_of(SCENES[name]), 1e-5
+    found = grids.jacobian(points, *camera)
     for axis in (0, 1):
-        ahead, behind = (points + sign * step * torch.eye(2).double()[axis] for sign in (1, -1))
-        slope = (look(ahead) - look(behind)) / (2 * step)
+        off = step * torch.eye(2).double()[axis]
+        ahead, behind = (grids.photo_to_image(p, *camera) for p in (points + off, points - off))
+        slope = (ahead - behind) / (2 * step)
         assert (found[..., axis] - slope).abs().max() < 1e-7 * slope.abs().max()
 
 
 def test_past_the_horizon_positions_and_jacobians_are_finite_in_float32():
-    scene = Scene(view=View(yaw=89, pitch=89, fov=89))
+    camera = camera_of(Scene(view=View(yaw=89, pitch=89, fov=89)))
     points = grids.pixel_centres(SIZE, torch.device("cpu"))
-    look, given = seen(scene, points)
-    assert look(points).float().isfinite().all()
-    assert grids.jacobian(points, *given).square().sum((-1, -2)).float().isfinite().all()
+    assert grids.photo_to_image(points, *camera).float().isfinite().all()
+    assert grids.jacobian(points, *camera).square().sum((-1, -2)).float().isfinite().all()
 
 
 def test_a_look_up_is_bilinear_up_to_the_border():
     picture = torch.tensor([[0.0, 1.0], [2.0, 3.0]]).double()[None, None]
     x = torch.tensor([[[0.5, 1.0, 1.5, -9.0, 99.0]]]).double()
-    assert grids.look_up(picture, x, torch.full_like(x, 0.5)).flatten().tolist() == pytest.approx(
-        [0, 0.5, 1, 0, 1]
-    )
-    assert grids.look_up(picture, torch.full_like(x, 0.5), x).flatten().tolist() == pytest.approx(
-        [0, 1, 2, 0, 2]
-    )
+    across, down = (grids.look_up(picture, *at) for at in ((x, x * 0 + 0.5), (x * 0 + 0.5, x)))
+    assert across.flatten().tolist() == pytest.approx([0, 0.5, 1, 0, 1])
+    assert down.flatten().tolist() == pytest.approx([0, 1, 2, 0, 2])
 
 
 @pytest.mark.parametrize(
