@@ -26,7 +26,7 @@ from torch import Tensor
 from moireaug.files import write_bytes
 
 Record = dict[str, Any]
-KEY_VERSION = 7  # raise it when the same settings would give other figures
+KEY_VERSION = 8  # raise it when the same settings would give other figures
 RECORD_FIELDS = {"key", "labels", "targets", "predicted", "measured", "seconds"}
 N_PICTURES = 4  # images of the first batch that are saved as pictures
 
