@@ -1,4 +1,5 @@
-"""Optional dependencies: where one is missing, an error with the command that installs it."""
+"""Optional dependencies: where one is missing, an error with the command that installs it; and a
+backend of matplotlib that is not installed, dropped."""
 
 from __future__ import annotations
 

@@ -20,7 +20,8 @@ DAMAGED_EXIF = (
     *(AttributeError, TypeError, ValueError, LookupError, ArithmeticError),
 )
 DEEP_GREY_MODES = ("I;16", "I;16L", "I;16B")  # 16-bit grey
-AS_RGB = ("1", "L", "P", "RGB", "CMYK", "YCbCr", "HSV")  # that PIL converts unambiguously
+# that PIL converts unambiguously
+RGB_CONVERTIBLE_MODES = ("1", "L", "P", "RGB", "CMYK", "YCbCr", "HSV")
 
 
 def read_picture(path: str | Path) -> Image.Image:
@@ -96,7 +97,7 @@ def _rgb(image: Image.Image) -> Image.Image:
         return _high_byte(image)
     if image.has_transparency_data:
         return _on_white(image)
-    if image.mode not in AS_RGB:
+    if image.mode not in RGB_CONVERTIBLE_MODES:
         raise ValueError(
             f"its mode is {image.mode!r}, whose black and white are not known; save it with 8 or "
             f"16 bits"

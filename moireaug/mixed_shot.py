@@ -14,7 +14,7 @@ from moireaug.draws import Draws
 from moireaug.shot import ShotRecord, check_tensor
 
 S = TypeVar("S", bound=ShotRecord)
-UNFOLLOWED = (
+MIXED_COMPILE_MESSAGE = (
     "torch.compile cannot follow which image is in which scene: call the transform outside of the "
     "compiled function, or give it one scene."
 )
@@ -75,7 +75,7 @@ class MixedShot(Draws, Generic[S]):
             RuntimeError: within torch.compile.
         """
         if torch.compiler.is_compiling():
-            raise RuntimeError(UNFOLLOWED)
+            raise RuntimeError(MIXED_COMPILE_MESSAGE)
         parts = []
         for k in range(len(self.scenes)):
             rows = (self.scene_index == k).nonzero().flatten()

@@ -1,4 +1,5 @@
-"""The operators of `engine.torch_operators`, which photograph as `moireaug.capture` does."""
+"""Implementations of the operators that `engine.torch_operators` declares: they run
+`moireaug.capture`'s stages."""
 
 from __future__ import annotations
 
@@ -7,7 +8,6 @@ import functools
 import json
 import math
 from collections.abc import Callable
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -18,6 +18,8 @@ from moireaug.engine.switch import reference
 from moireaug.engine.torch_operators import LIBRARY
 from moireaug.scene.by_name import values_of
 from moireaug.scenes import Scene, Shot
+
+Stage = Callable[[Tensor, Shot], Tensor]
 
 
 def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> Shot:
@@ -40,17 +42,32 @@ def _reading_of(light: Tensor, shot: Shot) -> Tensor:
         return reading_of(light, shot)
 
 
-def _forward(stage: Callable[[Tensor, Shot], Tensor], values: Tensor, *given: Any) -> Tensor:
+def _forward(
+    stage: Stage,
+    values: Tensor,
+    numbers: list[Tensor],
+    seeds: Tensor,
+    scene: str,
+    size: list[int],
+    shape: list[int],
+) -> Tensor:
     with torch.no_grad():
-        return stage(values, _shot(*given[:-1])).contiguous()
+        return stage(values, _shot(numbers, seeds, scene, size)).contiguous()
 
 
 def _backward(
-    stage: Callable[[Tensor, Shot], Tensor], grad: Tensor, values: Tensor, *given: Any
+    stage: Stage,
+    grad: Tensor,
+    values: Tensor,
+    numbers: list[Tensor],
+    seeds: Tensor,
+    scene: str,
+    size: list[int],
 ) -> Tensor:
+    shot = _shot(numbers, seeds, scene, size)
     with torch.enable_grad():
         values = values.detach().requires_grad_()
-        return torch.autograd.grad(stage(values, _shot(*given)), values, grad)[0].contiguous()
+        return torch.autograd.grad(stage(values, shot), values, grad)[0].contiguous()
 
 
 for backend in BACKENDS:

@@ -27,7 +27,7 @@ from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.record import NOMINAL_SIZE, SceneRecord
 from moireaug.shot import ShotRecord
 
-UNPLANNED = (
+UNPLANNED_MESSAGE = (
     "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
     "Scene.sample does; copies and unpickled scenes have no plan yet."
 )
@@ -87,7 +87,7 @@ class Scene(SceneRecord):
         plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
         if octave not in plans:
             if torch.compiler.is_compiling():
-                raise RuntimeError(UNPLANNED)
+                raise RuntimeError(UNPLANNED_MESSAGE)
             plans = {**plans, octave: make_plan(self.at(size))}
             object.__setattr__(self, "_plans", plans)
             self.as_json()  # made ready: torch.compile cannot follow how

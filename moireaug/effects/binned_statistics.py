@@ -8,7 +8,7 @@ from torch import Tensor
 
 from moireaug.shot import ShotRecord
 
-LEAST_VARIANCE = 1e-10  # of readings that count as different
+MIN_VARIANCE = 1e-10  # of readings that count as different
 
 
 def pixels_per_value(shot: ShotRecord, scale: Tensor) -> Tensor:
@@ -48,16 +48,16 @@ def _greatest_excess(raw: Tensor, noise: Tensor, pattern: Tensor) -> Tensor:
     """Return a bound on the mean of max(x - 1, 0) of light x of mean `raw` and variance `pattern`,
     which is nowhere below 0, with noise. No light of that mean and variance, however sparse, has a
     smaller mean when clipped than one of two levels, one of which is 0 (Scarf, 1958)."""
-    light = raw.clamp(min=LEAST_VARIANCE)
+    light = raw.clamp(min=MIN_VARIANCE)
     clipped = torch.minimum(light / 2, light.square() / (light.square() + pattern))
-    some = noise > LEAST_VARIANCE  # the root has no slope at 0
+    some = noise > MIN_VARIANCE  # the root has no slope at 0
     sigma = torch.where(some, torch.where(some, noise, 1.0).sqrt(), 0.0)
     return light - clipped + sigma / (2 * torch.pi) ** 0.5
 
 
 def _mean_excess(mean: Tensor, variance: Tensor) -> Tensor:
     """Return the mean of max(x, 0) of normally distributed x."""
-    some = variance > LEAST_VARIANCE
+    some = variance > MIN_VARIANCE
     sigma = torch.where(some, variance, 1.0).sqrt()
     z = mean / sigma
     excess = mean * torch.special.ndtr(z) + sigma * torch.exp(-z * z / 2) / (2 * torch.pi) ** 0.5

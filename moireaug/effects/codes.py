@@ -27,7 +27,7 @@ def to_codes(photo: Tensor) -> np.ndarray:
     return codes.permute(0, 2, 3, 1).contiguous().cpu().numpy()
 
 
-def check_not_dual(photo: Tensor, name: str) -> None:
+def check_only_backward(photo: Tensor, name: str) -> None:
     """Refuse a forward derivative, which would be 0, as codes are whole numbers, and those of
     `torch.func`, which have no way through the codec."""
     if torch.compiler.is_compiling():

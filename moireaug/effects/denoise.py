@@ -9,7 +9,7 @@ from kornia.filters import bilateral_blur
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
-from moireaug.effects.codes import check_not_dual, from_codes, to_codes
+from moireaug.effects.codes import check_only_backward, from_codes, to_codes
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
@@ -53,7 +53,7 @@ def nlm(photo: Tensor) -> Tensor:
         NotImplementedError: a forward derivative is asked for.
         ValueError: a photo that holds NaN.
     """
-    check_not_dual(photo, "the denoiser 'nlm'")
+    check_only_backward(photo, "the denoiser 'nlm'")
     return _nlm(photo)
 
 

@@ -18,8 +18,8 @@ from moireaug.scene.record import SceneRecord, SizedScene
 from moireaug.shot import ShotRecord
 
 KERNEL_SIGMAS = 3.0  # standard deviations that a kernel holds
-LEAST_SAMPLED_VARIANCE = 0.5  # squared pixels: a narrower Gaussian misses the next pixel
-LEAST_SIGMA = 1e-3  # least standard deviation: a Gaussian of 0 has no kernel
+MIN_SAMPLED_VARIANCE = 0.5  # squared pixels: a narrower Gaussian misses the next pixel
+MIN_SIGMA = 1e-3  # least standard deviation: a Gaussian of 0 has no kernel
 
 
 class ChromaBlur(Effect):
@@ -94,7 +94,7 @@ def brightness(photo: Tensor) -> Tensor:
 def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
     """Return planes (B, C, H, W) blurred by Gaussians of sigma (B,) pixels; edge pixels are
     repeated past the border."""
-    sigmas = sigma.clamp(min=LEAST_SIGMA).to(planes.dtype)[:, None]
+    sigmas = sigma.clamp(min=MIN_SIGMA).to(planes.dtype)[:, None]
     kernel, half = get_gaussian_kernel1d(size, sigmas), size // 2
     wide = repeat_edges(planes, half, half, half, half)
     return filter2d_separable(wide, kernel, kernel, padding="valid")
@@ -112,15 +112,15 @@ def kernel_sigma(sigma: Tensor) -> Tensor:
     """Return the standard deviation (B,) whose Gaussian, taken at whole pixels alone, has the
     variance of a Gaussian of sigma (B,) pixels. They differ below 0.7: a narrow Gaussian misses
     the next pixel."""
-    variance = sigma.square().clamp(min=LEAST_SIGMA**2)
-    small = variance.clamp(max=LEAST_SAMPLED_VARIANCE)
+    variance = sigma.square().clamp(min=MIN_SIGMA**2)
+    small = variance.clamp(max=MIN_SAMPLED_VARIANCE)
     w = small / (2 * (1 - small))  # of the next pixel, by Newton steps from that of three pixels
     for _ in range(3):
         twice, fourth, cube = 2 * w, w**4, w**3
         total, moment = 1 + twice + 2 * fourth, twice + 8 * fourth
         slope = ((2 + 32 * cube) * total - moment * (2 + 8 * cube)) / total.square()
         w = w - (moment / total - small) / slope
-    return torch.where(variance > LEAST_SAMPLED_VARIANCE, sigma, (-0.5 / w.log()).sqrt())
+    return torch.where(variance > MIN_SAMPLED_VARIANCE, sigma, (-0.5 / w.log()).sqrt())
 
 
 @functools.lru_cache(maxsize=256)

@@ -11,7 +11,7 @@ from PIL import Image
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, format_range, left_out
-from moireaug.effects.codes import check_not_dual, from_codes, to_codes
+from moireaug.effects.codes import check_only_backward, from_codes, to_codes
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
@@ -56,7 +56,7 @@ def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
         NotImplementedError: a forward derivative is asked for.
         ValueError: NaN in photo or quality, or not one quality per photo.
     """
-    check_not_dual(photo, "JPEG")
+    check_only_backward(photo, "JPEG")
     return _jpeg(photo, quality.detach().round().clamp(1, 100))
 
 

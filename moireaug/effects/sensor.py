@@ -61,7 +61,7 @@ class ClipReading(Effect):
     their variance.
     """
 
-    name = "full_well"
+    name = "clip_reading"
     is_listed = False
 
     def verdict(self, scene: SizedScene) -> Verdict:

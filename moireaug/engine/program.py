@@ -21,7 +21,7 @@ ENGINE_DTYPES = (torch.float32, torch.uint8)
 # that is the reference's
 ENGINE_EXPOSING = {
     *("decode", "black_level", "prefilter", "layout", "pose", "lens", "crosstalk", "exposure"),
-    *("flicker", "glare", "vignetting", "gain", "noise", "full_well"),
+    *("flicker", "glare", "vignetting", "gain", "noise", "clip_reading"),
 }
 ENGINE_DEVELOPING = {
     *("saturate", "bits", "demosaic", "balance", "colour_matrix", "encode", "tone_curve"),

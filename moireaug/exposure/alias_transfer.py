@@ -33,7 +33,7 @@ from torch import Tensor
 from moireaug.numeric import sinc
 
 Wave = tuple[Tensor, Tensor]  # real and imaginary part
-ALIASES = 4  # along each axis, of pixels two apart
+ALIASES_PER_AXIS = 4  # of pixels two apart
 
 
 class Aliases(NamedTuple):
@@ -63,7 +63,7 @@ def aliases(frequency: Tensor, at: Tensor, *, bayer: bool) -> Aliases:
     """
     step = 1 if bayer else 2
     first = (2 / step * frequency.detach()).floor() * step - (1 if bayer else 0)
-    steps = torch.arange(0, ALIASES, step, dtype=first.dtype, device=first.device)
+    steps = torch.arange(0, ALIASES_PER_AXIS, step, dtype=first.dtype, device=first.device)
     m = first + steps.reshape(-1, *[1] * frequency.ndim)
     g, sign = frequency - m / 2, 1 - 2 * m.remainder(2)
     cycles = m.double() * ((0.5 - at) / 2)
@@ -93,13 +93,13 @@ def plane_waves(
         transfer = a.hold * b.hold * _bin_transfer(a.frequency, b.frequency, sides, triangle)
         wave = times((a.real, a.imaginary), (b.real, b.imaginary))
         if not bayer:
-            red = plus(red, weighed(transfer, wave))
+            red = plus(red, weighted_sum(transfer, wave))
             continue
         coloured, both = transfer * a.interpolation * b.interpolation, a.sign * b.sign
         quincunx = transfer * (a.interpolation + b.interpolation) * (a.sign + b.sign) / 4
-        red = plus(red, weighed(coloured, wave))
-        green = plus(green, weighed(quincunx, wave))
-        blue = plus(blue, weighed(coloured * both, wave))
+        red = plus(red, weighted_sum(coloured, wave))
+        green = plus(green, weighted_sum(quincunx, wave))
+        blue = plus(blue, weighted_sum(coloured * both, wave))
     return [red, green, blue] if bayer else [red]
 
 
@@ -131,7 +131,7 @@ def plus(a: Wave, b: Wave) -> Wave:
     return a[0] + b[0], a[1] + b[1]
 
 
-def weighed(weight: Tensor, a: Wave) -> Wave:
+def weighted_sum(weight: Tensor, a: Wave) -> Wave:
     """Return the weighted sum of complex numbers (n, ...)."""
     return (weight * a[0]).sum(0), (weight * a[1]).sum(0)
 

@@ -16,7 +16,7 @@ from moireaug.exposure.filters import filters_of
 from moireaug.exposure.footprint import Footprint
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
-from moireaug.exposure.sight import WHOLE_PIXEL, AxisView, Place, panel_pixels, shares_along
+from moireaug.exposure.sight import WHOLE_PIXEL, AxisView, Place, axis_shares_at, panel_pixels
 from moireaug.geometry.lattice import CFA
 from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.layout import Layout
@@ -56,8 +56,8 @@ class Binned(ClosedForm):
             bins = bins_at(band, cols, inverse, light.dtype, shot)
             return self.read(screen, content, bins, shot)
 
-        row_numbers = len(cols) * max(self.taps**2, 16 * len(self.harmonics))
-        planes = in_bands(reading_of, rows, row_numbers, light, shot)
+        elements_per_row = len(cols) * max(self.taps**2, 16 * len(self.harmonics))
+        planes = in_bands(reading_of, rows, elements_per_row, light, shot)
         (site,) = CFA[shot.scene.filter_cell]
         return planes[:, list(site.channels)]
 
@@ -84,7 +84,7 @@ class Binned(ClosedForm):
         self, screen: Screen, content: Content, channel: int, bins: Bins, shot: ShotRecord
     ) -> Tensor:
         """Return the picture in one channel as bins see it, (B, h, w)."""
-        dtype, along = bins.step.dtype, []
+        dtype, shares = bins.step.dtype, []
         for axis in (0, 1):
             at = bins.position[..., axis] / content.ratio[:, None, None]
             at = at - content.shift[:, channel, axis, None, None]
@@ -93,8 +93,8 @@ class Binned(ClosedForm):
             width = content.width[:, channel, axis, None, None].to(dtype)
             place = Place(axis, centre=0.5, period=1, pixel=0.5)
             view = Footprint(box, variance + added)
-            along.append(shares_along(place, at, view, width, shot, screen))
-        x, y = along
+            shares.append(axis_shares_at(place, at, view, width, shot, screen))
+        x, y = shares
         return panel_pixels(screen, channel, x, y, WHOLE_PIXEL)
 
     def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:

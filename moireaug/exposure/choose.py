@@ -45,16 +45,17 @@ def method_of(scene: SizedScene) -> ExposureMethod:
         return Point(has_black_matrix=scene.panel.has_black_matrix)
     if method == "supersample":
         return Supersample(int(n))
-    taps, fine = taps_of(scene), extreme_footprints.min_aperture_width(scene) < FINE_APERTURE
+    taps = taps_of(scene)
+    in_float64 = extreme_footprints.min_aperture_width(scene) < FINE_APERTURE
     if method == "mean":
-        return Mean(taps, fine=fine)
+        return Mean(taps, in_float64=in_float64)
     if method == "box":
-        return Box(taps)
+        return Box(taps, in_float64=True)
     harmonics = extreme_harmonics.harmonics(scene)
     endless = len(harmonics) > MAX_HARMONICS or _is_cut(scene, harmonics)
     if method == "auto" and endless and not slanted:
-        return Box(taps)
-    return Spectral(taps, tuple(pair for pair, _ in harmonics), fine=fine)
+        return Box(taps, in_float64=True)
+    return Spectral(taps, tuple(pair for pair, _ in harmonics), in_float64=in_float64)
 
 
 def _binned(scene: SizedScene) -> Binned:

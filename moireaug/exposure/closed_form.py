@@ -17,8 +17,8 @@ from moireaug.numeric import is_transformed
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
-# numbers of the largest tensor, which bands of rows bound
-MAX_TENSOR_NUMBERS = {"cpu": 2**19, "cuda": 2**27}
+# elements of the largest tensor, by device: rows are read in bands that keep to it
+MAX_TENSOR_ELEMENTS = {"cpu": 2**19, "cuda": 2**27}
 MAX_BANDS = 64  # each allocates a gradient of the whole panel
 
 
@@ -50,7 +50,7 @@ class ClosedForm(ExposureMethod):
 def in_bands(
     read: Callable[[Tensor], Tensor],
     rows: Tensor,
-    row_numbers: int,
+    elements_per_row: int,
     light: Tensor,
     shot: ShotRecord,
 ) -> Tensor:
@@ -58,13 +58,13 @@ def in_bands(
 
     Args:
         read: function of some rows that returns their readings.
-        row_numbers: numbers of the largest tensor that belong to one row of an image.
+        elements_per_row: elements of the largest tensor per row of an image.
         light: (B, 3, H, W) panel light of the images.
     """
     bands = 1
     if not torch.compiler.is_compiling():
-        most = MAX_TENSOR_NUMBERS.get(light.device.type, MAX_TENSOR_NUMBERS["cuda"])
-        bands = min(MAX_BANDS, 1 + len(light) * len(rows) * row_numbers // most)
+        most = MAX_TENSOR_ELEMENTS.get(light.device.type, MAX_TENSOR_ELEMENTS["cuda"])
+        bands = min(MAX_BANDS, 1 + len(light) * len(rows) * elements_per_row // most)
     recompute = shot.requires_grad and torch.is_grad_enabled() and not is_transformed()
     readings = []
     for band in rows.chunk(bands):

@@ -34,7 +34,7 @@ class DisplayedPicture:
             least, most = min(least, 1.0), 1.0
         if len(light) and not is_transformed():
             least, most = torch.stack(torch.aminmax(alpha.detach())).tolist()
-        self.most = most  # panel pixels per image pixel, of the finest panel
+        self.max_alpha = most  # of the finest panel
         self.alpha = alpha[:, None, None]
         self.light, self._ratio, self._ahead = light, self.alpha, 0
         if least < 1:

@@ -14,7 +14,7 @@ from moireaug.exposure.extreme_scales import (
     least_bin_scale,
     smallest_panel_steps,
 )
-from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, extreme_jacobians, inside
+from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, extreme_jacobians, range_points
 from moireaug.exposure.footprint import Footprint, blur_variance
 from moireaug.exposure.optics import Optics
 from moireaug.exposure.sight import AxisView, axis_views, variance_beyond_taps
@@ -32,7 +32,7 @@ def min_aperture_width(scene: SizedScene) -> float:
 def max_reach(scene: SizedScene) -> float:
     """Return how many cells to each side a sensor pixel sees at most."""
     most = 0.0
-    for alpha in inside(scene.panel.scale, 1.0):
+    for alpha in range_points(scene.panel.scale, 1.0):
         for view in widest_views(scene, alpha):
             reach = float(view.footprint.reach().max()) + float(view.width) / 2
             most = max(most, reach)
@@ -43,7 +43,7 @@ def max_lost_variance(scene: SizedScene, taps: int) -> float:
     """Return the most variance that a view loses when narrowed to `taps` cells, in squared image
     pixels."""
     most = 0.0
-    for alpha in inside(scene.panel.scale, 1.0, points=3):
+    for alpha in range_points(scene.panel.scale, 1.0, points=3):
         cells = min(alpha, 1.0) if scene.is_binned else alpha
         lost = variance_beyond_taps(widest_views(scene, alpha), cells, taps)
         most = max(most, float(lost.max()))

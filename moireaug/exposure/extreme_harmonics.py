@@ -11,7 +11,7 @@ from torch import Tensor
 
 from moireaug.exposure.extreme_light import modulation_depth
 from moireaug.exposure.extreme_scales import largest_panel_steps, least_side, panel_scale_ratio
-from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, inside
+from moireaug.exposure.extreme_views import FLOAT64_ON_CPU, range_points
 from moireaug.panel.fourier import coefficient, own_orders
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
@@ -119,8 +119,8 @@ def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
 def _strongest(scene: SizedScene, k: Tensor, l: Tensor) -> Tensor:
     """Return how strong each of a layout's harmonics can be, in its strongest colour."""
     panel, layout = scene.panel, scene.panel.cell
-    lit = inside(panel.lit, points=9)
-    along = inside(panel.lit_x, points=5), inside(panel.lit_y, points=5)
+    lit = range_points(panel.lit, points=9)
+    along = range_points(panel.lit_x, points=5), range_points(panel.lit_y, points=5)
     emitting = torch.tensor(list(itertools.product(lit, *along)), **FLOAT64_ON_CPU)
     width = (emitting[:, 0].sqrt() * emitting[:, 1])[None]
     height = (emitting[:, 0].sqrt() * emitting[:, 2])[None]

@@ -22,22 +22,27 @@ STRIP_SHAPES = ((16, 256), (256, 16))  # perspective is strongest along a long s
 FLOAT64_ON_CPU: dict[str, Any] = {"dtype": torch.float64, "device": "cpu"}
 
 
-def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
-    """Return a range's ends, evenly spread points between them, and those of `marks` that it
-    holds."""
+def range_points(value: Range, *inner: float, points: int = 2) -> list[float]:
+    """Return a range's ends, evenly spread points between them, and those of `inner` that lie
+    between."""
     low, high = bounds(value)
     even = [low + (high - low) * i / (points - 1) for i in range(points)]
-    return sorted({*even, *(m for m in marks if low < m < high)})
+    return sorted({*even, *(m for m in inner if low < m < high)})
 
 
 def extreme_jacobians(
     scene: SizedScene, zoom: float, *, with_strips: bool, magnified: bool = False
 ) -> Tensor:
-    """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the
-    picture, and where it reaches past the photo's corners also as far out as these, for the angles
-    and lenses that a scene allows at this zoom: (N, 2, 2) float64. `with_strips` includes photos
-    that are long strips; `magnified` gives them times the photo pixels that an image pixel in the
-    middle takes before it is turned, which no zoom changes."""
+    """Return d(x, y) / d(u, v), image pixels per photo pixel, (N, 2, 2) float64, for the angles and
+    lenses that a scene allows at this zoom.
+
+    They are taken at the picture's centre and corners. Corners outside the circle through the
+    photo's corners are also taken where the line to its centre meets it.
+
+    Args:
+        with_strips: include photos that are long strips.
+        magnified: multiply by `camera_pose`'s magnification; the product does not depend on zoom.
+    """
     shapes = PHOTO_SHAPES + STRIP_SHAPES if with_strips else PHOTO_SHAPES
     return _extreme_jacobians(scene.view, scene.lens, scene.sensor.scale, zoom, shapes, magnified)
 
@@ -74,9 +79,9 @@ def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
 
 def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[View, Tensor, Tensor]:
     """Return a drawn View of the angles that a scene allows, k1 and k2, (N,) each."""
-    turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
-    rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
-    poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
+    turns = [range_points(a, 0.0) for a in (v.yaw, v.pitch)]
+    rolls = range_points(v.roll, 0.0, 90.0, -90.0, points=9)
+    poses = itertools.product(*turns, rolls, range_points(lens.k1), range_points(lens.k2))
     yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), **FLOAT64_ON_CPU).T
     fields = {k: torch.zeros_like(yaw) for k in v.ranged}
     fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}

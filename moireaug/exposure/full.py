@@ -16,10 +16,10 @@ from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.exposure.sight import (
     WHOLE_PIXEL,
-    AlongAxis,
+    AxisShares,
     AxisView,
     Sight,
-    along_axis,
+    axis_shares,
     axis_views,
     covered_share,
     look_at_panel,
@@ -38,13 +38,13 @@ class FullReading(ClosedForm):
 
     Args:
         taps: see `ExposureMethod`.
-        fine: compute shares in float64, which an aperture much smaller than the panel's cell
-            needs.
+        in_float64: compute shares in float64, which an aperture much smaller than the panel's
+            cell needs.
     """
 
-    def __init__(self, taps: int, *, fine: bool = True) -> None:
+    def __init__(self, taps: int, *, in_float64: bool) -> None:
         super().__init__(taps)
-        self.fine = fine
+        self.in_float64 = in_float64
 
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         cfa, screen = filter_cell_seen(shot), Screen(light, shot, self.taps)
@@ -70,15 +70,15 @@ class FullReading(ClosedForm):
 
         `inverse` is the homography (B, 3, 3) from ideal photo to image coordinates.
         """
-        dtype = torch.float64 if self.fine else screen.light.dtype
+        dtype = torch.float64 if self.in_float64 else screen.light.dtype
 
         def reading_of(band: Tensor) -> Tensor:
             sight = look_at_panel(band, cols, inverse, dtype, shot)
             colours = [self.read(screen, channel, sight, shot) for channel in site.channels]
             return torch.stack(colours, 1)
 
-        row_numbers = len(cols) * max(self.taps**2, len(self.harmonics))
-        return in_bands(reading_of, rows, row_numbers, screen.light, shot)
+        elements_per_row = len(cols) * max(self.taps**2, len(self.harmonics))
+        return in_bands(reading_of, rows, elements_per_row, screen.light, shot)
 
     @abstractmethod
     def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
@@ -101,14 +101,14 @@ class BySubpixel(FullReading):
         total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
         lit = emitting_share(shot.panel)
         for subpixel in layout.of(channel):
-            x, y = (along_axis(axis, subpixel, lit, sight, shot, screen) for axis in (0, 1))
+            x, y = (axis_shares(axis, subpixel, lit, sight, shot, screen) for axis in (0, 1))
             through = self.transmission(x, y, subpixel, sight, shot)
             total = total + panel_pixels(screen, channel, x, y, subpixel) * through
         return total
 
     @abstractmethod
     def transmission(
-        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot: ShotRecord
+        self, x: AxisShares, y: AxisShares, subpixel: Subpixel, sight: Sight, shot: ShotRecord
     ) -> Tensor:
         """Return the share of the view that the subpixels fill, (B, h, w)."""
 
@@ -125,12 +125,14 @@ class Spectral(BySubpixel):
     reason = "harmonics by their modulation transfer"
     sums_harmonics = True
 
-    def __init__(self, taps: int, harmonics: tuple[tuple[int, int], ...], *, fine: bool) -> None:
-        super().__init__(taps, fine=fine)
+    def __init__(
+        self, taps: int, harmonics: tuple[tuple[int, int], ...], *, in_float64: bool
+    ) -> None:
+        super().__init__(taps, in_float64=in_float64)
         self.harmonics = harmonics
 
     def transmission(
-        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot: ShotRecord
+        self, x: AxisShares, y: AxisShares, subpixel: Subpixel, sight: Sight, shot: ShotRecord
     ) -> Tensor:
         dtype, layout = x.share.dtype, shot.scene.panel.cell
         optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
@@ -162,7 +164,7 @@ class Box(BySubpixel):
     reason = "the overlap of subpixel and aperture"
 
     def transmission(
-        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot: ShotRecord
+        self, x: AxisShares, y: AxisShares, subpixel: Subpixel, sight: Sight, shot: ShotRecord
     ) -> Tensor:
         return covered_share(x) * covered_share(y)
 
@@ -177,5 +179,5 @@ class Mean(FullReading):
         layout = shot.scene.panel.cell
         shares = mean_light(layout, *emitting_share(shot.panel)).to(screen.light.dtype)
         one = torch.ones_like(shot.panel.lit)
-        x, y = (along_axis(axis, WHOLE_PIXEL, (one, one), sight, shot, screen) for axis in (0, 1))
+        x, y = (axis_shares(axis, WHOLE_PIXEL, (one, one), sight, shot, screen) for axis in (0, 1))
         return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * shares[:, channel, None, None]

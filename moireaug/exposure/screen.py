@@ -31,8 +31,8 @@ class Screen:
         self.margin = (taps * py, taps * px)
         height, width = shot.size
         self.size = (
-            math.ceil(self.picture.most * height) + 2 * taps * py,
-            math.ceil(self.picture.most * width) + 2 * taps * px,
+            math.ceil(self.picture.max_alpha * height) + 2 * taps * py,
+            math.ceil(self.picture.max_alpha * width) + 2 * taps * px,
         )
         self.panel = None
         readings = math.prod(shot.raw_shape()[-2:])

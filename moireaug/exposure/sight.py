@@ -30,8 +30,9 @@ class Sight(NamedTuple):
     step: Tensor
 
 
-class AlongAxis(NamedTuple):
-    """One kind of subpixel along one axis of the panel, as sensor pixels see it."""
+class AxisShares(NamedTuple):
+    """The shares of sensor pixels' views on the subpixels of one kind around them, along one axis
+    of the panel."""
 
     cells: Tensor  # (B, h, w) float64, position in cells from a subpixel's centre
     nearest: Tensor  # (B, h, w) float64, the nearest whole cell
@@ -114,19 +115,20 @@ def variance_beyond_taps(views: Iterable[AxisView], alpha: Tensor | float, taps:
     return torch.stack(lost).amax(0)
 
 
-def along_axis(
+def axis_shares(
     axis: int,
     subpixel: Subpixel,
     lit: tuple[Tensor, Tensor],
     sight: Sight,
     shot: ShotRecord,
     screen: Screen,
-) -> AlongAxis:
-    """Return one kind of subpixel along x (axis 0) or y (axis 1); lit: see `axis_view`."""
+) -> AxisShares:
+    """Return the shares of sensor pixels' views on the subpixels of one kind around them, along x
+    (axis 0) or y (axis 1); lit: see `axis_view`."""
     view = axis_view(subpixel, axis, sight.step, lit, optics_of(shot))
     place = Place(axis, subpixel.centre[axis], view.period, subpixel.pixel[axis])
     at = sight.position[..., axis]
-    return shares_along(place, at, view.footprint, view.width, shot, screen)
+    return axis_shares_at(place, at, view.footprint, view.width, shot, screen)
 
 
 class Place(NamedTuple):
@@ -139,11 +141,11 @@ class Place(NamedTuple):
     pixel: float
 
 
-def shares_along(
+def axis_shares_at(
     place: Place, at: Tensor, footprint: Footprint, width: Tensor, shot: ShotRecord, screen: Screen
-) -> AlongAxis:
-    """Return one kind of subpixel along an axis, for sensor pixels at positions `at` (B, h, w) in
-    panel pixels; `footprint` and `width` as of an `AxisView`."""
+) -> AxisShares:
+    """Return the same of sensor pixels at positions `at` (B, h, w) in panel pixels; `footprint` and
+    `width` as of an `AxisView`."""
     taps, dtype, period = screen.taps, screen.light.dtype, place.period
     cells = (at - place.centre) / period
     nearest = cells.detach().round()
@@ -159,7 +161,7 @@ def shares_along(
         tap = pixel + period * around(taps, pixel)
         alone = ((tap >= 0) & (tap < ends)).double()
         on_picture = torch.where(lost > 0, whole, alone).to(dtype)
-    return AlongAxis(cells, nearest, narrowed, width, share, on_picture)
+    return AxisShares(cells, nearest, narrowed, width, share, on_picture)
 
 
 def _share_on_picture(at: Tensor, footprint: Footprint, ends: Tensor, period: int) -> Tensor:
@@ -170,17 +172,17 @@ def _share_on_picture(at: Tensor, footprint: Footprint, ends: Tensor, period: in
     return share.clamp(min=0)
 
 
-def covered_share(along: AlongAxis) -> Tensor:
+def covered_share(shares: AxisShares) -> Tensor:
     """Return the share of a view that subpixels fill along one axis, (B, h, w), including the tails
     past the taps."""
-    every = 4 * len(along.share) + 1
-    from_nearest = (along.cells - along.nearest).to(along.width.dtype)
-    share = tap_weights(from_nearest, along.footprint, along.width, every)
-    return share.sum(0).to(along.share.dtype)
+    every = 4 * len(shares.share) + 1
+    from_nearest = (shares.cells - shares.nearest).to(shares.width.dtype)
+    share = tap_weights(from_nearest, shares.footprint, shares.width, every)
+    return share.sum(0).to(shares.share.dtype)
 
 
 def panel_pixels(
-    screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpixel: Subpixel
+    screen: Screen, channel: int, x: AxisShares, y: AxisShares, subpixel: Subpixel
 ) -> Tensor:
     """Return the panel pixels that the subpixels around show, weighted by their shares: (B, h, w).
 
@@ -189,8 +191,8 @@ def panel_pixels(
     across = x.share if x.on_picture is None else x.share * x.on_picture
     down = y.share if y.on_picture is None else y.share * y.on_picture
     column, row = (
-        (along.nearest - screen.taps // 2) * period + math.floor(pixel)
-        for along, period, pixel in zip((x, y), subpixel.period, subpixel.pixel, strict=True)
+        (axis.nearest - screen.taps // 2) * period + math.floor(pixel)
+        for axis, period, pixel in zip((x, y), subpixel.period, subpixel.pixel, strict=True)
     )
     light = screen.look(channel, column, row, subpixel.period)
     return (down * (across * light).sum(1)).sum(0)

@@ -1,2 +1,2 @@
 """Where a sensor pixel looks: homography, lens distortion, sampling grids and their Jacobians.
-Tensors only."""
+Tensors; the pose also of NumPy arrays."""

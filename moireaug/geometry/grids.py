@@ -11,9 +11,9 @@ from moireaug.geometry.distortion import inverse_radial_factor, radial_factor
 from moireaug.geometry.homography import apply_homography
 from moireaug.numeric import may_be_dual
 
-# least depth: a ray that meets the screen a thousand times as far away as its centre, or farther,
-# counts as past the horizon
-NEAR_HORIZON = 1e-3
+# a ray that meets the screen a thousand times as far away as its centre, or farther, counts as past
+# the horizon
+MIN_RAY_DEPTH = 1e-3
 RadialCoefficients = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
 
 
@@ -137,7 +137,7 @@ def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> tuple[Tensor
     (B, h, w) each; depth is clamped at the horizon."""
     u, v = ideal.unbind(-1)
     x, y, depth = (a * u + b * v + c for a, b, c in _entries(inverse, size))
-    return x, y, depth.clamp(min=NEAR_HORIZON)
+    return x, y, depth.clamp(min=MIN_RAY_DEPTH)
 
 
 def _entries(inverse: Tensor, size: tuple[int, int]) -> list[list[Tensor]]:

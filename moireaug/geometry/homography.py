@@ -19,7 +19,7 @@ from torch import Tensor
 
 DrawnView = Any  # a View of (B,) tensors, whose annotations are those of a scene's
 BEHIND_CAMERA = 1e9  # where points behind the camera are put
-LEAST_DEPTH = 1e-9  # depth above which a point counts as in front of the camera
+MIN_POINT_DEPTH = 1e-9  # depth above which a point counts as in front of the camera
 BORDER_STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 # points of a picture's border, in halves of its sides
 BORDER = [(x, y) for x in BORDER_STEPS for y in BORDER_STEPS if max(abs(x), abs(y)) == 1]
@@ -142,7 +142,7 @@ def _fitting_zoom(
     points = [(right * (w / 2), down * (h / 2)) for right, down in BORDER]
     border = np.array(points) if xp is np else x.new_tensor(points)
     depth = border @ depth + 1  # (16, B)
-    ahead = depth > LEAST_DEPTH
+    ahead = depth > MIN_POINT_DEPTH
     depth = xp.where(ahead, depth, 1.0)
     x, y = (xp.where(ahead, border @ row / depth, BEHIND_CAMERA) for row in (x, y))
     to_edge = 1 / xp.maximum(xp.abs(x) / (w / 2), xp.abs(y) / (h / 2))  # along each point's ray
@@ -157,6 +157,6 @@ def apply_homography(m: Tensor, points: Tensor) -> Tensor:
     kornia's `transform_points` mirrors them to the front.
     """
     lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
-    ahead = lifted[..., 2:] > LEAST_DEPTH
+    ahead = lifted[..., 2:] > MIN_POINT_DEPTH
     depth = torch.where(ahead, lifted[..., 2:], 1.0)
     return torch.where(ahead, lifted[..., :2] / depth, BEHIND_CAMERA)

@@ -9,7 +9,7 @@ from typing import Any
 from moireaug.scene.fields import bounds, check_number, varies
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
-LEAST_PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata["low"]
+MIN_PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata["low"]
 NOMINAL_SIZE = (224, 224)  # size of a plan when none is given
 
 
@@ -133,8 +133,8 @@ class SceneRecord:
         if not bounds(self.panel.width)[1]:
             return SizedScene(**parts)
         scales = self.panel_scales(size)
-        if scales[0] < LEAST_PANEL_SCALE:
-            least = bounds(self.panel.width)[0] * LEAST_PANEL_SCALE / scales[0]
+        if scales[0] < MIN_PANEL_SCALE:
+            least = bounds(self.panel.width)[0] * MIN_PANEL_SCALE / scales[0]
             raise ValueError(
                 f"Panel.width must be at least {least:g} panel pixels for pictures of {size[0]} x "
                 f"{size[1]}; got {self.panel.width!r}. Raise it, or make the pictures smaller."
@@ -202,8 +202,8 @@ class SceneRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class SizedScene(SceneRecord):
-    """A scene for pictures of one octave of sizes, which effects judge by: with `Panel.scale` in
-    place of `Panel.width`, and, where the reading is binned, as such."""
+    """The scene that effects judge, for pictures of one octave of sizes: `Panel.width`, if given,
+    is replaced by a range of `Panel.scale`, and `Sensor.reading` by "binned" or "full"."""
 
 
 def _with_lists(value: Any) -> Any:

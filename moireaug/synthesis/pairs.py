@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import IterableDataset, get_worker_info
 
+from moireaug.argument_checks import check_whole
 from moireaug.capture import capture
 from moireaug.mixtures import Mixture, as_scenes, sample_one, scenes_of
 from moireaug.scenes import Scene, Shot
@@ -107,9 +107,11 @@ class Pairs(IterableDataset):
     ) -> None:
         super().__init__()
         self.scene, self.twin = as_scenes(scene), twin
-        self.size = _check_integer("size", size, *SIZE_RANGE)
-        self.seed = _check_integer("seed", seed, 0, MAX_SEED)
-        self.n = None if n is None else _check_integer("n", n, 1, None)
+        check_whole("size", size, *SIZE_RANGE)
+        check_whole("seed", seed, 0, MAX_SEED)
+        if n is not None:
+            check_whole("n", n, 1)
+        self.size, self.seed, self.n = int(size), int(seed), None if n is None else int(n)
         check_aligned(self.scene)
         self.pictures = Pictures(images, self.size)
 
@@ -117,10 +119,12 @@ class Pairs(IterableDataset):
         """Return pair k >= 0. A pure function of k, the settings and the files.
 
         Raises:
-            ValueError: a k that is no whole number in [0, 2^63), no picture is usable, or one could
-                not be read by the system.
+            TypeError: a k that is no whole number.
+            ValueError: a k outside [0, 2^63), no picture is usable, or one could not be read by the
+                system.
         """
-        k = _check_integer("k", k, 0, 2**63 - 1)
+        check_whole("k", k, 0, 2**63 - 1)
+        k = int(k)
         return make_pair(k, self.pictures, self.scene, self.size, twin=self.twin, seed=self.seed)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
@@ -194,11 +198,3 @@ def check_aligned(scene: Scene | Mixture) -> None:
                 "(develop.registered is false): pass one with Develop(registered=True)."
             )
         one.plan()  # refuses ranges that cannot be photographed
-
-
-def _check_integer(name: str, value: Any, low: int, high: int | None) -> int:
-    whole = isinstance(value, Integral) and not isinstance(value, bool)  # numpy's, too
-    if not whole or value < low or (high is not None and value > high):
-        allowed = f"at least {low}" if high is None else f"in [{low}, {high}]"
-        raise ValueError(f"{name} must be an integer {allowed}; got {value!r}.")
-    return int(value)

@@ -21,6 +21,7 @@ from moireaug.attacks import MoireAttack
 from moireaug.mixtures import sample_one, scenes_of
 from moireaug.networks import device_of
 from moireaug.scenes import Scene, Shot
+from moireaug.transforms._albumentations_base import SampledTransform
 from moireaug.transforms._arrays import (
     IMAGE_TARGETS,
     apply_to_all,
@@ -34,7 +35,6 @@ from moireaug.transforms._arrays import (
     pictures_of,
     planes,
 )
-from moireaug.transforms._calls import SampledTransform
 from moireaug.transforms._convert import (
     as_float_rgb,
     as_model_takes,

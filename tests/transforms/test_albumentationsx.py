@@ -17,7 +17,7 @@ from albumentations.core import transforms_interface
 from albumentations.core.transforms_interface import DualTransform
 
 from moireaug import Shot
-from moireaug.transforms import _calls
+from moireaug.transforms import _albumentations_base as base
 from moireaug.transforms import albumentations as moire
 from tests.transforms.common import CAMERA, REGISTERED
 
@@ -77,7 +77,7 @@ def other_module(request, monkeypatch):
         monkeypatch.setattr(SamplingTransform, "is_wrapped", True)
         monkeypatch.setattr(transforms_interface, "SampledParams", SampledParams, raising=False)
     monkeypatch.setattr(transforms_interface, "DualTransform", SamplingTransform)
-    monkeypatch.setitem(sys.modules, _calls.__name__, imported_again(_calls))
+    monkeypatch.setitem(sys.modules, base.__name__, imported_again(base))
     return imported_again(moire)
 
 

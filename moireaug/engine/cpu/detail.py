@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.effects.detail import LEAST_SIGMA
+from moireaug.effects.detail import MIN_SIGMA
 from moireaug.engine.cpu.compiling import copy, fill, inlined, inner, loop
 from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum, padded_width
 from moireaug.engine.lower.budget import GAUSSIAN_REACH_SIGMAS
@@ -52,7 +52,7 @@ class Filter(NamedTuple):
 def _gaussian(sigma, size):
     """Return a Gaussian's weights, float32, which sum to 1: `size`, which is odd, or fewer if the
     outermost are negligible."""
-    sigma = max(sigma, LEAST_SIGMA)
+    sigma = max(sigma, MIN_SIGMA)
     half = min(size // 2, math.ceil(GAUSSIAN_REACH_SIGMAS * sigma))
     weights, total = np.empty(2 * half + 1, np.float64), 0.0
     for k in range(len(weights)):

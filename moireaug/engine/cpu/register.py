@@ -10,7 +10,7 @@ import numpy as np
 from moireaug.engine.cpu.compiling import inner, loop, part
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import undistorted
-from moireaug.geometry.grids import NEAR_HORIZON
+from moireaug.geometry.grids import MIN_RAY_DEPTH
 
 UNDISTORTION_STEPS = 1024  # of a table
 ONE = np.float32(1)
@@ -85,7 +85,7 @@ def _fill_ideal(x, y, square, r, to_photo, h, w):
     az, bz = forward[2, 0], forward[2, 1] * v + forward[2, 2]
     for i in range(len(x)):
         u = i + 0.5 - half_w
-        nearness = 1 / max(az * u + bz, NEAR_HORIZON)
+        nearness = 1 / max(az * u + bz, MIN_RAY_DEPTH)
         right, below = (ax * u + bx) * nearness, (ay * u + by) * nearness
         poke(x, i, right)
         poke(y, i, below)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from moireaug.effects.binned_statistics import LEAST_VARIANCE
+from moireaug.effects.binned_statistics import MIN_VARIANCE
 from moireaug.effects.sensor import DARK_LEVEL
 from moireaug.engine.cpu.compiling import copy, fill, inner
 from moireaug.engine.cpu.normal import integral, normal
@@ -71,7 +71,7 @@ def _fill_noise_slope(slope, line, noise, read_noise, photons):
 @inner
 def _mean_excess(mean, variance):
     """Return the mean of max(x, 0) of normally distributed x."""
-    if variance <= LEAST_VARIANCE or mean * mean > UNCLIPPED_SIGMAS * UNCLIPPED_SIGMAS * variance:
+    if variance <= MIN_VARIANCE or mean * mean > UNCLIPPED_SIGMAS * UNCLIPPED_SIGMAS * variance:
         return max(mean, 0.0)
     return integral(mean, math.sqrt(variance))
 
@@ -85,7 +85,7 @@ def _greatest_excess(mean, noise, pattern):
 @inner
 def _excess_slopes(mean, variance):
     """Return the derivatives of `_mean_excess`."""
-    if variance <= LEAST_VARIANCE or mean * mean > UNCLIPPED_SIGMAS * UNCLIPPED_SIGMAS * variance:
+    if variance <= MIN_VARIANCE or mean * mean > UNCLIPPED_SIGMAS * UNCLIPPED_SIGMAS * variance:
         return (1.0 if mean > 0 else 0.0), 0.0
     sigma = math.sqrt(variance)
     below, density = normal(mean / sigma)
@@ -103,7 +103,7 @@ def _clip_slope(value, read_variance, photons, pattern):
     if value * (1 + pattern) > 2:
         bound = _greatest_excess(value, noise, pattern)
         if bound < _mean_excess(value - 1, variance):
-            root = math.sqrt(2 * math.pi * max(noise, LEAST_VARIANCE))
+            root = math.sqrt(2 * math.pi * max(noise, MIN_VARIANCE))
             above = 1 + more_noise / (2 * root)
     by_mean, by_variance = _excess_slopes(-value, noise)
     return 1 - by_mean + by_variance * more_noise - above

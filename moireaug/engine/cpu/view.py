@@ -8,7 +8,7 @@ from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.lower.jacobian import panel_jacobian
 from moireaug.geometry.distortion import NEWTON_STEPS
-from moireaug.geometry.grids import NEAR_HORIZON
+from moireaug.geometry.grids import MIN_RAY_DEPTH
 from moireaug.scene.lens import MIN_LENS_SLOPE
 
 _panel_jacobian = inner(panel_jacobian)
@@ -31,7 +31,7 @@ def look(x, y, cols, v, camera):
         u = peek(cols, i)
         a = u * u
         lens_factor = c0 + a * (c1 + a * c2)
-        nearness = 1 / max((az * u + bz) * lens_factor + dz, NEAR_HORIZON)
+        nearness = 1 / max((az * u + bz) * lens_factor + dz, MIN_RAY_DEPTH)
         poke(x, i, ((ax * u + bx) * lens_factor + dx) * nearness)
         poke(y, i, ((ay * u + by) * lens_factor + dy) * nearness)
 
@@ -73,7 +73,7 @@ def to_photo(x, y, camera):
     """Return where an image point lies on the photo, both about the centre; camera: a rectified
     one."""
     of_u, of_v, of_depth = inverse(camera)
-    nearness = 1 / max(of_depth[0] * x + of_depth[1] * y + of_depth[2], NEAR_HORIZON)
+    nearness = 1 / max(of_depth[0] * x + of_depth[1] * y + of_depth[2], MIN_RAY_DEPTH)
     u = (of_u[0] * x + of_u[1] * y + of_u[2]) * nearness
     v = (of_v[0] * x + of_v[1] * y + of_v[2]) * nearness
     if camera.k1 != 0 or camera.k2 != 0:

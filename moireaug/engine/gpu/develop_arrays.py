@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from moireaug.effects.detail import LEAST_SIGMA
+from moireaug.effects.detail import MIN_SIGMA
 from moireaug.engine.gpu.arrays import upload
 from moireaug.engine.gpu.demosaic import Tap, taps_of
 from moireaug.engine.lower.development_records import (
@@ -106,7 +106,7 @@ def _detail_arrays(detail: Detail) -> DetailArrays:
     at = np.arange(-half, half + 1)
     gaussians = []
     for sigma, size in ((detail.chroma, detail.chroma_size), (detail.sharp, detail.sharp_size)):
-        sigma = np.maximum(sigma, LEAST_SIGMA)[:, None]
+        sigma = np.maximum(sigma, MIN_SIGMA)[:, None]
         weight = np.where(abs(at) <= size // 2, np.exp(-(at**2) / (2 * sigma**2)), 0.0)
         gaussians.append(weight / weight.sum(1, keepdims=True))
     return DetailArrays(np.stack(gaussians, 1), len(at), detail.amount, detail.rows, detail.cols)

@@ -11,7 +11,7 @@ import torch
 from moireaug.engine.lower.exposure_records import Camera
 from moireaug.engine.lower.jacobian import panel_jacobian
 from moireaug.geometry.distortion import inverse_radial_factor
-from moireaug.geometry.grids import NEAR_HORIZON
+from moireaug.geometry.grids import MIN_RAY_DEPTH
 
 Arrays = tuple[np.ndarray, ...]
 
@@ -38,7 +38,7 @@ def to_photo(x: np.ndarray, y: np.ndarray, c: Any, size: tuple[int, int]) -> Arr
     m = forward(c)
     entries = m.reshape(-1, 9).T[:, :, None, None]
     depth = entries[6] * x + entries[7] * y + entries[8]
-    nearness = 1 / np.maximum(depth, NEAR_HORIZON)
+    nearness = 1 / np.maximum(depth, MIN_RAY_DEPTH)
     u = (entries[0] * x + entries[1] * y + entries[2]) * nearness
     v = (entries[3] * x + entries[4] * y + entries[5]) * nearness
     if c.k1.any() or c.k2.any():

@@ -21,7 +21,7 @@ GLARE, GLARE_U, GLARE_V = camera_field("glare"), camera_field("glare_u"), camera
 DARK_NOISE, PHOTON_NOISE = camera_field("dark_noise"), camera_field("photon_noise")
 
 DARK_LEVEL = tl.constexpr(sensor.DARK_LEVEL)
-LEAST_VARIANCE = tl.constexpr(binned_statistics.LEAST_VARIANCE)
+MIN_VARIANCE = tl.constexpr(binned_statistics.MIN_VARIANCE)
 ROOT_HALF = tl.constexpr(0.5**0.5)
 PEAK = tl.constexpr((2 * math.pi) ** -0.5)  # of the standard normal density
 
@@ -88,7 +88,7 @@ def reading(light, pulse, u, v, white, camera, noise, NOISY: tl.constexpr):
 def mean_excess(mean, variance):
     """Return the mean of max(x, 0) of normally distributed x, and its derivatives in mean and
     variance."""
-    some = variance > LEAST_VARIANCE
+    some = variance > MIN_VARIANCE
     sigma = tl.sqrt(tl.where(some, variance, 1.0))
     z = mean / sigma
     share = 0.5 + 0.5 * tl.erf(z * ROOT_HALF)
@@ -115,7 +115,7 @@ def clipped_mean(light, read_variance, photons, pattern):
     above, above_slope, above_by_variance = mean_excess(light - 1.0, noise + light * spread)
     above_slope += above_by_variance * (noise_slope + 2.0 * spread)
     # no light of two levels, one of which is 0, has more above 1
-    some = noise > LEAST_VARIANCE
+    some = noise > MIN_VARIANCE
     sigma = tl.sqrt(tl.where(some, noise, 1.0))
     bound = light - 1.0 / (1.0 + pattern) + tl.where(some, PEAK * sigma, 0.0)
     bounded = (light * (1.0 + pattern) > 2.0) & (bound < above)  # else it is never the smaller

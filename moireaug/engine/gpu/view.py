@@ -21,7 +21,7 @@ K1, K2, RADIUS_SCALE = camera_field("k1"), camera_field("k2"), camera_field("rad
 ALPHA = camera_field("alpha")
 SCALE_U, SCALE_V = camera_field("scale_u"), camera_field("scale_v")
 
-NEAR_HORIZON = tl.constexpr(grids.NEAR_HORIZON)
+MIN_RAY_DEPTH = tl.constexpr(grids.MIN_RAY_DEPTH)
 NEWTON_STEPS = tl.constexpr(distortion.NEWTON_STEPS)
 MIN_LENS_SLOPE = tl.constexpr(lens.MIN_LENS_SLOPE)
 
@@ -33,7 +33,7 @@ def to_image(u, v, camera):
     r2 = (u * u + v * v) * radius_scale
     lens_factor = 1.0 + r2 * (k1 + k2 * r2)
     x, y, depth = homogeneous(camera + H00, u * lens_factor, v * lens_factor)
-    nearness = 1.0 / tl.maximum(depth, NEAR_HORIZON)
+    nearness = 1.0 / tl.maximum(depth, MIN_RAY_DEPTH)
     return x * nearness, y * nearness
 
 
@@ -86,7 +86,7 @@ def to_photo(x, y, forward, lens, DISTORTS: tl.constexpr):
             distorts.
     """
     u, v, depth = homogeneous(forward, x, y)
-    nearness = 1.0 / tl.maximum(depth, NEAR_HORIZON)
+    nearness = 1.0 / tl.maximum(depth, MIN_RAY_DEPTH)
     u, v = u * nearness, v * nearness
     if DISTORTS:
         radius_scale, k1, k2 = lens
@@ -120,7 +120,7 @@ def jacobian(u, v, camera):
     h00, h01, h02 = load32(camera, H00), load32(camera, H01), load32(camera, H02)
     h10, h11, h12 = load32(camera, H10), load32(camera, H11), load32(camera, H12)
     h20, h21, h22 = load32(camera, H20), load32(camera, H21), load32(camera, H22)
-    nearness = 1.0 / tl.maximum(h20 * p + h21 * q + h22, NEAR_HORIZON)
+    nearness = 1.0 / tl.maximum(h20 * p + h21 * q + h22, MIN_RAY_DEPTH)
     x, y = (h00 * p + h01 * q + h02) * nearness, (h10 * p + h11 * q + h12) * nearness
     xp, xq = (h00 - x * h20) * nearness, (h01 - x * h21) * nearness
     yp, yq = (h10 - y * h20) * nearness, (h11 - y * h21) * nearness

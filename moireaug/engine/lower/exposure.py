@@ -62,7 +62,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelV
         coded="decode" in plan and not decoded,
         neighbour_share=share,
         dark_around=shot.scene.is_dark_around,
-        clips="full_well" in plan,
+        clips="clip_reading" in plan,
         budget=ErrorBudget.of(shot.scene.tolerance),
     )
     return exposure, view

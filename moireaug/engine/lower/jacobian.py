@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from moireaug.geometry.grids import NEAR_HORIZON
+from moireaug.geometry.grids import MIN_RAY_DEPTH
 
 
 def panel_jacobian(u: Any, v: Any, c: Any) -> tuple[Any, Any, Any, Any]:
@@ -20,7 +20,7 @@ def panel_jacobian(u: Any, v: Any, c: Any) -> tuple[Any, Any, Any, Any]:
     lens_factor, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.radius_scale * (c.k1 + 2 * c.k2 * r2)
     uu, uv, vv = lens_factor + along * u * u, along * u * v, lens_factor + along * v * v
     p, q = u * lens_factor, v * lens_factor
-    nearness = 1 / np.maximum(c.h20 * p + c.h21 * q + c.h22, NEAR_HORIZON)
+    nearness = 1 / np.maximum(c.h20 * p + c.h21 * q + c.h22, MIN_RAY_DEPTH)
     x, y = (c.h00 * p + c.h01 * q + c.h02) * nearness, (c.h10 * p + c.h11 * q + c.h12) * nearness
     xp, xq = (c.h00 - x * c.h20) * nearness, (c.h01 - x * c.h21) * nearness
     yp, yq = (c.h10 - y * c.h20) * nearness, (c.h11 - y * c.h21) * nearness
