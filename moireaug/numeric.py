@@ -96,6 +96,17 @@ def repeat_edges(planes: Tensor, left: int, right: int, top: int, bottom: int) -
     return planes
 
 
+def mirrored_indices(size: int, before: int, after: int, device: torch.device) -> Tensor:
+    """Return indices (before + size + after,) that extend an axis by its mirror image, edge pixels
+    twice: c b a | a b c | c b.
+
+    scipy's "reflect", numpy's "symmetric"; the mirrored axis repeats, so that any size can be
+    extended by any amount.
+    """
+    index = torch.arange(-before, size + after, device=device) % (2 * size)
+    return torch.where(index < size, index, 2 * size - 1 - index)
+
+
 def as_dtype(values: Tensor, dtype: torch.dtype) -> Tensor:
     """Return values in another dtype, rounded if it has whole numbers alone."""
     return values.to(dtype) if dtype.is_floating_point else values.round().to(dtype)

@@ -151,17 +151,17 @@ class Attack(ABC):
             return search.problem.render(point)
 
     def _best_result(self, search: Search) -> Result:
-        return self.result(search, self.best(search))
+        return self.result(search, self.run_restarts(search))
 
-    def best(self, search: Search) -> Point:
-        """Return each image's point of the greatest margin, over all restarts and steps."""
+    def run_restarts(self, search: Search) -> Point:
+        """Run every restart, and return each image's point of the greatest margin."""
         for restart in range(self.restarts):
             if search.is_over:
                 break
             search.begin_run()
             for point, logits in self._steps(search, self._start(search, restart)):
                 if logits is None:
-                    logits = search.logits(point)
+                    logits = search.active_logits(point)
                 elif self.until_fooled and not search.losses:
                     search.drop_fooled_if_deterministic(point, logits)
                 search.keep(point, logits)
@@ -178,7 +178,7 @@ class Attack(ABC):
             for name, x in search.active_point(point).items():
                 variables[name] = x.detach().requires_grad_(True)
             images = search.active.forward_views(variables)
-            labels, targets = search.goals(search.loss_targets)
+            labels, targets = search.active_goals(search.loss_targets)
             logits = attacked_logits(self.model, images, labels)
             if k == 0:
                 search.check(logits)

@@ -45,7 +45,7 @@ def margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Ten
     return _without_class(logits, labels).amax(1) - _logit_of(logits, labels)
 
 
-def cross_entropy(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
+def log_odds(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
     """Return the log-odds against the label, (B,), or, with targets, for the target: the direction
     of cross-entropy without its vanishing gradient.
 
@@ -54,7 +54,7 @@ def cross_entropy(logits: Tensor, labels: Tensor, targets: Tensor | None = None)
     need the direction.
     """
     if targets is not None:
-        return -cross_entropy(logits, targets)
+        return -log_odds(logits, targets)
     return torch.logsumexp(_without_class(logits, labels), 1) - _logit_of(logits, labels)
 
 
@@ -95,7 +95,7 @@ def difference_of_logits_ratio(
 
 
 LOSSES: dict[str, Loss] = {
-    "ce": cross_entropy,
+    "ce": log_odds,
     "margin": margin,
     "dlr": difference_of_logits_ratio,
 }

@@ -13,7 +13,7 @@ from moireaug.attacks.result import Result
 from moireaug.mixed_shot import MixedShot, in_order
 
 
-def joined(
+def join_results(
     shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result], noise_at: str
 ) -> Result:
     """Return the Results of the scenes of a shot as that of the whole shot.

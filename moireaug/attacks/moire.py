@@ -13,7 +13,7 @@ from moireaug.argument_checks import check_count, one_of
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
 from moireaug.attacks.checks import check_goals
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.mixed import joined
+from moireaug.attacks.mixed import join_results
 from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.search import Search
 from moireaug.image_checks import check_images
@@ -124,7 +124,7 @@ class MoireAttack(Attack):
         if isinstance(parts[0], Tensor):
             whole = in_order(batch_rows, parts)
         else:
-            whole = joined(shot, batch_rows, parts, self.noise_at)
+            whole = join_results(shot, batch_rows, parts, self.noise_at)
         return whole
 
     def problem(

@@ -82,5 +82,5 @@ class MultiTargeted:
             if not len(search.rows):
                 break
             search.loss_targets = targets
-            self.attack.best(search)
+            self.attack.run_restarts(search)
         return self.attack.result(search, search.best)

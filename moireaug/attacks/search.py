@@ -91,7 +91,7 @@ class Search:
             return values
         return values.new_zeros(n, *values.shape[1:]).index_copy(0, self.rows, values)
 
-    def goals(self, targets: Tensor | None) -> tuple[Tensor, Tensor | None]:
+    def active_goals(self, targets: Tensor | None) -> tuple[Tensor, Tensor | None]:
         """Return the active images' labels and those of their `targets` (n,), repeated for each
         view."""
         labels = self.active_rows(self.labels).repeat(self.active.views)
@@ -102,7 +102,7 @@ class Search:
     def check(self, logits: Tensor) -> None:
         """Refuse the first logits of the active images where they do not match the classes, or
         where neither they nor those of the clean images are finite."""
-        labels, targets = self.goals(self.loss_targets)
+        labels, targets = self.active_goals(self.loss_targets)
         check_classes(labels if targets is None else torch.maximum(labels, targets), logits)
         # in a later run, the images that go on may well be those without an answer
         if len(self.rows) == len(self.labels):
@@ -115,13 +115,13 @@ class Search:
     def drop_fooled_if_deterministic(self, point: Point, logits: Tensor) -> None:
         """From now on, drop fooled images if the model, asked again, gives every active image the
         same logits (b, K), see `is_same_answer`."""
-        self.drops_fooled = bool(is_same_answer(logits, self.logits(point)).all())
+        self.drops_fooled = bool(is_same_answer(logits, self.active_logits(point)).all())
 
     @torch.no_grad()
-    def logits(self, point: Point) -> Tensor:
+    def active_logits(self, point: Point) -> Tensor:
         """Return the logits (views * b, K) of the active images at a point."""
         images = self.active.forward_views(self.active_point(point))
-        logits = attacked_logits(self.model, images, self.goals(None)[0])
+        logits = attacked_logits(self.model, images, self.active_goals(None)[0])
         if not self.losses:
             self.check(logits)
         return logits
@@ -135,7 +135,7 @@ class Search:
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
         of the active images, and drop fooled images where `drops_fooled`."""
-        labels, targets = self.goals(self.targets)
+        labels, targets = self.active_goals(self.targets)
         views = self.active.views
         margins = attack_margin(logits, labels, targets).view(views, -1).mean(0)
         sizes = logits.amax(1).float().abs().view(views, -1).amax(0) + margins.abs()

@@ -67,8 +67,8 @@ class SquareMoire(MoireAttack):
         for query in range(self.steps):
             if search.is_over:
                 return
-            logits = search.logits(point)
-            labels, targets = search.goals(search.loss_targets)
+            logits = search.active_logits(point)
+            labels, targets = search.active_goals(search.loss_targets)
             loss = LOSSES[self.loss](as_single(logits), labels, targets)
             # no loss, of an image without an answer, is below any other
             loss = search.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))

@@ -86,14 +86,3 @@ def output_of(part: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
             f"{tuple(out.shape)}."
         )
     return straight_through(out, out.clamp(0, 1)).to(images.dtype)
-
-
-def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor:
-    """Return indices (before + size + after,) that extend an axis by its mirror image, edge pixels
-    twice: c b a | a b c | c b.
-
-    scipy's "reflect", numpy's "symmetric"; the mirrored axis repeats, so that any size can be
-    extended by any amount.
-    """
-    index = torch.arange(-before, size + after, device=device) % (2 * size)
-    return torch.where(index < size, index, 2 * size - 1 - index)

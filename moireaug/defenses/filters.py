@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from moireaug.argument_checks import check_real, check_whole
-from moireaug.defenses.base import Defence, mirrored, straight_through
+from moireaug.defenses.base import Defence, straight_through
 from moireaug.effects.jpeg import jpeg
 from moireaug.image_checks import check_images
-from moireaug.numeric import clip
+from moireaug.numeric import clip, mirrored_indices
 
 MIN_MEAN = 1 / 255  # to which `Gain` raises a lower mean, so that black stays black
 
@@ -108,7 +108,7 @@ class _Median(torch.autograd.Function):
         images, out = ctx.saved_tensors
         size, image_gradients = ctx.size, torch.empty_like(images)
         h, w = images.shape[-2:]
-        rows, cols = (_window(n, size, images.device) for n in (h, w))
+        rows, cols = (_window_indices(n, size, images.device) for n in (h, w))
         for row, image, median, g in zip(image_gradients, images, out, gradient, strict=True):
             extended = _extended(image, size)
             extended_gradient, remaining = torch.zeros_like(extended), g.clone()
@@ -125,14 +125,14 @@ class _Median(torch.autograd.Function):
         return image_gradients, None
 
 
-def _window(n: int, size: int, device: torch.device) -> Tensor:
-    return mirrored(n, size // 2, size - 1 - size // 2, device)
+def _window_indices(n: int, size: int, device: torch.device) -> Tensor:
+    return mirrored_indices(n, size // 2, size - 1 - size // 2, device)
 
 
 def _extended(image: Tensor, size: int) -> Tensor:
     """Return (3, H, W) with the border that the windows reach: (3, H + size - 1, W + size - 1)."""
-    h, w = image.shape[-2:]
-    return image[:, _window(h, size, image.device)][:, :, _window(w, size, image.device)]
+    rows, cols = (_window_indices(n, size, image.device) for n in image.shape[-2:])
+    return image[:, rows][:, :, cols]
 
 
 def _median(x: Tensor, size: int) -> Tensor:

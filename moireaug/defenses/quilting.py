@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from moireaug.defenses.bank import check_patches, draw_bank
-from moireaug.defenses.base import Defence, mirrored, straight_through
+from moireaug.defenses.base import Defence, straight_through
+from moireaug.numeric import mirrored_indices
 
 # patches of the image and of the bank at once, whose products stay in the cache
 QUERIES_PER_BLOCK, PATCHES_PER_BLOCK = 1024, 2048
@@ -90,8 +91,8 @@ class Quilting(Defence):
         b, _, h, w = images.shape
         side, stride = self.patch, self.patch - self.overlap
         down, across = (-(-max(n - side, 0) // stride) for n in (h, w))  # ceilings
-        rows = mirrored(h, 0, side + down * stride - h, images.device)
-        cols = mirrored(w, 0, side + across * stride - w, images.device)
+        rows = mirrored_indices(h, 0, side + down * stride - h, images.device)
+        cols = mirrored_indices(w, 0, side + across * stride - w, images.device)
         extended = images.detach()[:, :, rows][..., cols]
         queries = extended.unfold(2, side, stride).unfold(3, side, stride).permute(0, 2, 3, 1, 4, 5)
         nearest = self.nearest(queries.reshape(-1, 3, side, side)).view(b, down + 1, across + 1)
@@ -99,7 +100,7 @@ class Quilting(Defence):
         return straight_through(images, stitch(bank, nearest, self.overlap)[..., :h, :w])
 
     @cached_property
-    def _search(self) -> tuple[Tensor, Tensor]:
+    def _search_vectors(self) -> tuple[Tensor, Tensor]:
         """Return the patches minus their mean in float32, each with minus half its squared length,
         (N, D + 1); and the mean."""
         flat = self.bank.detach().flatten(1).float()
@@ -110,7 +111,7 @@ class Quilting(Defence):
     def nearest(self, patches: Tensor) -> Tensor:
         """Return the index of the bank's nearest patch, (M, 3, patch, patch) to (M,); among equals
         always the same one."""
-        bank, mean = (part.to(patches.device) for part in self._search)
+        bank, mean = (part.to(patches.device) for part in self._search_vectors)
         flat = patches.flatten(1).float() - mean
         flat = torch.cat([flat, flat.new_ones(len(flat), 1)], 1)
         return torch.cat([_nearest_indices(part, bank) for part in flat.split(QUERIES_PER_BLOCK)])
@@ -147,7 +148,7 @@ def stitch(bank: Tensor, chosen: Tensor, overlap: int) -> Tensor:
     stride, device = side - overlap, bank.device
     height, width = side + (rows - 1) * stride, side + (cols - 1) * stride
     canvas = bank.new_zeros(b, height * width, channels)
-    last = bank.permute(0, 2, 3, 1)  # colours last, as on the canvas
+    channels_last = bank.permute(0, 2, 3, 1)  # as on the canvas
     window = torch.arange(side, device=device)
     window = window[:, None] * width + window
     for front in range(cols + 2 * rows - 2):
@@ -156,7 +157,7 @@ def stitch(bank: Tensor, chosen: Tensor, overlap: int) -> Tensor:
         )
         j = front - 2 * i
         place = ((i * width + j) * stride)[:, None, None] + window  # (n, side, side)
-        new = last[chosen[:, i, j]]  # (b, n, side, side, channels)
+        new = channels_last[chosen[:, i, j]]  # (b, n, side, side, channels)
         if overlap:
             old = canvas[:, place]
             error = (new - old).square().sum(-1)

@@ -116,8 +116,9 @@ def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
 
 
 def fill(x: Tensor, mask: Tensor) -> Tensor:
-    """Return `x` where the mask is 1; elsewhere the mean of the smallest block of 2, 4, 8 ... that
-    keeps any pixel, over the means of its kept quarters.
+    """Return `x` where the mask is 1; elsewhere the mean of the smallest aligned block, of side 2,
+    4, 8 ..., that holds a kept pixel. The mean of a block is that of its quarters' means, without
+    quarters that hold none.
 
     Both are (B, C, H, W), and so is the new tensor. A channel that keeps nothing at all becomes a
     middle grey.

@@ -16,8 +16,7 @@ from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import ImageTransform, Model
 from moireaug.evaluation.draws import restored_generators
 from moireaug.evaluation.frame import images_frame
-from moireaug.evaluation.identity import identity as identity_of
-from moireaug.evaluation.identity import require_identity
+from moireaug.evaluation.identity import identity_of, require_identity
 from moireaug.evaluation.loader import Batch, collect_batches
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Runner, jobs_of, show_progress

@@ -34,7 +34,7 @@ class UnidentifiedError(ValueError):
     """An object has no identity; the message names the part that has none."""
 
 
-def identity(value: object, stated: str | bytes | None = None) -> str:
+def identity_of(value: object, stated: str | bytes | None = None) -> str:
     """Return sixteen hex digits that identify a model or a defence in records. An object without an
     identity gets those of this object in this process.
 

@@ -12,7 +12,7 @@ from moireaug.attacks.checks import check_classes
 from moireaug.attacks.model import logits_without_gradient
 from moireaug.defenses import Defended, restore_mean
 from moireaug.evaluation.conditions import EvalBatch, ImageTransform, Model
-from moireaug.evaluation.identity import identity
+from moireaug.evaluation.identity import identity_of
 from moireaug.evaluation.memory import in_parts
 
 DEFENCE_DRAWS = 20  # of a randomised defence, as many as AutoAttack's version "rand" averages over
@@ -76,7 +76,7 @@ class Judge:
         parts = [self.name]
         for name, part in (("defence", self.defence), ("model", self.model)):
             if part is not None:
-                parts.append(f"{name} {identity(part)}")
+                parts.append(f"{name} {identity_of(part)}")
         if self.draws > 1:
             parts.append(f"draws {self.draws}")
         return "#".join(parts)

@@ -8,7 +8,7 @@ from typing import Any
 from torch import Tensor, nn
 
 from moireaug.evaluation.conditions import Condition
-from moireaug.evaluation.identity import identity
+from moireaug.evaluation.identity import identity_of
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.loader import Batches
 from moireaug.evaluation.records import key_of
@@ -40,7 +40,7 @@ class RecordKeys:
         self.batches = batches
         self.scene = scene
         self.seed = seed
-        self._lpips_identity = None if lpips is None else identity(lpips)
+        self._lpips_identity = None if lpips is None else identity_of(lpips)
         self._batch_digests: dict[int, str] = {}
 
     def key(self, condition: Condition, judge: Judge, index: int) -> str:

@@ -16,7 +16,7 @@ from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.draws import BatchDraws, restored_generators
-from moireaug.evaluation.identity import identity
+from moireaug.evaluation.identity import identity_of
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.keys import RecordKeys
 from moireaug.evaluation.loader import Batches
@@ -91,7 +91,7 @@ class Runner:
         scene: scene, or mixture of scenes, of which one shot is drawn per image.
         records: finished records, looked up before anything is computed.
         seed: seed of shots, targets, random starts and randomised judges, see `BatchDraws`.
-        model_identity: identity of the model in records; None is its `identity`.
+        model_identity: identity of the model in records; None is its `identity_of`.
         lpips: `visibility.LPIPS` to measure every attack with, or None.
     """
 
@@ -111,7 +111,7 @@ class Runner:
         self.scene = scene
         self.records = records
         self.seed = seed
-        self.model_identity = identity(model) if model_identity is None else model_identity
+        self.model_identity = identity_of(model) if model_identity is None else model_identity
         self.lpips = lpips
         self.device = device_of(model)
         self.keys = RecordKeys(self.model_identity, batches, scene, seed, lpips)

@@ -15,7 +15,7 @@ from moireaug import Scene
 from moireaug.attacks import Normalized
 from moireaug.defenses import JPEG, Compose, Defended, PixelDeflection, Quilting
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
-from moireaug.evaluation.identity import identity, require_identity
+from moireaug.evaluation.identity import identity_of, require_identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner
@@ -62,7 +62,7 @@ def test_a_key_changes_with_the_draws_of_an_expectation():
 def test_a_judge_is_known_by_what_it_holds_and_where():
     """Not by its name alone."""
     parts = [JPEG(60), JPEG(10), Compose((JPEG(60),)), classifier(0), lambda x: x, lambda x: x + 1]
-    assert len({identity(part) for part in parts}) == len(parts)
+    assert len({identity_of(part) for part in parts}) == len(parts)
     keys = {Judge("one", defence=part).identity for part in parts}
     keys |= {Judge("one", model=part).identity for part in parts}
     assert len(keys) == 2 * len(parts)
@@ -140,8 +140,9 @@ DIFFERENCES = {
 def test_models_are_told_apart_by_what_they_hold():
     for name, (one, other) in DIFFERENCES.items():
         copied = copy.deepcopy(one)
-        assert identity(one) == identity(copied) != identity(other), name
-        assert identity(Holds(one)) == identity(Holds(copied)) != identity(Holds(other)), name
+        assert identity_of(one) == identity_of(copied) != identity_of(other), name
+        assert identity_of(Holds(one)) == identity_of(Holds(copied)), name
+        assert identity_of(Holds(one)) != identity_of(Holds(other)), name
         require_identity("it", Holds(one))
 
 
@@ -189,8 +190,8 @@ def test_other_objects_are_refused_where_records_are_kept():
     """And are but themselves where they are not."""
     for name, make in UNIDENTIFIED.items():
         one, other = make(), make()
-        assert identity(one) == identity(one), name
-        assert one is other or identity(one) != identity(other), name
+        assert identity_of(one) == identity_of(one), name
+        assert one is other or identity_of(one) != identity_of(other), name
         with pytest.raises(ValueError, match=r"nothing tells it, a .* or holds a .*identity=\.\."):
             require_identity("it", one)
 
@@ -199,12 +200,12 @@ def test_a_stated_identity_stands_for_settings_beside_the_weights():
     one, same, other = Holds(scaled), Holds(scaled), nn.Sequential(classifier(1))
     for part in (one, same):
         part.net = classifier(0)
-    assert identity(one) != identity(same)
-    assert identity(one, "v1") == identity(same, "v1") != identity(one, "v2")
+    assert identity_of(one) != identity_of(same)
+    assert identity_of(one, "v1") == identity_of(same, "v1") != identity_of(one, "v2")
     one.identity = same.identity = other.identity = "v1"
-    assert identity(one) == identity(same) == identity(one, "v1")
+    assert identity_of(one) == identity_of(same) == identity_of(one, "v1")
     same.net = classifier(1)
-    assert len({identity(part) for part in (one, same, other)}) == 3
+    assert len({identity_of(part) for part in (one, same, other)}) == 3
     require_identity("it", one)
 
 
@@ -212,26 +213,26 @@ def test_a_frozen_script_is_known_by_its_constants():
     scripts = frozen(0), frozen(1)
     for hold in (lambda script: script, nn.Sequential, lambda script: [script]):
         one, other = map(hold, scripts)
-        assert identity(one) == identity(one) != identity(other)
+        assert identity_of(one) == identity_of(one) != identity_of(other)
         require_identity("it", one)
 
 
 def test_a_compiled_model_is_known_by_its_original():
     one, other = (torch.compile(classifier(seed), backend="eager") for seed in (0, 1))
-    before = identity(one)
+    before = identity_of(one)
     one(torch.rand(1, 3, 16, 16))
-    assert identity(one) == before != identity(other)
+    assert identity_of(one) == before != identity_of(other)
     require_identity("it", one)
     in_place = classifier()
     in_place.compile(backend="eager")
-    assert identity(in_place) == identity(classifier())
+    assert identity_of(in_place) == identity_of(classifier())
 
 
 def test_what_is_computed_once_is_no_part_of_identity():
     quilting = Quilting(torch.rand(4, 3, 5, 5))
-    before = identity(quilting)
+    before = identity_of(quilting)
     quilting(torch.rand(1, 3, 8, 8))
-    assert identity(quilting) == before
+    assert identity_of(quilting) == before
 
 
 def test_a_key_changes_with_model_scene_pixels_and_judge(known):

@@ -52,10 +52,10 @@ def test_a_folder_is_taken_up_again_and_reading_writes_nothing(tmp_path):
 
 PROGRAM = """
 import json, os, pathlib, sys, torch
-from moireaug.evaluation.identity import identity
+from moireaug.evaluation.identity import identity_of
 from moireaug.evaluation.records import RecordFolder
 
-keys = [identity(part) for part in (torch.relu, {*"abcdef"}, lambda x: x)]
+keys = [identity_of(part) for part in (torch.relu, {*"abcdef"}, lambda x: x)]
 folder, record = pathlib.Path(sys.argv[1]), json.loads(sys.argv[2])
 with RecordFolder(folder) as records:
     records.append([record | {"key": key} for key in keys])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from moireaug.evaluation.identity import identity
+from moireaug.evaluation.identity import identity_of
 from tests.training.forked import Command
 from tests.training.small import BRIEF, TINY, configured, inside, train
 from training import fit
@@ -61,7 +61,7 @@ def test_a_run_leaves_what_it_promises(whole):
     assert cost["epochs"] == 2 and cost["passes"] == 2.875 and len(cost["history"]) == 2
     assert cost["seconds"] > 0 and cost["images_per_second"] > 0
     run = trained.read(folder)
-    assert m["identity"] == identity(run.model())  # as a later re-attack says it
+    assert m["identity"] == identity_of(run.model())  # as a later re-attack says it
     assert run.classes == dict(enumerate(signs.CLASSES))
     rows = "clean dimmed no_moire moire random_8 ma_2 ma_4 ma_8 ma_4_targeted pgd_4 worst_4"
     assert [r["name"] for r in m["reattack"]] == rows.split()

@@ -7,8 +7,9 @@ from abc import ABC, abstractmethod
 from torch import Tensor, nn
 
 from moireaug.argument_checks import check_real
-from moireaug.defenses.base import mirrored, straight_through
+from moireaug.defenses.base import straight_through
 from moireaug.image_checks import check_shape
+from moireaug.numeric import mirrored_indices
 
 MAX_WIDTH = 4.0
 
@@ -91,10 +92,10 @@ class DemoireNet(nn.Module, ABC):
         """Extend the right and lower edges to a multiple of `multiple`."""
         height, width = images.shape[-2:]
         if height % self.multiple:
-            rows = mirrored(height, 0, -height % self.multiple, images.device)
+            rows = mirrored_indices(height, 0, -height % self.multiple, images.device)
             images = images[..., rows, :]
         if width % self.multiple:
-            columns = mirrored(width, 0, -width % self.multiple, images.device)
+            columns = mirrored_indices(width, 0, -width % self.multiple, images.device)
             images = images[..., columns]
         return images
 

@@ -32,7 +32,8 @@ def adaptive(config: SuiteConfig) -> Table:
     eps, steps = config.middle, config.steps
     camera_attackers, reason = attackers_of_the_camera(config, eps)
     added = [name for name in config.defences if name not in paper_defences()]
-    unknown = [name for name in added if name != "quilting"]  # the paper's, given its patches
+    # quilting is the paper's, once it has its patches
+    user_defences = [name for name in added if name != "quilting"]
     judges = {"undefended": UNDEFENDED}
     for name in (*ATTACKED_DEFENCES, *added):
         judges[name] = config.behind(name, averages=True)
@@ -44,7 +45,7 @@ def adaptive(config: SuiteConfig) -> Table:
             "ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False),
             "adaptive": APGDAttacker(eps=eps, steps=steps, known_judge=judge),
         }
-        if row in unknown:
+        if row in user_defences:
             columns["square"] = SquareAttacker(eps=eps, steps=queries, known_judge=judge)
         row_cells = cross({row: judge}, columns)
         cells += row_cells
@@ -52,7 +53,7 @@ def adaptive(config: SuiteConfig) -> Table:
             cells += undefended_row(row, camera_attackers)
         worst_cells.append(worst_of(row_cells, row, eps))
     facts = {"why_not_turned": reason, "draws": DEFENCE_DRAWS, "shots": PoseUnknownAttacker.shots}
-    if unknown:
+    if user_defences:
         facts["queries"] = queries
     return Table("adaptive", (*cells, *worst_cells), facts=facts)
 

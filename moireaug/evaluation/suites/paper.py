@@ -162,9 +162,13 @@ def factors(config: SuiteConfig) -> Table:
 
 
 def _enlarged(scene: Scene, alpha: float) -> Scene:
-    """Return a scene that shows each image pixel `alpha` panel pixels wide. The sensor grows too,
-    so that a panel pixel stays as many sensor pixels wide. A scene that states its width whatever
-    the image's size is shown `alpha` / 2 times as wide."""
+    """Return a scene that shows the image `alpha` times as large.
+
+    Where `panel.width` is given, that width counts as alpha = 2 and is scaled by alpha / 2; the
+    sensor stays. Otherwise an image pixel becomes `alpha` panel pixels wide, at the middle of the
+    range of `panel.scale`, and the sensor's scale grows alike, so that a panel pixel stays as many
+    sensor pixels wide.
+    """
     low, high = bounds(scene.panel.width)
     if high:
         return with_values(scene, {"panel.width": (low * alpha / 2, high * alpha / 2)})
