@@ -163,7 +163,7 @@ def test_adversarial_moire_of_albumentations_attacks_in_the_scene_it_drew():
         attacked = chain(image=IMAGE, label=1)
         shot = Shot.from_dict(attacked["replay"]["transforms"][0]["params"]["shot"])
         scenes.add(shot.scene)
-        photo = torch.from_numpy(albumentations.apply_shot(IMAGE, shot)).permute(2, 0, 1)[None]
+        photo = torch.from_numpy(albumentations.apply_to_one(IMAGE, shot)).permute(2, 0, 1)[None]
         shown = torch.from_numpy(attacked["image"]).permute(2, 0, 1)[None]
         assert Slopes()(shown)[0, 1] < Slopes()(photo)[0, 1]
         again = A.ReplayCompose.replay(attacked["replay"], image=IMAGE)["image"]
