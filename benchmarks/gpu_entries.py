@@ -149,4 +149,4 @@ def beat_loop_lengths(terms: BeatTerms) -> dict[str, tuple[int, ...]]:
     aliases, on average, and colours again."""
     harmonics = round(len(terms.harmonic) / len(terms.fits))
     lengths = (3, harmonics, round(len(terms.alias) / max(len(terms.harmonic), 1)))
-    return {"_expose": lengths, "_expose_back": (*lengths, 3)}
+    return {"expose_kernel": lengths, "expose_back_kernel": (*lengths, 3)}

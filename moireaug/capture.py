@@ -48,8 +48,9 @@ def capture(
     Returns:
         (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where
         the plan's exposure is "spectral", "box" or "mean", in every field of the shot whose effect
-        the plan has, except the JPEG quality; forward and by `torch.func`, too, but for scenes with
-        JPEG or the denoiser "nlm", which only backward passes.
+        the plan has, except the JPEG quality. Forward-mode and `torch.func` derivatives work, too,
+        except for scenes with JPEG or the denoiser "nlm": those have ordinary backward gradients
+        alone.
 
     Raises:
         TypeError, ValueError: an image that is not a float batch of three channels, or not a

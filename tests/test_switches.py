@@ -61,14 +61,14 @@ def test_the_reference_runs_where_numba_compiles_nothing(environment, reason, mo
     monkeypatch.delitem(sys.modules, "numba.core.config", raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    backends._without_numba.cache_clear()
+    backends._why_no_numba.cache_clear()
     try:
         scene = Scene.preset("screen_photo")
         found = program.program_of_scene(scene, scene.plan())
         for why in (found.why_not_expose, found.why_not_develop):
             assert why.startswith(reason) and bool(why) == bool(reason)
     finally:
-        backends._without_numba.cache_clear()
+        backends._why_no_numba.cache_clear()
 
 
 @pytest.mark.parametrize(("backend", "kept"), [("svg", True), ("nothing", False)])

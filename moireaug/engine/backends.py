@@ -49,7 +49,7 @@ class Backend(NamedTuple):
 
 
 @functools.cache
-def _without_numba() -> str:
+def _why_no_numba() -> str:
     if importlib.util.find_spec("numba") is None:
         return "numba is not installed"
     if _is_jit_disabled():
@@ -70,13 +70,13 @@ def _is_jit_disabled() -> bool:
 
 
 @functools.cache
-def _without_triton() -> str:
+def _why_no_triton() -> str:
     return "" if importlib.util.find_spec("triton") else "triton is not installed"
 
 
 BACKENDS = (
-    Backend("numba", "cpu", "moireaug.engine.cpu.run", _without_numba),
-    Backend("Triton", "cuda", "moireaug.engine.gpu.run", _without_triton),
+    Backend("numba", "cpu", "moireaug.engine.cpu.run", _why_no_numba),
+    Backend("Triton", "cuda", "moireaug.engine.gpu.run", _why_no_triton),
 )
 
 

@@ -72,7 +72,7 @@ def program_of_scene(
 
 def program_of_call(values: Tensor, shot: ShotRecord) -> Program:
     """Return the Program of photographing images (B, 3, H, W), or of developing readings."""
-    why_not = _why_not_take(values) or _why_not_derive(values, shot)
+    why_not = _why_not_accepted(values) or _why_not_differentiated(values, shot)
     return program_of_scene(shot.scene, shot.plan, values.device.type, why_not)
 
 
@@ -80,11 +80,11 @@ def explain(scene: SceneRecord) -> str:
     """Return who computes a scene's photos on each type of device that has kernels, and why: a line
     for exposing and one for developing. float64 and gradients in the shot are the reference's.
 
-    Some views are left to the reference all the same, which is decided for each image of a shot.
-    numba's kernels leave those near the horizon, the more so for a tight tolerance, of far more
-    panel than sensor pixels, of motion that vanishes somewhere in a sharp photo, and, in the
-    camera's frame, from so far away that a pixel sees too many cells. Triton's leave those near the
-    horizon, in binned readings.
+    Single images of a shot may still go to the reference, if kernels cannot follow their view. On
+    the CPU: near the horizon (more of them the tighter the tolerance); panels of far more pixels
+    than the sensor; motion blur that vanishes somewhere in a sharp photo; in the camera's frame,
+    from so far away that a pixel sees more cells than its taps. On a GPU: binned readings near the
+    horizon.
 
     Raises:
         TypeError: not a scene.
@@ -105,7 +105,7 @@ def explain(scene: SceneRecord) -> str:
     return "\n".join(lines)
 
 
-def _why_not_take(values: Tensor) -> str:
+def _why_not_accepted(values: Tensor) -> str:
     if type(values) not in (Tensor, torch.nn.Parameter):
         return "tensor subclasses are not supported"
     if not values.numel():
@@ -115,7 +115,7 @@ def _why_not_take(values: Tensor) -> str:
     return ""
 
 
-def _why_not_derive(values: Tensor, shot: ShotRecord) -> str:
+def _why_not_differentiated(values: Tensor, shot: ShotRecord) -> str:
     if torch.is_grad_enabled() and shot.requires_grad:
         return "a gradient in the shot is asked for"
     if may_be_dual(values) or _is_dual(shot):

@@ -36,7 +36,8 @@ def kernels_of(backend: Backend) -> ModuleType | None:
 def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
     """Return whether a stage's kernels give the reference's results on the device of `values`, and
     a gradient if one is asked for. Tried once a process, device, dtype and kind of kernels, and
-    again when a gradient is first asked for; also if the first batch was too large to compare.
+    again when a gradient is first asked for, and again after every batch that was too large to
+    compare.
 
     Args:
         kind: name of the kernels, the same only if they are compiled alike.

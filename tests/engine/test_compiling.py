@@ -35,13 +35,13 @@ def imported(source):
 
 def compiled():
     """The files that kernels are compiled from: those that Python calls, those that they import,
-    and so on within their folder."""
+    and so on within the engine."""
     records = PACKAGE / "engine" / "lower"
     found, ahead = set(), [*KERNELS.glob("*_kernels.py"), *records.glob("*_records.py")]
     while ahead:
         source = ahead.pop()
         found.add(source)
-        if source.parent in (KERNELS, KERNELS.parent / "lower"):
+        if source.parent in (KERNELS, KERNELS.parent, records):
             ahead.extend(imported(source) - found)
     return found
 

@@ -64,7 +64,7 @@ def engine_shows(scene, picture):
     """What the engine's panel shows of a picture (1, 3, H, W): red, whose cells are stored a first
     pixel after another, in order; and the margin."""
     exposure, _ = lower_exposure(scene.sample(1, tuple(picture.shape[2:])), decoded=False)
-    shown = np.empty(expose_kernels.shown_size(exposure, False), np.float32)
+    shown = np.empty(expose_kernels.shown_length(exposure, False), np.float32)
     light = np.empty(picture.shape[1:], np.float32)
     expose_kernels.show_kernel(shown, light, picture.numpy(), exposure, False, 0)
     cell, alpha = exposure.cell, float(scene.panel.scale)

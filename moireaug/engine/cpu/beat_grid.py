@@ -9,9 +9,10 @@ import numpy as np
 
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.limits import MAX_BEAT_NODES
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES, sample
 from moireaug.engine.cpu.view import jacobian
-from moireaug.engine.lower.budget import MAX_BEAT_NODES, REFERENCE_AMPLITUDE
+from moireaug.engine.lower.budget import REFERENCE_AMPLITUDE
 
 
 class BeatGrid(NamedTuple):

@@ -13,8 +13,9 @@ import numpy as np
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.limits import MAX_BEAT_NODES, MAX_BEAT_TERMS
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES
-from moireaug.engine.lower.budget import MAX_BEAT_NODES, MAX_BEAT_TERMS, TRANSFER_MARGIN
+from moireaug.engine.lower.budget import TRANSFER_MARGIN
 
 UNKNOWN_TRANSFER = 2.0  # above any transfer
 SINC_LOBES, STEPS_PER_LOBE = 64, 32

@@ -119,7 +119,7 @@ def _add_beat(out, amplitude, cos, sin, real, imaginary):
 
 
 @inner
-def modulate(out, work, terms, pattern, passes, position, v, first_row):
+def fill_modulation(out, work, terms, pattern, passes, position, v, first_row):
     """Fill out (3, 3, w), by colour filter and channel, with the sum of the terms on a row v.
 
     Args:

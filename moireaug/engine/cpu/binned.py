@@ -23,8 +23,8 @@ class _Work(NamedTuple):
     """What a row of bins is computed in.
 
     Args:
-        places, row: see there. modulation: (3, 3, w) float32, see `beats.modulate`. lines: (5, w)
-            float32. passes: (3, 3) bool, which channels each colour filter passes.
+        places, row: see there. modulation: (3, 3, w) float32, see `beats.fill_modulation`. lines:
+            (5, w) float32. passes: (3, 3) bool, which channels each colour filter passes.
         ideal, to_photo: see `register.fill_photo_positions`; of a rectified camera.
     """
 
@@ -115,7 +115,9 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
         else:
             fill_row_weights(row, image, sites.rows, r, top)
             panel_irradiance(work, panel, image, 0, v)
-        beats.modulate(modulation, work.lines, image.terms, pattern, passes, position, v, first_row)
+        beats.fill_modulation(
+            modulation, work.lines, image.terms, pattern, passes, position, v, first_row
+        )
         for plane in range(planes):
             colour = sites.channel[plane]
             fill(light, ZERO)

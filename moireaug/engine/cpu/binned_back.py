@@ -32,7 +32,9 @@ def _expose_rows_back(panel_grad, grad, slope, image, work):
         else:
             fill_row_weights(row, image, sites.rows, r, 0)
             look(position[X], position[Y], work.places.u[0], v, image.camera)
-        beats.modulate(modulation, lines, image.terms, pattern, passes, position, v, first_row)
+        beats.fill_modulation(
+            modulation, lines, image.terms, pattern, passes, position, v, first_row
+        )
         fill(row.irradiance.reshape(-1), ZERO)
         for plane in range(planes):
             colour = sites.channel[plane]

@@ -10,8 +10,8 @@ import numpy as np
 
 from moireaug.effects.detail import MIN_SIGMA
 from moireaug.engine.cpu.compiling import copy, fill, inlined, inner, loop
+from moireaug.engine.cpu.limits import GAUSSIAN_REACH_SIGMAS
 from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum, padded_width
-from moireaug.engine.lower.budget import GAUSSIAN_REACH_SIGMAS
 
 BLOCK_ROWS = SUMS_AT_ONCE  # rows that are blurred vertically at once
 ZERO, THIRD = np.float32(0), np.float32(1 / 3)

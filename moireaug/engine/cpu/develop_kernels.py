@@ -22,11 +22,11 @@ ZERO = np.float32(0)
 @part
 def _image_to_photo(registration, i):
     """Return the ImageToPhoto of image i."""
-    k1, k2 = registration.lenses[i]
+    k1, k2 = registration.distortion[i]
     return image_to_photo(registration.forward[i], k1, k2)
 
 
-def photo_size(d) -> int:
+def in_camera_length(d) -> int:
     """Return how many values `develop_kernel` needs for a photo in the camera's frame."""
     return flat_length(*d.size) if d.registers else 0
 
@@ -79,8 +79,8 @@ def develop_back_kernel(raw_grad, photo_grad, in_camera, unclipped, raw, d, firs
     """Fill the gradients from `first` to `last` in raw, of raw's shape, from those in the photos.
 
     Args:
-        in_camera: (`photo_size`(d),) float32, workspace. unclipped: what `develop_kernel` filled.
-        d: as in `develop_kernel`.
+        in_camera: (`in_camera_length`(d),) float32, workspace. unclipped: what `develop_kernel`
+            filled. d: as in `develop_kernel`.
     """
     for i in range(first, last):
         _fill_raw_grad(raw_grad[i], photo_grad[i], in_camera, unclipped, raw[i], d, i)

@@ -11,6 +11,7 @@ from moireaug.engine.cpu import beat_terms, beats, panel, picture, point, stenci
 from moireaug.engine.cpu.binned import expose_binned_image
 from moireaug.engine.cpu.compiling import kernel, loop, part
 from moireaug.engine.cpu.full import expose_full_image
+from moireaug.engine.cpu.limits import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
 from moireaug.engine.cpu.nodes import can_follow_view, no_nodes, nodes_of
 from moireaug.engine.cpu.point import expose_point_image
 from moireaug.engine.cpu.records import (
@@ -21,7 +22,6 @@ from moireaug.engine.cpu.records import (
     PointImage,
     Readout,
 )
-from moireaug.engine.lower.budget import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
 from moireaug.engine.lower.exposure_records import Camera, Cell
 from moireaug.exposure.displayed import EDGE_PIXELS
 
@@ -53,7 +53,7 @@ def views_fit(e, view):
         h, w = panel.shape(e.size, camera.alpha, e.cell)
         out[i] = h * w <= most and can_follow_view(
             camera,
-            camera_of(view.lenses[i]),
+            camera_of(view.blur_cameras[i]),
             e.cell,
             view.widths[i],
             view.added_variance[i],
@@ -79,7 +79,7 @@ def points_of(shown, alpha, e):
     return shown[: 3 * n].reshape(3, n)
 
 
-def shown_size(e, at_points) -> int:
+def shown_length(e, at_points) -> int:
     """Return how many values `show_kernel` fills at most."""
     if at_points:
         h, w = e.size[0] + 2 * EDGE_PIXELS, e.size[1] + 2 * EDGE_PIXELS
@@ -94,7 +94,7 @@ def show_kernel(shown, light, pictures, e, at_points, i):
     """Fill shown with picture i as the panel shows it, or as points of it see it.
 
     Args:
-        shown: (`shown_size`(e, at_points),) float32. light: (3, H, W) float32, workspace.
+        shown: (`shown_length`(e, at_points),) float32. light: (3, H, W) float32, workspace.
         pictures: (B, 3, H, W) float32 or uint8.
         e: see `exposure_records.Exposure`.
     """
@@ -109,9 +109,10 @@ def show_kernel(shown, light, pictures, e, at_points, i):
 @part
 def _nodes(camera, cell, e, view, i):
     """Return the Nodes of image i; view: a FullView."""
-    lens, widths, added_variance = camera_of(view.lenses[i]), view.widths[i], view.added_variance[i]
+    blur_camera = camera_of(view.blur_cameras[i])
+    widths, added_variance = view.widths[i], view.added_variance[i]
     return nodes_of(
-        camera, lens, cell, view.coefficients[i], widths, added_variance, e.sites, e.budget
+        camera, blur_camera, cell, view.coefficients[i], widths, added_variance, e.sites, e.budget
     )
 
 
@@ -164,9 +165,9 @@ def _nodes_and_stencil(camera, sensor, cell, e, view, i):
     view: of the picture, a FullView."""
     if not stencil.has_stencil(camera, sensor):
         return _nodes(camera, cell, e, view, i), stencil.no_stencil()
-    none, lens = no_nodes(len(view.widths[i])), camera_of(view.lenses[i])
+    none, blur_camera = no_nodes(len(view.widths[i])), camera_of(view.blur_cameras[i])
     return none, stencil.stencil_of(
-        camera, lens, cell, view.widths[i], view.added_variance[i], e.sites, e.budget
+        camera, blur_camera, cell, view.widths[i], view.added_variance[i], e.sites, e.budget
     )
 
 

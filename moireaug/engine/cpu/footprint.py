@@ -28,42 +28,42 @@ class SubpixelSize(NamedTuple):
 
 
 @inner
-def lens_jacobian(by_camera, u, v, camera, lens):
-    """Return the Jacobian of a lens at a photo point, as `view.jacobian` does; by_camera: the
-    camera's. For camera and lens, see `exposure_records`."""
-    if lens.rectified != 0:
-        return jacobian(u, v, lens)
+def blur_jacobian(by_camera, u, v, camera, blur_camera):
+    """Return a blur camera's Jacobian at a photo point, as `view.jacobian` does; by_camera: the
+    camera's. For camera and blur_camera, see `exposure_records`."""
+    if blur_camera.rectified != 0:
+        return jacobian(u, v, blur_camera)
     xu, xv, yu, yv = by_camera
-    across, down = camera.scale_u / lens.scale_u, camera.scale_v / lens.scale_v
+    across, down = camera.scale_u / blur_camera.scale_u, camera.scale_v / blur_camera.scale_v
     return xu * across, xv * down, yu * across, yv * down
 
 
 @inner
-def motion_sigma(by_u, by_v, lens):
+def motion_sigma(by_u, by_v, blur_camera):
     """Return the standard deviation of motion blur along one axis, in panel pixels, with a sign."""
-    return by_u * lens.motion_x + by_v * lens.motion_y
+    return by_u * blur_camera.motion_x + by_v * blur_camera.motion_y
 
 
 @inner
-def still_variance(by_u, by_v, fill, lens_u, lens_v, lens):
+def still_variance(by_u, by_v, fill, blur_u, blur_v, blur_camera):
     """Return the variance of the blur along one axis without its box and without motion, in squared
     panel pixels."""
     short = min(abs(by_u), abs(by_v)) * fill
-    of_lens = lens.blur * lens.blur + lens.olpf * lens.olpf / 4
-    return short * short / 12 + (lens_u * lens_u + lens_v * lens_v) * of_lens
+    of_lens = blur_camera.blur * blur_camera.blur + blur_camera.olpf * blur_camera.olpf / 4
+    return short * short / 12 + (blur_u * blur_u + blur_v * blur_v) * of_lens
 
 
 @inner
-def _fill_axis(out, steps, camera, lens, subpixel, axis, radius):
+def _fill_axis(out, steps, camera, blur_camera, subpixel, axis, radius):
     """Do the same as `fill_blur` along one axis.
 
-    steps: panel pixels per sensor pixel along u and v, by the camera's Jacobian and by the lens's.
+    steps: panel pixels per sensor pixel along u and v, by the Jacobians of both cameras.
     """
-    by_u, by_v, lens_u, lens_v = steps
+    by_u, by_v, blur_u, blur_v = steps
     period = subpixel.period[axis]
     long = max(abs(by_u), abs(by_v)) * camera.fill / period
-    moves = motion_sigma(lens_u, lens_v, lens)
-    variance = still_variance(by_u, by_v, camera.fill, lens_u, lens_v, lens) + moves * moves
+    moves = motion_sigma(blur_u, blur_v, blur_camera)
+    variance = still_variance(by_u, by_v, camera.fill, blur_u, blur_v, blur_camera) + moves * moves
     variance = variance / (period * period) + subpixel.added_variance[axis]
     sigma = math.sqrt(variance + MIN_BLUR_VARIANCE)
     reach = long / 2 + TAIL_SIGMAS * sigma
@@ -74,27 +74,28 @@ def _fill_axis(out, steps, camera, lens, subpixel, axis, radius):
 
 
 @inner
-def fill_blur(out, u, v, camera, lens, subpixel, radius):
+def fill_blur(out, u, v, camera, blur_camera, subpixel, radius):
     """Fill out (axis, 2) with the blur at a photo point: the box and the standard deviation along
     both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `Footprint.fitted`
     does. Return whether any was narrowed.
 
-    camera, lens: see `exposure_records`. subpixel: a SubpixelSize.
+    camera, blur_camera: see `exposure_records`. subpixel: a SubpixelSize.
     """
     by_camera = jacobian(u, v, camera)
-    (xu, xv, yu, yv), (lxu, lxv, lyu, lyv) = by_camera, lens_jacobian(by_camera, u, v, camera, lens)
-    in_x = _fill_axis(out[0], (xu, xv, lxu, lxv), camera, lens, subpixel, 0, radius)
-    in_y = _fill_axis(out[1], (yu, yv, lyu, lyv), camera, lens, subpixel, 1, radius)
+    by_blur = blur_jacobian(by_camera, u, v, camera, blur_camera)
+    (xu, xv, yu, yv), (bxu, bxv, byu, byv) = by_camera, by_blur
+    in_x = _fill_axis(out[0], (xu, xv, bxu, bxv), camera, blur_camera, subpixel, 0, radius)
+    in_y = _fill_axis(out[1], (yu, yv, byu, byv), camera, blur_camera, subpixel, 1, radius)
     return in_x or in_y
 
 
 @inner
-def fill_blurs(out, us, vs, camera, lens, subpixel, radius):
+def fill_blurs(out, us, vs, camera, blur_camera, subpixel, radius):
     """Fill out (rows * cols, axis, 2) with the blur at nodes of the photo; see `fill_blur`."""
     for r in range(len(vs)):
         for c in range(len(us)):
             node = out[r * len(us) + c]
-            fill_blur(node, us[c], vs[r], camera, lens, subpixel, radius)
+            fill_blur(node, us[c], vs[r], camera, blur_camera, subpixel, radius)
 
 
 @inner

@@ -9,12 +9,12 @@ import numpy as np
 
 from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.irradiance import panel_irradiance
+from moireaug.engine.cpu.limits import MIN_WEIGHT_BANDS
 from moireaug.engine.cpu.nodes import bracket
 from moireaug.engine.cpu.rows import LIGHT, NOISE, NOISE_BITS, Places, Row, V, places_of, row_of
 from moireaug.engine.cpu.sensor import attenuate, read, reflect
 from moireaug.engine.cpu.tap_weights import blend, weights_per_node
 from moireaug.engine.cpu.vectors import add
-from moireaug.engine.lower.budget import MIN_BANDS
 
 ZERO = np.float32(0)
 
@@ -51,7 +51,7 @@ def fill_row_weights(row, image, positions, r, top):
 
     positions: of the rows. top: the first that is read.
     """
-    count = max(1, len(positions) // MIN_BANDS)
+    count = max(1, len(positions) // MIN_WEIGHT_BANDS)
     if r % count == 0 or r == top:
         start = r - r % count
         end = min(start + count, len(positions)) - 1

@@ -1,7 +1,8 @@
 """The panel's light through the optics as a sum of harmonics, whose amplitudes change slowly over
 the photo.
 
-A term is a kind of subpixel, a pair (k, l) and a side: cos(k x) cos(l y) or sin(k x) sin(l y).
+A term is a kind of subpixel, a pair (k, l) and whether it is the sine one: cos(k x) cos(l y), or
+with SINE sin(k x) sin(l y).
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ def _locate_along_x(row, image, kind):
     """Fill where the pixels look along x in the cells of a kind, and the waves there."""
     offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
     period = image.cell.period[kind, 0]
-    _split(offset, nearest, row.position[X], 0.0, period, image.size[1], image.cell.radius)
+    _split(offset, nearest, row.position[X], 0.0, period, image.panel_size[1], image.cell.radius)
     harmonics.fill_waves(row.wave[rows.COS_X], row.wave[rows.SIN_X], offset)
 
 
@@ -43,7 +43,7 @@ def _locate_along_y(row, image, i):
     offset, nearest = row.floats[rows.CELL_OFFSET_Y], row.ints[rows.NEAREST_CELL_Y]
     cell, centre = image.cell, image.cell.centre[i, 1]
     period = cell.period[cell.kind[i], 1]
-    _split(offset, nearest, row.position[Y], centre, period, image.size[0], cell.radius)
+    _split(offset, nearest, row.position[Y], centre, period, image.panel_size[0], cell.radius)
     harmonics.fill_waves(row.wave_y[rows.COS_Y], row.wave_y[rows.SIN_Y], offset)
 
 
@@ -99,7 +99,7 @@ def _locate_content(work, stride, image, plane, i):
     start, first = work.places.weight_start[kind, 0, plane], row.ints[rows.FIRST_CELL_X]
     index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
     offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
-    centre, size = cell.centre[i, 0], image.size[1]
+    centre, size = cell.centre[i, 0], image.panel_size[1]
     _split(offset, nearest, row.position[X], centre, period[0], size, cell.radius)
     lookup.locate_taps(
         first, index, phase_share, offset, nearest, start, nodes.phases[kind, 0], nodes.taps[kind]

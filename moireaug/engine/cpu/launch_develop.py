@@ -30,7 +30,7 @@ def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[
     filled = photo.numpy(), unclipped.numpy()
 
     def fill_photos(first: int, last: int, top: int = 0, bottom: int = h) -> None:
-        in_camera = np.zeros(kernels.photo_size(arrays), np.float32)
+        in_camera = np.zeros(kernels.in_camera_length(arrays), np.float32)
         out = Photos(filled[0], in_camera, filled[1])
         kernels.develop_kernel(out, readings, arrays, first, last, top, bottom)
 
@@ -50,7 +50,7 @@ def launch_develop_back(
     raw_grads, photo_grads, readings = out.numpy(), array_of(grad), array_of(raw)
 
     def fill_grads(first: int, last: int) -> None:
-        in_camera = np.empty(kernels.photo_size(arrays), np.float32)
+        in_camera = np.empty(kernels.in_camera_length(arrays), np.float32)
         given = in_camera, unclipped.numpy(), readings, arrays, first, last
         kernels.develop_back_kernel(raw_grads, photo_grads, *given)
 

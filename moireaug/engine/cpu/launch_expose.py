@@ -131,7 +131,7 @@ def launch_expose_back(
 
 
 def _buffers(exposure: Exposure, at_points: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return workspace for a picture as the panel shows it, (`expose_kernels.shown_size`,) float32,
-    and for its light, (3, H, W) float32."""
-    shown = np.empty(kernels.shown_size(exposure, at_points), np.float32)
+    """Return workspace for a picture as the panel shows it, (`expose_kernels.shown_length`,)
+    float32, and for its light, (3, H, W) float32."""
+    shown = np.empty(kernels.shown_length(exposure, at_points), np.float32)
     return shown, np.empty((3, *exposure.size), np.float32)

@@ -9,9 +9,9 @@ import numpy as np
 
 from moireaug.engine.cpu import footprint, harmonics, optics, tap_weights
 from moireaug.engine.cpu.compiling import fill, inner, loop, part
+from moireaug.engine.cpu.limits import MAX_NODES, PASSED_CYCLES_PER_BLUR
 from moireaug.engine.cpu.records import Nodes
 from moireaug.engine.cpu.view import jacobian
-from moireaug.engine.lower.budget import MAX_NODES, PASSED_CYCLES_PER_BLUR
 from moireaug.exposure.footprint import MIN_BLUR_VARIANCE
 
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
@@ -25,7 +25,7 @@ def sample(positions, k, count):
 
 
 @inner
-def _fill_scales(scales, rows, cols, camera, lens):
+def _fill_scales(scales, rows, cols, camera, blur_camera):
     """Fill scales (samples along v, along u, 2) with how many panel pixels a pixel spans along both
     axes of the panel."""
     for i in range(VIEW_SAMPLES):
@@ -33,9 +33,9 @@ def _fill_scales(scales, rows, cols, camera, lens):
             u, v = sample(cols, j, VIEW_SAMPLES), sample(rows, i, VIEW_SAMPLES)
             xu, xv, yu, yv = jacobian(u, v, camera)
             x, y = xu * xu + xv * xv, yu * yu + yv * yv
-            if lens.rectified != 0:  # pixels are alike, and what varies is the lens's blur
-                xu, xv, yu, yv = jacobian(u, v, lens)
-                blur = 12 * lens.blur * lens.blur
+            if blur_camera.rectified != 0:  # pixels are alike, and what varies is the lens's blur
+                xu, xv, yu, yv = jacobian(u, v, blur_camera)
+                blur = 12 * blur_camera.blur * blur_camera.blur
                 x, y = x + (xu * xu + xv * xv) * blur, y + (yu * yu + yv * yv) * blur
             scales[i, j, 0], scales[i, j, 1] = math.sqrt(x), math.sqrt(y)
 
@@ -71,7 +71,7 @@ def _fastest_change(scales, axis_of_photo, highest, passed):
 
 
 @inner
-def _motion_change(rows, cols, camera, lens, axis_of_photo):
+def _motion_change(rows, cols, camera, blur_camera, axis_of_photo):
     """Return how much motion along the panel's axes would change along u (0) or v (1), as a share
     of the rest of the blur, if it did over the whole photo as it does where it changes sign. There
     the whole blur is least, with a kink if the rest is small."""
@@ -84,15 +84,15 @@ def _motion_change(rows, cols, camera, lens, axis_of_photo):
                 u, v = sample(cols, i, VIEW_SAMPLES), sample(rows, j, VIEW_SAMPLES)
                 u2, v2 = u, sample(rows, j + 1, VIEW_SAMPLES)
             by_camera = jacobian(u, v, camera)
-            here = footprint.lens_jacobian(by_camera, u, v, camera, lens)
-            there = footprint.lens_jacobian(jacobian(u2, v2, camera), u2, v2, camera, lens)
+            here = footprint.blur_jacobian(by_camera, u, v, camera, blur_camera)
+            there = footprint.blur_jacobian(jacobian(u2, v2, camera), u2, v2, camera, blur_camera)
             for axis in range(2):
                 x, y = 2 * axis, 2 * axis + 1
-                a = footprint.motion_sigma(here[x], here[y], lens)
-                b = footprint.motion_sigma(there[x], there[y], lens)
+                a = footprint.motion_sigma(here[x], here[y], blur_camera)
+                b = footprint.motion_sigma(there[x], there[y], blur_camera)
                 if a * b < 0:
                     variance = footprint.still_variance(
-                        by_camera[x], by_camera[y], camera.fill, here[x], here[y], lens
+                        by_camera[x], by_camera[y], camera.fill, here[x], here[y], blur_camera
                     )
                     most = max(most, abs(a - b) / math.sqrt(variance + MIN_BLUR_VARIANCE))
     return most * (VIEW_SAMPLES - 1)
@@ -106,11 +106,11 @@ def _count(steps, fewest):
 
 
 @loop
-def counts(rows, cols, camera, lens, cell, budget):
+def counts(rows, cols, camera, blur_camera, cell, budget):
     """Return how many nodes the amplitudes and the tap weights (first axis) need along u and v
     (second axis): (2, 2) int64, at most MAX_NODES + 1; budget: an `ErrorBudget`."""
     scales, highest = np.empty((VIEW_SAMPLES, VIEW_SAMPLES, 2)), np.empty(2)
-    _fill_scales(scales, rows, cols, camera, lens)
+    _fill_scales(scales, rows, cols, camera, blur_camera)
     _fill_highest(highest, cell)
     change, cycles = np.empty(2), np.empty(2)
     passed = PASSED_CYCLES_PER_BLUR / max(camera.blur, 1e-6)
@@ -124,13 +124,13 @@ def counts(rows, cols, camera, lens, cell, budget):
             continue
         steps = max(cycles[k] / budget.amplitude_cycles, change[k] / budget.amplitude_log_scale)
         out[0, k] = _count(steps, fewest)
-        motion_steps = _motion_change(rows, cols, camera, lens, k) / budget.weight_motion
+        motion_steps = _motion_change(rows, cols, camera, blur_camera, k) / budget.weight_motion
         out[1, k] = _count(max(change[k] / budget.weight_log_scale, motion_steps), 5)
     return out
 
 
 @loop
-def _narrowed(rows, cols, camera, lens, cell, widths, added_variance):
+def _narrowed(rows, cols, camera, blur_camera, cell, widths, added_variance):
     """Return whether any of a few sensor pixels over the photo sees more cells than its taps."""
     blur = np.empty((2, 2), np.float64)
     for i in range(BLUR_SAMPLES):
@@ -140,20 +140,20 @@ def _narrowed(rows, cols, camera, lens, cell, widths, added_variance):
                 subpixel = footprint.SubpixelSize(
                     cell.period[kind], widths[kind], added_variance[kind]
                 )
-                if footprint.fill_blur(blur, u, v, camera, lens, subpixel, cell.radius):
+                if footprint.fill_blur(blur, u, v, camera, blur_camera, subpixel, cell.radius):
                     return True
     return False
 
 
 @loop
-def can_follow_view(camera, lens, cell, widths, added_variance, sites, dark_around, budget):
+def can_follow_view(camera, blur_camera, cell, widths, added_variance, sites, dark_around, budget):
     """Return whether the kernels can follow a view: not one near the horizon, nor, if
     `dark_around`, one from so far away that a pixel sees more cells than its taps. Arguments as in
     `nodes_of` and `panel.fill_panel`."""
     rows, cols = sites.rows, sites.cols
-    if dark_around and _narrowed(rows, cols, camera, lens, cell, widths, added_variance):
+    if dark_around and _narrowed(rows, cols, camera, blur_camera, cell, widths, added_variance):
         return False
-    count, most = counts(rows, cols, camera, lens, cell, budget), 0
+    count, most = counts(rows, cols, camera, blur_camera, cell, budget), 0
     for k in range(2):
         most = max(most, count[0, k], count[1, k])
     return most <= MAX_NODES
@@ -204,11 +204,11 @@ def fill_cubics(ends, weight, positions, first, step):
 
 
 @part
-def nodes_of(camera, lens, cell, coefficients, widths, added_variance, sites, budget):
+def nodes_of(camera, blur_camera, cell, coefficients, widths, added_variance, sites, budget):
     """Return the Nodes of an image; coefficients, widths, added_variance: see
     `exposure_records.FullView`, the rest as in `can_follow_view`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
-    count = counts(rows, cols, camera, lens, cell, budget)
+    count = counts(rows, cols, camera, blur_camera, cell, budget)
     us, step_u = node_line(cols, count[0, 0])
     vs, step_v = node_line(rows, count[0, 1])
     amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
@@ -224,7 +224,7 @@ def nodes_of(camera, lens, cell, coefficients, widths, added_variance, sites, bu
     us, step_uw = node_line(cols, count[1, 0])
     vs, step_vw = node_line(rows, count[1, 1])
     tables, phases, taps = tap_weights.weight_tables(
-        us, vs, camera, lens, cell, widths, added_variance, budget
+        us, vs, camera, blur_camera, cell, widths, added_variance, budget
     )
     return Nodes(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)
 

@@ -72,12 +72,12 @@ class FullImage(NamedTuple):
     """What one image's full reading is computed from.
 
     Args:
-        size: height and width of the picture in panel pixels, rounded up.
+        panel_size: height and width of the picture in panel pixels, rounded up.
         filters, white, flicker: the image's rows of its Exposure; see there.
     """
 
     camera: Camera
-    size: tuple[int, int]
+    panel_size: tuple[int, int]
     cell: Cell
     nodes: Nodes
     sites: Sites
@@ -173,14 +173,14 @@ class BinnedImage(NamedTuple):
     """What one image's binned reading is computed from.
 
     Args:
-        camera: of photo pixels. sensor: of sensor pixels. size: as in `FullImage`.
+        camera: of photo pixels. sensor: of sensor pixels. panel_size: as in `FullImage`.
         nodes, stencil, terms: see `BinnedSetup`.
         filters, white, flicker: the image's rows of its Exposure; see there.
     """
 
     camera: Camera
     sensor: Camera
-    size: tuple[int, int]
+    panel_size: tuple[int, int]
     cell: Cell
     nodes: Nodes
     stencil: BinStencil
@@ -206,7 +206,7 @@ class Photos(NamedTuple):
 
     Args:
         photos: (B, 3, H, W) float32, sRGB codes.
-        in_camera: (`develop_kernels.photo_size`,) float32, workspace: a photo in the camera's
+        in_camera: (`develop_kernels.in_camera_length`,) float32, workspace: a photo in the camera's
             frame, with zeros after it: a look-up at a plane's last pixels reads beyond them with
             weight 0.
         unclipped: (B, 3, ...) uint8, see `develop_detail.develop_detail_image`; (0, 3, ...) if not

@@ -9,9 +9,9 @@ import numpy as np
 from moireaug.effects.binned_statistics import MIN_VARIANCE
 from moireaug.effects.sensor import DARK_LEVEL
 from moireaug.engine.cpu.compiling import copy, fill, inner
+from moireaug.engine.cpu.limits import UNCLIPPED_SIGMAS
 from moireaug.engine.cpu.normal import integral, normal
 from moireaug.engine.cpu.random_numbers import normal_row
-from moireaug.engine.lower.budget import UNCLIPPED_SIGMAS
 
 DARK32 = np.float32(DARK_LEVEL)
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)

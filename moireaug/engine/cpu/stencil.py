@@ -110,7 +110,7 @@ def _fill_lines(lines, start, weights, tap, ends, node_share):
 
 
 @loop
-def _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance):
+def _tap_weights_at(us, vs, camera, blur_camera, cell, widths, added_variance):
     """Return the tap weights at nodes of the photo, (colours, axes, nodes, pixels) float64: at
     least a pixel to each side, without light if the cell's radius is 0."""
     radius, nodes = cell.radius, len(us) * len(vs)
@@ -118,7 +118,7 @@ def _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance):
     for i in range(len(cell.channel)):
         colour, kind = cell.channel[i], cell.kind[i]
         subpixel = SubpixelSize(cell.period[kind], widths[kind], added_variance[kind])
-        fill_blurs(blur, us, vs, camera, lens, subpixel, radius)
+        fill_blurs(blur, us, vs, camera, blur_camera, subpixel, radius)
         for axis in range(2):
             past = 0.5 - cell.centre[i, axis]  # no more than half a pixel
             for node in range(nodes):
@@ -128,13 +128,13 @@ def _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance):
 
 
 @loop
-def stencil_of(camera, lens, cell, widths, added_variance, sites, budget):
+def stencil_of(camera, blur_camera, cell, widths, added_variance, sites, budget):
     """Return the BinStencil of an image that has one; widths, added_variance: (kinds, 2), see
     `exposure_records.FullView`. budget: an `ErrorBudget`."""
-    count = counts(sites.rows, sites.cols, camera, lens, cell, budget)[1]
+    count = counts(sites.rows, sites.cols, camera, blur_camera, cell, budget)[1]
     us, step_u = node_line(sites.cols, count[0])
     vs, step_v = node_line(sites.rows, count[1])
-    weights = _tap_weights_at(us, vs, camera, lens, cell, widths, added_variance)
+    weights = _tap_weights_at(us, vs, camera, blur_camera, cell, widths, added_variance)
     table = weights.reshape(-1, weights.shape[3])
     half, reach = weights.shape[3] // 2, _reach(table, budget.tap_weight)
     _trim(table, reach)

@@ -14,10 +14,10 @@ import numpy as np
 from moireaug.engine.cpu.compiling import fill, inner, loop
 from moireaug.engine.cpu.footprint import SubpixelSize, fill_blurs, light_from
 from moireaug.engine.cpu.harmonics import cubic_weights
+from moireaug.engine.cpu.limits import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
 from moireaug.engine.cpu.normal import TAIL_END_SIGMAS, integrals
 from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.engine.lower.budget import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
 
 PHASE_MULTIPLE = 16  # of which the number of phases is a multiple
@@ -156,7 +156,7 @@ def _taps(blur, widths, radius, min_light):
 
 
 @loop
-def weight_tables(us, vs, camera, lens, cell, widths, added_variance, budget):
+def weight_tables(us, vs, camera, blur_camera, cell, widths, added_variance, budget):
     """Return the tap weights on nodes of the photo, the phases of each kind along both axes,
     (kinds, 2) int64, and its taps along each axis, (kinds,) int64.
 
@@ -171,7 +171,7 @@ def weight_tables(us, vs, camera, lens, cell, widths, added_variance, budget):
     most, finest, farthest = 0, 0, radius + 0.5
     for kind in range(kinds):
         subpixel = SubpixelSize(cell.period[kind], widths[kind], added_variance[kind])
-        fill_blurs(blur[kind], us, vs, camera, lens, subpixel, radius)
+        fill_blurs(blur[kind], us, vs, camera, blur_camera, subpixel, radius)
         for axis in range(2):
             phases[kind, axis] = _phases(blur[kind], axis, budget.phase_error)
             finest = max(finest, phases[kind, axis])

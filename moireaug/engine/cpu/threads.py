@@ -23,8 +23,9 @@ TASK_TYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
 def surplus_images(n: int, rows: int) -> int:
-    """Return how many images are left of n when every thread has taken as many as the others. They
-    do not keep all threads busy, which had better share each one's rows; 0 if those are too few."""
+    """Return how many of n images are left when every thread has had equally many: too few to keep
+    all threads busy, so that the threads share each one's rows. 0 if its rows are too few for
+    that."""
     threads = torch.get_num_threads()
     left = n % threads
     return left if left < min(threads, rows // MIN_ROWS_PER_THREAD) else 0

@@ -6,7 +6,7 @@ import math
 
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.engine.lower.jacobian import panel_jacobian
+from moireaug.engine.jacobian import panel_jacobian
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import MIN_RAY_DEPTH
 from moireaug.scene.lens import MIN_LENS_SLOPE

@@ -134,7 +134,7 @@ def responses(bins, batch, variant: tl.constexpr):
 
 
 @triton.jit
-def pattern_variance(out, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
+def lost_pattern_variance_kernel(out, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Fill out (B, 3) with the variance of the panel's pattern that bins in the middle average
     away, as a share of the squared mean light, by colour filter: a program an image.
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS, NOTHING, upload
 from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
-from moireaug.engine.gpu.beats import pattern_variance, responses
+from moireaug.engine.gpu.beats import lost_pattern_variance_kernel, responses
 from moireaug.engine.gpu.bins import BinnedBatch, BinnedVariant, bins_at, patch_of
 from moireaug.engine.gpu.host_view import cameras_of, forward
 from moireaug.engine.gpu.panel import show, show_back
@@ -26,19 +26,19 @@ BLOCK = 128
 
 def expose(picture: Tensor, exposure: Exposure, view: BinnedView) -> Tensor:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
-    batch, variant = prepare(picture, exposure, view)
+    batch, variant = _prepare(picture, exposure, view)
     shape = len(picture), len(exposure.sites.channel), *exposure.size
     raw = torch.empty(shape, dtype=torch.float32, device=picture.device)
-    _expose[_grid(raw)](raw, batch, variant, BLOCK=BLOCK)
+    expose_kernel[_grid(raw)](raw, batch, variant, BLOCK=BLOCK)
     return raw
 
 
 def expose_back(grad: Tensor, picture: Tensor, exposure: Exposure, view: BinnedView) -> Tensor:
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings. Sums are
     not in a fixed order."""
-    batch, variant = prepare(picture, exposure, view)
+    batch, variant = _prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
-    _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, variant, BLOCK=BLOCK)
+    expose_back_kernel[_grid(grad)](light_grad, grad.contiguous(), batch, variant, BLOCK=BLOCK)
     return show_back(light_grad, picture, exposure, batch.exposure)
 
 
@@ -60,7 +60,7 @@ def fits(exposure: Exposure, view: BinnedView) -> np.ndarray:
     return beat_terms_of(exposure, view.beats).fits
 
 
-def prepare(
+def _prepare(
     picture: Tensor, exposure: Exposure, view: BinnedView
 ) -> tuple[BinnedBatch, BinnedVariant]:
     """Return what the kernels read of a batch, and what they are compiled for."""
@@ -93,7 +93,7 @@ def prepare(
     )
     if exposure.clips and beats.saturates and harmonics:
         block, lost = triton.next_power_of_2(harmonics), batch.lost_pattern_variance
-        pattern_variance[(len(lost),)](lost, batch, variant, BLOCK=block)
+        lost_pattern_variance_kernel[(len(lost),)](lost, batch, variant, BLOCK=block)
     return batch, variant
 
 
@@ -167,7 +167,7 @@ def plane_reading(seen, bins, index, batch, PLANE: tl.constexpr, variant: tl.con
 
 
 @triton.jit
-def _expose(raw, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
+def expose_kernel(raw, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Fill raw (B, planes, h, w) with readings."""
     planes: tl.constexpr = 4 if variant.bayer else 3
     bins, pixel, inside = bins_of(batch, variant, BLOCK)
@@ -182,7 +182,7 @@ def _expose(raw, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
 
 
 @triton.jit
-def _expose_back(light_grad, grad, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
+def expose_back_kernel(light_grad, grad, batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Add to light_grad, the gradient in `screen.light`, what comes from that in raw."""
     planes: tl.constexpr = 4 if variant.bayer else 3
     bins, pixel, inside = bins_of(batch, variant, BLOCK)

@@ -31,7 +31,8 @@ class BinnedBatch(NamedTuple):
 
     Args:
         forward: (B, 9) float64, the inverse of the sensor's homographies. lost_pattern_variance:
-            (B, 3) float32, see `beats.pattern_variance`. quantiles: see `random_numbers.quantiles`.
+            (B, 3) float32, see `beats.lost_pattern_variance_kernel`. quantiles: see
+            `random_numbers.quantiles`.
         harmonics, bands: how many orders, and bands of flicker, there are.
     """
 
@@ -133,14 +134,15 @@ def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, varian
     picture, index = batch.picture, (bins.image * 3 + channel) * 2 + AXIS
     ratio = tl.load(batch.beats.ratio + bins.image)
     by_u, by_v = step[0] * (1.0 / ratio), step[1] * (1.0 / ratio)
-    lens = picture.lenses + bins.image * CAMERA_FIELDS
+    blur_camera = picture.blur_cameras + bins.image * CAMERA_FIELDS
     one = tl.abs(along((by_u, by_v), bins.first))
     other = tl.abs(along((by_u, by_v), bins.second))
     short, hold = tl.minimum(one, other), tl.load(picture.added_variance + index)
-    variance = short * short / 12.0 + blur_variance(by_u, by_v, lens) + hold + MIN_BLUR_VARIANCE
+    blur = blur_variance(by_u, by_v, blur_camera)
+    variance = short * short / 12.0 + blur + hold + MIN_BLUR_VARIANCE
     footprint = Footprint(tl.maximum(one, other), tl.sqrt(variance))
     place = position * (1.0 / ratio.to(tl.float64)) - tl.load(batch.beats.centres + index)
-    end = batch.screen.size[AXIS] * pixel_scale(lens)
+    end = batch.screen.size[AXIS] * pixel_scale(blur_camera)
     nearest, _, shares = lit_shares(
         place, footprint, tl.load(picture.widths + index), (place + 0.5, 0.5, end), variant.taps,
         variant.dark_around,

@@ -71,7 +71,7 @@ class RegistrationArrays(NamedTuple):
 
     forward: Any
     inverses: Any
-    lenses: Any
+    distortion: Any
     distorts: bool
 
 
@@ -113,4 +113,5 @@ def _detail_arrays(detail: Detail) -> DetailArrays:
 
 
 def _registration_arrays(r: Registration) -> RegistrationArrays:
-    return RegistrationArrays(r.forward, np.linalg.inv(r.forward), r.lenses, bool(r.lenses.any()))
+    distorts = bool(r.distortion.any())
+    return RegistrationArrays(r.forward, np.linalg.inv(r.forward), r.distortion, distorts)

@@ -64,7 +64,7 @@ def expose(picture: Tensor, exposure: Exposure, view: FullView | PointView) -> T
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
     batch, constants = _prepare(picture, exposure, view)
     raw = picture.new_empty(len(picture), *batch.raw_shape, dtype=torch.float32)
-    _expose[_grid(raw)](raw, batch, **constants)
+    expose_kernel[_grid(raw)](raw, batch, **constants)
     return raw
 
 
@@ -74,7 +74,7 @@ def expose_back(
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings."""
     batch, constants = _prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
-    _expose_back[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
+    expose_back_kernel[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
     return show_back(light_grad, picture, exposure, batch.exposure)
 
 
@@ -108,7 +108,7 @@ def _grid(raw: Tensor) -> tuple[int]:
 
 
 @triton.jit
-def _expose(raw, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.constexpr):
+def expose_kernel(raw, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.constexpr):
     """Fill raw (B, planes, h, w), a program for BLOCK pixels of a plane."""
     site = site_of(batch, BLOCK)
     sight, light = look_at_panel(site), 0.0 * site.u.to(tl.float32)
@@ -123,7 +123,7 @@ def _expose(raw, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.cons
 
 
 @triton.jit
-def _expose_back(
+def expose_back_kernel(
     light_grad, grad, batch, SEE: tl.constexpr, variant: tl.constexpr, BLOCK: tl.constexpr
 ):
     """Add to light_grad, the gradient in `screen.light`, what comes from that in raw."""

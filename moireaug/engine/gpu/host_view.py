@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from moireaug.engine.jacobian import panel_jacobian
 from moireaug.engine.lower.exposure_records import Camera
-from moireaug.engine.lower.jacobian import panel_jacobian
 from moireaug.geometry.distortion import inverse_radial_factor
 from moireaug.geometry.grids import MIN_RAY_DEPTH
 

@@ -27,7 +27,8 @@ BLOCK = 256  # pixels of a program
 
 
 class Screen(NamedTuple):
-    """What panels of at most the picture's pixels show. Beyond its edges it is as on them.
+    """What panels of at most the picture's pixels show. Past its edges the outermost pixels are
+    repeated.
 
     Args:
         light: (B, 3, rows, columns) float32. pixels: columns and rows. lead: how many of either lie
@@ -41,8 +42,8 @@ class Screen(NamedTuple):
 
 
 class Shrinking(NamedTuple):
-    """Sizes that `_shrink` reads: of both arrays along the axis, of the lines of an image and of
-    the values beside each other, and how many pixels make one."""
+    """Sizes that `shrink_kernel` reads: of both arrays along the axis, of the lines of an image and
+    of the values beside each other, and how many pixels make one."""
 
     long: int
     short: int
@@ -60,7 +61,7 @@ def show(picture: Tensor, exposure: Exposure, uploaded: Exposure) -> Screen:
     """Return what panels show of pictures (B, 3, H, W), float32 or uint8."""
     n, _, h, w = picture.shape
     light = torch.empty(n, 3, h, w, dtype=torch.float32, device=picture.device)
-    _launch(_light, light, exposure, uploaded, picture.contiguous())
+    _launch(picture_light_kernel, light, exposure, uploaded, picture.contiguous())
     scale = pixel_scale_of(exposure)
     if scale.min() >= 1:
         return Screen(light, (w, h), 0, (w, h))
@@ -81,7 +82,7 @@ def show_back(grad: Tensor, picture: Tensor, exposure: Exposure, uploaded: Expos
         _shrink_axis(narrow, light, 3, scale, uploaded.cameras, back=True)
         grad = light
     out = torch.empty_like(picture, memory_format=torch.contiguous_format)
-    _launch(_light_back, out, exposure, uploaded, grad, picture.contiguous())
+    _launch(picture_light_back_kernel, out, exposure, uploaded, grad, picture.contiguous())
     return out
 
 
@@ -105,12 +106,12 @@ def _shrink_axis(
     *,
     back: bool,
 ) -> None:
-    """Launch `_shrink` along an axis of (B, 3, h, w); scale: from `pixel_scale_of`."""
+    """Launch `shrink_kernel` along an axis of (B, 3, h, w); scale: from `pixel_scale_of`."""
     lines, inner = math.prod(long.shape[1:axis]), math.prod(long.shape[axis + 1 :])
     taps, n = math.ceil(2 / scale.min()), short.numel()
     sizes = Shrinking(long.shape[axis], short.shape[axis], lines, inner, taps)
     programs = (triton.cdiv(n, BLOCK),)
-    _shrink[programs](short, long, cameras, n, sizes, BACK=back, BLOCK=BLOCK)
+    shrink_kernel[programs](short, long, cameras, n, sizes, BACK=back, BLOCK=BLOCK)
 
 
 @triton.jit
@@ -161,7 +162,7 @@ def blurred_light(pixels, pixel, size, black, share, CODED: tl.constexpr, BLURS:
 
 
 @triton.jit
-def _light(
+def picture_light_kernel(
     out, picture, added, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
 ):
     """Fill out (B, 3, H, W) with the light of pictures: a program for BLOCK pixels of a channel.
@@ -176,11 +177,11 @@ def _light(
 
 
 @triton.jit
-def _light_back(
+def picture_light_back_kernel(
     out, grad, picture, added, size, CODED: tl.constexpr, BLURS: tl.constexpr, BLOCK: tl.constexpr
 ):
     """Fill out (B, 3, H, W) with the gradient in pictures, from that in their light; added: as in
-    `_light`."""
+    `picture_light_kernel`."""
     plane, pixel = block(size[0] * size[1], BLOCK)
     start, valid = plane.to(tl.int64) * size[0] * size[1], pixel < size[0] * size[1]
     share = tl.load(added[1] + plane // 3)
@@ -192,7 +193,7 @@ def _light_back(
 
 
 @triton.jit
-def _shrink(short, long, cameras, n, sizes, BACK: tl.constexpr, BLOCK: tl.constexpr):
+def shrink_kernel(short, long, cameras, n, sizes, BACK: tl.constexpr, BLOCK: tl.constexpr):
     """Fill `short`, n values, (lines, sizes.short, sizes.inner) from `long` (lines, sizes.long,
     sizes.inner) as `displayed.shrink` does along one axis; or, BACK, add to long the gradient in it
     from that in short. A program for BLOCK values."""

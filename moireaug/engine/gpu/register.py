@@ -34,9 +34,9 @@ def about_middle(images, pixels):
 @triton.jit
 def lens_of_photo(registration, image, half_width, half_height):
     """Return the lens of an image, as `view.to_photo` takes it."""
-    lens = registration.lenses + image * 2
+    distortion = registration.distortion + image * 2
     radius_scale = 1.0 / (half_height * half_height + half_width * half_width)
-    return radius_scale, tl.load(lens), tl.load(lens + 1)
+    return radius_scale, tl.load(distortion), tl.load(distortion + 1)
 
 
 @triton.jit

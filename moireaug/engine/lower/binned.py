@@ -35,12 +35,12 @@ def binned_view(
         bin_scale_of(shot, drawn, magnified),
     )
     fields = camera_fields(shot, drawn)
-    cameras, lenses, sensors = _bin_cameras(shot, inverse, fields, content, scales)
+    cameras, blur_cameras, sensors = _bin_cameras(shot, inverse, fields, content, scales)
     # none at the same height: centres differ
     cell = cell_of_whole_pixels(shot.plan.method.taps)
     cell = cell._replace(y_group=np.arange(3), kind_y_group=np.arange(3))
     beats = _beats_of(shot, sensors, content, scales)
-    return cameras, cell, BinnedView(_picture_view(lenses, content), beats)
+    return cameras, cell, BinnedView(_picture_view(blur_cameras, content), beats)
 
 
 class _BinScales(NamedTuple):
@@ -86,12 +86,12 @@ def _bin_cameras(
     )
 
 
-def _picture_view(lenses: np.ndarray, content: Content) -> FullView:
+def _picture_view(blur_cameras: np.ndarray, content: Content) -> FullView:
     width = content.width.detach().numpy()
     interpolation = content.interpolation_variance.detach().numpy()
     light = np.ones((len(width), 3, 1, 1))
     added_variance = np.repeat(interpolation, 6).reshape(-1, 3, 2)
-    return FullView(lenses, light, np.ascontiguousarray(width), added_variance)
+    return FullView(blur_cameras, light, np.ascontiguousarray(width), added_variance)
 
 
 def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _BinScales) -> Beats:

@@ -1,5 +1,4 @@
-"""The error that kernels may make: thresholds, most of which follow a scene's tolerance, and limits
-of what kernels take on."""
+"""The error that kernels may make, which follows a scene's tolerance."""
 
 from __future__ import annotations
 
@@ -10,25 +9,8 @@ from moireaug.scene.record import SceneRecord
 # tolerances that budgets follow: below the first, float32 rounds by more; above the second, what
 # depends on the grids of nodes hardly gets faster
 MIN_TOLERANCE, MAX_TOLERANCE = SceneRecord.tolerance / 64, SceneRecord.tolerance * 8
-
-# Limits of what numba's kernels take on; the reference exposes what is beyond them.
-MAX_NODES = 65  # of amplitudes and tap weights, along each axis of the photo
-MAX_BEAT_NODES = 192  # along each axis of the photo
-MAX_BEAT_TERMS = 1024
-MAX_PANEL_PIXELS_PER_SENSOR_PIXEL = 16  # up to which building the panel pays off
-MAX_SMALL_PANEL_PIXELS = 2**20  # which are never too many
-# Limits of memory; with fewer phases than the budget asks for, weights are less exact.
-MAX_PHASES = 512
-# at a few nodes, as in a frontal view, whose pixels may all lie where a weight has a kink
-MAX_PHASES_OF_FEW_NODES = 8192
-
-# Thresholds at any tolerance.
-PASSED_CYCLES_PER_BLUR = 0.8  # above this frequency a Gaussian blur passes less than 1e-5
-GAUSSIAN_REACH_SIGMAS = 4.5  # beyond it a Gaussian weighs less than 1e-5
-UNCLIPPED_SIGMAS = 5.0  # a mean is clipped by noise only if it is this close to a bound
 TRANSFER_MARGIN = 1.2  # by how much a transfer may be higher between samples of it
 REFERENCE_AMPLITUDE = 0.3  # of a beat's harmonic, for which `ErrorBudget` states `beat_cycles`
-MIN_BANDS = 224  # of a photo, if it has the rows; those of a band share their tap weights
 
 
 class ErrorBudget(NamedTuple):

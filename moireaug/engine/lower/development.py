@@ -1,4 +1,5 @@
-"""From a Shot to the record of its development; cached as in `exposure`, and the last one whole."""
+"""From a Shot to the record of its development. What depends only on scene and size is cached, as
+in `exposure`; of the last shot, the whole record is."""
 
 from __future__ import annotations
 

@@ -37,11 +37,11 @@ class Registration(NamedTuple):
 
     Args:
         forward: (B, 3, 3) float64, homographies from image to ideal photo coordinates, both about
-            their centres. lenses: (B, 2) float64, k1 and k2.
+            their centres. distortion: (B, 2) float64, k1 and k2.
     """
 
     forward: np.ndarray
-    lenses: np.ndarray
+    distortion: np.ndarray
 
 
 class Detail(NamedTuple):

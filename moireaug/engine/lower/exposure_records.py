@@ -1,7 +1,7 @@
 """The records that the kernels of exposing take, of plain numbers and arrays: an Exposure, and one
 of three views, which say how its pixels see the panel.
 
-| view | `Exposure.cameras` | lenses: what blurs them | `Beats.cameras` |
+| view | `Exposure.cameras` | `blur_cameras`: what blurs them | `Beats.cameras` |
 |---|---|---|---|
 | FullView | sensor pixels | the same | |
 | BinnedView | photo pixels | sensor pixels on the picture | sensor pixels on the panel |
@@ -141,7 +141,8 @@ class FullView(NamedTuple):
     """How pixels that integrate see the kinds of subpixel of a batch's panels.
 
     Args:
-        lenses: (B, fields) float64, the fields of one `Camera` per image, of the pixels' blur.
+        blur_cameras: (B, fields) float64, the fields of one `Camera` per image, of the pixels'
+            blur.
         coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L
             of each kind's mask, in cycles per cell.
         widths: (B, kinds, 2) float64, of each kind along x and y, in cells.
@@ -149,7 +150,7 @@ class FullView(NamedTuple):
             `interpolation_variance` of `bin_content.Content`.
     """
 
-    lenses: np.ndarray
+    blur_cameras: np.ndarray
     coefficients: np.ndarray
     widths: np.ndarray
     added_variance: np.ndarray

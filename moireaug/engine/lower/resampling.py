@@ -80,7 +80,8 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int) -> Resize:
 
 
 def pixels_of(start: np.ndarray, taps: np.ndarray, read: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sensor pixels of weights as of `_resize`, (m, T), and which of them are read."""
+    """Return the sensor pixel that each weight is for, (m, T), at most the last one read, and which
+    weights are used: those of pixels that are read, if not 0. start, taps: as in `Resize`."""
     pixel = start[:, None] + np.arange(taps.shape[1])
     return np.minimum(pixel, read - 1), (pixel < read) & (taps != 0)
 
