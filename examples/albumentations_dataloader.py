@@ -46,7 +46,7 @@ class Screens(Dataset):
         self.images = images.permute(0, 2, 3, 1).numpy()  # (H, W, 3) uint8
         moire = RandomMoire(scene=SCENE, p=0.5)
         boxes = A.BboxParams(format="pascal_voc", label_fields=["labels"])
-        steps = [A.RandomBrightnessContrast(p=0.5), moire, A.Normalize(), ToTensorV2()]
+        steps = [moire, A.RandomBrightnessContrast(p=0.5), A.Normalize(), ToTensorV2()]
         self.transform = A.Compose(steps, bbox_params=boxes, seed=0)
 
     def __len__(self) -> int:

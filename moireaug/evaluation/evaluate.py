@@ -66,11 +66,11 @@ def evaluate(
         steps: gradient steps of every attack.
         n: number of images; None is all.
         seed: of shots, targets and random starts.
-        targets: name to model, for the suites "transfer" and "trust".
+        targets: name to model, for the suites "transfer", "trust" and "paper".
         defences: name to defence, in addition to the paper's, or replacing the one of that name.
             jpeg, mean_normalised and noise_position have rows for the paper's alone; defences and
             adaptive have one for every new name, but not for each of the paper's.
-        networks: name to demoiréing network, for the suite "demoireing": from `demoire.load`, or
+        networks: name to demoiréing network, for "demoireing" and "paper": from `demoire.load`, or
             any callable from images to images. "mopnet", "mddm", "fhde2net" and "amnet" are shown
             with the paper's figures.
         folder: where records are kept as they come, so that the same call resumes where it stopped;

@@ -39,17 +39,25 @@ TERMINAL_HEADS = (
 
 def caption(recipes: Sequence[RecipeSummary], shared: dict[str, Any]) -> str:
     """Return the caption: the meaning of the figures and their intervals."""
-    intervals = "95 % intervals cover the choice of seeds and of images (two-way bootstrap)."
+    intervals = []
+    if any(len(recipe.seeds) > 1 for recipe in recipes):
+        intervals.append(
+            "95 % intervals of several seeds cover the choice of seeds and of images (two-way "
+            "bootstrap)."
+        )
     if any(len(recipe.seeds) == 1 for recipe in recipes):
-        intervals += " Those of a single seed cover the choice of images alone."
+        intervals.append(
+            "95 % intervals of a single seed cover the choice of images alone: Wilson's for "
+            "accuracies, a bootstrap for gains."
+        )
     images = "{n} test images: {data}, {model}, scene {scene}, {steps} steps per attack"
     sentences = [
         f"Accuracy in % of {images.format(**shared)}.",
-        intervals,
+        *intervals,
         "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
         "Time is of training alone, by the median epoch, on top of the clean weights that a recipe "
         "starts from; × plain is both together, divided by the same time of plain training.",
-        "● no other recipe is as robust at 4/255 for less time.",
+        "● marks recipes that no other matches at 4/255 in less time.",
     ]
     collapsed = []
     for recipe in recipes:

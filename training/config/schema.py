@@ -178,13 +178,13 @@ class ReattackConfig(Config):
     suite: str = setting("ladder", "ladder, standard, …: docs/evaluation.md, Suites")
     targets: Any = setting(
         None,
-        "suite=transfer: name to a file of weights or a run's folder",
+        "suite=transfer, trust or paper: name to a file of weights or a run's folder",
         example="'{resnet18: FILE, ...}'",
     )
     networks: Any = setting(
         None,
-        "suite=demoireing: a folder of weights FILE.pt, or name to a file of weights or a run's "
-        "folder",
+        "suite=demoireing or paper: a folder of weights FILE.pt, or name to a file of weights or a "
+        "run's folder",
         example="'{mopnet: FILE, ...}'",
     )
     demoire: str | None = setting(
