@@ -21,10 +21,12 @@ from benchmarks import (
     other_libraries,
     rejecting,
     released,
+    suites,
     training_steps,
 )
 from moireaug import Scene, capture, evaluation
 from moireaug.defenses import Rejecting
+from tests.training.small import TINY, configured, train
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICKLY = ["--quick", "--threads", "1", "--out", "."]
@@ -141,6 +143,15 @@ def test_attack_budget(ran):
     assert table["accuracy"].between(0, 1).all() and (table["seconds_per_image"] > 0).all()
     best = attack_budget.recommended(table.to_dict("records"))
     assert f"lowest accuracy: {best['attacker']}, {best['steps']} steps" in out
+
+
+def test_suites(tmp_path, monkeypatch):
+    run, _ = train(configured("recipe=clean", *TINY, f"runs={tmp_path / 'runs'}"))
+    monkeypatch.setattr(sys, "argv", ["suites.py", str(run.folder), *QUICKLY[:-1], str(tmp_path)])
+    suites.main()
+    table = pd.read_csv(tmp_path / "suites.csv").set_index("suite")
+    assert tuple(table.index) == suites.QUICK["suites"] and set(table["n"]) == {1}
+    assert table["minutes"].tolist() == pytest.approx((8 * table["seconds"]).tolist(), rel=1e-3)
 
 
 def test_synthesis(ran):
