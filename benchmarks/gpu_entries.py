@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from moireaug import Lens, Panel, Scene, Sensor, View
-from moireaug.effects.demosaic import merged_greens
 from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.lower.development import lower_development
 from moireaug.engine.lower.development_records import Development
@@ -24,14 +23,12 @@ class Case(NamedTuple):
     """A batch of a scene: what entry points take. Only the shapes of its tensors matter.
 
     Args:
-        planes: the reading as developing takes it, whose greens are averaged in bins.
         loop_lengths: of a kernel's loops, by its name, in the order in which they begin.
     """
 
     name: str
     images: Tensor
     raw: Tensor
-    planes: Tensor
     photo: Tensor
     exposure: Exposure
     view: PanelView
@@ -65,9 +62,9 @@ ENTRIES = {
     "expose, point, backward": Entry(
         "full", lambda m, c: m.expose_back(c.raw, c.images, c.exposure, c.view), "point"
     ),
-    "develop": Entry("develop", lambda m, c: m.develop(c.planes, c.development)),
+    "develop": Entry("develop", lambda m, c: m.develop(c.raw, c.development)),
     "develop, backward": Entry(
-        "develop", lambda m, c: m.develop_back(c.photo, c.planes, c.development)
+        "develop", lambda m, c: m.develop_back(c.photo, c.raw, c.development)
     ),
 }
 
@@ -117,7 +114,6 @@ def _case(name: str, scene: Scene, batch: int, side: int) -> Case:
         name,
         images,
         raw,
-        merged_greens(raw) if scene.is_binned_bayer else raw,
         torch.zeros_like(images),
         exposure,
         view,

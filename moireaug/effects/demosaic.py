@@ -34,16 +34,11 @@ class Demosaic(Effect):
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         if shot.scene.is_binned_bayer:
-            return merged_greens(raw)
+            return torch.stack([raw[:, 0], (raw[:, 1] + raw[:, 2]) / 2, raw[:, 3]], 1)
         mosaic = unpack(repeat_edges(raw, 1, 1, 1, 1))
         colours = DEMOSAICS[shot.scene.develop.demosaic](mosaic)[..., 2:-2, 2:-2]
         rows, cols = shot.sampled_pixels()
         return colours[..., rows.kept, cols.kept]
-
-
-def merged_greens(raw: Tensor) -> Tensor:
-    """Return the cells of a binned reading (B, 4, h, w) as colours (B, 3, h, w)."""
-    return torch.stack([raw[:, 0], (raw[:, 1] + raw[:, 2]) / 2, raw[:, 3]], 1)
 
 
 def demosaic_bilinear(mosaic: Tensor) -> Tensor:

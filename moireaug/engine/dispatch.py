@@ -9,12 +9,11 @@ import torch
 from torch import Tensor
 
 from moireaug import pipeline
-from moireaug.effects.demosaic import merged_greens
 from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine import autograd, torch_operators, trial
 from moireaug.engine.program import Program
 from moireaug.mixed_shot import in_order
-from moireaug.numeric import as_float, saturate
+from moireaug.numeric import as_float
 from moireaug.shot import ShotRecord
 
 DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
@@ -75,12 +74,7 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         rows, others = finite.nonzero().flatten(), (~finite).nonzero().flatten()
         photos = engine_photo(raw[rows], shot[rows], program)
         return in_order([rows, others], [photos, pipeline.develop(raw[others], shot[others])])
-    names = program.engine_effects
-    if shot.scene.is_binned_bayer:
-        # saturated before the greens are averaged; the rest is that of pixels that read all colours
-        raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
-        names = tuple(name for name in names if name not in ("saturate", "demosaic"))
-    development = lower_development(shot)
+    names, development = program.engine_effects, lower_development(shot)
     stage = autograd.Stage(
         functools.partial(kernels.launch_develop, development=development),
         functools.partial(kernels.launch_develop_back, development=development),

@@ -10,7 +10,7 @@ from moireaug.engine.cpu.compiling import copy, fill, inner, loop
 from moireaug.engine.cpu.srgb import encode
 from moireaug.engine.cpu.vectors import LANES, add_sum, padded_width
 
-ZERO, ONE = np.float32(0), np.float32(1)
+ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 TWO = np.float32(2)
 SITES_PER_CELL = 4  # sensor pixels of a colour filter cell
 
@@ -165,6 +165,13 @@ def _enter(ring, ring_rows, raw, y, saturates, levels):
 
 
 @inner
+def _average(green, other):
+    """Make a row of one green the mean of a cell's two."""
+    for i in range(len(other)):
+        green[i] = HALF * (green[i] + other[i])
+
+
+@inner
 def light_of_row(work, raw, y, codes):
     """Fill the workspace's colours with those of row y of raw: of four sites, or of one where the
     sensor has no colour filters."""
@@ -175,9 +182,12 @@ def light_of_row(work, raw, y, codes):
             _enter(ring, work.ring_rows, raw, min(max(y + dy, 0), h - 1), saturates, levels)
         _colours(work.colours, ring, y, h, codes.demosaic, codes.rows)
         return
-    for channel in range(3):
-        _prepare(ring[0], raw[channel, y], saturates, levels)
+    for channel, plane in enumerate((0, 1, codes.planes - 1)):
+        _prepare(ring[0], raw[plane, y], saturates, levels)
         copy(work.colours[0, channel], ring[0, 1 : w + 1])
+    if codes.planes == SITES_PER_CELL:
+        _prepare(ring[0], raw[2, y], saturates, levels)
+        _average(work.colours[0, 1], ring[0, 1 : w + 1])
 
 
 @inner

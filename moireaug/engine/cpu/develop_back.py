@@ -13,7 +13,7 @@ from moireaug.engine.cpu.develop import sum_photo_rows
 from moireaug.engine.cpu.srgb import encode_and_slope
 from moireaug.engine.cpu.vectors import add, gather
 
-ZERO, ONE = np.float32(0), np.float32(1)
+ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 TWO, SIX = np.float32(2), np.float32(6)
 
 
@@ -121,9 +121,21 @@ def _demosaic_back(gradients, y, h, codes, work):
 
 
 @inner
+def _colour_back(raw_grad, grads, plane, raw, codes):
+    """Fill a plane's row of raw_grad (w,) from the gradient in the colours of its row (3, lanes),
+    of which a cell's two greens have half each."""
+    has_two_greens = codes.planes == SITES_PER_CELL
+    channel = plane - 1 if has_two_greens and plane > 1 else plane
+    share = HALF if has_two_greens and channel == 1 else ONE
+    for i in range(len(raw)):
+        passes = not codes.saturates or raw[i] <= ONE
+        raw_grad[i] = share * grads[channel, i] if passes else ZERO
+
+
+@inner
 def _develop_rows_back(raw_grad, photo_grad, raw, codes, work, gradients):
     """Do the same as `develop_image_back`, in buffers that it allocated."""
-    _, h, w = raw.shape
+    h = raw.shape[1]
     grads, total = gradients.colours, gradients.ring
     for y in range(h):
         light_of_row(work, raw, y, codes)
@@ -134,10 +146,8 @@ def _develop_rows_back(raw_grad, photo_grad, raw, codes, work, gradients):
             if y > 0:
                 _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, codes.saturates)
             continue
-        for channel in range(3):
-            for i in range(w):
-                passes = not codes.saturates or raw[channel, y, i] <= ONE
-                raw_grad[channel, y, i] = grads[0, channel, i] if passes else ZERO
+        for plane in range(codes.planes):
+            _colour_back(raw_grad[plane, y], grads[0], plane, raw[plane, y], codes)
     if codes.mosaic:
         _fold_back(raw_grad, total[(h - 1) % 3], raw, h - 1, codes.saturates)
 

@@ -1,7 +1,8 @@
 """The colours of a sensor pixel from packed readings, and the gradient on the way back.
 
-Readings of three planes are colours already. Those of four are the colour filters of 2 x 2 sensor
-pixels, R, G, G, B, whose other colours a linear demosaic takes from the pixels around them.
+Readings of three planes are colours already. Those of four are R, G, G, B: of bins, whose greens
+are averaged, or, where there are taps, of 2 x 2 sensor pixels, whose other colours a linear
+demosaic takes from the pixels around them.
 `variant` is a `develop_arrays.CodesVariant`.
 """
 
@@ -84,12 +85,12 @@ def at_site(weight: tl.constexpr, odd_row, odd_col):
 def sensor_colours(raw, pixels, variant: tl.constexpr):
     """Return red, green and blue light of Pixels of the sensor. Past the border, the outermost
     cells are repeated."""
-    if variant.planes == 3:
-        return (
-            packed_reading(raw, 0, pixels, variant),
-            packed_reading(raw, 1, pixels, variant),
-            packed_reading(raw, 2, pixels, variant),
-        )
+    if len(variant.taps) == 0:
+        green = packed_reading(raw, 1, pixels, variant)
+        if variant.planes == 4:
+            green = 0.5 * (green + packed_reading(raw, 2, pixels, variant))
+        red = packed_reading(raw, 0, pixels, variant)
+        return red, green, packed_reading(raw, variant.planes - 1, pixels, variant)
     odd_row, odd_col, colours = pixels.row % 2 == 1, pixels.col % 2 == 1, black(pixels.exist)
     for k in tl.static_range(len(variant.taps)):
         y, x = pixels.row + variant.taps[k][0], pixels.col + variant.taps[k][1]

@@ -43,17 +43,22 @@ def develop_kernel(photo, raw, arrays, variant: tl.constexpr, TILE: tl.constexpr
 
 @triton.jit
 def light_back_kernel(out, grad, raw, arrays, variant: tl.constexpr, TILE: tl.constexpr):
-    """Fill out with the gradient in raw, or before a demosaic in the light of every sensor pixel,
-    (B, 3, ...), from grad (B, 3, H, W). The rest as in `develop_kernel`."""
+    """Fill out with the gradient in raw, (B, planes, ...), or before a demosaic in the light of
+    every sensor pixel, (B, 3, ...), from grad (B, 3, H, W). The rest as in `develop_kernel`."""
     pixels = tile(out, TILE)
     code_grads = resize_back(grad, pixels, arrays.rows, arrays.cols)
     tone, light = tone_of(arrays.tones, pixels.image), sensor_colours(raw, pixels, variant)
     grads = codes_back(code_grads, light, tone, variant)
-    if variant.planes == 4:
+    if len(variant.taps) > 0:
         store(out, pixels, grads)
-    else:
+    elif variant.planes == 3:
         for plane in tl.static_range(3):
             store_reading_grad(out, raw, plane, pixels, grads[plane], variant)
+    else:
+        store_reading_grad(out, raw, 0, pixels, grads[0], variant)
+        store_reading_grad(out, raw, 1, pixels, 0.5 * grads[1], variant)
+        store_reading_grad(out, raw, 2, pixels, 0.5 * grads[1], variant)
+        store_reading_grad(out, raw, 3, pixels, grads[2], variant)
 
 
 def _codes_of(raw: Tensor, arrays: CodesArrays, variant: CodesVariant) -> Tensor:
@@ -65,11 +70,12 @@ def _codes_of(raw: Tensor, arrays: CodesArrays, variant: CodesVariant) -> Tensor
 
 def _codes_back(grad: Tensor, raw: Tensor, arrays: CodesArrays, variant: CodesVariant) -> Tensor:
     """Return the gradient in readings, from that in their codes."""
+    raw_grad = torch.empty_like(raw)
+    if not variant.taps:
+        launch(light_back_kernel, raw_grad, grad, raw, arrays, variant=variant)
+        return raw_grad
     light_grad = raw.new_empty(len(raw), 3, arrays.rows.size, arrays.cols.size)
     launch(light_back_kernel, light_grad, grad, raw, arrays, variant=variant)
-    if variant.planes == 3:
-        return light_grad
-    raw_grad = torch.empty_like(raw)
     launch(demosaic_back_kernel, raw_grad, light_grad, raw, variant=variant)
     return raw_grad
 

@@ -24,7 +24,7 @@ class CodesVariant(NamedTuple):
     """What kernels that make codes of readings are compiled with.
 
     Args:
-        planes: of the readings, 4 before a demosaic, of these taps; else 3.
+        planes: of the readings. taps: of their demosaic; () if they need none.
         saturates, levels, coded, toned: see `development_records.Codes`.
     """
 
@@ -92,8 +92,8 @@ def develop_arrays(d: Development, device: torch.device) -> tuple[DevelopArrays,
 
 
 def _variant(c: Codes) -> CodesVariant:
-    planes, taps = (4, taps_of(c.demosaic)) if c.mosaic else (3, ())
-    return CodesVariant(planes, taps, c.saturates, float(c.levels), c.coded, c.toned)
+    taps = taps_of(c.demosaic) if c.mosaic else ()
+    return CodesVariant(c.planes, taps, c.saturates, float(c.levels), c.coded, c.toned)
 
 
 def _tones(c: Codes) -> np.ndarray:

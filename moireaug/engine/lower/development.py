@@ -85,6 +85,7 @@ def _development_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Developme
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
     codes = Codes(
+        planes=shot.raw_shape()[1],
         mosaic=shot.scene.filter_cell == "rggb",
         demosaic=demosaic,
         rows=rows,

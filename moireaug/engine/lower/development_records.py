@@ -69,7 +69,8 @@ class Codes(NamedTuple):
     """What makes codes of a batch's readings, and resizes them.
 
     Args:
-        mosaic: the readings are packed planes. demosaic: (4 sites, 3 colours, 4 planes, 3 rows, 3
+        planes: of the readings. mosaic: they are of packed sites; else of colours, or of four
+            planes, two of which are green. demosaic: (4 sites, 3 colours, 4 planes, 3 rows, 3
             columns) float32, how much a plane's pixel of a cell, of those around a site's own, is
             worth in a colour of the site; 0 if not `mosaic`.
         rows, cols: the resize along both axes.
@@ -81,6 +82,7 @@ class Codes(NamedTuple):
             (B,) float32.
     """
 
+    planes: int
     mosaic: bool
     demosaic: Any
     rows: Resize
