@@ -22,7 +22,8 @@ from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor_sites import light_passed, look_at_panel, pointers, read, site_of
 from moireaug.engine.lower.exposure_records import Exposure, FullView, PointView
 
-BLOCK = 128  # pixels of a plane, that one program computes
+BLOCK = 256  # pixels of a plane, that one program computes
+WARPS = 8  # of a program, a thread for each pixel: with 4, a compiler spills registers
 
 
 class FullBatch(NamedTuple):
@@ -99,7 +100,8 @@ def _prepare(
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     flickers, taps = e.flicker.shape[1] > 0, 2 * e.cell.radius + 1
     variant = FullVariant(method.span_of(e), taps, e.dark_around, flickers, e.noisy, e.clips)
-    return batch, {"SEE": method.see, "variant": variant, "BLOCK": BLOCK}
+    constants = {"SEE": method.see, "variant": variant, "BLOCK": BLOCK, "num_warps": WARPS}
+    return batch, constants
 
 
 def _grid(raw: Tensor) -> tuple[int]:
