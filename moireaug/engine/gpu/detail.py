@@ -1,5 +1,6 @@
 """The filter of codes, which smooths colour and sharpens brightness, and its gradient. Rows are
-blurred first, then columns.
+blurred first, then columns. Besides these rows a pixel reads its own colours alone, so that others
+can take their place.
 
 A Gaussian mixes no colours and their mean is its own transpose: the filter's transpose is the
 filter with the Gaussians' transposes, which differ in the outermost pixels alone. They are repeated
@@ -119,24 +120,24 @@ def filter_back_kernel(out, grad, soft, detail, TILE: tl.constexpr):
     store(out, pixels, filtered((grad, soft, detail), pixels, True))
 
 
-def _blurred_rows(images: Tensor, detail: DetailArrays, *, transposed: bool) -> Tensor:
-    soft = torch.empty_like(images)
-    launch(blur_rows_kernel, soft, images, detail, TRANSPOSED=transposed)
-    return soft
-
-
 def filter_detail(codes: Tensor, detail: DetailArrays) -> Tensor:
-    """Return the photos (B, 3, H, W) of codes of sensor pixels (B, 3, h, w)."""
-    soft = _blurred_rows(codes, detail, transposed=False)
-    photo = codes.new_empty(len(codes), 3, detail.rows.photo_size, detail.cols.photo_size)
+    """Return the photos (B, 3, H, W) of codes of sensor pixels (B, 3, h, w), which are overwritten
+    unless photos are resized."""
+    soft, photo = torch.empty_like(codes), codes
+    launch(blur_rows_kernel, soft, codes, detail, TRANSPOSED=False)
+    photo_size = detail.rows.photo_size, detail.cols.photo_size
+    if photo_size != codes.shape[2:]:
+        photo = codes.new_empty(len(codes), 3, *photo_size)
     launch(detail_kernel, photo, codes, soft, detail)
     return photo
 
 
 def filter_detail_back(grad: Tensor, codes: Tensor, detail: DetailArrays) -> Tensor:
-    """Return the gradient in codes (B, 3, h, w), from that in photos (B, 3, H, W)."""
-    soft, filtered_grad = _blurred_rows(codes, detail, transposed=False), torch.empty_like(codes)
-    launch(detail_back_kernel, filtered_grad, grad, codes, soft, detail)
-    soft, out = _blurred_rows(filtered_grad, detail, transposed=True), torch.empty_like(codes)
-    launch(filter_back_kernel, out, filtered_grad, soft, detail)
-    return out
+    """Return the gradient in codes (B, 3, h, w), which it overwrites, from that in photos
+    (B, 3, H, W)."""
+    soft, codes_grad = torch.empty_like(codes), codes
+    launch(blur_rows_kernel, soft, codes, detail, TRANSPOSED=False)
+    launch(detail_back_kernel, codes_grad, grad, codes, soft, detail)
+    launch(blur_rows_kernel, soft, codes_grad, detail, TRANSPOSED=True)
+    launch(filter_back_kernel, codes_grad, codes_grad, soft, detail)
+    return codes_grad
