@@ -3,10 +3,11 @@
     python training/fit.py -m recipe=baseline,moire_at,pgd_at seed=0,1,2
     python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50
     python training/frontier.py runs    # when all runs are attacked
+    python training/frontier.py runs/frontier/frontier.csv out=DIR    # again, from its CSV
 
 Writes frontier.md, frontier.csv (one line per run) and frontier.png into runs/frontier/, or
 where out=DIR says. A run that was not attacked yet is left out, and the command that attacks it is
-printed.
+printed. Lines of several CSVs make one table; its intervals cover the choice of seeds alone.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 from collections.abc import Sequence
 
 from moireaug.files import write_bytes, write_text
-from training.comparison.frame import read
+from training.comparison.frame import read, read_csv
 from training.comparison.plot import draw
 from training.comparison.summaries import RecipeSummary, summarise
 from training.comparison.table import markdown, terminal_parts
@@ -28,13 +29,14 @@ from training.report.terminal import show
 from training.system.messages import use_legible_output
 
 
-def frontier(root: Path, out: Path) -> list[RecipeSummary]:
-    """Read a folder of runs, and write and print its table; return the recipes, cheapest first.
+def frontier(source: Path, out: Path) -> list[RecipeSummary]:
+    """Read a folder of runs, or the CSV of such tables, and write and print its table; return the
+    recipes, cheapest first.
 
     Raises:
         ValueError: runs that are missing or cannot be compared.
     """
-    table = read(root)
+    table = read_csv(source) if source.suffix == ".csv" else read(source)
     recipes = summarise(table.runs)
     write_bytes(out / "frontier.png", draw(recipes, table.shared))
     write_text(out / "frontier.csv", table.to_csv())
@@ -55,13 +57,13 @@ def main(argv: Sequence[str]) -> None:
         raise SystemExit(
             "error: pass one folder of runs, as in: python training/frontier.py runs [out=DIR]"
         )
-    root = Path(folders[0])
-    out = root / "frontier"
+    source = Path(folders[0])
+    out = source.parent if source.suffix == ".csv" else source / "frontier"
     for argument in argv:
         if argument.startswith("out="):
             out = Path(argument.removeprefix("out="))
     try:
-        frontier(root, out)
+        frontier(source, out)
     except (ValueError, OSError) as error:
         raise SystemExit(f"error: {error}") from None
 

@@ -190,10 +190,11 @@ def test_costs_need_the_time_of_plain_training(tmp_path):
     put(tmp_path, "clean", 0)
     with pytest.raises(ValueError, match="train and attack recipe baseline with the same settings"):
         summarise(read(tmp_path).runs)
-    put(tmp_path, "baseline", 1, seconds=30.0)
-    put(tmp_path, "good", 1, plain=99.0)  # a copy, of which the baseline was trained anew
-    clean = summarise(read(tmp_path).runs)[0]
-    assert clean.relative_time.value == 10.0 / (30.0 + 10.0)
+    put(tmp_path, "baseline", 1, seconds=30.0)  # trained anew, on a slower day
+    put(tmp_path, "good", 1, seconds=30.0)
+    clean, baseline, good = summarise(read(tmp_path).runs)
+    assert clean.relative_time.value == 10.0 / (40.0 + 30.0) * 2
+    assert (baseline.relative_time.value, good.relative_time.value) == (1.0, 40.0 / 30.0)
 
 
 def test_seeds_of_other_settings_are_not_one_recipe(tmp_path):

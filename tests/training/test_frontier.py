@@ -26,11 +26,12 @@ def test_the_figures_of_the_table(root):
     assert rates == pytest.approx([0.9, 0.7, 0.4])
     assert good.rates["unseen_mean"].value == pytest.approx(0.7, abs=0.01)
     assert good.rates["unseen_worst"].value == 0.6
-    plain = 20 + 11
+    # the mean of those that know it: 20 after a start of 10, 11 and 12, alone, and after one of 10
+    plain = (30 + 31 + 32 + 3 * 20 + 30) / 7
     assert recipes["clean"].relative_time.value == pytest.approx(11 / plain)
     assert recipes["clean"].start_seconds == 0
-    assert good.relative_time.value == pytest.approx((20 + 11) / plain) and good.start_seconds == 11
-    assert slow.relative_time.value == pytest.approx(60 / plain)
+    assert good.relative_time == pytest.approx((1, 1, 1)) and good.start_seconds == 11
+    assert slow.relative_time.value == pytest.approx(60 / 20)
     assert slow.start_seconds == 0  # it began with random weights
     assert [r.name for r in recipes.values() if r.is_on_front] == ["clean", "good", "lone"]
     value, low, high = lone.relative_time
@@ -50,7 +51,7 @@ def test_intervals_hold_seeds_and_images(root):
     # hundred
     assert high - low > 0.95 * (alone.high - alone.low)
     assert estimate_rate(by_recipe.loc["clean", "worst_8"]).low == 0  # no accuracy is below 0
-    words = caption(summarise(runs), dict.fromkeys(("n", "data", "model", "scene", "steps"), 1))
+    words = caption(summarise(runs), read(root))
     assert "cover the choice of seeds and of images" in words and "lone in 1 of 1 seeds" in words
 
 
@@ -103,6 +104,42 @@ def test_every_file_is_whole(root, capsys):
         assert image.size == (1000, 490)
     printed = capsys.readouterr().out.split("\nAccuracy")[0]
     assert max(map(len, printed.splitlines())) <= 100
+
+
+def test_a_table_of_csv_has_the_same_means(tmp_path):
+    """And Student's intervals over seeds: the outcomes of single images are not in it."""
+    for recipe, worst in (("baseline", 0.0), ("good", 0.3)):
+        for seed in range(3):
+            put(tmp_path, recipe, seed, worst=(worst + 0.02 * seed, worst), seconds=20.0 + seed)
+    of_runs = command.frontier(tmp_path, tmp_path / "out")
+    of_csv = command.frontier(tmp_path / "out/frontier.csv", tmp_path / "again")
+    first, second = ((tmp_path / name / "frontier.csv").read_text() for name in ("out", "again"))
+    assert first == second
+    for one, other in zip(of_runs, of_csv, strict=True):
+        assert replace(one, rates={}, gains={}) == replace(other, rates={}, gains={})
+        for name in ("rates", "gains"):
+            means = [{k: e.value for k, e in getattr(r, name).items()} for r in (one, other)]
+            assert means[0] == pytest.approx(means[1])
+    good = of_csv[-1]
+    half = stats.t.ppf(0.975, 2) * 0.02 / 3**0.5
+    assert good.rates["worst_4"] == pytest.approx((0.32, 0.32 - half, 0.32 + half))
+    assert good.gains["worst_4"] == pytest.approx((0.3, 0.3, 0.3))
+    assert good.rates["worst_8"] == pytest.approx((0.3, 0.3, 0.3))
+    assert "cover the choice of seeds alone" in (tmp_path / "again/frontier.md").read_text()
+
+
+def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
+    lines = read(root).to_csv().splitlines()
+    for text, said in (
+        ("", "is no frontier.csv"),
+        ("recipe,seed\ngood,0\n", "is no frontier.csv .*'clean'"),
+        ("\n".join(lines), "lone has one seed in"),
+        ("\n".join([*lines[:4], lines[4].replace(",50", ",20")]), "runs of different steps"),
+    ):
+        (tmp_path / "table.csv").write_text(text)
+        with pytest.raises(SystemExit, match=f"error: .*{said}"):
+            command.main([str(tmp_path / "table.csv"), f"out={tmp_path / 'out'}"])
+        assert not (tmp_path / "out").exists()
 
 
 def test_names_are_whole_and_apart(tmp_path):

@@ -1,5 +1,5 @@
-"""Finished runs and their re-attacks as one frame, a row per run; or a sentence that says why there
-is none."""
+"""Finished runs and their re-attacks as one frame, a row per run, which is written as CSV and read
+from it; or a sentence that says why there is none."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainC
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
+SHARED = ("data", "model", "scene", "n", "steps")  # what the runs of a table have in common
 # each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
 RATES = {
     "clean": ("worst_case", "eps_4", "clean"),
@@ -46,7 +47,8 @@ class RunTable(NamedTuple):
     Args:
         runs: a row per attacked run. Columns: `recipe`, `seed`; `n`, number of images; outcomes
             (n,) by the names of `RATES`, 1 where the run is right, 0 where it is wrong, the mean
-            over scenes in between; `seconds` of its own training, by its median epoch,
+            over scenes in between, or read from CSV their mean (1,); `seconds` of its own training,
+            by its median epoch,
             `start_seconds` of that of its first weights, 0 for random ones, `total_seconds` of
             both, `plain_seconds` of plain training with the same seed and settings, its start
             included, missing where it is not known; `passes` forward and backward per image of its
@@ -55,17 +57,19 @@ class RunTable(NamedTuple):
         shared: data, model, scene, n and steps, which they share.
         commands: commands that attack the other runs.
         warnings: sentences for the reader.
+        is_of_means: whether it was read from CSV, without the outcomes of single images.
     """
 
     runs: pd.DataFrame
     shared: dict[str, Any]
     commands: list[str]
     warnings: list[str]
+    is_of_means: bool = False
 
     def to_csv(self) -> str:
         """Return the runs as CSV, each with its mean accuracies."""
         means = {name: self.runs[name].map(np.mean) for name in RATES}
-        return self.runs.assign(**means).to_csv(index=False)
+        return self.runs.assign(**means, **self.shared).to_csv(index=False)
 
 
 def read(root: Path) -> RunTable:
@@ -85,6 +89,33 @@ def read(root: Path) -> RunTable:
             "Train and attack again."
         ) from error
     return table._replace(warnings=[*table.warnings, *warnings])
+
+
+def read_csv(file: Path) -> RunTable:
+    """Read the table that `RunTable.to_csv` wrote, without the outcomes of single images.
+
+    Raises:
+        ValueError: another file, runs that cannot be compared, or a recipe of one seed.
+    """
+    try:
+        runs = pd.read_csv(file)
+        runs = runs.assign(**{name: [np.array([mean]) for mean in runs[name]] for name in RATES})
+        shared = {name: runs[name].unique().tolist() for name in SHARED}
+        seeds = runs.groupby("recipe")["seed"].nunique()
+    except (KeyError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise ValueError(
+            f"{file} is no frontier.csv ({error}). Pass the folder of the runs instead."
+        ) from error
+    for name, values in shared.items():
+        if len(values) != 1:
+            raise ValueError(f"{file} has runs of different {name}: {values}. Keep those of one.")
+    if (seeds == 1).any():
+        raise ValueError(
+            f"{seeds.idxmin()} has one seed in {file}, where intervals take two or more. "
+            "Pass the folder of the runs instead."
+        )
+    values = {name: value for name, (value,) in shared.items()}
+    return RunTable(runs, values, commands=[], warnings=[], is_of_means=True)
 
 
 def _table(root: Path, trained: Runs) -> RunTable:

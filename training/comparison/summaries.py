@@ -37,8 +37,7 @@ class RecipeSummary:
             attacked.
         seconds, start_seconds, passes, images_per_second: means over seeds of the columns of
             `RunTable`.
-        relative_time: time of training with its start, over the mean of plain training with its
-            own.
+        relative_time: mean of `relative_times`.
         collapsed_count: number of seeds whose training collapsed.
         is_on_front: whether no other recipe is as robust at 4/255 in less time, or more robust in
             the same.
@@ -64,9 +63,9 @@ def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
         runs: runs, as in `RunTable`.
 
     Raises:
-        ValueError: as `mean_plain_seconds`.
+        ValueError: as `relative_times`.
     """
-    unit = mean_plain_seconds(runs)
+    runs = runs.assign(relative_time=relative_times(runs))
     baseline = runs[runs["recipe"] == "baseline"]
     summaries, places = [], []
     for name, seeds in runs.groupby("recipe", sort=False):
@@ -75,7 +74,7 @@ def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
             seeds=tuple(sorted(seeds["seed"])),
             rates={rate: estimate_rate(seeds[rate]) for rate in RATES},
             gains=estimate_gains(seeds, baseline) if seeds["baseline"].notna().all() else {},
-            relative_time=estimate_cost((seeds["total_seconds"] / unit).tolist()),
+            relative_time=estimate_cost(seeds["relative_time"].tolist()),
             collapsed_count=int(seeds["collapsed"].sum()),
             **seeds[COSTS].mean(),
         )
@@ -89,36 +88,35 @@ def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
     return sorted(summaries, key=lambda summary: (summary.relative_time.value, summary.name))
 
 
-def mean_plain_seconds(runs: pd.DataFrame) -> float:
-    """Return the mean time of plain training, its start included; a baseline's own figure takes
-    precedence over a copy.
+def relative_times(runs: pd.DataFrame) -> pd.Series:
+    """Return the time of each run, its start included, over that of its own plain training, which
+    ran on the same machine; where that is not known, over the mean.
 
     Raises:
         ValueError: no run says it.
     """
-    baselines_first = runs.sort_values("recipe", key=lambda name: name != "baseline", kind="stable")
-    by_seed = baselines_first.groupby("seed")["plain_seconds"].first().dropna()
-    if by_seed.empty:
+    plain_seconds = runs["plain_seconds"].astype(float)
+    if plain_seconds.isna().all():
         raise ValueError(
             "no run says how long plain training takes, which costs are relative to: train and "
             "attack recipe baseline with the same settings."
         )
-    return fmean(by_seed)
+    return runs["total_seconds"] / plain_seconds.fillna(plain_seconds.mean())
 
 
 def estimate_rate(outcomes: pd.Series) -> Estimate:
     """Return a mean accuracy with an interval over seeds and images; for a single seed, over its
-    images alone (Wilson).
+    images alone (Wilson); of means, over seeds alone.
 
     Args:
-        outcomes: (seeds,) of (n,) outcomes.
+        outcomes: (seeds,) of (n,) outcomes, or of their mean (1,).
     """
     values = np.stack(outcomes.tolist())
     mean = float(values.mean())
     if len(values) == 1:
         return Estimate(mean, *wilson(mean * values.size, values.size))
-    low, high = bootstrap(values)
-    return Estimate(mean, max(0.0, low), high)
+    low, high = _interval(values)
+    return Estimate(mean, max(0.0, low), min(1.0, high))
 
 
 def estimate_gains(seeds: pd.DataFrame, baseline: pd.DataFrame) -> dict[str, Estimate]:
@@ -128,8 +126,13 @@ def estimate_gains(seeds: pd.DataFrame, baseline: pd.DataFrame) -> dict[str, Est
     gains = {}
     for rate in RATES if len(pairs) else ():
         differences = np.stack((pairs[rate] - pairs[f"{rate}_plain"]).tolist())
-        gains[rate] = Estimate(float(differences.mean()), *bootstrap(differences))
+        gains[rate] = Estimate(float(differences.mean()), *_interval(differences))
     return gains
+
+
+def _interval(values: np.ndarray) -> tuple[float, float]:
+    """Return the interval of a mean over seeds and images, or of means (seeds, 1) over seeds."""
+    return t_interval(values[:, 0].tolist()) if values.shape[1] == 1 else bootstrap(values)
 
 
 def estimate_cost(values: Sequence[float]) -> Estimate:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from training.comparison.frame import RunTable
 from training.comparison.summaries import RecipeSummary
@@ -37,10 +36,12 @@ TERMINAL_HEADS = (
 )
 
 
-def caption(recipes: Sequence[RecipeSummary], shared: dict[str, Any]) -> str:
+def caption(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
     """Return the caption: the meaning of the figures and their intervals."""
     intervals = []
-    if any(len(recipe.seeds) > 1 for recipe in recipes):
+    if table.is_of_means:
+        intervals.append("95 % intervals cover the choice of seeds alone (Student's).")
+    elif any(len(recipe.seeds) > 1 for recipe in recipes):
         intervals.append(
             "95 % intervals of several seeds cover the choice of seeds and of images (two-way "
             "bootstrap)."
@@ -52,7 +53,7 @@ def caption(recipes: Sequence[RecipeSummary], shared: dict[str, Any]) -> str:
         )
     images = "{n} test images: {data}, {model}, scene {scene}, {steps} steps per attack"
     sentences = [
-        f"Accuracy in % of {images.format(**shared)}.",
+        f"Accuracy in % of {images.format(**table.shared)}.",
         *intervals,
         "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
         "Time is of training alone, by the median epoch, on top of the clean weights that a recipe "
@@ -81,7 +82,7 @@ def markdown(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
             recipes=recipes,
             gained=[recipe for recipe in recipes if recipe.gains],
             titles=RATE_TITLES,
-            caption=caption(recipes, table.shared),
+            caption=caption(recipes, table),
             warnings=table.warnings,
             commands=table.commands,
         )
@@ -103,7 +104,7 @@ def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable) -> list[Pa
         row.append(f"{recipe.relative_time.value:.2f}")
         rows.append(row)
     parts: list[Part] = [Grid(rows), ""]
-    for text in (caption(recipes, table.shared), *table.warnings):
+    for text in (caption(recipes, table), *table.warnings):
         parts.append(textwrap.fill(text, TERMINAL_WIDTH))
     if any(recipe.gains for recipe in recipes):
         parts.append("Gain: at 4/255, over plain training of at least as many epochs, in points.")
