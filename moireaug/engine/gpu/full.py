@@ -22,8 +22,7 @@ from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor_sites import light_passed, look_at_panel, pointers, read, site_of
 from moireaug.engine.lower.exposure_records import Exposure, FullView, PointView
 
-BLOCK = 256  # pixels of a plane, that one program computes
-WARPS = 8  # of a program, a thread for each pixel: with 4, a compiler spills registers
+WARP = 32  # threads
 
 
 class FullBatch(NamedTuple):
@@ -65,7 +64,7 @@ def expose(picture: Tensor, exposure: Exposure, view: FullView | PointView) -> T
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
     batch, constants = _prepare(picture, exposure, view)
     raw = picture.new_empty(len(picture), *batch.raw_shape, dtype=torch.float32)
-    expose_kernel[_grid(raw)](raw, batch, **constants)
+    expose_kernel[_grid(raw, constants["BLOCK"])](raw, batch, **constants)
     return raw
 
 
@@ -75,7 +74,8 @@ def expose_back(
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings."""
     batch, constants = _prepare(picture, exposure, view)
     light_grad = torch.zeros_like(batch.screen.light)
-    expose_back_kernel[_grid(grad)](light_grad, grad.contiguous(), batch, **constants)
+    grid = _grid(grad, constants["BLOCK"])
+    expose_back_kernel[grid](light_grad, grad.contiguous(), batch, **constants)
     return show_back(light_grad, picture, exposure, batch.exposure)
 
 
@@ -100,13 +100,13 @@ def _prepare(
     batch = batch._replace(screen=screen, quantiles=quantiles(picture.device))
     flickers, taps = e.flicker.shape[1] > 0, 2 * e.cell.radius + 1
     variant = FullVariant(method.span_of(e), taps, e.dark_around, flickers, e.noisy, e.clips)
-    constants = {"SEE": method.see, "variant": variant, "BLOCK": BLOCK, "num_warps": WARPS}
-    return batch, constants
+    constants = {"SEE": method.see, "variant": variant, "BLOCK": method.BLOCK}
+    return batch, constants | {"num_warps": method.BLOCK // WARP}  # a thread for each pixel
 
 
-def _grid(raw: Tensor) -> tuple[int]:
+def _grid(raw: Tensor, block: int) -> tuple[int]:
     images, planes, height, width = raw.shape
-    return (images * planes * triton.cdiv(height * width, BLOCK),)
+    return (images * planes * triton.cdiv(height * width, block),)
 
 
 @triton.jit

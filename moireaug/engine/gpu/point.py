@@ -15,6 +15,8 @@ from moireaug.engine.lower.exposure_records import Exposure, PointView
 
 MIN_LIGHT = tl.constexpr(1e-12)  # that a weighted mean is divided by
 
+BLOCK = 128  # pixels of a plane that one program computes, so that no compiler spills registers
+
 
 class Subpixels(NamedTuple):
     """What the method reads of the subpixels of a panel's cell.

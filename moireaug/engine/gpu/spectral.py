@@ -19,6 +19,8 @@ from moireaug.engine.gpu.patch import Patch, place_on_shown, weights_on_shown
 from moireaug.engine.gpu.view import ALPHA
 from moireaug.engine.lower.exposure_records import Camera, Exposure, FullView
 
+BLOCK = 256  # pixels of a plane that one program computes, so that no compiler spills registers
+
 
 class Subpixels(NamedTuple):
     """What the method reads of a panel's subpixels, of some kinds; see `exposure_records.Cell`.

@@ -24,8 +24,8 @@ def quick_calls(monkeypatch):
 @pytest.fixture(autouse=True)
 def one_program_an_image(monkeypatch, quick_calls):
     """The interpreter takes as long for a program of one pixel as of hundreds."""
-    from moireaug.engine.gpu import binned, full, tile
+    from moireaug.engine.gpu import binned, point, spectral, tile
 
     monkeypatch.setattr(tile, "TILE", (32, 64))
-    for module in (binned, full):
+    for module in (binned, point, spectral):
         monkeypatch.setattr(module, "BLOCK", 256)
