@@ -6,8 +6,9 @@
     python training/frontier.py runs/frontier/frontier.csv out=DIR    # again, from its CSV
 
 Writes frontier.md, frontier.csv (one line per run) and frontier.png into runs/frontier/, or
-where out=DIR says. A run that was not attacked yet is left out, and the command that attacks it is
-printed. Lines of several CSVs make one table; its intervals cover the choice of seeds alone.
+where out=DIR says, which a CSV needs. A run that was not attacked yet is left out, and the command
+that attacks it is printed. Lines of several CSVs make one table; its intervals cover the choice of
+seeds alone.
 """
 
 from __future__ import annotations
@@ -58,10 +59,12 @@ def main(argv: Sequence[str]) -> None:
             "error: pass one folder of runs, as in: python training/frontier.py runs [out=DIR]"
         )
     source = Path(folders[0])
-    out = source.parent if source.suffix == ".csv" else source / "frontier"
+    out = source / "frontier"
     for argument in argv:
         if argument.startswith("out="):
             out = Path(argument.removeprefix("out="))
+    if source.suffix == ".csv" and len(argv) == 1:  # beside it lie the tables of the runs
+        raise SystemExit("error: say where to write the table of a CSV, with out=DIR")
     try:
         frontier(source, out)
     except (ValueError, OSError) as error:

@@ -140,6 +140,8 @@ def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
         with pytest.raises(SystemExit, match=f"error: .*{said}"):
             command.main([str(tmp_path / "table.csv"), f"out={tmp_path / 'out'}"])
         assert not (tmp_path / "out").exists()
+    with pytest.raises(SystemExit, match="error: say where to write the table of a CSV"):
+        command.main([str(tmp_path / "table.csv")])
 
 
 def test_names_are_whole_and_apart(tmp_path):

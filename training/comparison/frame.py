@@ -48,12 +48,12 @@ class RunTable(NamedTuple):
         runs: a row per attacked run. Columns: `recipe`, `seed`; `n`, number of images; outcomes
             (n,) by the names of `RATES`, 1 where the run is right, 0 where it is wrong, the mean
             over scenes in between, or read from CSV their mean (1,); `seconds` of its own training,
-            by its median epoch,
-            `start_seconds` of that of its first weights, 0 for random ones, `total_seconds` of
-            both, `plain_seconds` of plain training with the same seed and settings, its start
-            included, missing where it is not known; `passes` forward and backward per image of its
-            own training; `images_per_second`; `collapsed`, whether its training ended in
-            catastrophic overfitting once; `baseline`, recipe that it is compared with.
+            by its median epoch, `start_seconds` of that of its first weights, 0 for random ones,
+            `total_seconds` of both, `plain_seconds` of plain training with the same seed and
+            settings, its start included, missing where it is not known; `passes` forward and
+            backward per image of its own training; `images_per_second`; `collapsed`, whether its
+            training ended in catastrophic overfitting once; `baseline`, recipe that it is compared
+            with.
         shared: data, model, scene, n and steps, which they share.
         commands: commands that attack the other runs.
         warnings: sentences for the reader.
