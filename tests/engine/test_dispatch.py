@@ -41,7 +41,7 @@ def test_a_reading_that_is_not_finite_is_left_to_the_reference_alone(value):
     expected = develop(raw, SHOT)
     raw[1, 2, 3, 4] = value
     with reference():
-        expected[1] = develop(raw, SHOT)[1]
+        expected[1] = develop(raw[1:2], SHOT[1:2])[0]
     assert torch.equal(develop(raw, SHOT).nan_to_num(-1), expected.nan_to_num(-1))
 
 
