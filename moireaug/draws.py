@@ -20,6 +20,7 @@ from moireaug.scene.parts import PARTS
 from moireaug.scene.record import SceneRecord
 
 MAX_CACHED_SCENES = 64
+PLACES = ("sensor.crop_x", "sensor.crop_y")  # which only crops have
 ANGLES = ("view.yaw", "view.pitch", "view.roll")
 
 
@@ -101,9 +102,10 @@ def draw_table(scene: SceneRecord) -> DrawTable:
     """Return the DrawTable of a scene."""
     fields = values_of(scene)
     lows, ranges, widths = [], [], []
-    for i, (low, high) in enumerate(map(bounds, fields.values())):
+    for i, (name, value) in enumerate(fields.items()):
+        low, high = bounds(value)
         lows.append(low)
-        if low < high:
+        if low < high and (scene.is_crop or name not in PLACES):
             ranges.append(i)
             widths.append(high - low)
     low_column, width_column = (np.array(ends, np.float64)[:, None] for ends in (lows, widths))

@@ -205,7 +205,7 @@ class Shot(ShotRecord):
         if not isinstance(self.scene, Scene):
             raise TypeError(f"a shot's scene must be a Scene; got {self.scene!r}.")
         super().__post_init__()
-        object.__setattr__(self, "plan", self.scene._planned(self.size))
+        object.__setattr__(self, "plan", self.scene._planned(self.whole_size))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the plan, which another version may make otherwise, and the table of numbers,
@@ -229,7 +229,7 @@ class Shot(ShotRecord):
             raise TypeError(f"a shot's values must be a mapping; got {values!r}.")
         keys = ("scene", "size", "seed", *PARTS)
         for key in values:
-            one_of("a key of a shot", key, keys)
+            one_of("a key of a shot", key, (*keys, "part"))
         missing = [key for key in keys if key not in values]
         if missing:
             raise ValueError(
@@ -237,7 +237,13 @@ class Shot(ShotRecord):
             )
         scene = as_scene(values["scene"])
         numbers, seed = numbers_from_dict(scene, values)
-        return scene.shot_from_numbers(check_size(values["size"]), numbers, seed)
+        size = check_size(values["size"])
+        if "part" not in values:
+            return scene.shot_from_numbers(size, numbers, seed)
+        whole_size, (top, left) = values["part"]["whole_size"], values["part"]["corner"]
+        return scene.shot_from_numbers(check_size(whole_size), numbers, seed).crop(
+            top, left, *size
+        )
 
 
 def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:

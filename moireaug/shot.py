@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from moireaug.draws import Draws, check_drawn
 from moireaug.geometry import grids
+from moireaug.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
 from moireaug.geometry.homography import camera_pose, homography
 from moireaug.geometry.lattice import (
     CFA,
@@ -60,7 +62,11 @@ def sampled_rows_and_columns(
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShotRecord(Draws):
     """The five parts with each ranged field a `(B,)` float64 tensor, scene, image size, and the
-    plan of that scene at that size; users hold a `Shot`, which makes the plan."""
+    plan of that scene at that size; users hold a `Shot`, which makes the plan.
+
+    `whole_size` and `corner` say of which part of a larger image's photo this is the shot; see
+    `crop`.
+    """
 
     scene: SceneRecord
     size: tuple[int, int]
@@ -71,6 +77,8 @@ class ShotRecord(Draws):
     sensor: Any
     develop: Any
     seed: Tensor
+    whole_size: tuple[int, int] | None = None  # the image's own by default
+    corner: tuple[int, int] = (0, 0)  # top and left
     plan: Plan = field(init=False, repr=False)
     _numbers: dict[str, Tensor] = field(init=False, repr=False)  # which a photo asks for often
 
@@ -78,6 +86,9 @@ class ShotRecord(Draws):
         """Check the drawn numbers, bring those of another dtype to float64, differentiably, and the
         size to a tuple."""
         object.__setattr__(self, "size", tuple(self.size))
+        object.__setattr__(self, "whole_size", tuple(self.whole_size or self.size))
+        if self.scene.is_crop and self.view.fit:  # which is not read: its screen goes on
+            object.__setattr__(self, "view", self.view.drawn({"fit": False}))
         numbers = values_of(self)
         check_drawn(numbers, self.seed)
         changed = {}
@@ -101,15 +112,21 @@ class ShotRecord(Draws):
 
     @property
     def panel_scale(self) -> Tensor:
-        """Panel pixels per image pixel, (B,) float64: `Panel.scale`, or from `Panel.width`."""
+        """Panel pixels per image pixel, (B,) float64: `Panel.scale`, or from `Panel.width`, or of a
+        crop from `Sensor.shrink` and `Sensor.pitch`."""
         if bounds(self.scene.panel.width)[1]:
-            return self.panel.width / max(self.size)
+            return self.panel.width / max(self.whole_size)
+        if self.scene.is_crop:
+            return self.sensor.shrink * self.view.zoom / self.sensor.pitch
         return self.panel.scale
 
     @property
     def sensor_scale(self) -> Tensor:
-        """Sensor pixels per photo pixel along each axis, (B,) float64: `Sensor.scale`, or from
-        `Sensor.pitch`, which holds in the middle of the picture before it is turned."""
+        """Sensor pixels per photo pixel along each axis, (B,) float64: `Sensor.shrink`,
+        `Sensor.scale`, or from `Sensor.pitch`, which holds in the middle of the picture before it is
+        turned."""
+        if self.scene.is_crop:
+            return self.sensor.shrink
         if not bounds(self.scene.sensor.pitch)[1]:
             return torch.full_like(self.panel.scale, self.scene.sensor.scale)
         return self.sensor.pitch * self.panel_scale / self._magnification()
@@ -126,7 +143,80 @@ class ShotRecord(Draws):
 
     def _magnification(self) -> Tensor:
         """Return how many photo pixels an image pixel takes; see `homography.camera_pose`."""
-        return camera_pose(self.view, self.lens.k1, self.lens.k2, self.size)[1]
+        if self.scene.is_crop:
+            return self.view.zoom
+        return self._pose()[1]
+
+    def _pose(self) -> tuple[Tensor, Tensor]:
+        return camera_pose(self.view, self.lens.k1, self.lens.k2, self._photo_size())
+
+    def _photo_size(self) -> FrameSize:
+        """Return height and width of the whole photo, numbers or (B,) each."""
+        if self.scene.is_crop:
+            return size_of_crops_photo(
+                self.scene.sensor.pixels, self.sensor.shrink, self.whole_size
+            )
+        return self.whole_size
+
+    @property
+    def frame(self) -> Frame:
+        """The photo that the image is, or is a part of."""
+        (height, width), (top, left) = self.whole_size, self.corner
+        if not self.scene.is_crop:
+            return Frame(height, width, top, left, top, left)
+        place = self.sensor.crop_x, self.sensor.crop_y
+        lens = self.distortion or (torch.zeros_like(place[0]), torch.zeros_like(place[0]))
+        whole = frame_of_crop(self._photo_size(), self.whole_size, place, self._pose()[0], lens)
+        return whole.part(top, left)
+
+    @property
+    def is_part(self) -> bool:
+        """Whether this is the shot of a part of a larger image's photo; see `crop`."""
+        return self.size != self.whole_size
+
+    @property
+    def is_dark_around(self) -> bool:
+        """Whether photos show the dark around the picture."""
+        return self.scene.is_dark_around and not self.is_part
+
+    @property
+    def panel_corner(self) -> Tensor:
+        """Where on the panel the image's corner lies, x and y in panel pixels, (B, 2) float64."""
+        alpha, frame = self.panel_scale, self.frame
+        top, left = self.corner
+        if not bounds(self.scene.panel.width)[1] and self.scene.is_crop:
+            return torch.stack((alpha * frame.image_left, alpha * frame.image_top), -1)
+        return torch.stack((alpha * left, alpha * top), -1)
+
+    def crop(self, top: int, left: int, height: int, width: int) -> Self:
+        """Return the shot of a part of the image: the rows from `top` and the columns from `left`
+        of the photo, which has the perspective, lens, vignetting and phase of the pattern that the
+        whole photo has there.
+
+        `capture(images[:, :, top : top + height, left : left + width], shot.crop(...))` equals that
+        part of `capture(images, shot)`, but near its edges, past which the part's outermost pixels
+        are repeated, and for the sensor noise and JPEG blocks. Photos in the camera's frame show
+        there what their part of the image holds.
+
+        Raises:
+            TypeError: anything but whole numbers.
+            ValueError: a part that the image does not hold, or a shot of a full reading.
+        """
+        top, left, height, width = (operator.index(n) for n in (top, left, height, width))
+        h, w = self.size
+        rows_fit = 0 <= top < top + height <= h
+        if not (rows_fit and 0 <= left < left + width <= w):
+            raise ValueError(
+                f"a part must lie within the image of {h} x {w} pixels; got {height} x {width} "
+                f"from row {top} and column {left} on."
+            )
+        if not self.scene.is_binned:
+            raise ValueError(
+                "a part needs a binned reading, whose scene states Panel.width, Sensor.pitch or "
+                "Sensor.shrink; this shot's is full. Capture the image, and cut the photo."
+            )
+        corner = self.corner[0] + top, self.corner[1] + left
+        return dataclasses.replace(self, size=(height, width), corner=corner)
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
@@ -139,7 +229,7 @@ class ShotRecord(Draws):
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
         Differentiable in every View field that the scene's pose reads."""
         scale = self.scene.sensor.scale
-        return homography(self.view, self.lens.k1, self.lens.k2, self.size, scale)
+        return homography(self.view, self.lens.k1, self.lens.k2, self._photo_size(), scale)
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
         """Return which sensor rows and columns this photo reads."""
@@ -179,8 +269,10 @@ class ShotRecord(Draws):
         if not self.moves:
             return points
         shot = self.to(points.device)
-        moved = grids.image_to_photo(points.double(), shot.matrix(), self.size, shot.distortion)
-        return as_dtype(moved, points.dtype)
+        frame = shot.frame
+        image_points = points.double() + frame.image_corner(points)
+        moved = grids.image_to_photo(image_points, shot.matrix(), frame.size, shot.distortion)
+        return as_dtype(moved - frame.photo_corner(moved), points.dtype)
 
     def to_photo_mask(self, mask: Tensor) -> Tensor:
         """Return a mask (B, C, H, W) of the image, of any dtype, in the photo's own frame: nearest
@@ -200,10 +292,14 @@ class ShotRecord(Draws):
             return mask
         h, w = self.size
         shot = self.to(mask.device)
-        centres = grids.pixel_centres(self.size, mask.device)
-        x, y = grids.photo_to_image(
-            centres, torch.linalg.inv(shot.matrix()), self.size, shot.distortion
-        ).unbind(-1)
+        frame, centres = shot.frame, grids.pixel_centres(self.size, mask.device)
+        image_points = grids.photo_to_image(
+            centres + frame.photo_corner(centres),
+            torch.linalg.inv(shot.matrix()),
+            frame.size,
+            shot.distortion,
+        )
+        x, y = (image_points - frame.image_corner(image_points)).unbind(-1)
         on = (x >= 0) & (x < w) & (y >= 0) & (y < h)
         flat = torch.where(on, y.floor() * w + x.floor(), 0).long()[:, None].flatten(2)
         taken = mask.flatten(2).gather(2, flat.expand(-1, mask.shape[1], -1)).reshape(mask.shape)
@@ -218,6 +314,11 @@ class ShotRecord(Draws):
         return {
             "scene": self.scene.to_dict(),
             "size": list(self.size),
+            **({"part": self._part()} if self.is_part else {}),
             "seed": self.seed.tolist(),
             **by_part({name: values.tolist() for name, values in self.numbers().items()}),
         }
+
+    def _part(self) -> dict[str, list[int]]:
+        """Return of which part of what image this is the shot, as `to_dict` holds it."""
+        return {"whole_size": list(self.whole_size), "corner": list(self.corner)}

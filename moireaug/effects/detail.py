@@ -34,7 +34,7 @@ class ChromaBlur(Effect):
         return called(f"colour smoothed by {format_range(blur)} sensor pixels")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
-        size = kernel_size(max_photo_sigma(shot.scene, "chroma_blur", shot.size))
+        size = kernel_size(max_photo_sigma(shot.scene, "chroma_blur", shot.whole_size))
         return chroma_blur(photo, in_photo(shot, shot.develop.chroma_blur), size)
 
 
@@ -50,7 +50,7 @@ class Sharpen(Effect):
         return verdict_of(deviation(develop.sharpen, 0), scene, why, "not asked for")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
-        size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.size))
+        size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.whole_size))
         develop = shot.develop
         return sharpen(photo, develop.sharpen, in_photo(shot, develop.sharpen_radius), size)
 
@@ -105,7 +105,7 @@ def in_photo(shot: ShotRecord, sigma: Tensor) -> Tensor:
     developed: in photo pixels of a binned reading, and at most the photo's longer side."""
     if not shot.scene.is_binned:
         return sigma
-    return kernel_sigma((sigma / shot.bin_scale).clamp(max=max(shot.size)))
+    return kernel_sigma((sigma / shot.bin_scale).clamp(max=max(shot.whole_size)))
 
 
 def kernel_sigma(sigma: Tensor) -> Tensor:

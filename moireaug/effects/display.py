@@ -5,10 +5,11 @@ from __future__ import annotations
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
-from moireaug.effects.readings import in_planes, photo_coordinates
+from moireaug.effects.readings import in_planes, photo_coordinates, photo_size
 from moireaug.effects.srgb import in_codes
 from moireaug.exposure.extreme_light import max_glare
 from moireaug.exposure.filters import filters_of
+from moireaug.geometry.frame import FrameSize
 from moireaug.geometry.lattice import CFA
 from moireaug.numeric import per_image
 from moireaug.panel.fourier import emitting_share, mean_light
@@ -44,12 +45,12 @@ class Glare(Effect):
         return verdict_of(in_codes(change, scene), scene, why, "the glass reflects nothing")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
-        share = glare_share(*photo_coordinates(shot), shot.size, shot.panel)
+        share = glare_share(*photo_coordinates(shot), photo_size(shot), shot.panel)
         white = white_readings(shot).to(raw.dtype)[..., None, None]
         return raw + in_planes(share, raw, shot) * white
 
 
-def glare_share(u: Tensor, v: Tensor, size: tuple[int, int], panel) -> Tensor:
+def glare_share(u: Tensor, v: Tensor, size: FrameSize, panel) -> Tensor:
     """Return the light that a drawn Panel's glass reflects, as a share of a white screen's: (B, h,
     w) at photo coordinates that broadcast to (h, w) or (B, h, w)."""
     right = u / size[1] * 2 - 1

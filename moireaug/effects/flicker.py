@@ -43,12 +43,14 @@ def light_of_rows(rows: Tensor, shot: ShotRecord) -> Tensor:
     the panel's mean, (B, n) float64; of a binned reading, the mean of a bin's rows there."""
     panel, sensor = shot.panel, shot.sensor
     pulses = panel.pwm, panel.duty, panel.phase
+    height = shot.frame.height
+    height = height[:, None] if isinstance(height, Tensor) else height
     if not shot.scene.is_binned:
-        return flicker(rows / shot.size[0], *pulses, sensor.shutter, sensor.readout)
+        return flicker(rows / height, *pulses, sensor.shutter, sensor.readout)
     parts = torch.arange(ROWS_OF_A_BIN, dtype=rows.dtype, device=rows.device) + 0.5
     wide = (shot.bin_scale / shot.sensor_scale)[:, None, None]
     rows = rows[..., None] + wide * (parts / ROWS_OF_A_BIN - 0.5)
-    bands = flicker(rows.flatten(1) / shot.size[0], *pulses, sensor.shutter, sensor.readout)
+    bands = flicker(rows.flatten(1) / height, *pulses, sensor.shutter, sensor.readout)
     return bands.unflatten(1, (-1, ROWS_OF_A_BIN)).mean(2)
 
 

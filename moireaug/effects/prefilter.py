@@ -10,6 +10,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
+from moireaug.exposure.bin_geometry import middle_of_photo
 from moireaug.exposure.choose import method_of
 from moireaug.geometry import grids
 from moireaug.numeric import repeat_edges
@@ -53,8 +54,8 @@ def max_lost_variance(scene: SizedScene) -> float:
 def neighbour_share(shot: ShotRecord) -> Tensor:
     """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the
     variance that the middle of the picture needs, in squared image pixels, up to 1/2."""
-    height, width = shot.panel_scale.new_tensor(shot.size)[:, None]
-    middle = grids.grid(height / 2, width / 2)
+    middle = middle_of_photo(shot)
+    middle = middle - shot.frame.image_corner(middle)
     variance = shot.plan.method.lost_variance(middle, shot)
     return variance.flatten().clamp(max=MAX_NEIGHBOUR_VARIANCE)
 

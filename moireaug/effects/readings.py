@@ -5,18 +5,27 @@ from __future__ import annotations
 from torch import Tensor
 
 from moireaug.exposure.bin_geometry import pixels_on_photo
+from moireaug.geometry.frame import FrameSize, per_pixel
 from moireaug.geometry.lattice import pack
 from moireaug.shot import ShotRecord
 
 
 def photo_coordinates(shot: ShotRecord) -> tuple[Tensor, Tensor]:
-    """Return the photo coordinates u and v of the sensor's pixels, (w,) and (h, 1); of a binned
-    reading in the image's frame, (B, h, w) each."""
+    """Return the coordinates u and v of the sensor's pixels on the whole photo, (1, w) and (h, 1),
+    or of parts of photos (B, 1, w) and (B, h, 1); of a binned reading in the image's frame, (B, h,
+    w) each."""
     if shot.scene.is_rectified:
         u, v = pixels_on_photo(shot)[0].unbind(-1)
         return u, v
     rows, cols = (pixels.positions(shot.device) for pixels in shot.sampled_pixels())
-    return cols, rows[:, None]
+    frame = shot.frame
+    return cols + per_pixel(frame.photo_left), rows[:, None] + per_pixel(frame.photo_top)
+
+
+def photo_size(shot: ShotRecord) -> FrameSize:
+    """Return height and width of the whole photo, as numbers or (B, 1, 1)."""
+    height, width = shot.frame.size
+    return per_pixel(height), per_pixel(width)
 
 
 def in_planes(values: Tensor, raw: Tensor, shot: ShotRecord) -> Tensor:

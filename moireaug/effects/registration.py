@@ -24,6 +24,8 @@ class Register(Effect):
             return left_out("the photo stays in the camera's frame")
         if not (scene.is_posed or scene.is_bent):
             return left_out("the photo is in the image's frame already")
+        if scene.is_crop:
+            return left_out("a crop lies within its photo; bins are read in the image's frame")
         if not scene.is_rectified:
             return called("back to the image's frame")
         if _is_shown_whole(scene):

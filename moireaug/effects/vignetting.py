@@ -5,7 +5,8 @@ from __future__ import annotations
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, format_range, verdict_of
-from moireaug.effects.readings import in_planes, photo_coordinates
+from moireaug.effects.readings import in_planes, photo_coordinates, photo_size
+from moireaug.geometry.frame import FrameSize
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
@@ -25,16 +26,16 @@ class Vignetting(Effect):
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         u, v = photo_coordinates(shot)
-        return raw * in_planes(falloff(u, v, shot.size, shot.lens.vignetting), raw, shot)
+        return raw * in_planes(falloff(u, v, photo_size(shot), shot.lens.vignetting), raw, shot)
 
 
-def falloff(u: Tensor, v: Tensor, size: tuple[int, int], loss: Tensor) -> Tensor:
+def falloff(u: Tensor, v: Tensor, size: FrameSize, loss: Tensor) -> Tensor:
     """Return the share of light that is left, (B, h, w): 1 in the photo's centre and 1 - `loss`
     (B,) in its corners. The loss lies in [0, 1).
 
     Args:
         u, v: photo coordinates that broadcast to (h, w) or (B, h, w). size: height and width of the
-            photo.
+            photo, numbers or (B, 1, 1).
     """
     h, w = size
     r2 = ((u - w / 2).square() + (v - h / 2).square()) * (4 / (h * h + w * w))

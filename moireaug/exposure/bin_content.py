@@ -34,6 +34,9 @@ class Content(NamedTuple):
         shift: (B, 3, 2) where a colour's subpixels lie from the middle of a pixel.
         width: (B, 3, 2) of a colour's subpixels, in pixels.
         interpolation_variance: (B,) added by interpolating the picture, in squared pixels.
+        lead: (B, 2) pixels along x and y from the coarser panel's corner to the picture's: of the
+            panel pixels that a part of a photo shows, the first may begin before it.
+        start: (B, 2) float64, where the coarser panel's corner lies on the real one, in its pixels.
     """
 
     scale: Tensor
@@ -42,6 +45,8 @@ class Content(NamedTuple):
     shift: Tensor
     width: Tensor
     interpolation_variance: Tensor
+    lead: Tensor
+    start: Tensor
 
     def footprint(self, axis: int, bins: Bins) -> Footprint:
         """Return the view of bins along x (axis 0) or y (axis 1), without `interpolation_variance`:
@@ -69,6 +74,8 @@ def content_of(shot: ShotRecord) -> Content:
         # the filter that shrinks the photo blurs the picture, too, where its pixels are not means
         second_mean = 1.0 if scene.develop.resize == "antialias" else 0.0
         interpolation = (fine + second_mean * alpha.clamp(max=1).square()) / 12
+    corner = shot.panel_corner
+    lead = torch.where(alpha[:, None] < 1, corner - corner.detach().floor(), 0.0)
     middle, edges, is_whole = map(alpha.new_tensor, _sources(scene.panel.cell))
     lit_x, lit_y = (share[:, None, None] for share in emitting_share(shot.panel))
     # the larger of its two edges, one across and one down
@@ -81,6 +88,8 @@ def content_of(shot: ShotRecord) -> Content:
         shift=middle / ratio[:, None, None],
         width=width + (1 - width) * fine[:, None, None],
         interpolation_variance=interpolation,
+        lead=lead,
+        start=corner - ratio[:, None] * lead,
     )
 
 

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from moireaug.geometry import grids
+from moireaug.geometry.frame import planar
 from moireaug.shot import ShotRecord
 
 
@@ -15,8 +16,10 @@ class Bins(NamedTuple):
     """Bins of sensor pixels, one for each photo pixel.
 
     Args:
-        position: (B, h, w, 2) float64, where a bin's middle looks, in panel pixels.
-        centre: (B, h, w, 2) float64, where it lies, u and v in sensor pixels.
+        position: (B, h, w, 2) float64, where a bin's middle looks, in panel pixels, from the
+            panel's corner on.
+        centre: (B, h, w, 2) float64, where it lies, u and v in sensor pixels, from the sensor's
+            corner on.
         step: (B, h, w, 2, 2), change of position per sensor pixel along u and v.
         sides: (B, h, w, 2, 2), u and v of a bin's two sides in sensor pixels, the last axis over
             the sides. Bins smaller than a sensor pixel are as large as one: the photo interpolates
@@ -46,8 +49,11 @@ def bins_at(
     points = grids.grid(rows, cols).expand(len(inverse), -1, -1, -1)
     if shot.scene.is_rectified:
         return _bins(points, clamped_photo_points(points, shot)[0], inverse, dtype, shot)
-    image_points = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
-    return _bins(image_points, points, inverse, dtype, shot)
+    frame = shot.frame
+    photo_points = points + frame.photo_corner(points)
+    image_points = grids.photo_to_image(photo_points, inverse, frame.size, shot.distortion)
+    image_points = image_points - frame.image_corner(points)
+    return _bins(image_points, photo_points, inverse, dtype, shot)
 
 
 def bins_on_image(points: Tensor, shot: ShotRecord) -> Bins:
@@ -57,11 +63,19 @@ def bins_on_image(points: Tensor, shot: ShotRecord) -> Bins:
 
 
 def middle_bins(shot: ShotRecord) -> Bins:
-    """Return the bins in the middle of the photo, or of the picture, (B, 1, 1)."""
-    h, w = shot.size
-    row, column = (shot.panel_scale.new_tensor([side / 2]) for side in (h, w))
-    inverse = torch.linalg.inv(shot.matrix())
+    """Return the bins in the middle of the whole photo, or of its picture, (B, 1, 1)."""
+    inverse, frame, middle = torch.linalg.inv(shot.matrix()), shot.frame, middle_of_photo(shot)
+    corner = frame.image_corner if shot.scene.is_rectified else frame.photo_corner
+    column, row = (middle - corner(middle))[:, 0].unbind(-1)
     return bins_at(row, column, inverse, inverse.dtype, shot)
+
+
+def middle_of_photo(shot: ShotRecord) -> Tensor:
+    """Return the point in the middle of the whole photo, and of the picture's frame, (B, 1, 1, 2)
+    float64."""
+    height, width = shot.frame.size
+    none = torch.zeros_like(shot.panel_scale)
+    return torch.stack((none + width / 2, none + height / 2), -1)[:, None, None]
 
 
 def _bins(
@@ -71,9 +85,11 @@ def _bins(
     dtype: torch.dtype,
     shot: ShotRecord,
 ) -> Bins:
-    """Return the bins that see image points from photo points, (B, h, w, 2) each."""
+    """Return the bins that see image points, about the image's corner, from points of the whole
+    photo, (B, h, w, 2) each."""
     alpha, scale = (t[:, None, None, None] for t in (shot.panel_scale, shot.sensor_scale))
-    jacobian = grids.jacobian(photo_points.to(dtype), inverse.to(dtype), shot.size, shot.distortion)
+    size = shot.frame.size
+    jacobian = grids.jacobian(photo_points.to(dtype), inverse.to(dtype), size, shot.distortion)
     step = jacobian * (alpha / scale).to(dtype)[..., None]
     photo_pixel = torch.eye(2, dtype=dtype, device=jacobian.device)
     if shot.scene.is_rectified:
@@ -84,17 +100,20 @@ def _bins(
     triangle = torch.zeros_like(enlarged)
     if shot.scene.develop.resize == "antialias":  # which interpolates between larger sensor pixels
         triangle = 1 / enlarged
-    position, centre = image_points * alpha, photo_points * scale
+    corner = shot.panel_corner[:, None, None]
+    position, centre = image_points * alpha + corner, photo_points * scale
     return Bins(position, centre, step, sides, triangle.to(dtype)[:, None, None])
 
 
 def clamped_photo_points(image_points: Tensor, shot: ShotRecord) -> tuple[Tensor, Tensor]:
-    """Return where image points (B, h, w, 2) lie on the photo, float64, and which do, (B, h, w)
-    bool; those that do not are put at its nearest edge. Of a photo that a picture fits, that is
+    """Return where image points (B, h, w, 2) lie on the whole photo, float64, and which do, (B, h,
+    w) bool; those that do not are put at its nearest edge. Of a photo that a picture fits, that is
     at most 0.3 % of a side away, see `View.fit`: a lens may bend a border outwards between the
     points that are fitted."""
-    points = grids.image_to_photo(image_points, shot.matrix(), shot.size, shot.distortion)
-    size = points.new_tensor(shot.size[::-1])
+    frame = shot.frame
+    image_points = image_points + frame.image_corner(image_points)
+    points = grids.image_to_photo(image_points, shot.matrix(), frame.size, shot.distortion)
+    size = planar(frame.width, frame.height, points)
     on_photo = ((points >= 0) & (points <= size)).all(-1)
     return torch.minimum(torch.maximum(points, torch.zeros_like(size)), size), on_photo
 

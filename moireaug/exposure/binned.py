@@ -50,7 +50,7 @@ class Binned(ClosedForm):
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse = torch.linalg.inv(shot.matrix())
         content = content_of(shot)
-        screen = Screen(light, shot, self.taps, content.scale)
+        screen = Screen(light, shot, self.taps, content)
 
         def reading_of(band: Tensor) -> Tensor:
             bins = bins_at(band, cols, inverse, light.dtype, shot)
@@ -86,7 +86,8 @@ class Binned(ClosedForm):
         """Return the picture in one channel as bins see it, (B, h, w)."""
         dtype, shares = bins.step.dtype, []
         for axis in (0, 1):
-            at = bins.position[..., axis] / content.ratio[:, None, None]
+            at = bins.position[..., axis] - content.start[:, axis, None, None]
+            at = at / content.ratio[:, None, None]
             at = at - content.shift[:, channel, axis, None, None]
             box, variance = content.footprint(axis, bins)
             added = content.interpolation_variance.to(dtype)[:, None, None]

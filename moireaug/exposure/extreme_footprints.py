@@ -77,8 +77,11 @@ def _views_of_bins(
     """Return the views of bins on a panel of at most the picture's pixels; `optics` of a sensor
     pixel."""
     cells = min(alpha, 1.0)
-    per_sensor_pixel = smallest_panel_steps(scene, alpha, with_strips=False)[None, :, None]
-    per_sensor_pixel = per_sensor_pixel * (cells / alpha)
+    if scene.is_crop:
+        per_sensor_pixel = image_views * (cells / bounds(scene.sensor.shrink)[0])
+    else:
+        per_sensor_pixel = smallest_panel_steps(scene, alpha, with_strips=False)[None, :, None]
+        per_sensor_pixel = per_sensor_pixel * (cells / alpha)
     per_bin = image_views * cells
     if scene.is_rectified:
         per_bin = torch.eye(2, **FLOAT64_ON_CPU)[None, None, None] * cells

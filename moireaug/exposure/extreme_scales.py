@@ -58,15 +58,19 @@ def panel_scale_ratio(scene: SizedScene) -> float:
 
 
 def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
-    """Return the least of `shot.bin_scale`, for `alpha` panel pixels per image pixel."""
+    """Return the least of `shot.bin_scale`, for `alpha` panel pixels per image pixel, which a
+    crop's does not depend on."""
     view, zoom, pitch = scene.view, bounds(scene.view.zoom), bounds(scene.sensor.pitch)[0]
+    shrink = bounds(scene.sensor.shrink)[0]
     if not scene.is_rectified:
+        if shrink:
+            return shrink
         if not pitch:
             return scene.sensor.scale
         return pitch * alpha / magnifications(view, scene.lens, zoom[1])[1]
     # torch.compile follows this where a pitch is given, and could not follow a view's magnification
-    per_image_pixel = pitch * alpha
-    if not pitch:
+    per_image_pixel = shrink * zoom[0] if shrink else pitch * alpha
+    if not pitch and not shrink:
         per_image_pixel = scene.sensor.scale * magnifications(view, scene.lens, zoom[0])[0]
     yaw, tilt = (math.radians(max(map(abs, bounds(axis)))) for axis in (view.yaw, view.pitch))
     return per_image_pixel * math.sqrt(math.cos(yaw) * math.cos(tilt))
@@ -77,5 +81,9 @@ def least_side(scene: SizedScene, alpha: float) -> float:
     image pixel."""
     if not scene.is_rectified:
         return least_bin_scale(scene, alpha)
-    steps = smallest_panel_steps(scene, alpha, with_strips=True)
+    shrink, zoom = bounds(scene.sensor.shrink)[0], bounds(scene.view.zoom)[0]
+    if shrink:
+        alpha, steps = shrink, extreme_jacobians(scene, zoom, with_strips=True)
+    else:
+        steps = smallest_panel_steps(scene, alpha, with_strips=True)
     return alpha / float(torch.linalg.svdvals(steps)[:, 0].max())

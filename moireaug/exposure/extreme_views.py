@@ -18,6 +18,7 @@ from moireaug.scene.record import SizedScene
 # height and width; bounds for these hold for most images
 PHOTO_SHAPES = ((256, 256), (192, 256), (256, 192))
 STRIP_SHAPES = ((16, 256), (256, 16))  # perspective is strongest along a long strip
+CROPS_PHOTO_SHAPES = ((192, 256), (256, 256), (256, 192))
 # a scene's plan depends neither on torch's default dtype nor on its default device
 FLOAT64_ON_CPU: dict[str, Any] = {"dtype": torch.float64, "device": "cpu"}
 
@@ -36,20 +37,25 @@ def extreme_jacobians(
     """Return d(x, y) / d(u, v), image pixels per photo pixel, (N, 2, 2) float64, for the angles and
     lenses that a scene allows at this zoom.
 
-    They are taken at the picture's centre and corners. Corners outside the circle through the
-    photo's corners are also taken where the line to its centre meets it.
+    They are taken at the picture's centre and corners, or of crops at the photo's. Corners outside
+    the circle through the photo's corners are also taken where the line to its centre meets it.
 
     Args:
         with_strips: include photos that are long strips.
         magnified: multiply by `camera_pose`'s magnification; the product does not depend on zoom.
     """
     shapes = PHOTO_SHAPES + STRIP_SHAPES if with_strips else PHOTO_SHAPES
-    return _extreme_jacobians(scene.view, scene.lens, scene.sensor.scale, zoom, shapes, magnified)
+    if scene.is_crop:
+        shapes = CROPS_PHOTO_SHAPES
+    scale = scene.sensor.scale
+    return _extreme_jacobians(
+        scene.view, scene.lens, scale, zoom, shapes, magnified, scene.is_crop
+    )
 
 
 @functools.lru_cache(maxsize=64)
 def _extreme_jacobians(
-    v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool
+    v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool, crops: bool
 ) -> Tensor:
     view, k1, k2 = _poses(v, lens, zoom, bounds(v.fov)[1])
     jacobians = []
@@ -57,7 +63,9 @@ def _extreme_jacobians(
         h, w = size
         m = homography(view, k1, k2, size, scale)
         picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **FLOAT64_ON_CPU)
-        points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
+        points = picture.expand(len(m), -1, -1)
+        if not crops:
+            points = image_to_photo(points, m, size, (k1, k2))
         points = torch.cat([points, _in_the_photo(points, size)], 1)
         local = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
         if magnified:

@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from moireaug.exposure.bin_content import Content
 from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.shot import ShotRecord
 
@@ -19,20 +20,20 @@ class Screen:
     """
 
     def __init__(
-        self, light: Tensor, shot: ShotRecord, taps: int, alpha: Tensor | None = None
+        self, light: Tensor, shot: ShotRecord, taps: int, content: Content | None = None
     ) -> None:
-        """`alpha` (B,) is the number of pixels per image pixel of another panel than the shot's,
-        at most 1, whose cells are single pixels."""
+        """`content` describes another panel than the shot's, of at most a pixel per image pixel,
+        whose cells are single pixels."""
         self.light, self.taps = light, taps
-        self.picture = DisplayedPicture(light, shot, alpha)
+        self.picture = DisplayedPicture(light, shot, content)
         self.alpha = self.picture.alpha
-        px, py = shot.scene.panel.cell.period if alpha is None else (1, 1)
+        px, py = shot.scene.panel.cell.period if content is None else (1, 1)
         # far enough past the picture for all taps to show its edge pixels
         self.margin = (taps * py, taps * px)
         height, width = shot.size
         self.size = (
-            math.ceil(self.picture.max_alpha * height) + 2 * taps * py,
-            math.ceil(self.picture.max_alpha * width) + 2 * taps * px,
+            self.picture.pixels(height) + 2 * taps * py,
+            self.picture.pixels(width) + 2 * taps * px,
         )
         self.panel = None
         readings = math.prod(shot.raw_shape()[-2:])

@@ -153,7 +153,7 @@ def axis_shares_at(
     shares = tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)
     share = normalised(shares.to(dtype))
     on_picture = None
-    if shot.scene.is_dark_around:
+    if shot.is_dark_around:
         ends = screen.alpha * shot.size[1 - place.axis]
         pixel = nearest * period + place.pixel
         whole = _share_on_picture(at, footprint, ends, period)

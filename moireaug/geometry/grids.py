@@ -8,12 +8,10 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.geometry.distortion import inverse_radial_factor, radial_factor
-from moireaug.geometry.homography import apply_homography
+from moireaug.geometry.frame import MIN_RAY_DEPTH, FrameSize, per_pixel, planar
+from moireaug.geometry.homography import apply_homography, translation
 from moireaug.numeric import may_be_dual
 
-# a ray that meets the screen a thousand times as far away as its centre, or farther, counts as past
-# the horizon
-MIN_RAY_DEPTH = 1e-3
 RadialCoefficients = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
 
 
@@ -60,7 +58,7 @@ def _gathered(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
 
 
 def photo_to_image(
-    points: Tensor, inverse: Tensor, size: tuple[int, int], lens: RadialCoefficients | None
+    points: Tensor, inverse: Tensor, size: FrameSize, lens: RadialCoefficients | None
 ) -> Tensor:
     """Return where photo points (B or 1, h, w, 2) look on the screen, in image coordinates:
     (B, h, w, 2).
@@ -70,7 +68,7 @@ def photo_to_image(
     Args:
         inverse: (B, 3, 3), from ideal photo to image coordinates, scaled to depth 1 where the photo
             shows the image's centre.
-        size: height and width of photo and image.
+        size: height and width of the whole photo, see `frame.Frame`.
         lens: radial distortion, or None.
     """
     ideal = _through_lens(points - _centre(points, size), size, lens)
@@ -79,7 +77,7 @@ def photo_to_image(
 
 
 def jacobian(
-    points: Tensor, inverse: Tensor, size: tuple[int, int], lens: RadialCoefficients | None
+    points: Tensor, inverse: Tensor, size: FrameSize, lens: RadialCoefficients | None
 ) -> Tensor:
     """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), the
     last axis over u and v."""
@@ -91,7 +89,7 @@ def jacobian(
     if lens is not None:
         # the lens scales a point by a factor, which itself changes along the radius
         k1, k2 = (k[:, None, None] for k in lens)
-        c = 4 / (size[0] ** 2 + size[1] ** 2)
+        c = per_pixel(4 / (size[0] ** 2 + size[1] ** 2), p.dtype)
         u, v = p.unbind(-1)
         r2 = c * (u * u + v * v)
         factor, growth = 1 + r2 * (k1 + k2 * r2), 2 * c * (k1 + 2 * k2 * r2)
@@ -107,7 +105,7 @@ def jacobian(
 
 
 def image_to_photo(
-    points: Tensor, matrix: Tensor, size: tuple[int, int], lens: RadialCoefficients | None
+    points: Tensor, matrix: Tensor, size: FrameSize, lens: RadialCoefficients | None
 ) -> Tensor:
     """Return where image points (B, ..., 2) lie in the photo, through homography (B, 3, 3) and
     lens. Differentiable."""
@@ -119,11 +117,11 @@ def image_to_photo(
     return photo.reshape(points.shape)
 
 
-def _centre(like: Tensor, size: tuple[int, int]) -> Tensor:
-    return like.new_tensor([size[1] / 2, size[0] / 2])
+def _centre(like: Tensor, size: FrameSize) -> Tensor:
+    return planar(size[1] / 2, size[0] / 2, like)
 
 
-def _through_lens(p: Tensor, size: tuple[int, int], lens: RadialCoefficients | None) -> Tensor:
+def _through_lens(p: Tensor, size: FrameSize, lens: RadialCoefficients | None) -> Tensor:
     """Photo points, measured from the centre, to ideal ones."""
     if lens is None:
         return p
@@ -132,7 +130,7 @@ def _through_lens(p: Tensor, size: tuple[int, int], lens: RadialCoefficients | N
     return p * radial_factor(p.flatten(1, 2), k1, k2, size).reshape(p.shape[:3])[..., None]
 
 
-def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
+def _lift(ideal: Tensor, inverse: Tensor, size: FrameSize) -> tuple[Tensor, Tensor, Tensor]:
     """Ideal points, measured from the centre, to homogeneous image coordinates x, y and depth,
     (B, h, w) each; depth is clamped at the horizon."""
     u, v = ideal.unbind(-1)
@@ -140,12 +138,10 @@ def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> tuple[Tensor
     return x, y, depth.clamp(min=MIN_RAY_DEPTH)
 
 
-def _entries(inverse: Tensor, size: tuple[int, int]) -> list[list[Tensor]]:
+def _entries(inverse: Tensor, size: FrameSize) -> list[list[Tensor]]:
     """Return the entries, (B, 1, 1) each, of the homography (B, 3, 3) from ideal points, measured
     from the centre."""
-    h, w = size
-    from_centre = inverse.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
-    m = (inverse @ from_centre)[:, None, None]
+    m = (inverse @ translation(size[1] / 2, size[0] / 2, inverse))[:, None, None]
     return [[m[..., i, j] for j in range(3)] for i in range(3)]
 
 

@@ -17,6 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.geometry.frame import FrameSize, Number
+
 DrawnView = Any  # a View of (B,) tensors, whose annotations are those of a scene's
 BEHIND_CAMERA = 1e9  # where points behind the camera are put
 MIN_POINT_DEPTH = 1e-9  # depth above which a point counts as in front of the camera
@@ -46,7 +48,7 @@ def _rotation_columns(yaw: Any, pitch: Any, roll: Any, xp: ModuleType) -> tuple[
 
 
 def camera_pose(
-    view: DrawnView, k1: Any, k2: Any, size: tuple[int, int], xp: ModuleType = torch
+    view: DrawnView, k1: Any, k2: Any, size: FrameSize, xp: ModuleType = torch
 ) -> tuple[Any, Any]:
     """Return the homography (B, 3, 3) of a pinhole camera, about the centres of image and photo,
     and how many photo pixels an image pixel in the middle of the picture takes along each axis
@@ -58,7 +60,8 @@ def camera_pose(
     """
     h, w = size
     xx, xy, yx, yy, zx, zy = _rotation_columns(view.yaw, view.pitch, view.roll, xp)
-    f = math.hypot(h, w) / 2 / xp.tan(xp.deg2rad(view.fov) / 2)
+    diagonal = xp.hypot(h, w) if hasattr(h, "shape") else math.hypot(h, w)
+    f = diagonal / 2 / xp.tan(xp.deg2rad(view.fov) / 2)
     zx, zy, zoom = zx / f, zy / f, view.zoom
     if view.fit:
         x, y, depth = (xp.stack(pair) for pair in ((xx, xy), (yx, yy), (zx, zy)))
@@ -108,14 +111,14 @@ def released_pose(view: DrawnView, size: tuple[int, int], scale: float) -> Tenso
 
 
 def homography(
-    view: DrawnView, k1: Tensor, k2: Tensor, size: tuple[int, int], scale: float
+    view: DrawnView, k1: Tensor, k2: Tensor, size: FrameSize, scale: float
 ) -> Tensor:
     """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
 
     Args:
         view: a drawn View, whose fields are (B,).
         k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
-        size: height and width of image and photo.
+        size: height and width of the whole photo, see `frame.Frame`.
         scale: sensor pixels per photo pixel; only the "released" pose reads it.
     """
     if view.pose == "released":
@@ -123,9 +126,14 @@ def homography(
     else:
         m, _ = camera_pose(view, k1, k2, size)
     h, w = size
-    centre = m.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
-    back = m.new_tensor([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])
-    return centre @ m @ back
+    return translation(w / 2, h / 2, m) @ m @ translation(-w / 2, -h / 2, m)
+
+
+def translation(x: Number, y: Number, like: Tensor) -> Tensor:
+    """Return the homography that moves points by x and y, (3, 3) or (B, 3, 3) of like's dtype."""
+    if not isinstance(x, Tensor):
+        return like.new_tensor([[1, 0, x], [0, 1, y], [0, 0, 1]])
+    return _matrix([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]], x).to(like.dtype)
 
 
 def _fitting_zoom(

@@ -41,6 +41,7 @@ class SceneRecord:
                         f"{kind.__name__}.{field} of a scene must be a number or a (low, high) "
                         f"pair of numbers; got {value!r}."
                     )
+        self._check_scales()
         self._check_reading()
         object.__setattr__(
             self, "tolerance", check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, "")
@@ -51,7 +52,12 @@ class SceneRecord:
         """Whether the reading is binned: one cell of colours for each photo pixel."""
         if self.sensor.reading != "auto":
             return self.sensor.reading == "binned"
-        return bounds(self.sensor.pitch)[1] > 0 or bounds(self.panel.width)[1] > 0
+        return self.is_crop or bounds(self.sensor.pitch)[1] > 0 or bounds(self.panel.width)[1] > 0
+
+    @property
+    def is_crop(self) -> bool:
+        """Whether images are parts of larger photos."""
+        return bounds(self.sensor.shrink)[1] > 0
 
     @property
     def is_rectified(self) -> bool:
@@ -61,8 +67,11 @@ class SceneRecord:
 
     @property
     def is_dark_around(self) -> bool:
-        """Whether photos show the dark around the picture: those in the camera's frame."""
-        return not self.develop.registered
+        """Whether photos show the dark around the picture: those in the camera's frame, unless the
+        screen goes on past it."""
+        return not self.develop.registered and not (
+            self.is_crop and bounds(self.sensor.pitch)[1] > 0
+        )
 
     @property
     def is_binned_bayer(self) -> bool:
@@ -101,7 +110,7 @@ class SceneRecord:
     def moves(self) -> bool:
         """Whether points move from image to photo: a photo in the camera's frame, with a pose or
         lens distortion."""
-        return self.is_dark_around and (self.is_posed or self.is_bent)
+        return not self.develop.registered and (self.is_posed or self.is_bent)
 
     def octave(self, size: tuple[int, int]) -> int:
         """Return the exponent of the greatest power of 2 not above a picture's longer side, by
@@ -117,10 +126,18 @@ class SceneRecord:
         """Return the least and the greatest panel pixels per image pixel, for pictures of `size`
         (height, width), and of all sizes in the same octave."""
         low, high = bounds(self.panel.width)
+        if not high and self.is_crop:
+            pitch, shrink = bounds(self.sensor.pitch), self._shrink_of_image()
+            return shrink[0] / pitch[1], shrink[1] / pitch[0]
         if not high:
             return bounds(self.panel.scale)
         shortest = 2 ** self.octave(size)
         return low / (2 * shortest), high / shortest
+
+    def _shrink_of_image(self) -> tuple[float, float]:
+        """Return the least and the greatest sensor pixels per image pixel of a crop."""
+        shrink, zoom = bounds(self.sensor.shrink), bounds(self.view.zoom)
+        return shrink[0] * zoom[0], shrink[1] * zoom[1]
 
     def at(self, size: tuple[int, int] = NOMINAL_SIZE) -> SizedScene:
         """Return the scene for pictures of `size` (height, width), and of all sizes in the same
@@ -130,19 +147,51 @@ class SceneRecord:
             ValueError: a `Panel.width` of far fewer panel pixels than the picture has.
         """
         parts = {name: getattr(self, name) for name in (*PARTS, "tolerance")}
-        if not bounds(self.panel.width)[1]:
+        if not bounds(self.panel.width)[1] and not self.is_crop:
             return SizedScene(**parts)
         scales = self.panel_scales(size)
-        if scales[0] < MIN_PANEL_SCALE:
+        if scales[0] < MIN_PANEL_SCALE and self.panel.width:
             least = bounds(self.panel.width)[0] * MIN_PANEL_SCALE / scales[0]
             raise ValueError(
                 f"Panel.width must be at least {least:g} panel pixels for pictures of {size[0]} x "
                 f"{size[1]}; got {self.panel.width!r}. Raise it, or make the pictures smaller."
             )
         parts["panel"] = replace(self.panel, width=0.0, scale=scales)
-        reading = "binned" if self.is_binned else "full"
-        parts["sensor"] = replace(self.sensor, reading=reading)
+        reading, pitch = "binned" if self.is_binned else "full", self.sensor.pitch
+        if self.is_crop:
+            parts["view"] = replace(self.view, fit=False)
+            pitch = pitch or self._pitches_of_thing(scales, size)
+        parts["sensor"] = replace(self.sensor, reading=reading, pitch=pitch)
         return SizedScene(**parts)
+
+    def _pitches_of_thing(
+        self, scales: tuple[float, float], size: tuple[int, int]
+    ) -> tuple[float, float]:
+        """Return the least and the greatest sensor pixels per panel pixel of a crop that shows so
+        many panel pixels per image pixel."""
+        shrink = self._shrink_of_image()
+        low, high = shrink[0] / scales[1], shrink[1] / scales[0]
+        most = Sensor.__dataclass_fields__["pitch"].metadata["high"]
+        if high > most:
+            raise ValueError(
+                f"Panel.width = {self.panel.width!r} and Sensor.shrink = {self.sensor.shrink!r} "
+                f"give pictures of {size[0]} x {size[1]} up to {high:g} sensor pixels per panel "
+                f"pixel, where {most:g} are allowed. Raise Panel.width."
+            )
+        return low, high
+
+    def _check_scales(self) -> None:
+        """Refuse crops that state one or three of what determines one another: ValueError."""
+        if not self.is_crop or isinstance(self, SizedScene):
+            return
+        width, pitch = bounds(self.panel.width)[1] > 0, bounds(self.sensor.pitch)[1] > 0
+        if width == pitch:
+            raise ValueError(
+                "a crop states Sensor.shrink and one of Panel.width and Sensor.pitch, from which "
+                f"the other follows; got Panel.width = {self.panel.width!r}, Sensor.pitch = "
+                f"{self.sensor.pitch!r}. Leave Panel.width at 0 for a part of a screen, or "
+                "Sensor.pitch for something of so many panel pixels."
+            )
 
     def _check_reading(self) -> None:
         """Refuse a full reading of scenes that have no one number of sensor pixels, and fields for
@@ -150,6 +199,8 @@ class SceneRecord:
         sensor, develop = self.sensor, self.develop
         if not self.is_binned:
             unfixed = f"Sensor.pitch = {sensor.pitch!r}" if sensor.pitch else ""
+            if sensor.shrink:
+                unfixed = f"Sensor.shrink = {sensor.shrink!r}"
             if isinstance(self.panel.width, tuple):
                 unfixed = f"Panel.width = {self.panel.width!r}"
             if unfixed:

@@ -21,13 +21,22 @@ class Sensor(Part):
     Args:
         pitch: sensor pixels per panel pixel, in the picture's centre and before it is turned; for a
             binned reading. A range; 0 leaves it to `scale`.
+        shrink: sensor pixels per photo pixel, along each axis: the image is a crop, a part of a
+            larger photo, of which 1 is the camera's own resolution, and 4 that of a photo of 4000
+            pixels sent as 1000. With `pitch`, of a screen that goes on past the image; with
+            `Panel.width`, of something that has so many panel pixels, from whatever distance shows
+            it at the image's size. For a binned reading. A range; 0 is a whole photo.
+        pixels: sensor pixels along the longer side, four to three of the shorter; the photo that a
+            crop is a part of has this size over `shrink`, or the image's if that is larger.
+        crop_x, crop_y: where a crop lies in its photo: 0 at the left or upper edge, 1 at the right
+            or lower one. Ranges, drawn for crops alone.
         scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of a
             full reading.
         reading: "full", a value for each sensor pixel; or "binned", for each photo pixel the mean
             of each colour's sensor pixels in it, interpolated bilinearly: the same photo, at a
             price that does not depend on the number of sensor pixels; see
-            `moireaug.exposure.alias_transfer`. "auto" is binned where `Panel.width` or `pitch` is
-            given. Of more than 1024 harmonics the weakest are left out, as the plan then says.
+            `moireaug.exposure.alias_transfer`. "auto" is binned where `Panel.width`, `pitch` or
+            `shrink` is given. Of more than 1024 harmonics the weakest are left out, as the plan then says.
         cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
         crosstalk: share of its light that a colour filter receives from its neighbours in the
             spectrum: red and blue from green, green from both. The colour matrix undoes it for
@@ -52,6 +61,10 @@ class Sensor(Part):
     """
 
     pitch: Range = ranged(0.0, 0.0, 1e3, "sensor pixels per panel pixel")
+    shrink: Range = ranged(0.0, 0.0, 100.0, "sensor pixels per photo pixel")
+    pixels: float = 4032.0
+    crop_x: Range = ranged((0.0, 1.0), 0.0, 1.0)
+    crop_y: Range = ranged((0.0, 1.0), 0.0, 1.0)
     scale: float = 1.0
     reading: str = "auto"
     cfa: str = "rggb"
@@ -69,6 +82,9 @@ class Sensor(Part):
         super().__post_init__()
         self._check_scale()
         check_stated_once("Sensor.pitch", self.pitch, 1e-3, "Sensor.scale", self.scale)
+        check_stated_once("Sensor.shrink", self.shrink, 0.1, "Sensor.scale", self.scale)
+        pixels = check_number("Sensor.pixels", self.pixels, 16.0, 1e5, "sensor pixels")
+        object.__setattr__(self, "pixels", pixels)
         one_of("Sensor.reading", self.reading, READINGS)
         self._check_exposure()
         one_of("Sensor.cfa", self.cfa, CFAS)

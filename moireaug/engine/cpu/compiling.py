@@ -34,6 +34,7 @@ CONSTANT_SOURCES = (
     "exposure/footprint.py",
     "exposure/displayed.py",
     "geometry/distortion.py",
+    "geometry/frame.py",
     "geometry/grids.py",
     "scene/lens.py",
     "scene/record.py",
