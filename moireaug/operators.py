@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import json
 import math
@@ -26,7 +27,9 @@ def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> S
     """Return the shot that an operator's arguments describe; see `torch_operators.SHOT_SCHEMA`."""
     scene = _scene(text)
     drawn = dict(zip(values_of(scene), numbers, strict=True))
-    return scene.shot_from_numbers((size[0], size[1]), drawn, seeds)
+    height, width, whole_height, whole_width, top, left = size
+    whole = scene.shot_from_numbers((whole_height, whole_width), drawn, seeds)
+    return dataclasses.replace(whole, size=(height, width), corner=(top, left))
 
 
 @functools.lru_cache(maxsize=64)

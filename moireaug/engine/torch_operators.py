@@ -12,7 +12,8 @@ from moireaug import pipeline
 from moireaug.engine import autograd
 from moireaug.shot import ShotRecord
 
-# a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and size
+# a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and its size, whole size and
+# corner, a pair each
 SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
 
 
@@ -32,7 +33,8 @@ def _apply(
     """Return what a stage's operator makes of values, (B, *shape)."""
     operator = getattr(torch.ops.moireaug, name)
     operator_back = getattr(torch.ops.moireaug, f"{name}_back")
-    given = list(shot.numbers().values()), shot.seed, shot.scene.as_json(), shot.size
+    sizes = [*shot.size, *shot.whole_size, *shot.corner]
+    given = list(shot.numbers().values()), shot.seed, shot.scene.as_json(), sizes
 
     def forward(values: Tensor, _: bool) -> tuple[Tensor, Tensor]:
         return operator(values, *given, shape), values.new_empty(0)

@@ -38,22 +38,29 @@ def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
 
 
 @inner
-def _fill_waves(wave, sign, terms, strong, cycles, scale, size):
+def _fill_waves(wave, sign, terms, strong, cycles, start, camera):
     """Fill wave (T, 5) with each term's cycles per pixel of the shown panel along x and y, per
     photo pixel along u and v, and in the photo's middle; and sign (T, 2) with its sign in the
-    planes of blue and of green; cycles: (H, 2), of each harmonic along x and y."""
+    planes of blue and of green.
+
+    Args:
+        cycles: (H, 2), of each harmonic along x and y. start: where the shown panel begins, in its
+            pixels along both.
+    """
+    scale = camera.scale_u
     for t in range(len(strong)):
         h, m_u, m_v = terms[strong[t], 0], terms[strong[t], 1], terms[strong[t], 2]
         wave[t, 0], wave[t, 1] = cycles[h, 0], cycles[h, 1]
         wave[t, 2], wave[t, 3] = -m_u * scale / 2, -m_v * scale / 2
-        first = m_u * (scale * size[1] / 2 - 0.5) + m_v * (scale * size[0] / 2 - 0.5)
-        wave[t, 4] = -first / 2
+        across, down = scale * camera.photo_width / 2 - 0.5, scale * camera.photo_height / 2 - 0.5
+        before = cycles[h, 0] * start[0] + cycles[h, 1] * start[1]
+        wave[t, 4] = before - (m_u * across + m_v * down) / 2
         sign[t, 0] = ONE if (m_u + m_v) % 2 == 0 else -ONE
         sign[t, 1] = ONE if m_u % 2 == 0 else -ONE
 
 
 @part
-def beat_terms_of(b, i, camera, filters, size, sites, budget):
+def beat_terms_of(b, i, camera, filters, sites, budget):
     """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor.
     budget: an `ErrorBudget`."""
     rough = sampled_grid(sites, camera, b, i)
@@ -86,7 +93,8 @@ def beat_terms_of(b, i, camera, filters, size, sites, budget):
         shown[t] = strength[terms[strong[t], 0]]
     _fill_lines(lines, peak, amplitude, strong, ends, weight, shown)
     wave, sign = np.empty((len(strong), 5), np.float64), np.empty((len(strong), 2), np.float32)
-    _fill_waves(wave, sign, terms, strong, cycles, camera.scale_u, size)
+    start = b.start[i, 0] / b.ratio[i], b.start[i, 1] / b.ratio[i]
+    _fill_waves(wave, sign, terms, strong, cycles, start, camera)
     lost = np.zeros(3, np.float32)
     if b.saturates:
         lost_pattern_variance(lost, b, i, filters, camera, table, steps_per_cycle)

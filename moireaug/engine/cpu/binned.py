@@ -68,11 +68,12 @@ def work_of_bins(w, planes, image):
 
 
 @inner
-def locate_bins(work, r, v, sensor, size):
-    """Fill where row r of the bins, v about the centre, lies on the photo."""
-    at = work.row.position
+def locate_bins(work, v, image):
+    """Fill where a row of the bins, v about the centre, lies on the photo."""
+    at, sensor = work.row.position, image.sensor
     if sensor.rectified != 0:
-        fill_photo_positions(at[U], at[V], work.ideal, r, work.to_photo, size)
+        first = image.sites.cols[0]
+        fill_photo_positions(at[U], at[V], work.ideal, first, v, work.to_photo, sensor)
         return
     u = work.places.u[0]
     for i in range(len(u)):
@@ -80,11 +81,11 @@ def locate_bins(work, r, v, sensor, size):
 
 
 @inner
-def flicker(light, bands, v, height):
+def flicker(light, bands, v, camera):
     """Multiply a row by the panel's pulses at photo rows v (w,) about the centre."""
     last = len(bands) - 2.0
     for i in range(len(light)):
-        at = min(max((v[i] / height + 0.5) * last, 0.0), last)
+        at = min(max((v[i] - camera.pulses_top) / camera.pulses_height * last, 0.0), last)
         k = int(at)
         light[i] *= np.float32(bands[k] + (at - k) * (bands[k + 1] - bands[k]))
 
@@ -107,7 +108,7 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
     light, noise, bits = row.floats[LIGHT], row.floats[rows.NOISE], row.ints[rows.NOISE_BITS]
     for r in range(top, bottom):
         v = sites.rows[r]
-        locate_bins(work, r, v, image.sensor, (h, w))
+        locate_bins(work, v, image)
         if image.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
             line = work.lines[0]
@@ -127,7 +128,7 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
                     content, mean = row.irradiance[channel], pattern.mean[channel]
                     add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
             if len(image.flicker) > 0:
-                flicker(light, image.flicker, position[V], h)
+                flicker(light, image.flicker, position[V], image.camera)
             reflect(light, position[U], position[V], image.white[plane], image.camera)
             attenuate(light, position[U], position[V], image.camera)
             out, away = raw[plane, r], pattern.lost_noise_variance

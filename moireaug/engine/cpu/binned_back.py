@@ -20,13 +20,13 @@ ZERO = np.float32(0)
 @inner
 def _expose_rows_back(panel_grad, grad, slope, image, work):
     """Do the same as `expose_binned_image_back`, in buffers that it allocated."""
-    planes, h, w = grad.shape
+    planes, h, _ = grad.shape
     pattern, sites, row, passes = image.pattern, image.sites, work.row, work.passes
     position, first_row, light = row.position, sites.rows[0], row.floats[LIGHT]
     modulation, lines = work.modulation, work.lines
     for r in range(h):
         v = sites.rows[r]
-        locate_bins(work, r, v, image.sensor, (h, w))
+        locate_bins(work, v, image)
         if image.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
         else:
@@ -41,7 +41,7 @@ def _expose_rows_back(panel_grad, grad, slope, image, work):
             read_back(light, grad[plane, r], slope[plane, r])
             attenuate(light, position[U], position[V], image.camera)
             if len(image.flicker) > 0:
-                flicker(light, image.flicker, position[V], h)
+                flicker(light, image.flicker, position[V], image.camera)
             for channel in range(3):
                 if passes[colour, channel]:
                     passed, mean = image.filters[colour, channel], pattern.mean[channel]

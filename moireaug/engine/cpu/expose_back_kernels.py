@@ -23,12 +23,13 @@ ZERO = np.float32(0)
 def show_back_kernel(grads, shown_grad, light_grad, pictures, e, at_points, i):
     """Fill the gradient in picture i of (B, 3, H, W) float32, from that in what `show_kernel`
     fills; arguments as there. shown_grad is written to."""
-    alpha = camera_of(e.cameras[i]).alpha
+    camera = camera_of(e.cameras[i])
     if at_points:
-        point_back.fill_shown_back(light_grad, points_of(shown_grad, alpha, e), alpha)
+        points_grad = points_of(shown_grad, camera.alpha, e)
+        point_back.fill_shown_back(light_grad, points_grad, camera.alpha)
     else:
-        panel_grad = panel_of(shown_grad, alpha, e)
-        panel_back.fill_panel_back(light_grad, panel_grad, alpha, e.cell, e.dark_around)
+        panel_grad = panel_of(shown_grad, camera, e)
+        panel_back.fill_panel_back(light_grad, panel_grad, camera, e.cell, e.dark_around)
     black, neighbour_share = e.black[i], e.neighbour_share[i]
     picture.fill_light_back(grads[i], light_grad, pictures[i], e.coded, black, neighbour_share)
 
@@ -39,7 +40,7 @@ def expose_full_back_kernel(shown_grad, raw_grads, slopes, e, view, nodes, i):
     slopes: as `expose_full_kernel` filled them, the rest as there."""
     image = full_image(e, nodes, i)
     fill(shown_grad, ZERO)
-    panel_grad = panel_of(shown_grad, image.camera.alpha, e)
+    panel_grad = panel_of(shown_grad, image.camera, e)
     full_back.expose_full_image_back(panel_grad, raw_grads[i], slopes[i], image)
 
 
@@ -48,7 +49,7 @@ def expose_binned_back_kernel(shown_grad, raw_grads, slopes, e, view, setup, i):
     """Do the same as `expose_full_back_kernel` for a binned reading."""
     image = binned_image(e, view, setup, i)
     fill(shown_grad, ZERO)
-    panel_grad = panel_of(shown_grad, image.camera.alpha, e)
+    panel_grad = panel_of(shown_grad, image.camera, e)
     binned_back.expose_binned_image_back(panel_grad, raw_grads[i], slopes[i], image)
 
 

@@ -22,7 +22,7 @@ from moireaug.engine.cpu.records import (
     PointImage,
     Readout,
 )
-from moireaug.engine.lower.exposure_records import Camera, Cell
+from moireaug.engine.lower.exposure_records import Camera, Cell, Sites
 from moireaug.exposure.displayed import EDGE_PIXELS
 
 
@@ -33,7 +33,18 @@ def camera_of(row):
     return Camera(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
         row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20],
-        row[21], row[22], row[23], row[24], row[25], row[26], row[27],
+        row[21], row[22], row[23], row[24], row[25], row[26], row[27], row[28], row[29], row[30],
+        row[31], row[32], row[33], row[34], row[35], row[36], row[37],
+    )  # fmt: skip
+
+
+@loop
+def sites_of(sites, camera):
+    """Return Sites whose rows and columns lie about the whole photo's centre; of a rectified
+    camera, about that of the picture's frame."""
+    return Sites(
+        sites.rows + camera.centre_v, sites.cols + camera.centre_u, sites.step, sites.row,
+        sites.col, sites.channel,
     )  # fmt: skip
 
 
@@ -50,14 +61,14 @@ def views_fit(e, view):
     most = max(most, MAX_SMALL_PANEL_PIXELS)
     for i in range(len(out)):
         camera = camera_of(e.cameras[i])
-        h, w = panel.shape(e.size, camera.alpha, e.cell)
+        h, w = panel.shape(e.size, camera, e.cell)
         out[i] = h * w <= most and can_follow_view(
             camera,
             camera_of(view.blur_cameras[i]),
             e.cell,
             view.widths[i],
             view.added_variance[i],
-            e.sites,
+            sites_of(e.sites, camera),
             e.dark_around,
             e.budget,
         )
@@ -65,9 +76,9 @@ def views_fit(e, view):
 
 
 @part
-def panel_of(shown, alpha, e):
+def panel_of(shown, camera, e):
     """Return the part of shown that a picture takes as the panel shows it, (3, h, w)."""
-    h, w = panel.shape(e.size, alpha, e.cell)
+    h, w = panel.shape(e.size, camera, e.cell)
     return shown[: 3 * h * w].reshape(3, h, w)
 
 
@@ -84,8 +95,7 @@ def shown_length(e, at_points) -> int:
     if at_points:
         h, w = e.size[0] + 2 * EDGE_PIXELS, e.size[1] + 2 * EDGE_PIXELS
         return 3 * point.shown_values.py_func(h, w)
-    alpha = e.cameras[:, Camera._fields.index("alpha")].max()
-    h, w = panel.shape.py_func(e.size, alpha, e.cell)
+    h, w = panel.shape.py_func(e.size, Camera(*e.cameras.max(0)), e.cell)
     return int(3 * h * w)
 
 
@@ -98,21 +108,21 @@ def show_kernel(shown, light, pictures, e, at_points, i):
         pictures: (B, 3, H, W) float32 or uint8.
         e: see `exposure_records.Exposure`.
     """
-    alpha = camera_of(e.cameras[i]).alpha
+    camera = camera_of(e.cameras[i])
     picture.fill_light(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
     if at_points:
-        point.fill_shown(points_of(shown, alpha, e), light, alpha)
+        point.fill_shown(points_of(shown, camera.alpha, e), light, camera.alpha)
     else:
-        panel.fill_panel(panel_of(shown, alpha, e), light, alpha, e.cell, e.dark_around)
+        panel.fill_panel(panel_of(shown, camera, e), light, camera, e.cell, e.dark_around)
 
 
 @part
-def _nodes(camera, cell, e, view, i):
+def _nodes(camera, cell, sites, e, view, i):
     """Return the Nodes of image i; view: a FullView."""
     blur_camera = camera_of(view.blur_cameras[i])
     widths, added_variance = view.widths[i], view.added_variance[i]
     return nodes_of(
-        camera, blur_camera, cell, view.coefficients[i], widths, added_variance, e.sites, e.budget
+        camera, blur_camera, cell, view.coefficients[i], widths, added_variance, sites, e.budget
     )
 
 
@@ -125,15 +135,18 @@ def _readout(camera, e, i):
 
 
 @part
-def _size_on_panel(alpha, e):
-    """Return the height and width of a picture on the panel, rounded up."""
-    return math.ceil(alpha * e.size[0]), math.ceil(alpha * e.size[1])
+def _size_on_panel(camera, e):
+    """Return the height and width of a picture on the panel, with what leads it, rounded up."""
+    return (
+        math.ceil(camera.alpha * e.size[0] + camera.lead_y),
+        math.ceil(camera.alpha * e.size[1] + camera.lead_x),
+    )
 
 
 @kernel
 def full_nodes_kernel(e, view, i):
     """Return the Nodes of image i; view: a FullView."""
-    return _nodes(camera_of(e.cameras[i]), e.cell, e, view, i)
+    return _nodes(camera_of(e.cameras[i]), e.cell, e.sites, e, view, i)
 
 
 @part
@@ -141,7 +154,7 @@ def full_image(e, nodes, i):
     """Return the FullImage of image i; nodes: from `full_nodes_kernel`."""
     camera = camera_of(e.cameras[i])
     return FullImage(
-        camera, _size_on_panel(camera.alpha, e), e.cell, nodes, e.sites, e.filters[i], e.white[i],
+        camera, _size_on_panel(camera, e), e.cell, nodes, e.sites, e.filters[i], e.white[i],
         e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
@@ -155,19 +168,19 @@ def expose_full_kernel(raw, slopes, shown, e, view, nodes, span):
     from `full_nodes_kernel`. span: a `records.Span`.
     """
     image = full_image(e, nodes, span.i)
-    shown_panel = panel_of(shown, image.camera.alpha, e)
+    shown_panel = panel_of(shown, image.camera, e)
     expose_full_image(raw[span.i], slopes[span.i], shown_panel, image, span.top, span.bottom)
 
 
 @part
-def _nodes_and_stencil(camera, sensor, cell, e, view, i):
+def _nodes_and_stencil(camera, sensor, cell, sites, e, view, i):
     """Return the Nodes and the BinStencil of image i of a binned reading: one of them is empty;
     view: of the picture, a FullView."""
     if not stencil.has_stencil(camera, sensor):
-        return _nodes(camera, cell, e, view, i), stencil.no_stencil()
+        return _nodes(camera, cell, sites, e, view, i), stencil.no_stencil()
     none, blur_camera = no_nodes(len(view.widths[i])), camera_of(view.blur_cameras[i])
     return none, stencil.stencil_of(
-        camera, blur_camera, cell, view.widths[i], view.added_variance[i], e.sites, e.budget
+        camera, blur_camera, cell, view.widths[i], view.added_variance[i], sites, e.budget
     )
 
 
@@ -186,7 +199,7 @@ def beats_fit(e, b):
     out = np.empty(len(b.cameras), np.bool_)
     for i in range(len(out)):
         camera = camera_of(b.cameras[i])
-        out[i] = beat_terms.can_follow_beats(e.sites, camera, b, i, e.budget)
+        out[i] = beat_terms.can_follow_beats(sites_of(e.sites, camera), camera, b, i, e.budget)
     return out
 
 
@@ -195,8 +208,9 @@ def binned_nodes_kernel(e, view, i):
     """Return the BinnedSetup of image i; view: a BinnedView."""
     camera, sensor = camera_of(e.cameras[i]), camera_of(view.beats.cameras[i])
     cell = _cell_of(e.cell, view.beats.centres[i])
-    nodes, bin_stencil = _nodes_and_stencil(camera, sensor, cell, e, view.picture, i)
-    terms = beats.beat_terms_of(view.beats, i, sensor, e.filters[i], e.size, e.sites, e.budget)
+    sites = sites_of(e.sites, camera)
+    nodes, bin_stencil = _nodes_and_stencil(camera, sensor, cell, sites, e, view.picture, i)
+    terms = beats.beat_terms_of(view.beats, i, sensor, e.filters[i], sites, e.budget)
     return BinnedSetup(nodes, bin_stencil, terms)
 
 
@@ -206,9 +220,9 @@ def binned_image(e, view, setup, i):
     b, camera = view.beats, camera_of(e.cameras[i])
     pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer)
     return BinnedImage(
-        camera, camera_of(b.cameras[i]), _size_on_panel(camera.alpha, e),
-        _cell_of(e.cell, b.centres[i]), setup.nodes, setup.stencil, e.sites, setup.terms, pattern,
-        e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
+        camera, camera_of(b.cameras[i]), _size_on_panel(camera, e),
+        _cell_of(e.cell, b.centres[i]), setup.nodes, setup.stencil, sites_of(e.sites, camera),
+        setup.terms, pattern, e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
 
@@ -217,7 +231,7 @@ def expose_binned_kernel(raw, slopes, shown, e, view, setup, span):
     """Do the same as `expose_full_kernel` for a binned reading; view: a BinnedView. setup: from
     `binned_nodes_kernel`."""
     image = binned_image(e, view, setup, span.i)
-    shown_panel = panel_of(shown, image.camera.alpha, e)
+    shown_panel = panel_of(shown, image.camera, e)
     expose_binned_image(raw[span.i], slopes[span.i], shown_panel, image, span.top, span.bottom)
 
 

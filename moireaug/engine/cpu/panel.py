@@ -15,13 +15,13 @@ MARGIN_CELLS = 5  # beyond the cell's `radius`: half of the widest window, and o
 
 
 @inner
-def shape(size, alpha, cell):
+def shape(size, camera, cell):
     """Return the height and width of the panel's picture with its margins, whole cells of every
     kind."""
+    height = camera.alpha * size[0] + camera.lead_y
+    width = camera.alpha * size[1] + camera.lead_x
     around, px, py = 2 * (cell.radius + MARGIN_CELLS), cell.whole[0], cell.whole[1]
-    return (math.ceil(alpha * size[0] / py) + around) * py, (
-        math.ceil(alpha * size[1] / px) + around
-    ) * px
+    return (math.ceil(height / py) + around) * py, (math.ceil(width / px) + around) * px
 
 
 @inner
@@ -165,18 +165,19 @@ def _surround(panel, light, ahead, above):
 
 
 @part
-def fill_panel(panel, light, alpha, cell, dark_around):
+def fill_panel(panel, light, camera, cell, dark_around):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 
     A row holds the first pixel of each of its colour's cells, then the second, and so on, so that
     look-ups read contiguous memory. Beyond the border the outermost pixel or, if `dark_around`,
     black.
     """
-    ahead, above = margin(cell, 0), margin(cell, 1)
+    ahead, above, alpha = margin(cell, 0), margin(cell, 1), camera.alpha
     for c in range(3):
         period = period_of(cell, c)
         if alpha < 1:
-            shrink(panel[c], light[c], alpha, period, ahead, above)
+            lead_x, lead_y = ahead + camera.lead_x, above + camera.lead_y
+            shrink(panel[c], light[c], alpha, period, lead_x, lead_y)
         elif alpha == 1 and period == 1:
             _surround(panel[c], light[c], ahead, above)
         else:

@@ -89,17 +89,18 @@ def _surround_back(light, panel, ahead, above):
 
 
 @part
-def fill_panel_back(light_grad, panel_grad, alpha, cell, dark_around):
+def fill_panel_back(light_grad, panel_grad, camera, cell, dark_around):
     """Fill light_grad (3, H, W) with the gradient in a picture's light, from that in its panel,
     which is written to; arguments as in `panel.fill_panel`."""
-    ahead, above = margin(cell, 0), margin(cell, 1)
+    ahead, above, alpha = margin(cell, 0), margin(cell, 1), camera.alpha
     fill(light_grad.reshape(-1), ZERO)
     for c in range(3):
         period = period_of(cell, c)
         if dark_around:
             blacken(panel_grad[c], light_grad.shape[1:], alpha, period, ahead, above)
         if alpha < 1:
-            shrink_back(light_grad[c], panel_grad[c], alpha, period, ahead, above)
+            lead_x, lead_y = ahead + camera.lead_x, above + camera.lead_y
+            shrink_back(light_grad[c], panel_grad[c], alpha, period, lead_x, lead_y)
         elif alpha == 1 and period == 1:
             _surround_back(light_grad[c], panel_grad[c], ahead, above)
         else:

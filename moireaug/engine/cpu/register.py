@@ -75,16 +75,16 @@ def _row_of(w):
 
 
 @inner
-def _fill_ideal(x, y, square, r, to_photo, h, w):
-    """Fill x, y and square (w,), the `_Row`'s ideal, for row r of an image."""
-    forward, per_square = to_photo.forward, to_photo.per_square
-    v = r + 0.5 - h / 2
-    half_w, radius_scale, last = w / 2, 4.0 / (h * h + w * w), UNDISTORTION_STEPS + 0.5
+def _fill_ideal(x, y, square, first, v, to_photo, radius_scale):
+    """Fill x, y and square (w,), the `_Row`'s ideal, for a row v of an image, whose columns are
+    `first` and those a pixel apart to the right of it; both about the centre. radius_scale: see
+    `exposure_records.Camera`."""
+    forward, per_square, last = to_photo.forward, to_photo.per_square, UNDISTORTION_STEPS + 0.5
     ax, bx = forward[0, 0], forward[0, 1] * v + forward[0, 2]
     ay, by = forward[1, 0], forward[1, 1] * v + forward[1, 2]
     az, bz = forward[2, 0], forward[2, 1] * v + forward[2, 2]
     for i in range(len(x)):
-        u = i + 0.5 - half_w
+        u = i + first
         nearness = 1 / max(az * u + bz, MIN_RAY_DEPTH)
         right, below = (ax * u + bx) * nearness, (ay * u + by) * nearness
         poke(x, i, right)
@@ -101,12 +101,16 @@ def _factor_at(factor, square):
 
 
 @inner
-def fill_photo_positions(u, v, ideal, r, to_photo, size):
-    """Fill u and v (w,) with where row r of an image (height, width) lies on the photo, about its
-    centre; pixels that it does not show are put at its nearest edge. ideal: (3, w) float64,
-    workspace. to_photo: an ImageToPhoto."""
-    half_h, half_w = size[0] / 2, size[1] / 2
-    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, to_photo, size[0], size[1])
+def fill_photo_positions(u, v, ideal, first, row, to_photo, camera):
+    """Fill u and v (w,) with where a row of an image lies on the whole photo, about its centre;
+    pixels that it does not show are put at its nearest edge.
+
+    Args:
+        ideal: (3, w) float64, workspace. to_photo: an ImageToPhoto. first, row: of the first pixel,
+            see `_fill_ideal`.
+    """
+    half_h, half_w = camera.photo_height / 2, camera.photo_width / 2
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], first, row, to_photo, camera.radius_scale)
     for i in range(len(u)):
         lens_factor = _factor_at(to_photo.factor, peek(ideal[SQUARE], i))
         poke(u, i, min(max(peek(ideal[X], i) * lens_factor, -half_w), half_w))
@@ -135,7 +139,8 @@ def _place(row, r, to_photo, h, w):
     """Fill the _Row with where row r of an image (h, w) looks."""
     ideal = row.ideal
     # in a loop without look-ups, which vectorises
-    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, to_photo, h, w)
+    first, v, radius_scale = 0.5 - w / 2, r + 0.5 - h / 2, 4.0 / (h * h + w * w)
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], first, v, to_photo, radius_scale)
     _distort(row.at, row.share, ideal, to_photo.factor, h, w)
 
 

@@ -21,7 +21,7 @@ ALIGNMENT = 16  # bytes, which a load of four floats needs
 NARROW = {np.dtype(np.float64): np.float32, np.dtype(np.int64): np.int32}
 WIDE_FIELDS = {  # which keep 64 bits
     *("cameras", "blur_cameras", "distortion", "forward", "inverses"),
-    *("rows", "cols", "centre", "centres", "period", "cells"),
+    *("rows", "cols", "centre", "centres", "start", "period", "cells"),
 }
 NOTHING: Any = None  # in place of a field that no kernel reads
 Record = TypeVar("Record", bound=tuple)

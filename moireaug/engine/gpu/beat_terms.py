@@ -43,7 +43,7 @@ def beat_terms(exposure: Exposure, beats: Beats) -> BeatTerms:
     """Return the terms whose amplitude may exceed `ErrorBudget.beat_amplitude` somewhere."""
     least, camera = exposure.budget.beat_amplitude, cameras_of(beats.cameras)
     us, vs = _samples(exposure.sites.cols), _samples(exposure.sites.rows)
-    step = jacobian(us, vs[:, None], camera, exposure.size)
+    step = jacobian(us + camera.centre_u, vs[:, None] + camera.centre_v, camera)
     strength = _max_strength(step, camera, beats)
     image, harmonic = np.nonzero(strength > least)
     u, v = _frequencies(step, image, harmonic, beats)

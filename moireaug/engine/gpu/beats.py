@@ -14,7 +14,7 @@ from triton.language.standard import _sum_combine
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.bins import along, bins_at
 from moireaug.engine.gpu.optics import sinc, sinc_within, transfer, wave, wave_of_part
-from moireaug.engine.gpu.view import SCALE_U, SCALE_V
+from moireaug.engine.gpu.view import PHOTO_HEIGHT, PHOTO_WIDTH, SCALE_U, SCALE_V
 
 TURN = tl.constexpr(2.0**32)
 PART = tl.constexpr(2.0**-32)
@@ -105,10 +105,15 @@ def responses(bins, batch, variant: tl.constexpr):
     """Return what bins read of a picture of full light in one channel, through a filter that passes
     all of it, by channel and filter: a tuple of nine."""
     image, sensor = bins.image, batch.beats.cameras + bins.image * CAMERA_FIELDS
-    at_x, at_y = fraction(bins.x / variant.period_x), fraction(bins.y / variant.period_y)
+    start_x, start_y = (
+        tl.load(batch.beats.start + 2 * image),
+        tl.load(batch.beats.start + 2 * image + 1),
+    )
+    at_x = fraction((bins.x + start_x) / variant.period_x)
+    at_y = fraction((bins.y + start_y) / variant.period_y)
     # an alias turns by half a cycle from one sensor pixel to the next; the first is in phase
-    from_u = (bins.u + 0.5 * batch.exposure.size[1]) * tl.load(sensor + SCALE_U) - 0.5
-    from_v = (bins.v + 0.5 * batch.exposure.size[0]) * tl.load(sensor + SCALE_V) - 0.5
+    from_u = (bins.u + 0.5 * tl.load(sensor + PHOTO_WIDTH)) * tl.load(sensor + SCALE_U) - 0.5
+    from_v = (bins.v + 0.5 * tl.load(sensor + PHOTO_HEIGHT)) * tl.load(sensor + SCALE_V) - 0.5
     at_u, at_v = fraction(0.5 * from_u), fraction(0.5 * from_v)
     light, (xu, xv), (yu, yv) = (), bins.step_x, bins.step_y
     for channel in tl.static_range(3):

@@ -9,7 +9,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.gpu.arrays import CAMERA_FIELDS, NOTHING, upload
+from moireaug.engine.gpu.arrays import CAMERA_FIELDS, NOTHING, camera_field, upload
 from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.gpu.beats import lost_pattern_variance_kernel, responses
 from moireaug.engine.gpu.bins import BinnedBatch, BinnedVariant, bins_at, patch_of
@@ -19,8 +19,10 @@ from moireaug.engine.gpu.patch import add_content_back, channel_of, content
 from moireaug.engine.gpu.random_numbers import quantiles
 from moireaug.engine.gpu.sensor import clipped_mean, flicker, reading
 from moireaug.engine.gpu.tile import add, black, block
+from moireaug.engine.gpu.view import CENTRE_U, CENTRE_V
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Exposure
 
+PULSES_TOP, PULSES_HEIGHT = camera_field("pulses_top"), camera_field("pulses_height")
 BLOCK = 128
 
 
@@ -109,9 +111,11 @@ def bins_of(batch, variant: tl.constexpr, BLOCK: tl.constexpr):
     height, width = batch.exposure.size
     image, pixel = block(height * width, BLOCK)
     inside, pixel = pixel < height * width, tl.minimum(pixel, height * width - 1)
-    u = (pixel % width).to(tl.float64) + 0.5 - 0.5 * width
-    v = (pixel // width).to(tl.float64) + 0.5 - 0.5 * height
-    return bins_at(u, v, image.to(tl.int64), batch, variant), pixel, inside
+    image = image.to(tl.int64)
+    camera = batch.exposure.cameras + image * CAMERA_FIELDS
+    u = (pixel % width).to(tl.float64) + (0.5 - 0.5 * width + tl.load(camera + CENTRE_U))
+    v = (pixel // width).to(tl.float64) + (0.5 - 0.5 * height + tl.load(camera + CENTRE_V))
+    return bins_at(u, v, image, batch, variant), pixel, inside
 
 
 @triton.jit
@@ -132,8 +136,9 @@ def pulse_at(bins, batch, variant: tl.constexpr):
     pulse = 1.0
     if variant.flickers:
         bands, last = batch.exposure.flicker + bins.image * batch.bands, batch.bands - 2
-        share = bins.v.to(tl.float32) / batch.exposure.size[0] + 0.5
-        pulse = flicker(bands, share * last, last)
+        camera = batch.exposure.cameras + bins.image * CAMERA_FIELDS
+        share = (bins.v - tl.load(camera + PULSES_TOP)) / tl.load(camera + PULSES_HEIGHT)
+        pulse = flicker(bands, share.to(tl.float32) * last, last)
     return pulse
 
 

@@ -15,6 +15,10 @@ from moireaug.engine.gpu.panel import pixel_scale
 from moireaug.engine.gpu.patch import Patch
 from moireaug.engine.gpu.view import (
     ALPHA,
+    CORNER_X,
+    CORNER_Y,
+    PHOTO_HEIGHT,
+    PHOTO_WIDTH,
     SCALE_U,
     SCALE_V,
     jacobian,
@@ -75,8 +79,9 @@ class Bin(NamedTuple):
     """Bins of an image that a program reads.
 
     Args:
-        image: its index, int64. x, y: float64, where their middles look, in panel pixels. u, v:
-            float64, where they lie, in photo pixels about the photo's centre.
+        image: its index, int64. x, y: float64, where their middles look, in panel pixels from
+            `Beats.start` on. u, v: float64, where they lie, in photo pixels about the whole photo's
+            centre.
         step_x, step_y: float32, panel pixels per sensor pixel along u and v.
         first, second: float32, their two sides along u and v, in sensor pixels.
     """
@@ -100,12 +105,13 @@ def along(step, vector):
 
 @triton.jit
 def bins_at(u, v, image, batch, variant: tl.constexpr):
-    """Return the Bin at photo points about the photo's centre; in the image's frame, at image
-    points about the image's centre."""
+    """Return the Bin at photo points about the whole photo's centre; in the image's frame, at image
+    points about the centre of the picture's frame."""
     sensor = batch.beats.cameras + image * CAMERA_FIELDS
-    half_h, half_w = 0.5 * batch.exposure.size[0], 0.5 * batch.exposure.size[1]
     if variant.rectified:
-        x, y = u + half_w, v + half_h
+        half_h = 0.5 * tl.load(sensor + PHOTO_HEIGHT)
+        half_w = 0.5 * tl.load(sensor + PHOTO_WIDTH)
+        x, y = u + tl.load(sensor + CORNER_X), v + tl.load(sensor + CORNER_Y)
         u, v = to_photo(u, v, batch.forward + image * 9, lens_of(sensor), variant.distorts)
         u = tl.minimum(tl.maximum(u, -half_w), half_w)  # others are put at the photo's edge
         v = tl.minimum(tl.maximum(v, -half_h), half_h)

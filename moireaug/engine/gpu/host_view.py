@@ -22,18 +22,15 @@ def cameras_of(cameras: np.ndarray) -> Any:
     return Camera(*cameras.T[:, :, None, None])
 
 
-def jacobian(u: np.ndarray, v: np.ndarray, c: Any, size: tuple[int, int]) -> Arrays:
+def jacobian(u: np.ndarray, v: np.ndarray, c: Any) -> Arrays:
     """Return `panel_jacobian`, (B, h, w) each, at photo points about the centre; of rectified
-    cameras, at where the photos show image points.
-
-    c: from `cameras_of`. size: height and width of the photos.
-    """
+    cameras, at where the photos show image points. c: from `cameras_of`."""
     if c.rectified.any():
-        u, v = to_photo(u, v, c, size)
+        u, v = to_photo(u, v, c)
     return panel_jacobian(u, v, c)
 
 
-def to_photo(x: np.ndarray, y: np.ndarray, c: Any, size: tuple[int, int]) -> Arrays:
+def to_photo(x: np.ndarray, y: np.ndarray, c: Any) -> Arrays:
     """Return where image points lie on the photos, both about the centre, (B, h, w) each."""
     m = forward(c)
     entries = m.reshape(-1, 9).T[:, :, None, None]
@@ -43,8 +40,9 @@ def to_photo(x: np.ndarray, y: np.ndarray, c: Any, size: tuple[int, int]) -> Arr
     v = (entries[3] * x + entries[4] * y + entries[5]) * nearness
     if c.k1.any() or c.k2.any():
         points = torch.from_numpy(np.stack([u, v], -1).reshape(len(u), -1, 2))
-        k1, k2 = (torch.from_numpy(k[:, 0, 0]) for k in (c.k1, c.k2))
-        factor = inverse_radial_factor(points, k1, k2, size).numpy().reshape(u.shape)
+        fields = (c.k1, c.k2, c.photo_height, c.photo_width)
+        k1, k2, *size = (torch.from_numpy(field[:, 0, 0]) for field in fields)
+        factor = inverse_radial_factor(points, k1, k2, tuple(size)).numpy().reshape(u.shape)
         u, v = u * factor, v * factor
     return u, v
 

@@ -16,14 +16,16 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.gpu.arrays import CAMERA_FIELDS
+from moireaug.engine.gpu.arrays import CAMERA_FIELDS, camera_field
 from moireaug.engine.gpu.tile import block
-from moireaug.engine.gpu.view import ALPHA
+from moireaug.engine.gpu.view import ALPHA, load32
 from moireaug.engine.lower.exposure_records import Camera, Exposure
 from moireaug.exposure.displayed import EDGE_PIXELS
 
 LEAD = tl.constexpr(EDGE_PIXELS)
 BLOCK = 256  # pixels of a program
+# by axis of (B, 3, h, w)
+LEAD_FIELDS = {2: camera_field("lead_y"), 3: camera_field("lead_x")}
 
 
 class Screen(NamedTuple):
@@ -54,7 +56,11 @@ class Shrinking(NamedTuple):
 
 def pixel_scale_of(exposure: Exposure) -> np.ndarray:
     """Return pixels per picture pixel of panels of at most the picture's, (B,)."""
-    return np.minimum(exposure.cameras[:, Camera._fields.index("alpha")], 1)
+    return np.minimum(_field_of(exposure, "alpha"), 1)
+
+
+def _field_of(exposure: Exposure, name: str) -> np.ndarray:
+    return exposure.cameras[:, Camera._fields.index(name)]
 
 
 def show(picture: Tensor, exposure: Exposure, uploaded: Exposure) -> Screen:
@@ -65,7 +71,11 @@ def show(picture: Tensor, exposure: Exposure, uploaded: Exposure) -> Screen:
     scale = pixel_scale_of(exposure)
     if scale.min() >= 1:
         return Screen(light, (w, h), 0, (w, h))
-    rows, cols = (math.ceil(scale.max() * size) + 2 * EDGE_PIXELS for size in (h, w))
+    leads = (_field_of(exposure, name).max() for name in ("lead_y", "lead_x"))
+    rows, cols = (
+        math.ceil(scale.max() * size + lead) + 2 * EDGE_PIXELS
+        for size, lead in zip((h, w), leads, strict=True)
+    )
     narrow, short = light.new_empty(n, 3, h, cols), light.new_empty(n, 3, rows, cols)
     _shrink_axis(narrow, light, 3, scale, uploaded.cameras, back=False)
     _shrink_axis(short, narrow, 2, scale, uploaded.cameras, back=False)
@@ -111,7 +121,9 @@ def _shrink_axis(
     taps, n = math.ceil(2 / scale.min()), short.numel()
     sizes = Shrinking(long.shape[axis], short.shape[axis], lines, inner, taps)
     programs = (triton.cdiv(n, BLOCK),)
-    shrink_kernel[programs](short, long, cameras, n, sizes, BACK=back, BLOCK=BLOCK)
+    shrink_kernel[programs](
+        short, long, cameras, n, sizes, LEAD_FIELD=LEAD_FIELDS[axis], BACK=back, BLOCK=BLOCK
+    )
 
 
 @triton.jit
@@ -193,15 +205,22 @@ def picture_light_back_kernel(
 
 
 @triton.jit
-def shrink_kernel(short, long, cameras, n, sizes, BACK: tl.constexpr, BLOCK: tl.constexpr):
+def shrink_kernel(
+    short, long, cameras, n, sizes,
+    LEAD_FIELD: tl.constexpr, BACK: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
     """Fill `short`, n values, (lines, sizes.short, sizes.inner) from `long` (lines, sizes.long,
     sizes.inner) as `displayed.shrink` does along one axis; or, BACK, add to long the gradient in it
-    from that in short. A program for BLOCK values."""
+    from that in short. A program for BLOCK values.
+
+    LEAD_FIELD: place in a Camera of how far the panel begins before the picture along the axis.
+    """
     value = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
     valid, beside, place = value < n, value % sizes.inner, value // sizes.inner
     line = place // sizes.short
-    scale = pixel_scale(cameras + tl.where(valid, line // sizes.lines, 0) * CAMERA_FIELDS)
-    centre = ((place % sizes.short).to(tl.float32) + (0.5 - LEAD)) / scale
+    camera = cameras + tl.where(valid, line // sizes.lines, 0) * CAMERA_FIELDS
+    scale, lead = pixel_scale(camera), load32(camera, LEAD_FIELD)
+    centre = ((place % sizes.short).to(tl.float32) + (0.5 - LEAD - lead)) / scale
     first = tl.ceil(centre - 1.0 / scale - 0.5)
     total = tl.full([BLOCK], 0.0, tl.float32)
     for tap in range(sizes.taps):

@@ -12,21 +12,31 @@ from moireaug.engine.lower import pose
 from moireaug.engine.lower.cameras import camera_fields, lower_cameras
 from moireaug.engine.lower.cell import cell_of_whole_pixels, mean_light_of
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, FullView
-from moireaug.engine.lower.numbers import bin_scale_of, panel_scale_of, sensor_scale_of
+from moireaug.engine.lower.numbers import (
+    bin_scale_of,
+    frame_of,
+    panel_scale_of,
+    sensor_scale_of,
+)
 from moireaug.exposure.bin_content import Content, content_of
+from moireaug.exposure.bin_geometry import clamped_photo_points
+from moireaug.geometry import grids
+from moireaug.geometry.frame import Frame
 from moireaug.panel.fourier import amplitudes_of
 from moireaug.shot import ShotRecord
 
+BORDER_POINTS = 9  # along each axis, where the rows are taken that a part of a photo sees
+
 
 def binned_view(
-    shot: ShotRecord, drawn: dict[str, np.ndarray], inverse: np.ndarray, magnified: np.ndarray
+    shot: ShotRecord, drawn: dict[str, np.ndarray], homography: np.ndarray, magnified: np.ndarray
 ) -> tuple[np.ndarray, Cell, BinnedView]:
     """Return a shot's cameras, of photo pixels, (B, fields), its Cell and its BinnedView.
 
     Args:
-        inverse: (B, 3, 3), from ideal photo to image coordinates, both about the centre.
-        magnified: second result of `numbers.homography_of`.
+        homography, magnified: from `numbers.homography_of`.
     """
+    frame = frame_of(shot, drawn, homography)
     with torch.no_grad():
         content = content_of(shot)
     scales = _BinScales(
@@ -34,7 +44,8 @@ def binned_view(
         sensor_scale_of(shot, drawn, magnified),
         bin_scale_of(shot, drawn, magnified),
     )
-    fields = camera_fields(shot, drawn)
+    fields = camera_fields(shot, drawn, frame) | _place_of(shot, frame, content)
+    inverse = np.linalg.inv(homography)
     cameras, blur_cameras, sensors = _bin_cameras(shot, inverse, fields, content, scales)
     # none at the same height: centres differ
     cell = cell_of_whole_pixels(shot.plan.method.taps)
@@ -56,6 +67,41 @@ class _BinScales(NamedTuple):
         return np.maximum(1 / self.bin, 1)
 
 
+def _place_of(shot: ShotRecord, frame: Frame, content: Content) -> dict[str, np.ndarray]:
+    """Return the fields of cameras that say where on the whole photo the bins lie, and where the
+    panel that shows the picture begins."""
+    zero, (h, w) = np.zeros(len(shot)), shot.size
+    top, left = frame.photo_top, frame.photo_left
+    if shot.scene.is_rectified:
+        top, left = frame.image_top, frame.image_left
+    lead = content.lead.numpy() / content.scale.numpy()[:, None]  # in image pixels
+    fields = {
+        "centre_u": zero + (left + (w - frame.width) / 2),
+        "centre_v": zero + (top + (h - frame.height) / 2),
+        "lead_x": content.lead[:, 0].numpy(),
+        "lead_y": content.lead[:, 1].numpy(),
+        "corner_x": frame.width / 2 - frame.image_left + lead[:, 0],
+        "corner_y": frame.height / 2 - frame.image_top + lead[:, 1],
+    }
+    if "flicker" in shot.plan and (shot.is_part or shot.scene.is_crop):
+        first, last = rows_seen(shot)
+        fields |= {"pulses_top": first - frame.height / 2, "pulses_height": last - first}
+    return fields
+
+
+def rows_seen(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first and the last row of the whole photo that a shot's bins see, (B,) each, with
+    a row to spare."""
+    if not shot.scene.is_rectified:
+        top = np.zeros(len(shot)) + np.asarray(shot.frame.photo_top)
+        return top, top + shot.size[0]
+    rows, cols = (torch.linspace(0, side, BORDER_POINTS).double() for side in shot.size)
+    points = grids.grid(rows, cols).expand(len(shot), -1, -1, -1)
+    with torch.no_grad():
+        v = clamped_photo_points(points, shot)[0][..., 1].flatten(1)
+    return v.amin(1).numpy() - 1, v.amax(1).numpy() + 1
+
+
 def _bin_cameras(
     shot: ShotRecord,
     inverse: np.ndarray,
@@ -72,11 +118,12 @@ def _bin_cameras(
         of_bins |= {name: fields[name] / root for name in ("dark_noise", "photon_noise")}
     sensor = fields | {"alpha": scales.panel, "rectified": zero + shot.scene.is_rectified}
     blur = {"alpha": content.scale.numpy(), "fill": zero, "blur": content.optics.blur.numpy()}
-    images = of_sensor = pose.from_corner(inverse, shot.size)
+    corner = fields["corner_x"][:, None], fields["corner_y"][:, None]
+    images = of_sensor = pose.from_corner(inverse, *corner)
     if shot.scene.is_rectified:
         # pixels look straight at the picture
         of_bins |= {"k1": zero, "k2": zero}
-        images = pose.from_corner(np.eye(3)[None].repeat(len(shot), 0), shot.size)
+        images = pose.from_corner(np.eye(3)[None].repeat(len(shot), 0), *corner)
         of_sensor = inverse
     per_pixel = scales.sensor, scales.sensor
     return (
@@ -109,6 +156,7 @@ def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _
         triangle=triangle,
         ratio=np.ascontiguousarray(content.ratio.detach().numpy()),
         centres=np.ascontiguousarray(0.5 + content.shift.detach().numpy()),
+        start=np.ascontiguousarray(content.start.numpy()),
         period=np.array(layout.period, np.int64),
         orders=np.array(method.harmonics, np.int64).reshape(-1, 2),
         coefficients=waves.astype(np.float32),

@@ -6,20 +6,23 @@ import numpy as np
 
 from moireaug.engine.lower.exposure_records import Camera
 from moireaug.engine.lower.numbers import distortion_of
+from moireaug.geometry.frame import Frame
 from moireaug.shot import ShotRecord
 
 HOMOGRAPHY_FIELDS = [f"h{row}{column}" for row in range(3) for column in range(3)]
 
 
-def camera_fields(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def camera_fields(
+    shot: ShotRecord, drawn: dict[str, np.ndarray], frame: Frame
+) -> dict[str, np.ndarray]:
     """Return the fields of a shot's cameras that neither pose nor scale change; neutral values for
-    effects that are not planned."""
+    effects that are not planned. frame: the shot's."""
     zero = np.zeros(len(shot))
 
     def planned(effect: str, name: str, neutral: np.ndarray = zero) -> np.ndarray:
         return drawn[name] if effect in shot.plan else neutral
 
-    h, w = shot.size
+    h, w = frame.size
     k1, k2 = distortion_of(shot, drawn)
     vignetting = planned("vignetting", "lens.vignetting")
     glare = planned("glare", "panel.glare")
@@ -40,6 +43,16 @@ def camera_fields(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, n
         "glare_u": glare * drawn["panel.glare_x"] * 2 / w,
         "glare_v": glare * drawn["panel.glare_y"] * 2 / h,
         "rectified": zero,
+        "photo_height": zero + h,
+        "photo_width": zero + w,
+        "centre_u": zero,
+        "centre_v": zero,
+        "lead_x": zero,
+        "lead_y": zero,
+        "corner_x": zero + w / 2,
+        "corner_y": zero + h / 2,
+        "pulses_top": zero - h / 2,
+        "pulses_height": zero + h,
     }
 
 

@@ -36,7 +36,7 @@ class _LastDevelopment(NamedTuple):
     """A Development, and what it was made of; numbers: see `number_table`."""
 
     scene: SceneRecord
-    size: tuple[int, int]
+    sizes: tuple[tuple[int, int], tuple[int, int] | None]
     numbers: np.ndarray
     development: Development
 
@@ -53,12 +53,14 @@ def lower_development(shot: ShotRecord) -> Development:
     if (
         last is None
         or last.scene is not shot.scene
-        or last.size != shot.size
+        or last.sizes != (shot.size, shot.whole_size)
         or not np.array_equal(last.numbers, numbers)
     ):
         drawn = dict(zip(shot.numbers(), numbers, strict=True))
         development = _development_of(shot.to("cpu"), drawn)
-        _last = last = _LastDevelopment(shot.scene, shot.size, numbers, development)
+        _last = last = _LastDevelopment(
+            shot.scene, (shot.size, shot.whole_size), numbers, development
+        )
     return last.development
 
 
@@ -129,14 +131,15 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
     chroma, sharp = drawn["develop.chroma_blur"], drawn["develop.sharpen_radius"]
     if "chroma_blur" in plan:
-        chroma_size = kernel_size(max_photo_sigma(shot.scene, "chroma_blur", shot.size))
+        chroma_size = kernel_size(max_photo_sigma(shot.scene, "chroma_blur", shot.whole_size))
     if "sharpen" in plan:
         amount[:] = drawn["develop.sharpen"]
-        sharp_size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.size))
+        sharp_size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.whole_size))
     if shot.scene.is_binned and max(chroma_size, sharp_size) > 1:
         _, magnified = homography_of(shot, drawn)
         scale = bin_scale_of(shot, drawn, magnified)
-        both = torch.from_numpy(np.minimum(np.stack([chroma, sharp]) / scale, max(shot.size)))
+        longest = max(shot.whole_size)
+        both = torch.from_numpy(np.minimum(np.stack([chroma, sharp]) / scale, longest))
         chroma, sharp = kernel_sigma(both).numpy()
     return Detail(
         (_pixel_count(rows), _pixel_count(cols)),

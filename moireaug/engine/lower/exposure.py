@@ -14,7 +14,7 @@ from moireaug.effects.flicker import light_of_rows
 from moireaug.engine.lower.binned import binned_view
 from moireaug.engine.lower.budget import ErrorBudget
 from moireaug.engine.lower.cell import mean_light_of
-from moireaug.engine.lower.exposure_records import Exposure, PanelView, Sites
+from moireaug.engine.lower.exposure_records import Camera, Exposure, PanelView, Sites
 from moireaug.engine.lower.full import cameras_and_cell, full_view, point_view
 from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, homography_of, numbers_of
 from moireaug.exposure.filters import filters_of
@@ -34,12 +34,11 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelV
     """
     plan, drawn = shot.plan, numbers_of(shot)
     homography, magnified = homography_of(shot, drawn)
-    inverse = np.linalg.inv(homography)
     view: PanelView
     if shot.scene.is_binned:
-        cameras, cell, view = binned_view(shot, drawn, inverse, magnified)
+        cameras, cell, view = binned_view(shot, drawn, homography, magnified)
     else:
-        cameras, cell = cameras_and_cell(shot, drawn, inverse)
+        cameras, cell = cameras_and_cell(shot, drawn, np.linalg.inv(homography))
         view = point_view(shot) if plan.exposure == "point" else full_view(shot, cameras)
     # of one layout, as kernels are compiled for each
     filters = np.ascontiguousarray(filters_of(shot).detach().numpy())
@@ -56,12 +55,12 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelV
         black=black,
         cell=cell,
         sites=_sites(shot.scene, shot.size),
-        flicker=_flicker_of(shot),
+        flicker=_flicker_of(shot, cameras),
         keys=torch.stack(random_numbers.keys(shot.seed), 1).numpy(),
         noisy="noise" in plan,
         coded="decode" in plan and not decoded,
         neighbour_share=share,
-        dark_around=shot.scene.is_dark_around,
+        dark_around=shot.is_dark_around,
         clips="clip_reading" in plan,
         budget=ErrorBudget.of(shot.scene.tolerance),
     )
@@ -78,7 +77,7 @@ def _white_of(shot: ShotRecord, filters: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray((filters @ light[:, :, None])[:, channel, 0])
 
 
-def _flicker_of(shot: ShotRecord) -> np.ndarray:
+def _flicker_of(shot: ShotRecord, cameras: np.ndarray) -> np.ndarray:
     """Return each sensor row's light relative to the mean, or of a binned reading, that at several
     bands of each photo row, (B, rows) float64; (B, 0) without flicker."""
     if "flicker" not in shot.plan:
@@ -86,7 +85,11 @@ def _flicker_of(shot: ShotRecord) -> np.ndarray:
     rows = shot.sampled_pixels()[0].positions()
     if shot.scene.is_binned:
         bands = _bands_per_row(shot.scene, shot.size[0])
-        rows = torch.arange(shot.size[0] * bands + 2, dtype=torch.float64, device="cpu") / bands
+        count = shot.size[0] * bands
+        part = torch.arange(count + 2, dtype=torch.float64, device="cpu") / count
+        fields = {name: cameras[:, i, None] for i, name in enumerate(Camera._fields)}
+        top = fields["pulses_top"] + fields["photo_height"] / 2
+        rows = torch.from_numpy(top) + part * torch.from_numpy(fields["pulses_height"])
     return light_of_rows(rows, shot).detach().contiguous().numpy()
 
 

@@ -53,6 +53,16 @@ class Camera(NamedTuple):
     glare_u: float  # what a photo pixel to the right, and one down, adds to it
     glare_v: float
     rectified: float  # 1 if pixels lie in the image's frame; then h is about both centres
+    photo_height: float  # of the whole photo, in photo pixels
+    photo_width: float
+    centre_u: float  # where the middle of what is read lies, about the whole photo's centre; of a
+    centre_v: float  # rectified camera, about that of the picture's frame
+    lead_x: float  # pixels of the panel that is looked at, before the picture begins; less than 1
+    lead_y: float
+    corner_x: float  # from that panel's corner to the centre of the picture's frame, image pixels
+    corner_y: float
+    pulses_top: float  # where the first band of an `Exposure.flicker` lies, about the photo's centre
+    pulses_height: float  # from it to the last one, in photo pixels
 
 
 class Cell(NamedTuple):
@@ -110,7 +120,8 @@ class Exposure(NamedTuple):
         filters: (B, 3, 3) float64, what each filter passes of red, green and blue light.
         white: (B, planes) float64, what each plane reads of a white screen on average.
         black: (B,) float32, light of a black pixel as a share of a white one's.
-        flicker: (B, rows) float64, each sensor row's light relative to the mean; or (B, 0).
+        flicker: (B, rows) float64, each sensor row's light relative to the mean, or of a binned
+            reading, that of bands from `Camera.pulses_top` on; or (B, 0).
         keys: (B, 2) int32, of the noise, see `random_numbers.keys`. noisy: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
         neighbour_share: (B,) float32, share of a picture pixel's light that comes from its
@@ -165,6 +176,8 @@ class Beats(NamedTuple):
             triangle: (B,) float64, see `bin_geometry.Bins`. ratio: (B,) float64, panel pixels per
             pixel of the panel that is shown.
         centres: (B, 3, 2) float64, where each colour's pixel lies in its cell.
+        start: (B, 2) float64, where the corner of the panel that is shown lies on the real one, in
+            its pixels.
         period: (2,) int64, of the layout. orders: (K, 2) int64, its harmonics.
         coefficients: (B, 3, K, 2) float32, twice those of each channel's light, real and imaginary
             part. strength: (B, K) float64, the greatest of a harmonic. mean: (B, 3) float64, share
@@ -180,6 +193,7 @@ class Beats(NamedTuple):
     triangle: np.ndarray
     ratio: np.ndarray
     centres: np.ndarray
+    start: np.ndarray
     period: np.ndarray
     orders: np.ndarray
     coefficients: np.ndarray

@@ -29,8 +29,9 @@ def cameras_and_cell(
     """Return a shot's cameras, of sensor pixels, (B, fields), and its Cell; inverse: (B, 3, 3),
     from ideal photo to image coordinates, both about the centre."""
     rows, cols = shot.sampled_pixels()
-    fields = camera_fields(shot, drawn) | {"alpha": panel_scale_of(shot, drawn)}
-    back = pose.from_corner(inverse, shot.size)
+    h, w = shot.size
+    fields = camera_fields(shot, drawn, shot.frame) | {"alpha": panel_scale_of(shot, drawn)}
+    back = pose.from_corner(inverse, w / 2, h / 2)
     cameras = lower_cameras(back, (rows.scale, cols.scale), fields)
     return cameras, _cell(shot.scene, shot.plan.method)
 

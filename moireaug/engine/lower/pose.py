@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 
-def from_corner(m: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def from_corner(m: np.ndarray, x: Any, y: Any) -> np.ndarray:
     """Move the origin of the image coordinates that homographies (B, 3, 3) lead to, from the
-    image's centre to its corner."""
-    (h, w), out = size, m.copy()
-    out[:, 0] += w / 2 * out[:, 2]
-    out[:, 1] += h / 2 * out[:, 2]
+    centre to a corner x to its left and y above it, numbers or (B, 1) each."""
+    out = m.copy()
+    out[:, 0] += x * out[:, 2]
+    out[:, 1] += y * out[:, 2]
     return out
 
 
