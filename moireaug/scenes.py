@@ -241,9 +241,7 @@ class Shot(ShotRecord):
         if "part" not in values:
             return scene.shot_from_numbers(size, numbers, seed)
         whole_size, (top, left) = values["part"]["whole_size"], values["part"]["corner"]
-        return scene.shot_from_numbers(check_size(whole_size), numbers, seed).crop(
-            top, left, *size
-        )
+        return scene.shot_from_numbers(check_size(whole_size), numbers, seed).crop(top, left, *size)
 
 
 def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:

@@ -4,7 +4,6 @@ pixels than the picture, averaged over them."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -30,11 +29,11 @@ class DisplayedPicture:
 
     def __init__(self, light: Tensor, shot: ShotRecord, content: Content | None = None) -> None:
         least, most = shot.scene.panel_scales(shot.whole_size)
-        alpha, lead, self._has_lead = shot.panel_scale, None, False
+        alpha, self._lead = shot.panel_scale, None
         if content is not None:
-            least, most = min(least, 1.0), 1.0
-            alpha, lead = content.scale, content.lead
-            self._has_lead = shot.is_part or shot.scene.is_crop
+            least, most, alpha = min(least, 1.0), 1.0, content.scale
+            if shot.is_part or shot.scene.is_crop:
+                self._lead = content.lead
         if len(light) and not is_transformed():
             least, most = torch.stack(torch.aminmax(alpha.detach())).tolist()
         self.max_alpha = most  # of the finest panel
@@ -42,12 +41,12 @@ class DisplayedPicture:
         self.light, self._ratio, self._ahead = light, self.alpha, 0
         if least < 1:
             # on panels of at most the picture's pixels; finer ones interpolate between these
-            self.light = shrink(light, alpha.clamp(max=1), least, self.pixels, lead)
+            self.light = shrink(light, alpha.clamp(max=1), least, min(most, 1.0), self._lead)
             self._ratio, self._ahead = self.alpha.clamp(min=1), EDGE_PIXELS
 
     def pixels(self, image_pixels: int) -> int:
         """Return how many pixels of the finest panel show so many of the image."""
-        return math.ceil(self.max_alpha * image_pixels) + self._has_lead
+        return math.ceil(self.max_alpha * image_pixels) + (self._lead is not None)
 
     def look_up(self, x: Tensor, y: Tensor, channel: int | None = None) -> Tensor:
         """Return the light at panel coordinates x, y (B, h, w), of all channels or of one:
@@ -60,29 +59,29 @@ def shrink(
     light: Tensor,
     alpha: Tensor,
     least: float,
-    pixels: Callable[[int], int],
+    most: float,
     lead: Tensor | None = None,
 ) -> Tensor:
-    """Return a picture (B, C, H, W) as panels of alpha (B,) pixels per image pixel show it, at
-    least `least` and at most 1: (B, C, h, w), with `EDGE_PIXELS` panel pixels before it.
+    """Return a picture (B, C, H, W) as panels of alpha (B,) pixels per image pixel show it, from
+    `least` to `most`, at most 1: (B, C, h, w), with `EDGE_PIXELS` panel pixels before it.
 
-    Args:
-        pixels: function of the picture's pixels along an axis that returns the panel's.
-        lead: (B, 2) panel pixels along x and y before the picture begins, less than 1.
+    lead: (B, 2) panel pixels along x and y, less than 1, by which the panel begins before that.
     """
     taps = math.ceil(2 / least)  # image pixels under the widest triangle
-    if lead is None:
-        lead = torch.zeros_like(alpha)[:, None].expand(-1, 2)
-    x, y = lead.unbind(1)
-    fewer_rows = _shrink_rows(light, alpha, taps, pixels(light.shape[2]), y)
-    return _shrink_rows(fewer_rows.mT, alpha, taps, pixels(light.shape[3]), x).mT
+    x, y = (None, None) if lead is None else lead.unbind(1)
+    fewer_rows = _shrink_rows(light, alpha, taps, most, y)
+    return _shrink_rows(fewer_rows.mT, alpha, taps, most, x).mT
 
 
-def _shrink_rows(light: Tensor, alpha: Tensor, taps: int, pixels: int, lead: Tensor) -> Tensor:
+def _shrink_rows(
+    light: Tensor, alpha: Tensor, taps: int, most: float, lead: Tensor | None
+) -> Tensor:
     """Return a picture (B, C, H, W) with the rows of a panel: (B, C, h, W)."""
     _, channels, height, width = light.shape
-    rows = pixels + 2 * EDGE_PIXELS
-    row = torch.arange(rows, dtype=alpha.dtype, device=alpha.device) - lead[:, None]
+    rows = math.ceil(most * height) + 2 * EDGE_PIXELS + (lead is not None)
+    row = torch.arange(rows, dtype=alpha.dtype, device=alpha.device)
+    if lead is not None:
+        row = row - lead[:, None]
     centre, half = (row + 0.5 - EDGE_PIXELS) / alpha[:, None], 1 / alpha[:, None]  # in image pixels
     first = (centre - half - 0.5).detach().ceil()
     out, total = light.new_zeros(()), torch.zeros_like(centre)

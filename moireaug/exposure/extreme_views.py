@@ -48,9 +48,7 @@ def extreme_jacobians(
     if scene.is_crop:
         shapes = CROPS_PHOTO_SHAPES
     scale = scene.sensor.scale
-    return _extreme_jacobians(
-        scene.view, scene.lens, scale, zoom, shapes, magnified, scene.is_crop
-    )
+    return _extreme_jacobians(scene.view, scene.lens, scale, zoom, shapes, magnified, scene.is_crop)
 
 
 @functools.lru_cache(maxsize=64)

@@ -110,9 +110,7 @@ def released_pose(view: DrawnView, size: tuple[int, int], scale: float) -> Tenso
     return m / m[:, 2:, 2:]  # depth positive in the centre, whatever the sign of the focal length
 
 
-def homography(
-    view: DrawnView, k1: Tensor, k2: Tensor, size: FrameSize, scale: float
-) -> Tensor:
+def homography(view: DrawnView, k1: Tensor, k2: Tensor, size: FrameSize, scale: float) -> Tensor:
     """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
 
     Args:
