@@ -122,9 +122,8 @@ class ShotRecord(Draws):
 
     @property
     def sensor_scale(self) -> Tensor:
-        """Sensor pixels per photo pixel along each axis, (B,) float64: `Sensor.shrink`,
-        `Sensor.scale`, or from `Sensor.pitch`, which holds in the middle of the picture before it is
-        turned."""
+        """Sensor pixels per photo pixel along each axis, (B,) float64: `Sensor.shrink` or `scale`,
+        or from `Sensor.pitch`, which holds in the middle of the picture before it is turned."""
         if self.scene.is_crop:
             return self.sensor.shrink
         if not bounds(self.scene.sensor.pitch)[1]:

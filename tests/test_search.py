@@ -22,6 +22,7 @@ CHOICES = {
     ("view", "pose"): ["camera", "released"],
     ("view", "fit"): [True, False],
     ("sensor", "reading"): ["auto", "full", "binned"],
+    ("sensor", "pixels"): [16, 640.0, 1e5],
     ("sensor", "scale"): [0.25, 0.5, 1.0, 1.5, 2.0, 2.7, 3.0, 5.0],
     ("sensor", "cfa"): ["rggb", "none"],
     ("sensor", "exposure"): ["auto", "spectral", "box", "mean", "point", "supersample:2"],
@@ -54,7 +55,7 @@ def built(cls, **given):
         for angle in ("yaw", "pitch", "roll"):
             ends = [float(round(end)) for end in bounds(given[angle])]
             given[angle] = ends[0] if ends[0] == ends[1] else tuple(ends)
-    for stated, least in (("width", 1.0), ("pitch", 1e-3)):
+    for stated, least in (("width", 1.0), ("pitch", 1e-3), ("shrink", 0.1)):
         if stated in given and "scale" in given and bounds(given[stated])[1]:
             low, high = (max(end, least) for end in bounds(given[stated]))
             given[stated] = low if low == high else (low, high)
@@ -65,6 +66,12 @@ def built(cls, **given):
 def a_scene(*, sensor, **parts):
     """A scene; a full reading takes no screen, and a binned one no single sensor pixels."""
     stated = bounds(parts["panel"].width)[1] or bounds(sensor.pitch)[1]
+    if bounds(sensor.shrink)[1]:  # with one of the two
+        if not stated:
+            sensor = dataclasses.replace(sensor, pitch=1.7)
+        elif bounds(sensor.pitch)[1]:
+            parts["panel"] = dataclasses.replace(parts["panel"], width=0.0)
+        stated = True
     if stated and sensor.reading == "full":
         sensor = dataclasses.replace(sensor, reading="auto")
     if stated or sensor.reading == "binned":

@@ -36,7 +36,8 @@ class Sensor(Part):
             of each colour's sensor pixels in it, interpolated bilinearly: the same photo, at a
             price that does not depend on the number of sensor pixels; see
             `moireaug.exposure.alias_transfer`. "auto" is binned where `Panel.width`, `pitch` or
-            `shrink` is given. Of more than 1024 harmonics the weakest are left out, as the plan then says.
+            `shrink` is given. Of more than 1024 harmonics the weakest are left out, as the plan
+            then says.
         cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
         crosstalk: share of its light that a colour filter receives from its neighbours in the
             spectrum: red and blue from green, green from both. The colour matrix undoes it for

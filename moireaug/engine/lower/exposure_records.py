@@ -61,10 +61,8 @@ class Camera(NamedTuple):
     lead_y: float
     corner_x: float  # from that panel's corner to the centre of the picture's frame, image pixels
     corner_y: float
-    pulses_top: (
-        float  # where the first band of an `Exposure.flicker` lies, about the photo's centre
-    )
-    pulses_height: float  # from it to the last one, in photo pixels
+    pulses_top: float  # row of the first band of an `Exposure.flicker`, about the photo's centre
+    pulses_height: float  # rows from it to the last one
 
 
 class Cell(NamedTuple):
