@@ -73,16 +73,23 @@ class Mixture:
         return [scene.to_dict() for scene in self.scenes]
 
 
-def as_scenes(scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any]) -> Scene | Mixture:
+def as_scenes(
+    scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any],
+    shrink: float | Sequence[float] | None = None,
+) -> Scene | Mixture:
     """Return a Scene from a Scene, a preset's name or a mapping, such as a dict, and a Mixture from
     a list or tuple of these, or from the name of one, as every public `scene=` argument does.
     A list of one is that scene. "anywhere" is the mixture of every screen in
     `moireaug.scene.presets.MIXTURES`, for whoever does not know which will be photographed.
 
+    shrink: as of `Scene.with_shrink`, of every scene; None leaves the scenes as they are.
+
     Raises:
-        ValueError: an unknown name, a file's, or an empty list.
+        ValueError: an unknown name, a file's, an empty list, or a scene that takes no shrink.
         TypeError: anything else, such as a list in a list.
     """
+    if shrink is not None:
+        return map_scenes(as_scenes(scene), lambda one: one.with_shrink(shrink))
     if isinstance(scene, Mixture):
         return scene
     if isinstance(scene, str) and scene in MIXTURES:

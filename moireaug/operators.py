@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 import json
 import math
@@ -29,7 +28,9 @@ def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> S
     drawn = dict(zip(values_of(scene), numbers, strict=True))
     height, width, whole_height, whole_width, top, left = size
     whole = scene.shot_from_numbers((whole_height, whole_width), drawn, seeds)
-    return dataclasses.replace(whole, size=(height, width), corner=(top, left))
+    if (height, width) == whole.size:
+        return whole
+    return whole.crop(top, left, height, width)
 
 
 @functools.lru_cache(maxsize=64)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import Effect
+from moireaug.effects.base import Effect, format_range
 from moireaug.effects.demosaic import Demosaic
 from moireaug.effects.denoise import Denoise
 from moireaug.effects.detail import ChromaBlur, ClipDetail, Sharpen
@@ -25,6 +25,7 @@ from moireaug.effects.tone import Balance, Brighten, ColourMatrix, ToneCurve
 from moireaug.effects.vignetting import Vignetting
 from moireaug.exposure.choose import method_of
 from moireaug.plan import Plan, Step
+from moireaug.scene.fields import bounds
 from moireaug.scene.record import SizedScene
 from moireaug.shot import ShotRecord
 
@@ -107,7 +108,22 @@ def make_plan(scene: SizedScene) -> Plan:
         developing=tuple(effect.name for effect in DEVELOP if verdicts[effect.name].called),
         method=method_of(scene),
         prefilter_variance=max_lost_variance(scene),
+        scales=_scales_of(scene),
     )
+
+
+def _scales_of(scene: SizedScene) -> str:
+    """Return how many panel and sensor pixels an image pixel gets, in words."""
+    panel = format_range(scene.panel.scale)
+    if scene.is_crop:
+        sensor = format_range(scene.sensor.shrink)
+    elif scene.sensor.pitch:
+        ends = zip(bounds(scene.panel.scale), bounds(scene.sensor.pitch), strict=True)
+        low, high = (scale * pitch for scale, pitch in ends)
+        sensor = format_range((low, high))
+    else:
+        sensor = format_range(scene.sensor.scale)
+    return f"An image pixel gets {panel} panel pixels and {sensor} sensor pixels along each axis"
 
 
 make_plan._torchdynamo_disable = True  # type: ignore[attr-defined]  # torch.compile runs it as it is

@@ -16,6 +16,21 @@ class Step(NamedTuple):
     reason: str
 
 
+class Moire(NamedTuple):
+    """About how much moiré photos show: the difference from a moiré-free photo, in codes of 255,
+    RMS, that a tenth of them stay below, half, and nine tenths."""
+
+    low: float
+    median: float
+    high: float
+
+    def __str__(self) -> str:
+        return (
+            f"moiré of about {self.median:.1f} codes in half of the photos, {self.low:.1f} to "
+            f"{self.high:.1f} in four of five"
+        )
+
+
 @dataclass(frozen=True)
 class Plan:
     """The effects of a scene, in the order in which light meets them. `"pose" in plan` asks whether
@@ -28,6 +43,8 @@ class Plan:
         method: exposure method, "auto" resolved.
         prefilter_variance: largest variance of the blur of the picture before it is looked up, in
             squared image pixels.
+        scales: how many panel and sensor pixels an image pixel gets, in words.
+        moire: see `Scene.expected_moire`; None if it is not known.
     """
 
     steps: tuple[Step, ...]
@@ -35,6 +52,8 @@ class Plan:
     developing: tuple[str, ...]
     method: ExposureMethod
     prefilter_variance: float
+    scales: str = ""
+    moire: Moire | None = None
     _computed: frozenset[str] = field(init=False, repr=False)  # a photo asks for dozens of names
 
     def __post_init__(self) -> None:
@@ -73,6 +92,10 @@ class Plan:
             lines.append(f"{_counted(self.left_out)} left out")
         for step in self.left_out:
             lines.append(f"   -  {step.name:{width}}{step.reason}")
+        if self.called and self.scales:
+            lines.append(self.scales)
+        if self.moire:
+            lines.append(f"To expect: {self.moire}")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -20,8 +20,9 @@ from moireaug.draws import (
 )
 from moireaug.image_checks import check_shape
 from moireaug.pipeline import make_plan
-from moireaug.plan import Plan
+from moireaug.plan import Moire, Plan
 from moireaug.scene.by_name import part_from_dict, parts_with
+from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.record import NOMINAL_SIZE, SceneRecord
@@ -32,6 +33,10 @@ UNPLANNED_MESSAGE = (
     "Scene.sample does; copies and unpickled scenes have no plan yet."
 )
 CACHES = ("_plans", "_json")  # plans by octave, and the scene as JSON, for a graph
+MOIRE_SHOTS = 128  # of which the expected moiré is found
+# codes of a photo by which a reading's standard deviation of its own mean is seen: about, for the
+# presets' tone curves and light; measured 40 to 70
+CODES_PER_CONTRAST = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +77,9 @@ class Scene(SceneRecord):
 
     def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
         """Return the ordered effects that this scene calls for in photos of `size` (height, width),
-        each with its reason. Only scenes with `Panel.width` differ by size: there a plan is for all
-        sizes between two powers of 2. Computed once.
+        each with its reason, and how many panel and sensor pixels an image pixel gets. Only scenes
+        with `Panel.width` differ by size: there a plan is for all sizes between two powers of 2.
+        Computed once.
 
         Raises:
             ValueError: the "point" or "box" exposure with a layout of slanted subpixels, a size
@@ -88,14 +94,32 @@ class Scene(SceneRecord):
         if octave not in plans:
             if torch.compiler.is_compiling():
                 raise RuntimeError(UNPLANNED_MESSAGE)
-            plans = {**plans, octave: make_plan(self.at(size))}
+            plan = make_plan(self.at(size))
+            object.__setattr__(self, "_plans", {**plans, octave: plan})
+            plans = {**plans, octave: replace(plan, moire=self._moire(size))}
             object.__setattr__(self, "_plans", plans)
             self.as_json()  # made ready: torch.compile cannot follow how
         return plans[octave]
 
+    @torch.no_grad()
+    def _moire(self, size: tuple[int, int]) -> Moire | None:
+        """Find what `expected_moire` returns, of shots of a planned scene."""
+        shot = self.sample(MOIRE_SHOTS, size, torch.Generator().manual_seed(0))
+        variance = shot.plan.method.seen_variance(shot)
+        if variance is None:
+            return None
+        codes = CODES_PER_CONTRAST * variance.mean(1).sqrt()
+        return Moire(*codes.quantile(codes.new_tensor((0.1, 0.5, 0.9))).tolist())
+
     def __getstate__(self) -> dict[str, Any]:
         """Leave the plans out of copies and pickles: another version may plan otherwise."""
         return {name: value for name, value in vars(self).items() if name not in CACHES}
+
+    def expected_moire(self, size: tuple[int, int] = NOMINAL_SIZE) -> Moire | None:
+        """Return about how much moiré photos of `size` (height, width) will show, from the panel's
+        harmonics in the middle of the image; None for full readings, which have no closed form.
+        Computed once, with the plan."""
+        return self.plan(size).moire
 
     def sample(
         self, n: int, size: tuple[int, int], generator: torch.Generator | None = None
@@ -129,6 +153,28 @@ class Scene(SceneRecord):
         """Return the shot of drawn numbers, (B,) each, by names such as "view.yaw", for images of
         `size` (height, width)."""
         return Shot(scene=self, size=size, seed=seed, **parts_with(self, numbers))
+
+    def with_shrink(self, shrink: float | Sequence[float]) -> Scene:
+        """Return the same scene for images that are crops: parts of photos that have `shrink`
+        sensor pixels per pixel, a number or a (low, high) pair; see `Sensor.shrink`. A scene that states
+        `Panel.width` and `Sensor.pitch` keeps the pitch: of the screen, only a part is seen.
+
+        Raises:
+            ValueError, TypeError: a scene of a full reading, or a shrink out of its range.
+        """
+        if not self.is_binned:
+            raise ValueError(
+                "shrink is for scenes that state Panel.width, Sensor.pitch or Sensor.shrink; got "
+                f"{shrink!r} for one that states Panel.scale and Sensor.scale. Leave it out."
+            )
+        panel = self.panel
+        if bounds(self.sensor.pitch)[1]:
+            panel = replace(panel, width=0.0, scale=1.0)
+        given: Any = tuple(shrink) if isinstance(shrink, (list, tuple)) else shrink
+        sensor = replace(self.sensor, shrink=given, scale=1.0)
+        if not sensor.shrink:
+            raise ValueError("shrink must be at least 0.1; got 0. For whole photos, leave it out.")
+        return replace(self, panel=panel, sensor=sensor)
 
     def capture(self, images: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw a shot for `images` (B, 3, H, W), from `generator` or torch's global one, and return
@@ -229,7 +275,7 @@ class Shot(ShotRecord):
             raise TypeError(f"a shot's values must be a mapping; got {values!r}.")
         keys = ("scene", "size", "seed", *PARTS)
         for key in values:
-            one_of("a key of a shot", key, (*keys, "part"))
+            one_of("a key of a shot", key, (*keys, "part_of"))
         missing = [key for key in keys if key not in values]
         if missing:
             raise ValueError(
@@ -238,10 +284,12 @@ class Shot(ShotRecord):
         scene = as_scene(values["scene"])
         numbers, seed = numbers_from_dict(scene, values)
         size = check_size(values["size"])
-        if "part" not in values:
+        whole = values.get("part_of")
+        if whole is None:
             return scene.shot_from_numbers(size, numbers, seed)
-        whole_size, (top, left) = values["part"]["whole_size"], values["part"]["corner"]
-        return scene.shot_from_numbers(check_size(whole_size), numbers, seed).crop(top, left, *size)
+        shot = scene.shot_from_numbers(check_size(whole["size"]), numbers, seed)
+        top, left = whole["corner"]
+        return shot.crop(top, left, *size)
 
 
 def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:

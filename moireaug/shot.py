@@ -6,7 +6,7 @@ import dataclasses
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor
@@ -59,13 +59,20 @@ def sampled_rows_and_columns(
     return rows, cols
 
 
+class Whole(NamedTuple):
+    """The image of which another is a part: its height and width, and the row and column at which
+    the part begins."""
+
+    size: tuple[int, int]
+    corner: tuple[int, int]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShotRecord(Draws):
     """The five parts with each ranged field a `(B,)` float64 tensor, scene, image size, and the
     plan of that scene at that size; users hold a `Shot`, which makes the plan.
 
-    `whole_size` and `corner` say of which part of a larger image's photo this is the shot; see
-    `crop`.
+    part_of: the larger image of whose photo this is the shot of a part, if any; see `crop`.
     """
 
     scene: SceneRecord
@@ -77,8 +84,7 @@ class ShotRecord(Draws):
     sensor: Any
     develop: Any
     seed: Tensor
-    whole_size: tuple[int, int] | None = None  # the image's own by default
-    corner: tuple[int, int] = (0, 0)  # top and left
+    part_of: Whole | None = None
     plan: Plan = field(init=False, repr=False)
     _numbers: dict[str, Tensor] = field(init=False, repr=False)  # which a photo asks for often
 
@@ -86,7 +92,6 @@ class ShotRecord(Draws):
         """Check the drawn numbers, bring those of another dtype to float64, differentiably, and the
         size to a tuple."""
         object.__setattr__(self, "size", tuple(self.size))
-        object.__setattr__(self, "whole_size", tuple(self.whole_size or self.size))
         if self.scene.is_crop and self.view.fit:  # which is not read: its screen goes on
             object.__setattr__(self, "view", self.view.drawn({"fit": False}))
         numbers = values_of(self)
@@ -169,14 +174,19 @@ class ShotRecord(Draws):
         return whole.part(top, left)
 
     @property
-    def is_part(self) -> bool:
-        """Whether this is the shot of a part of a larger image's photo; see `crop`."""
-        return self.size != self.whole_size
+    def whole_size(self) -> tuple[int, int]:
+        """Height and width of the image, or of the larger one of which it is a part."""
+        return self.size if self.part_of is None else self.part_of.size
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Row and column at which the image begins in the larger one of which it is a part."""
+        return (0, 0) if self.part_of is None else self.part_of.corner
 
     @property
     def is_dark_around(self) -> bool:
         """Whether photos show the dark around the picture."""
-        return self.scene.is_dark_around and not self.is_part
+        return self.scene.is_dark_around and self.part_of is None
 
     @property
     def panel_corner(self) -> Tensor:
@@ -214,8 +224,8 @@ class ShotRecord(Draws):
                 "a part needs a binned reading, whose scene states Panel.width, Sensor.pitch or "
                 "Sensor.shrink; this shot's is full. Capture the image, and cut the photo."
             )
-        corner = self.corner[0] + top, self.corner[1] + left
-        return dataclasses.replace(self, size=(height, width), corner=corner)
+        whole = Whole(self.whole_size, (self.corner[0] + top, self.corner[1] + left))
+        return dataclasses.replace(self, size=(height, width), part_of=whole)
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
@@ -313,11 +323,12 @@ class ShotRecord(Draws):
         return {
             "scene": self.scene.to_dict(),
             "size": list(self.size),
-            **({"part": self._part()} if self.is_part else {}),
+            **self._part_to_dict(),
             "seed": self.seed.tolist(),
             **by_part({name: values.tolist() for name, values in self.numbers().items()}),
         }
 
-    def _part(self) -> dict[str, list[int]]:
-        """Return of which part of what image this is the shot, as `to_dict` holds it."""
-        return {"whole_size": list(self.whole_size), "corner": list(self.corner)}
+    def _part_to_dict(self) -> dict[str, Any]:
+        if self.part_of is None:
+            return {}
+        return {"part_of": {"size": list(self.part_of.size), "corner": list(self.part_of.corner)}}

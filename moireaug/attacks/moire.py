@@ -54,6 +54,8 @@ class MoireAttack(Attack):
             shot, a restart at a fresh draw. ("view",) searches for the worst pose without noise. A
             field that no effect of the plan reads keeps its value. All scenes of a mixture must
             allow it.
+        shrink: images are crops, parts of larger photos with so many sensor pixels per image pixel;
+            None leaves the scene as it is. See `Scene.with_shrink`.
         others: see `Attack`.
 
     Raises:
@@ -67,10 +69,11 @@ class MoireAttack(Attack):
     eot: int = 1
     noise_at: str = "raw"
     optimise: tuple[str, ...] = ("noise",)
+    shrink: float | tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "scene", as_scenes(self.scene))
+        object.__setattr__(self, "scene", as_scenes(self.scene, self.shrink))
         check_count("eot", self.eot, 1, "the shots per step")
         if self.until_fooled and self.eot > 1:
             raise ValueError(

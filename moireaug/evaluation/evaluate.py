@@ -45,6 +45,7 @@ def evaluate(
     identity: str | bytes | None = None,
     lpips: str | Path | None = None,
     progress: bool = True,
+    shrink: float | tuple[float, float] | None = None,
 ) -> pd.DataFrame:
     """Attack a classifier, with the controls that tell the moiré from the noise.
 
@@ -82,6 +83,7 @@ def evaluate(
         lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16, with
             which the LPIPS of every attack is measured; None does not measure it.
         progress: whether to show a bar.
+        shrink: images are crops, parts of larger photos; see `Scene.with_shrink`.
 
     Returns:
         A row for each cell of the suite's tables and each image: see `evaluation.images_frame`.
@@ -106,7 +108,7 @@ def evaluate(
     check_count("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
     config = SuiteConfig(
-        scene=as_scenes(scene),
+        scene=as_scenes(scene, shrink),
         eps=eps,
         steps=steps,
         targets=targets or {},

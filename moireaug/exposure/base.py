@@ -41,6 +41,11 @@ class ExposureMethod(ABC):
         """Return the most that `lost_variance` is in any view of a scene."""
         return 0.0
 
+    def seen_variance(self, shot: Any) -> Tensor | None:
+        """Return the variance of the moiré in the middle of the image, as a share of the squared
+        reading, by colour filter: (B, 3); None where it has no closed form."""
+        return None
+
     def pattern_variance(self, shot: Any) -> Tensor:
         """Return the variance of the panel's pattern that is averaged away in the middle, as a
         share of the squared mean light, by colour filter: (B, 3)."""

@@ -70,6 +70,13 @@ def middle_bins(shot: ShotRecord) -> Bins:
     return bins_at(row, column, inverse, inverse.dtype, shot)
 
 
+def image_middle_bins(shot: ShotRecord) -> Bins:
+    """Return the bins in the middle of the image, (B, 1, 1)."""
+    row, column = (shot.panel_scale.new_tensor([side / 2]) for side in shot.size)
+    inverse = torch.linalg.inv(shot.matrix())
+    return bins_at(row, column, inverse, inverse.dtype, shot)
+
+
 def middle_of_photo(shot: ShotRecord) -> Tensor:
     """Return the point in the middle of the whole photo, and of the picture's frame, (B, 1, 1, 2)
     float64."""

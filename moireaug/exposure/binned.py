@@ -10,7 +10,13 @@ from torch import Tensor
 
 from moireaug.exposure.alias_transfer import Wave, plane_waves, power_transfer, times
 from moireaug.exposure.bin_content import Content, content_of
-from moireaug.exposure.bin_geometry import Bins, bins_at, bins_on_image, middle_bins
+from moireaug.exposure.bin_geometry import (
+    Bins,
+    bins_at,
+    bins_on_image,
+    image_middle_bins,
+    middle_bins,
+)
 from moireaug.exposure.closed_form import ClosedForm, in_bands
 from moireaug.exposure.filters import filters_of
 from moireaug.exposure.footprint import Footprint
@@ -137,17 +143,32 @@ class Binned(ClosedForm):
     def pattern_variance(self, shot: ShotRecord) -> Tensor:
         if not self.harmonics:
             return super().pattern_variance(shot)
-        layout, filters = shot.scene.panel.cell, filters_of(shot)
+        layout = shot.scene.panel.cell
+        lost, _ = self._power(middle_bins(shot), layout, shot)
+        return self._variance(lost, layout, shot)
+
+    def seen_variance(self, shot: ShotRecord) -> Tensor:
+        """Return the variance of the moiré in the middle of the image, as a share of the squared
+        reading, by colour filter: (B, 3)."""
+        if not self.harmonics:
+            return shot.panel_scale.new_zeros(len(shot), 3)
+        layout = shot.scene.panel.cell
+        _, seen = self._power(image_middle_bins(shot), layout, shot)
+        return self._variance(seen, layout, shot)
+
+    def _variance(self, power: Tensor, layout: Layout, shot: ShotRecord) -> Tensor:
+        """Return the variance of harmonics of which `_power` left a power (K, B, 3), as a share of
+        the squared reading, (B, 3)."""
+        filters = filters_of(shot)
         parts = amplitudes_of(layout, self.harmonics, shot.panel)
         real, imaginary = (torch.einsum("bpc,ckb->kbp", filters, part) for part in parts)
-        total = (self._lost_power(layout, shot) * (real.square() + imaginary.square())).sum(0)
+        total = (power * (real.square() + imaginary.square())).sum(0)
         mean = mean_light(layout, *emitting_share(shot.panel))
         return total / (filters @ mean[..., None])[..., 0].square().clamp(min=1e-12)
 
-    def _lost_power(self, layout: Layout, shot: ShotRecord) -> Tensor:
-        """Return the power that the bin in the middle averages away of each harmonic that has an
-        amplitude of 1 on the panel, by colour filter: (K, B, 3)."""
-        bins = middle_bins(shot)
+    def _power(self, bins: Bins, layout: Layout, shot: ShotRecord) -> tuple[Tensor, Tensor]:
+        """Return the power that a bin (B, 1, 1) averages away of each harmonic that has an
+        amplitude of 1 on the panel, and what it reads of it, by colour filter: (K, B, 3) each."""
         step, sides, triangle = bins.step[:, 0, 0], bins.sides[:, 0, 0], bins.triangle[:, 0, 0]
         k, l = step.new_tensor(self.harmonics)[:, :, None].unbind(1)
         per_x, per_y = k / layout.period[0], l / layout.period[1]
@@ -155,5 +176,5 @@ class Binned(ClosedForm):
         power = optics_of(shot).transfer(u, v).square() / 2
         bayer = shot.scene.is_binned_bayer
         transfer = power_transfer(u, v, sides, triangle, bayer=bayer)
-        lost = [power * (1 - transfer[plane if bayer else 0]).clamp(min=0) for plane in range(3)]
-        return torch.stack(lost, -1)
+        read = torch.stack([transfer[plane if bayer else 0] for plane in range(3)], -1)
+        return power[..., None] * (1 - read).clamp(min=0), power[..., None] * read

@@ -32,7 +32,7 @@ class DisplayedPicture:
         alpha, self._lead = shot.panel_scale, None
         if content is not None:
             least, most, alpha = min(least, 1.0), 1.0, content.scale
-            if shot.is_part or shot.scene.is_crop:
+            if shot.part_of is not None or shot.scene.is_crop:
                 self._lead = content.lead
         if len(light) and not is_transformed():
             least, most = torch.stack(torch.aminmax(alpha.detach())).tolist()

@@ -20,7 +20,8 @@ Screens:
 - LED walls: 1.5 to 2.5 mm between pixels, as indoor walls are sold, at 2.4 to 7.5 m: pitch 1 to
   1.9.
 - LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; three
-  dies on one package. 10 mm at 4 to 7 m, 20 mm at 8 to 14 m: pitch 1.05 to 1.9.
+  dies on one package. From whatever distance makes a sign as large as its image: at 48 px and
+  `shrink` 1, one of 48 LEDs is at pitch 1, of 10 mm at 7 m.
 - Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm. Before a phone at 150 to
   400 mm: pitch 0.7 to 1.9.
 - LCDs from close: 0.179 and 0.277 mm at 150 to 300 mm, the first where a phone's main camera
@@ -174,7 +175,9 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(DIAMONDS, width=(150.0, 1000.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.35, 0.7), motion_x=(-0.4, 0.4), motion_y=(-0.4, 0.4)),
-        sensor=replace(PHONE_SENSOR, pitch=(1.0, 2.1), gain=(2.0, 5.0), read_noise=(0.006, 0.02)),
+        sensor=replace(
+            PHONE_SENSOR, pitch=(1.0, 2.1), pixels=1920.0, gain=(2.0, 5.0), read_noise=(0.006, 0.02)
+        ),
         develop=replace(ROOM_PHOTO, jpeg=(40.0, 85.0)),
     ),
     # A tablet under a document camera, which looks straight down.
@@ -182,15 +185,22 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(LCD, layout="chevron", width=(600.0, 1600.0)),
         view=View(yaw=(-3.0, 3.0), pitch=(-3.0, 3.0), roll=(-10.0, 10.0), fov=(30.0, 60.0)),
         lens=Lens(k1=(-0.02, 0.04), blur=(0.3, 0.65)),
-        sensor=replace(PHONE_SENSOR, pitch=(1.05, 2.0), read_noise=(0.003, 0.012)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.05, 2.0), pixels=3264.0, read_noise=(0.003, 0.012)),
         develop=replace(PHONE_PHOTO, jpeg=(75.0, 98.0)),
     ),
-    # A car drives up to a full-colour LED sign.
+    # A car drives up to a full-colour LED sign, which is all of the image: the farther away, the more
+    # LEDs for each of its pixels.
     "dashcam_at_led_sign": SceneRecord(
         panel=Panel(layout="led", width=(48.0, 256.0), lit=(0.6, 1.0)),
         view=View(yaw=(-30.0, 30.0), pitch=(-12.0, 0.0), roll=(-3.0, 3.0), fov=(5.0, 20.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.3, 0.6), motion_x=(-0.3, 0.3), motion_y=(-0.2, 0.2)),
-        sensor=replace(PHONE_SENSOR, pitch=(1.05, 1.9), gain=(3.0, 6.0), read_noise=(0.003, 0.012)),
+        sensor=replace(
+            PHONE_SENSOR,
+            shrink=(1.0, 3.0),
+            pixels=2560.0,
+            gain=(3.0, 6.0),
+            read_noise=(0.003, 0.012),
+        ),
         develop=PHONE_PHOTO,
     ),
     # A phone close to an LCD, whose pixels are seen beside strong moiré.

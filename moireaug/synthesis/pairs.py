@@ -89,6 +89,8 @@ class Pairs(IterableDataset):
         seed: pair k is the same for the same seed, images, scene and size.
         n: number of pairs of an iteration, all processes together; None is without end. Every
             iteration begins with pair 0: take another seed for other pairs.
+        shrink: the crops are parts of larger photos, with so many sensor pixels per pixel; None
+            leaves the scene as it is, in presets a whole photo of each. See `Scene.with_shrink`.
 
     Raises:
         ValueError, TypeError: a folder without pictures, a scene in the camera's frame, a number
@@ -104,9 +106,10 @@ class Pairs(IterableDataset):
         twin: bool = False,
         seed: int = 0,
         n: int | None = None,
+        shrink: float | tuple[float, float] | None = None,
     ) -> None:
         super().__init__()
-        self.scene, self.twin = as_scenes(scene), twin
+        self.scene, self.twin = as_scenes(scene, shrink), twin
         check_whole("size", size, *SIZE_RANGE)
         check_whole("seed", seed, 0, MAX_SEED)
         if n is not None:

@@ -4,6 +4,7 @@ the camera's frame."""
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Callable, Sequence
 from numbers import Real
 from typing import TypeVar
@@ -14,7 +15,7 @@ from torch import Tensor, nn
 from moireaug.capture import photo_of
 from moireaug.image_checks import channels_last_hint, check_images, check_shape
 from moireaug.mixed_shot import MixedShot
-from moireaug.mixtures import Mixture, as_scenes
+from moireaug.mixtures import Mixture, as_scenes, scenes_of
 from moireaug.networks import first_weight, in_evaluation_mode
 from moireaug.numeric import as_float, luma
 from moireaug.scene.presets import MIXTURES
@@ -22,6 +23,13 @@ from moireaug.scenes import Scene, Shot, preset_name
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
 
+NO_MOIRE_MESSAGE = (
+    "images of {} x {} pixels are taken for whole photos of {}, nine of ten of which show {:.1f} "
+    "codes of moiré or less: shrinking a photo averages it away. If yours are parts of larger "
+    "photos, say so: shrink=(1, 3), sensor pixels per image pixel."
+)
+logger = logging.getLogger("moireaug")
+_asked: set[tuple[Scene | Mixture, tuple[int, ...]]] = set()
 EDGE_POINTS = 17  # along each edge of a box: the arc of a bent edge is found to a 256th of its rise
 
 
@@ -32,12 +40,30 @@ def check_probability(p: float) -> float:
     return float(p)
 
 
-def planned_scenes(scene: Scene | str | dict | list | tuple) -> Scene | Mixture:
-    """Return `as_scenes(scene)`, planned: a scene that cannot be photographed is refused when a
-    transform is made."""
-    scenes = as_scenes(scene)
+def planned_scenes(
+    scene: Scene | str | dict | list | tuple, shrink: float | Sequence[float] | None = None
+) -> Scene | Mixture:
+    """Return `as_scenes(scene, shrink)`, planned: a scene that cannot be photographed is refused
+    when a transform is made."""
+    scenes = as_scenes(scene, shrink)
     scenes.plan()
     return scenes
+
+
+def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
+    """Log once, for each scene and octave of sizes, that nine of ten photos of `size` (height,
+    width) will have less than a code of moiré, and what to do. torch.compile leaves it out."""
+    if torch.compiler.is_compiling():
+        return
+    scenes = scenes_of(scene)
+    octaves = tuple(one.octave(size) for one in scenes)
+    if (scene, octaves) in _asked:
+        return
+    _asked.add((scene, octaves))
+    moire = [one.plan(size).moire for one in scenes if one.shows_pattern]
+    if moire and all(one is not None and one.high < 1 for one in moire):
+        highest = max(one.high for one in moire if one is not None)
+        logger.warning(NO_MOIRE_MESSAGE.format(*size, describe(scene), highest))
 
 
 def at_size(shot: AnyShot, size: tuple[int, int]) -> AnyShot:

@@ -27,6 +27,7 @@ from moireaug.transforms._convert import (
     describe,
     model_of_photos,
     planned_scenes,
+    warn_without_moire,
     with_rows,
 )
 from moireaug.transforms.torchvision import ANNOTATION_TYPES, IMAGE_TYPES, wrap
@@ -55,6 +56,7 @@ class AdversarialMoire(v2.Transform):
             the entry named "labels" or one with "label" in its name; or a callable that takes the
             sample and returns its labels.
         p: probability that an image is photographed; the others are returned unchanged.
+        shrink: as in RandomMoire: images are parts of larger photos.
 
     A sample is images and labels, or any nesting of dicts, tuples and lists that holds them;
     everything else in it passes through untouched. Images are one pure tensor or
@@ -87,9 +89,10 @@ class AdversarialMoire(v2.Transform):
         random_start: float = 1.0,
         labels_getter: Callable[[Any], Tensor] | str = "default",
         p: float = 1.0,
+        shrink: float | tuple[float, float] | None = None,
     ) -> None:
         super().__init__()
-        self.scene = planned_scenes(scene)
+        self.scene = planned_scenes(scene, shrink)
         self.p = check_probability(p)
         self.attack = MoireAttack(
             model=model,
@@ -155,6 +158,7 @@ class AdversarialMoire(v2.Transform):
         rows = (uniform < self.p).nonzero().flatten().to(images.device)
         if not len(rows):
             return images
+        warn_without_moire(self.scene, (images.shape[-2], images.shape[-1]))
         chosen = plain[rows]
         rgb = as_model_takes(as_float_rgb(chosen), self.attack.model)
         attack = replace(self.attack, model=model_of_photos(self.attack.model, chosen))

@@ -44,6 +44,7 @@ from moireaug.transforms._convert import (
     model_of_photos,
     planned_scenes,
     shot_of_frames,
+    warn_without_moire,
 )
 from moireaug.transforms._workers import seed_worker as seed_worker
 
@@ -60,6 +61,7 @@ class RandomMoire(SampledTransform):
             it with `Compose(seed=)`, and in a DataLoader with `seed_worker`, without which workers
             repeat each other.
         p: probability of a photo, in [0, 1].
+        shrink: as in `moireaug.transforms.RandomMoire`: images are parts of larger photos.
 
     Targets:
         image, mask, bboxes, keypoints, volume, mask3d
@@ -92,10 +94,13 @@ class RandomMoire(SampledTransform):
     _targets = ALL_TARGETS
 
     def __init__(
-        self, scene: Scene | str | dict | list | tuple = "screen_photo", p: float = 0.5
+        self,
+        scene: Scene | str | dict | list | tuple = "screen_photo",
+        p: float = 0.5,
+        shrink: float | tuple[float, float] | None = None,
     ) -> None:
         super().__init__(p=check_probability(p))
-        self.scene = planned_scenes(scene)
+        self.scene = planned_scenes(scene, shrink)
         self._moves = self.scene.moves
         # to know its own scenes by their plain numbers: building one again takes longer than a draw
         self._known = [(one, one.to_dict()) for one in scenes_of(self.scene)]
@@ -112,6 +117,7 @@ class RandomMoire(SampledTransform):
         self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
     ) -> dict[str, Any]:
         """Return one shot for images of the size in `params`, as plain numbers."""
+        warn_without_moire(self.scene, params["shape"][:2])
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
         return {"shot": sample_one(self.scene, params["shape"][:2], generator).to_dict()}
 
@@ -169,7 +175,7 @@ class AdversarialMoire(RandomMoire):
     Args:
         model: (B, 3, H, W) images in [0, 1] to logits, or, for grey pictures, perhaps their luma
             (B, 1, H, W); it runs on the device of its parameters, and its state is kept.
-        scene, p: as in RandomMoire. eps, steps, step_size, loss, random_start: as in
+        scene, p, shrink: as in RandomMoire. eps, steps, step_size, loss, random_start: as in
             `attacks.MoireAttack`.
         label_key: the name under which the call passes the class of its images, an integer.
         name: name as in `A.Lambda`, which `to_dict` writes and
@@ -199,8 +205,9 @@ class AdversarialMoire(RandomMoire):
         label_key: str = "label",
         name: str | None = None,
         p: float = 0.5,
+        shrink: float | tuple[float, float] | None = None,
     ) -> None:
-        super().__init__(scene, p)
+        super().__init__(scene, p, shrink)
         self.label_key, self.name = label_key, name
         self._available_keys.add(label_key)  # or Compose(strict=True) refuses it
         self.attack = MoireAttack(

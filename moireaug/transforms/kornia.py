@@ -19,6 +19,7 @@ from moireaug.transforms._convert import (
     describe,
     photograph,
     planned_scenes,
+    warn_without_moire,
     with_rows,
 )
 
@@ -39,6 +40,7 @@ class RandomMoire(IntensityAugmentationBase2D):
         images_only: take scenes that leave the photo in the camera's frame, too, as the paper's do,
             for images and class labels alone: masks, boxes and key points are then refused on the
             way forward. kornia does not ask for the way back: `inverse` leaves them as they are.
+        shrink: as in `moireaug.transforms.RandomMoire`: images are parts of larger photos.
 
     Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned
     as luma; floating point in [0, 1], so use it before `Normalize`. Values that resizing, blur or
@@ -68,11 +70,12 @@ class RandomMoire(IntensityAugmentationBase2D):
         same_on_batch: bool = False,
         keepdim: bool = False,
         images_only: bool = False,
+        shrink: float | tuple[float, float] | None = None,
     ) -> None:
         super().__init__(p=check_probability(p), same_on_batch=same_on_batch, keepdim=keepdim)
         if not isinstance(images_only, bool):
             raise TypeError(f"images_only must be True or False; got {images_only!r}.")
-        self.scene = planned_scenes(scene)
+        self.scene = planned_scenes(scene, shrink)
         self.images_only = images_only
         if self.scene.moves and not images_only:
             raise ValueError(
@@ -90,6 +93,7 @@ class RandomMoire(IntensityAugmentationBase2D):
 
     def generate_parameters(self, batch_shape: tuple[int, ...]) -> dict[str, Tensor]:
         n, size = batch_shape[0], (batch_shape[-2], batch_shape[-1])
+        warn_without_moire(self.scene, size)
         if self.same_on_batch:
             return to_params(self.scene.sample(1, size).repeat(n))
         return to_params(self.scene.sample(n, size))

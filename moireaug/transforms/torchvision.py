@@ -27,6 +27,7 @@ from moireaug.transforms._convert import (
     photograph,
     planned_scenes,
     shot_of_frames,
+    warn_without_moire,
     with_rows,
 )
 
@@ -48,6 +49,10 @@ class RandomMoire(v2.Transform):
             drawn per image, from torch's global generator: DataLoader workers differ, and
             `torch.manual_seed` makes draws reproducible.
         p: probability of a photo, in [0, 1].
+        shrink: images are crops, parts of larger photos with so many sensor pixels per image pixel,
+            a number or a (low, high) pair: 1 is the camera's own resolution, 3 that of a photo of
+            3000 pixels sent as 1000. None: images are what the scene says, in presets whole photos,
+            in which little moiré is left below 200 pixels. See `Scene.with_shrink`.
 
     Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H,
     W) and PIL images of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB
@@ -75,10 +80,13 @@ class RandomMoire(v2.Transform):
     """
 
     def __init__(
-        self, scene: Scene | str | dict | list | tuple = "screen_photo", p: float = 0.5
+        self,
+        scene: Scene | str | dict | list | tuple = "screen_photo",
+        p: float = 0.5,
+        shrink: float | tuple[float, float] | None = None,
     ) -> None:
         super().__init__()
-        self.scene = planned_scenes(scene)
+        self.scene = planned_scenes(scene, shrink)
         self.p = check_probability(p)
         annotations = ANNOTATION_TYPES if self.scene.moves else ()
         self._transformed_types = IMAGE_TYPES + annotations
@@ -109,6 +117,7 @@ class RandomMoire(v2.Transform):
         if not len(chosen):
             return inpt
         height, width = F.get_size(inpt)
+        warn_without_moire(self.scene, (height, width))
         shot: Shot | MixedShot
         if len(chosen) == 1:  # of one scene: a mixture's takes three times as long
             shot = shot_of_one(self.scene, u[chosen], (height, width))

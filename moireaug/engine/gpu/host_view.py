@@ -41,8 +41,8 @@ def to_photo(x: np.ndarray, y: np.ndarray, c: Any) -> Arrays:
     if c.k1.any() or c.k2.any():
         points = torch.from_numpy(np.stack([u, v], -1).reshape(len(u), -1, 2))
         fields = (c.k1, c.k2, c.photo_height, c.photo_width)
-        k1, k2, *size = (torch.from_numpy(field[:, 0, 0]) for field in fields)
-        factor = inverse_radial_factor(points, k1, k2, tuple(size)).numpy().reshape(u.shape)
+        k1, k2, height, width = (torch.from_numpy(field[:, 0, 0]) for field in fields)
+        factor = inverse_radial_factor(points, k1, k2, (height, width)).numpy().reshape(u.shape)
         u, v = u * factor, v * factor
     return u, v
 

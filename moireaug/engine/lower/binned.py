@@ -83,7 +83,7 @@ def _place_of(shot: ShotRecord, frame: Frame, content: Content) -> dict[str, np.
         "corner_x": frame.width / 2 - frame.image_left + lead[:, 0],
         "corner_y": frame.height / 2 - frame.image_top + lead[:, 1],
     }
-    if "flicker" in shot.plan and (shot.is_part or shot.scene.is_crop):
+    if "flicker" in shot.plan and (shot.part_of is not None or shot.scene.is_crop):
         first, last = rows_seen(shot)
         fields |= {"pulses_top": first - frame.height / 2, "pulses_height": last - first}
     return fields

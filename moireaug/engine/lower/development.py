@@ -36,7 +36,7 @@ class _LastDevelopment(NamedTuple):
     """A Development, and what it was made of; numbers: see `number_table`."""
 
     scene: SceneRecord
-    sizes: tuple[tuple[int, int], tuple[int, int] | None]
+    sizes: tuple[tuple[int, int], tuple[int, int]]
     numbers: np.ndarray
     development: Development
 
