@@ -156,8 +156,8 @@ class Scene(SceneRecord):
 
     def with_shrink(self, shrink: float | Sequence[float]) -> Scene:
         """Return the same scene for images that are crops: parts of photos that have `shrink`
-        sensor pixels per pixel, a number or a (low, high) pair; see `Sensor.shrink`. A scene that states
-        `Panel.width` and `Sensor.pitch` keeps the pitch: of the screen, only a part is seen.
+        sensor pixels per pixel, a number or a (low, high) pair; see `Sensor.shrink`. A scene that
+        states `Panel.width` and `Sensor.pitch` keeps the pitch: a part of the screen is seen.
 
         Raises:
             ValueError, TypeError: a scene of a full reading, or a shrink out of its range.

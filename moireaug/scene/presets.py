@@ -188,8 +188,8 @@ PRESETS: dict[str, SceneRecord] = {
         sensor=replace(PHONE_SENSOR, pitch=(1.05, 2.0), pixels=3264.0, read_noise=(0.003, 0.012)),
         develop=replace(PHONE_PHOTO, jpeg=(75.0, 98.0)),
     ),
-    # A car drives up to a full-colour LED sign, which is all of the image: the farther away, the more
-    # LEDs for each of its pixels.
+    # A car drives up to a full-colour LED sign, which is all of the image: the farther away, the
+    # more LEDs for each of its pixels.
     "dashcam_at_led_sign": SceneRecord(
         panel=Panel(layout="led", width=(48.0, 256.0), lit=(0.6, 1.0)),
         view=View(yaw=(-30.0, 30.0), pitch=(-12.0, 0.0), roll=(-3.0, 3.0), fov=(5.0, 20.0)),
