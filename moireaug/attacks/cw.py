@@ -11,9 +11,9 @@ from torch import Tensor, nn
 
 from moireaug.argument_checks import check_callable, check_count, check_positive
 from moireaug.attacks.answers import has_prediction, is_success
-from moireaug.attacks.checks import check_goals, check_gradient
+from moireaug.attacks.checks import check_differentiable, check_goals
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
-from moireaug.attacks.model import attacked_logits, evaluating
+from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
@@ -124,8 +124,9 @@ class CW:
             logits = attacked_logits(self.model, photo, labels)
             if k == 0:
                 search.check(logits)
-                check_gradient(logits)
-                check_gradient(logits, _logits_gradient(logits, w))
+                check_differentiable(logits)
+                slopes = torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)
+                require_gradient(self.model, photo, labels, slopes)
             distance = (candidate - x).square().sum((1, 2, 3))
             lead = margin(logits, labels, targets)
             # torch.clamp would pass no gradient where both classes tie
@@ -140,8 +141,3 @@ class CW:
             nearest_distance = torch.where(is_nearer, distance, nearest_distance).detach()
             nearest = choose(is_nearer, candidate.detach(), nearest)
         return nearest, nearest_distance, losses
-
-
-def _logits_gradient(logits: Tensor, w: Tensor) -> tuple[Tensor | None, ...]:
-    """Return the gradient of all logits in w; None where they do not depend on it."""
-    return torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)

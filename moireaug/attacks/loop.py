@@ -14,9 +14,9 @@ from torch import Tensor, nn
 
 from moireaug.argument_checks import check_callable, check_count, one_of
 from moireaug.attacks.answers import is_success
-from moireaug.attacks.checks import check_eps, check_goals, check_gradient, check_sizes
+from moireaug.attacks.checks import check_differentiable, check_eps, check_goals, check_sizes
 from moireaug.attacks.losses import LOSSES, loss_curve
-from moireaug.attacks.model import attacked_logits, evaluating
+from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES, Ball, Rule
@@ -182,12 +182,12 @@ class Attack(ABC):
             logits = attacked_logits(self.model, images, labels)
             if k == 0:
                 search.check(logits)
-                check_gradient(logits)
+                check_differentiable(logits)
             loss = LOSSES[self.loss](as_single(logits), labels, targets)
             # a scene may have ranges that no photo of it depends on
             gradients = torch.autograd.grad(loss.sum(), list(variables.values()), allow_unused=True)
             if k == 0:
-                check_gradient(logits, gradients)
+                require_gradient(self.model, images, labels, gradients)
             image_loss = search.scatter(loss.detach().view(search.active.views, -1).mean(0))
             ascent = {}
             for name, gradient in zip(variables, gradients, strict=True):
