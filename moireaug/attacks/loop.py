@@ -39,8 +39,8 @@ class Attack(ABC):
     target: in an untargeted attack, such an image counts as fooled.
 
     Args:
-        model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, BatchNorm statistics and
-            gradients are the same after the attack as before, even if it raises.
+        model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, buffers and gradients
+            are the same after the attack as before, even if it raises.
         eps: bound of the noise in [0, 1] units.
         steps: gradient steps.
         step_size: in units of eps; None is min(1, 2.5 / steps), or 2 with the rule "apgd", and 1 /

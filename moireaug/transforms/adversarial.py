@@ -45,7 +45,7 @@ class AdversarialMoire(v2.Transform):
         loader = DataLoader(data, collate_fn=lambda batch: adversarial(*default_collate(batch)))
 
     Args:
-        model: [0, 1] images to logits; never changed: its mode, statistics and gradients are kept.
+        model: [0, 1] images to logits; never changed: its mode, buffers and gradients are kept.
             Not a submodule.
         scene: a Scene, a preset's name or a dict, or a list of these, as in RandomMoire; one shot
             is drawn per image.
