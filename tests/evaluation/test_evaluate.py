@@ -1,6 +1,7 @@
 """The public function: a stranger's model, in a few lines."""
 
 import dataclasses
+import sys
 
 import numpy as np
 import pytest
@@ -159,6 +160,13 @@ def test_a_suite_of_several_tables(known):
     lines = rates(evaluate(*known, **settings, progress=False))
     assert set(lines["table"]) == set(evaluation.GROUPS["recipes"])
     assert np.isfinite(lines["success"]).all()
+
+
+def test_without_a_terminal_no_bar_is_shown(known, loader, monkeypatch):
+    """As in daemons, and in programs without a console."""
+    for stream in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, stream, None)
+    assert len(evaluate(*known, **QUICK | {"n": 2, "progress": True}))
 
 
 def test_the_global_generator_is_left_alone(known):
