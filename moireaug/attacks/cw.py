@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.argument_checks import check_callable, check_count, check_positive
-from moireaug.attacks.answers import has_prediction, is_success
+from moireaug.attacks.answers import has_prediction, is_success, predicted
 from moireaug.attacks.checks import check_differentiable, check_goals
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
@@ -90,7 +90,9 @@ class CW:
         noise = pixels - problem.base
         eps = noise.abs().max().item() if noise.numel() else 0.0
         success = is_success(logits, labels, targets)
-        return Result(photo, success, noise, loss_curve(losses), eps)
+        clean_correct = search.is_right_without_noise()
+        correct = predicted(logits) == labels
+        return Result(photo, success, noise, loss_curve(losses), eps, None, clean_correct, correct)
 
     def _nearest(self, search: Search, x: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Return the nearest image to x (B, 3, H, W) that reaches each goal, or x itself, and the

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.argument_checks import check_callable, check_count, one_of
-from moireaug.attacks.answers import is_success
+from moireaug.attacks.answers import is_success, predicted
 from moireaug.attacks.checks import check_differentiable, check_eps, check_goals, check_sizes
 from moireaug.attacks.losses import LOSSES, loss_curve
 from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
@@ -223,4 +223,8 @@ class Attack(ABC):
         images, logits = search.images_and_logits(point)
         success = is_success(logits, search.labels, search.targets)
         shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
-        return Result(images, success, point["noise"], losses, self.eps, shot)
+        clean_correct = search.is_right_without_noise()
+        correct = predicted(logits) == search.labels
+        return Result(
+            images, success, point["noise"], losses, self.eps, shot, clean_correct, correct
+        )
