@@ -6,7 +6,11 @@ import sys
 from collections.abc import Iterable
 from typing import Any
 
-from tqdm import tqdm
+from moireaug.extras import require
+
+require("eval", "moireaug.progress")
+
+from tqdm import tqdm  # noqa: E402  # a missing extra is named before it is imported
 
 
 def progress_bar(items: Iterable[Any] | None = None, *, enabled: bool, **settings: Any) -> tqdm:
