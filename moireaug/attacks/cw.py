@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from moireaug.argument_checks import check_callable, check_count, check_positive
 from moireaug.attacks.answers import has_prediction, is_success, predicted
 from moireaug.attacks.checks import check_differentiable, check_goals
+from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
@@ -26,7 +27,7 @@ TANH_LIMIT = 1 - 1e-6  # a pixel's largest |tanh(w)|: black and white would lie 
 
 
 @dataclass(frozen=True, kw_only=True)
-class CW:
+class CW(NamesForeignArguments):
     """The attack of Carlini & Wagner (2017, section VI.A) with an L2 distance: Adam on w, where the
     image is (tanh(w) + 1) / 2, descends |image - x|^2 + c max(-margin, -confidence). No bound.
 
@@ -49,7 +50,7 @@ class CW:
         ValueError: settings out of range.
     """
 
-    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
+    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     c: float = 1.0
     binary_search_steps: int = 1
     confidence: float = 0.0

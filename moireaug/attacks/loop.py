@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from moireaug.argument_checks import check_callable, check_count, one_of
 from moireaug.attacks.answers import is_success, predicted
 from moireaug.attacks.checks import check_differentiable, check_eps, check_goals, check_sizes
+from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.losses import LOSSES, loss_curve
 from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.problem import Point, Problem
@@ -30,7 +31,7 @@ R = TypeVar("R")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Attack(ABC):
+class Attack(NamesForeignArguments, ABC):
     """Projected gradient ascent on noise inside an L-infinity ball; subclasses say how noise
     becomes an image.
 
@@ -62,7 +63,7 @@ class Attack(ABC):
     its last logit is then not that of a class, and a success is an image that is let through.
     """
 
-    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
+    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     eps: float = 4 / 255
     steps: int = 20
     step_size: float | None = None
