@@ -34,7 +34,16 @@ def check_probability(p: float) -> float:
 
 def planned_scenes(scene: Scene | str | dict | list | tuple) -> Scene | Mixture:
     """Return `as_scenes(scene)`, planned: a scene that cannot be photographed is refused when a
-    transform is made."""
+    transform is made.
+
+    Raises:
+        TypeError, ValueError: as of `as_scenes`; for a number, which is taken for a probability.
+    """
+    if isinstance(scene, Real) and not isinstance(scene, bool):
+        raise TypeError(
+            f"scene must be a Scene, a preset's name or a dict, or a list of these; got {scene!r}. "
+            f"For a probability, pass p={scene!r}."
+        )
     scenes = as_scenes(scene)
     scenes.plan()
     return scenes
