@@ -19,8 +19,9 @@ from skimage import data
 from torchvision.transforms.v2.functional import to_dtype, to_image
 from torchvision.utils import save_image
 
-from moireaug import Scene, capture
+from moireaug import capture
 from moireaug.image_files import read_picture
+from moireaug.mixtures import as_scenes, sample_one
 from moireaug.synthesis import without_moire
 
 
@@ -28,7 +29,7 @@ def main() -> None:
     """Photograph one picture."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--picture", help="an image file; scikit-image's cat if left out")
-    parser.add_argument("--scene", default="screen_photo", help="the name of a preset")
+    parser.add_argument("--scene", default="screen_photo", help="a preset, or anywhere")
     parser.add_argument("--seed", type=int, default=0, help="another seed gives another shot")
     parser.add_argument("--side", type=int, default=320, help="longer side, in pixels")
     parser.add_argument("--out", default="photo.png", help="a picture's file")
@@ -39,11 +40,11 @@ def main() -> None:
     picture.thumbnail((args.side, args.side))
     images = to_dtype(to_image(picture), torch.float32, scale=True)[None]  # (1, 3, H, W), [0, 1]
 
-    scene = Scene.preset(args.scene)
-    print(scene.plan())
-
+    scene = as_scenes(args.scene)  # or a mixture, of which one scene is drawn
     generator = torch.Generator().manual_seed(args.seed)
-    shot = scene.sample(1, size=images.shape[-2:], generator=generator)
+    shot = sample_one(scene, size=images.shape[-2:], generator=generator)
+    print(shot.scene.plan())
+
     photo = capture(images, shot)
     twin = capture(images, without_moire(shot))
 

@@ -20,6 +20,8 @@ MODULES = {
 INCLUDED = {"eval": (), "train": ("eval",), "explore": ("eval", "train"), "safetensors": ()}
 
 
+# how an extra is installed: there is no published package yet
+INSTALL_ADVICE = "Install with, in a clone of the repository: pip install '.[{extra}]'"
 BACKEND = "MPLBACKEND"  # matplotlib's variable
 
 
@@ -61,6 +63,6 @@ def require(extra: str, subject: str) -> None:
         return
     raise ModuleNotFoundError(
         f"{subject} needs {', '.join(missing)}, not installed here. "
-        f"Install with: pip install 'moireaug[{extra}]'",
+        f"{INSTALL_ADVICE.format(extra=extra)}",
         name=missing[0],
     )

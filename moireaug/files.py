@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import shutil
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,8 +29,9 @@ def write_text(path: Path, text: str) -> None:
 def write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file whole or not at all: beside the old one, synced to the disk, then in its place.
 
-    However it is interrupted, `path` holds either the old content or the new one. A process that is
-    killed while it writes leaves a `.<name>.<pid>.tmp` behind, and nothing else.
+    However it is interrupted, and however many threads, processes and machines write it at once,
+    `path` holds either the old content or one of the new ones. A process that is killed while it
+    writes leaves a `.<name>.<random>.tmp` behind, and nothing else.
 
     Args:
         path: its folder is made where it is missing.
@@ -42,7 +44,7 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished(path, str(os.getpid())) as beside, beside.open("wb") as file:
+        with unfinished(path) as beside, beside.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
@@ -51,16 +53,18 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
 
 
 @contextlib.contextmanager
-def unfinished(path: Path, mark: str) -> Iterator[Path]:
+def unfinished(path: Path, mark: str = "") -> Iterator[Path]:
     """Yield a hidden path beside `path`, for a file or a folder that takes its place when the block
     ends, and is removed if the block fails.
 
     Args:
         path: a file is replaced; a folder that exists by then is kept, and the new one dropped.
-        mark: distinguishes processes that write the same path at once.
+        mark: part of the hidden name, by which those of a killed process can be found.
     """
+    # process ids are the same in many containers, and threads share one
+    words = [path.name[:40], mark, uuid.uuid4().hex[:16]]
     # a name may have 255 bytes, of which a character takes up to four
-    beside = path.with_name(f".{path.name[:40]}.{mark}.tmp")
+    beside = path.with_name(f".{'.'.join(filter(None, words))}.tmp")
     try:
         yield beside
         if not (beside.is_dir() and path.is_dir()):  # else another command was first

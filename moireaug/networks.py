@@ -14,25 +14,32 @@ from typing import Any
 import torch
 from torch import nn
 
+from moireaug.module_state import MODULE_TABLES, ModuleState, restore_states
+
 MAX_COLLECTION_LENGTH = 1000  # of a list or dict; a longer one holds data
-MODULE_TABLES = frozenset(vars(nn.Module()))  # of every nn.Module: its mode, hooks and parts
 OWN_PACKAGE = __name__.partition(".")[0]
 STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 
-# modules that are lent: how many blocks hold each, and the mode that the last of them restores
+# modules that are lent: how many blocks hold each, and the mode and state that the last of them
+# restores
 _borrowers: weakref.WeakKeyDictionary[nn.Module, int] = weakref.WeakKeyDictionary()
 _modes: weakref.WeakKeyDictionary[nn.Module, bool] = weakref.WeakKeyDictionary()
+_states: weakref.WeakKeyDictionary[nn.Module, ModuleState] = weakref.WeakKeyDictionary()
 _lock = threading.RLock()
 
 
 @contextlib.contextmanager
 def in_evaluation_mode(model: object) -> Iterator[None]:
-    """Put the networks of a model into evaluation mode, and each module back into its own mode on
-    exit, also after an error. Where blocks overlap, in threads or nested, the last one does.
+    """Put the networks of a model into evaluation mode, and each module back into its own mode and
+    state on exit, also after an error. Where blocks overlap, in threads or nested, the last one
+    does.
 
     BatchNorm would otherwise update its statistics from images that are not the user's. Modes are
     entered and left through `eval` and `train`, so that a module that does more there than set a
-    flag, such as one that merges its low-rank weights, ends as it began.
+    flag, such as one that merges its low-rank weights, ends as it began. Buffers that forward
+    passes write in evaluation mode, too, are put back, see `ModuleState`: observers of a
+    quantisation, queues, counters. Weights that they write are not, and warned about; other
+    attributes stay as they are.
 
     Args:
         model: a module, or any callable. The modes that change are those of its networks as
@@ -49,6 +56,9 @@ def in_evaluation_mode(model: object) -> Iterator[None]:
     try:
         with _lock:
             _enter_evaluation(modules)
+            for module in modules:
+                if module not in _states:
+                    _states[module] = ModuleState.of(module)
         yield
     finally:
         with _lock:
@@ -92,22 +102,30 @@ def _enter_evaluation(modules: Sequence[nn.Module]) -> None:
 
 
 def _restore(modules: Sequence[nn.Module]) -> None:
-    """Release modules, and restore the mode of each that no other block holds. Parents come first,
-    because `train()` of a parent also sets its children, whose own modes are then restored."""
+    """Release modules, and restore state and mode of each that no other block holds. Parents come
+    first, because `train()` of a parent also sets its children, whose own modes are then
+    restored."""
     for module in modules:
         _borrowers[module] -= 1
         if not _borrowers[module]:
             del _borrowers[module]
-    for module in modules:
-        if module in _borrowers:
-            continue
-        training = _modes.pop(module)
-        if module.training == training:
-            continue
-        if not any(inner in _borrowers for inner in module.modules()):
-            with contextlib.suppress(Exception):  # of one that refuses
-                module.train(training)
-        module.training = training  # where its own `train` would keep it in another mode
+    returned = [module for module in modules if module not in _borrowers]
+    try:
+        restore_states((module, _states.pop(module)) for module in returned if module in _states)
+    finally:
+        for module in returned:
+            _restore_mode(module)
+
+
+def _restore_mode(module: nn.Module) -> None:
+    """Restore the mode of a module that no block holds."""
+    training = _modes.pop(module)
+    if module.training == training:
+        return
+    if not any(inner in _borrowers for inner in module.modules()):
+        with contextlib.suppress(Exception):  # of one that refuses
+            module.train(training)
+    module.training = training  # where its own `train` would keep it in another mode
 
 
 def networks_of(model: object) -> list[nn.Module]:

@@ -70,8 +70,8 @@ class Scene(SceneRecord):
         if one_of("a preset", name, (*PRESETS, *MIXTURES)) in MIXTURES:
             raise ValueError(
                 f"{name!r} is a mixture of {len(MIXTURES[name])} presets, where one scene is "
-                f"needed. Name one of them ({', '.join(MIXTURES[name])}), or pass it as scene= to "
-                "what takes several, alone."
+                f"needed. Name one of them ({', '.join(MIXTURES[name])}), or pass scene={name!r} "
+                "alone, in no list, to a transform, an attack, Pairs or evaluate."
             )
         return _PRESETS[name]
 

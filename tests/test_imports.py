@@ -9,7 +9,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 # from the ground up: a file imports those of its own floor and of floors before it
 LIBRARY = (
-    ("numeric", "files", "extras", "networks", "weights", "argument_checks"),
+    ("numeric", "files", "extras", "networks", "module_state", "weights", "progress"),
+    ("argument_checks",),
     ("scene",),
     ("panel", "geometry", "exposure.base"),
     ("plan",),

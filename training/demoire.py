@@ -17,7 +17,7 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
-from training.system.messages import use_legible_output
+from training.system.messages import prepare_output
 
 
 def main(argv: Sequence[str]) -> None:
@@ -26,7 +26,7 @@ def main(argv: Sequence[str]) -> None:
     Raises:
         SystemExit: the command has failed, or there is none of that name.
     """
-    use_legible_output()
+    prepare_output()
     if argv[:1] == ["train"]:
         from training.config import commands
         from training.demoireing import fit

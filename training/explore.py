@@ -18,6 +18,7 @@ import argparse
 from collections.abc import Sequence
 
 from moireaug.extras import require
+from training.system.messages import prepare_output
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -27,6 +28,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         SystemExit: the extra is not installed (the message says how to install it), the port is
             taken, or there is no such run.
     """
+    prepare_output()
     parser = argparse.ArgumentParser(prog="python training/explore.py", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--port", type=port, help="default: 7860 or the next free one")

@@ -27,7 +27,7 @@ from training.comparison.plot import draw
 from training.comparison.summaries import RecipeSummary, summarise
 from training.comparison.table import markdown, terminal_parts
 from training.report.terminal import show
-from training.system.messages import use_legible_output
+from training.system.messages import prepare_output
 
 
 def frontier(source: Path, out: Path) -> list[RecipeSummary]:
@@ -49,7 +49,7 @@ def frontier(source: Path, out: Path) -> list[RecipeSummary]:
 
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
-    use_legible_output()
+    prepare_output()
     if {"-h", "--help"} & set(argv):
         print(__doc__ or f"Read {__file__}.")  # Python was told to leave docstrings out
         return

@@ -1,9 +1,12 @@
 """Attacks: one loop, and the noise, pixels or pose that it moves. Models take images in [0, 1] and
 return logits."""
 
+from typing import NoReturn
+
 from moireaug.attacks.answers import REJECTED, UNDECIDED, predicted
 from moireaug.attacks.checks import NoAnswerError
 from moireaug.attacks.cw import CW
+from moireaug.attacks.foreign import ATTACK_ADVICE
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import LOSSES, margin
 from moireaug.attacks.model import Normalized, evaluating
@@ -49,3 +52,8 @@ __all__ = [
     "margin",
     "predicted",
 ]
+
+
+def __getattr__(name: str) -> NoReturn:
+    advice = f": {ATTACK_ADVICE[name]}" if name in ATTACK_ADVICE else ""
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}{advice}.")

@@ -159,17 +159,50 @@ def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Ten
         )
 
 
-def check_gradient(logits: Tensor, gradients: Sequence[Tensor | None] | None = None) -> None:
-    """Refuse logits without a gradient, or whose gradient does not reach any attacked variable.
+NO_GRADIENT_MESSAGE = (
+    "the model's logits have no gradient: it runs under torch.no_grad, detaches, is quantised, or "
+    "computes in integers or outside torch. Pass a differentiable model, or search without "
+    "gradients: attacks.SquareMoire."
+)
 
-    Args:
-        gradients: gradient in each variable, once computed; None where the logits do not depend on
-            it.
-    """
-    is_detached = gradients is not None and all(gradient is None for gradient in gradients)
-    if is_detached or not logits.requires_grad:
-        raise ValueError(
-            "the model's logits have no gradient: it runs under torch.no_grad, detaches, or "
-            "computes in integers or outside torch. Pass a differentiable model, or search without "
-            "gradients: attacks.SquareMoire."
-        )
+
+def check_differentiable(logits: Tensor) -> None:
+    """Refuse logits without a gradient: ValueError."""
+    if not logits.requires_grad:
+        raise ValueError(NO_GRADIENT_MESSAGE)
+
+
+def check_gradient(gradients: Sequence[Tensor | None]) -> None:
+    """Refuse gradients none of which is defined: ValueError."""
+    if all(gradient is None for gradient in gradients):
+        raise ValueError(NO_GRADIENT_MESSAGE)
+
+
+def watched_copy(images: Tensor) -> Tensor:
+    """Return a copy of images for a model, which may work in place. A backward pass that brings no
+    gradient to it, because an operator of the model has none, raises the ValueError of
+    `check_gradient`: on its way through a camera, no gradient would become one of zeros."""
+    copy = images.clone()
+    if copy.grad_fn is not None and not torch.compiler.is_compiling():
+        copy.grad_fn.register_prehook(check_gradient)
+    return copy
+
+
+def keep_undefined(logits: Tensor) -> None:
+    """Let a backward pass from logits leave a gradient undefined where it is: an autograd.Function
+    is else given zeros in its place, and passes them on."""
+    nodes: list[Any] = [logits.grad_fn]
+    visited: set[Any] = {None}
+    for node in nodes:  # which grows
+        if node not in visited and node.next_functions:  # else a weight's own, which stays
+            visited.add(node)
+            node.register_hook(_undefined_if_undefined)
+            nodes += [following for following, _ in node.next_functions]
+
+
+def _undefined_if_undefined(
+    inward: Sequence[Tensor | None], outward: Sequence[Tensor | None]
+) -> tuple[None, ...] | None:
+    """Return no gradients in place of a node's gradients in its inputs, where those in its results
+    are not defined."""
+    return (None,) * len(inward) if all(gradient is None for gradient in outward) else None

@@ -10,10 +10,11 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.argument_checks import check_callable, check_count, check_positive
-from moireaug.attacks.answers import has_prediction, is_success
-from moireaug.attacks.checks import check_goals, check_gradient
+from moireaug.attacks.answers import has_prediction, is_success, predicted
+from moireaug.attacks.checks import check_differentiable, check_goals
+from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
-from moireaug.attacks.model import attacked_logits, evaluating
+from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
@@ -26,7 +27,7 @@ TANH_LIMIT = 1 - 1e-6  # a pixel's largest |tanh(w)|: black and white would lie 
 
 
 @dataclass(frozen=True, kw_only=True)
-class CW:
+class CW(NamesForeignArguments):
     """The attack of Carlini & Wagner (2017, section VI.A) with an L2 distance: Adam on w, where the
     image is (tanh(w) + 1) / 2, descends |image - x|^2 + c max(-margin, -confidence). No bound.
 
@@ -49,7 +50,7 @@ class CW:
         ValueError: settings out of range.
     """
 
-    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
+    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     c: float = 1.0
     binary_search_steps: int = 1
     confidence: float = 0.0
@@ -90,7 +91,9 @@ class CW:
         noise = pixels - problem.base
         eps = noise.abs().max().item() if noise.numel() else 0.0
         success = is_success(logits, labels, targets)
-        return Result(photo, success, noise, loss_curve(losses), eps)
+        clean_correct = search.is_right_without_noise()
+        correct = predicted(logits) == labels
+        return Result(photo, success, noise, loss_curve(losses), eps, None, clean_correct, correct)
 
     def _nearest(self, search: Search, x: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Return the nearest image to x (B, 3, H, W) that reaches each goal, or x itself, and the
@@ -124,8 +127,9 @@ class CW:
             logits = attacked_logits(self.model, photo, labels)
             if k == 0:
                 search.check(logits)
-                check_gradient(logits)
-                check_gradient(logits, _logits_gradient(logits, w))
+                check_differentiable(logits)
+                slopes = torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)
+                require_gradient(self.model, photo, labels, slopes)
             distance = (candidate - x).square().sum((1, 2, 3))
             lead = margin(logits, labels, targets)
             # torch.clamp would pass no gradient where both classes tie
@@ -140,8 +144,3 @@ class CW:
             nearest_distance = torch.where(is_nearer, distance, nearest_distance).detach()
             nearest = choose(is_nearer, candidate.detach(), nearest)
         return nearest, nearest_distance, losses
-
-
-def _logits_gradient(logits: Tensor, w: Tensor) -> tuple[Tensor | None, ...]:
-    """Return the gradient of all logits in w; None where they do not depend on it."""
-    return torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)

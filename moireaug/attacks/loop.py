@@ -13,10 +13,11 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.argument_checks import check_callable, check_count, one_of
-from moireaug.attacks.answers import is_success
-from moireaug.attacks.checks import check_eps, check_goals, check_gradient, check_sizes
+from moireaug.attacks.answers import is_success, predicted
+from moireaug.attacks.checks import check_differentiable, check_eps, check_goals, check_sizes
+from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.losses import LOSSES, loss_curve
-from moireaug.attacks.model import attacked_logits, evaluating
+from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES, Ball, Rule
@@ -30,7 +31,7 @@ R = TypeVar("R")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Attack(ABC):
+class Attack(NamesForeignArguments, ABC):
     """Projected gradient ascent on noise inside an L-infinity ball; subclasses say how noise
     becomes an image.
 
@@ -39,8 +40,8 @@ class Attack(ABC):
     target: in an untargeted attack, such an image counts as fooled.
 
     Args:
-        model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, BatchNorm statistics and
-            gradients are the same after the attack as before, even if it raises.
+        model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, buffers and gradients
+            are the same after the attack as before, even if it raises.
         eps: bound of the noise in [0, 1] units.
         steps: gradient steps.
         step_size: in units of eps; None is min(1, 2.5 / steps), or 2 with the rule "apgd", and 1 /
@@ -62,7 +63,7 @@ class Attack(ABC):
     its last logit is then not that of a class, and a success is an image that is let through.
     """
 
-    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
+    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     eps: float = 4 / 255
     steps: int = 20
     step_size: float | None = None
@@ -182,12 +183,12 @@ class Attack(ABC):
             logits = attacked_logits(self.model, images, labels)
             if k == 0:
                 search.check(logits)
-                check_gradient(logits)
+                check_differentiable(logits)
             loss = LOSSES[self.loss](as_single(logits), labels, targets)
             # a scene may have ranges that no photo of it depends on
             gradients = torch.autograd.grad(loss.sum(), list(variables.values()), allow_unused=True)
             if k == 0:
-                check_gradient(logits, gradients)
+                require_gradient(self.model, images, labels, gradients)
             image_loss = search.scatter(loss.detach().view(search.active.views, -1).mean(0))
             ascent = {}
             for name, gradient in zip(variables, gradients, strict=True):
@@ -223,4 +224,8 @@ class Attack(ABC):
         images, logits = search.images_and_logits(point)
         success = is_success(logits, search.labels, search.targets)
         shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
-        return Result(images, success, point["noise"], losses, self.eps, shot)
+        clean_correct = search.is_right_without_noise()
+        correct = predicted(logits) == search.labels
+        return Result(
+            images, success, point["noise"], losses, self.eps, shot, clean_correct, correct
+        )

@@ -40,6 +40,8 @@ def join_results(
         noise=noise,
         loss=_mean_loss(results),
         eps=results[0].eps,
+        clean_correct=in_order(rows, [result.clean_correct for result in results]),
+        correct=in_order(rows, [result.correct for result in results]),
         shot=MixedShot.from_shots(shot.scenes, shot.scene_index, scene_shots),
     )
 

@@ -10,7 +10,12 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.answers import is_same_answer, rejection_as_label
-from moireaug.attacks.checks import check_classes
+from moireaug.attacks.checks import (
+    check_classes,
+    check_gradient,
+    keep_undefined,
+    watched_copy,
+)
 from moireaug.networks import first_weight, in_evaluation_mode, networks_of
 
 # messages of torch where weights and images differ in precision or device, or in channels
@@ -113,12 +118,31 @@ def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) 
 
 def attacked_logits(model: Callable[[Tensor], Tensor], images: Tensor, labels: Tensor) -> Tensor:
     """Return the logits (B, K) that an attack on images (B, 3, H, W) with labels (B,) judges:
-    rejecting an image is no success, see `rejection_as_label`. Differentiable."""
-    logits = model(images.clone())  # it may work in place
+    rejecting an image is no success, see `rejection_as_label`. Differentiable; a model without a
+    gradient is refused by a backward pass, see `watched_copy`."""
+    logits = model(watched_copy(images))
     if not getattr(model, "rejects", False):
         return logits
     check_classes(labels, logits, rejects=True)
     return rejection_as_label(logits, labels)
+
+
+def require_gradient(
+    model: Callable[[Tensor], Tensor],
+    images: Tensor,
+    labels: Tensor,
+    gradients: Sequence[Tensor | None],
+) -> None:
+    """Refuse a model that has no gradient in images (B, 3, H, W), as `check_gradient` does, by the
+    gradients that a step found. Where they are all zero, the model is asked again, to tell zeros
+    that are real from those that stand for no gradient."""
+    check_gradient(gradients)
+    if not len(images) or any(bool(slope.any()) for slope in gradients if slope is not None):
+        return
+    images = images.detach().requires_grad_()
+    logits = attacked_logits(model, images, labels)
+    keep_undefined(logits)
+    torch.autograd.grad(logits.sum(), images, allow_unused=True)
 
 
 def logits_without_gradient(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:

@@ -10,6 +10,7 @@ from torch import Tensor
 from moireaug.argument_checks import check_count
 from moireaug.attacks.answers import is_same_answer
 from moireaug.attacks.checks import check_answers, check_classes
+from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest_wrong_classes
 from moireaug.attacks.result import Result
@@ -19,7 +20,7 @@ from moireaug.scenes import Shot
 
 
 @dataclass(frozen=True, kw_only=True)
-class MultiTargeted:
+class MultiTargeted(NamesForeignArguments):
     """Run an attack toward each of the likeliest wrong classes of the unattacked photo in turn
     (Gowal et al., 2019).
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.argument_checks import check_callable, one_of
+from moireaug.attacks.checks import watched_copy
 from moireaug.capture import capture, develop, expose
 from moireaug.scenes import Shot
 
@@ -83,9 +84,10 @@ class Photographed(nn.Module):
         Differentiable in x.
 
         Raises:
-            ValueError: rows of another shape, or that cannot be told apart.
+            ValueError: rows of another shape, or that cannot be told apart; from a backward pass, a
+                model that brings no gradient to the photos.
         """
-        return self.model(self.photos(x))
+        return self.model(watched_copy(self.photos(x)))
 
     def photos(self, x: Tensor) -> Tensor:
         """Return the photos (b, 3, H, W) in [0, 1] of perturbed rows of `clean`, each by its own

@@ -30,6 +30,8 @@ class Result:
         shot: the Shot of the photos, in a mixture a `MixedShot`; where a pose was searched, the
             shot at the best pose; None for pixel attacks. `capture(images, shot, noise)` takes all
             of these.
+        clean_correct, correct: (B,) bool; whether the label is predicted without noise, for a
+            camera in the photo without noise, and of `images`.
     """
 
     images: Tensor
@@ -37,12 +39,19 @@ class Result:
     noise: Tensor | list[Tensor]
     loss: Tensor
     eps: float
-    shot: Shot | MixedShot | None = None
+    shot: Shot | MixedShot | None
+    clean_correct: Tensor
+    correct: Tensor
 
     def __repr__(self) -> str:
-        """Return a summary in one line, without the tensors."""
-        n, fooled = len(self.success), int(self.success.sum())
-        parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of {n} images fooled"]
+        """Return a summary in one line, without the tensors. An image that is wrong without noise
+        is not counted as fooled."""
+        n, right = len(self.success), int(self.clean_correct.sum())
+        fooled = int((self.success & self.clean_correct).sum())
+        parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of the {right} right images fooled"]
+        if n:
+            before, after = 100 * right / n, 100 * int(self.correct.sum()) / n
+            parts.append(f"accuracy {before:.0f} to {after:.0f} % of {n}")
         if n and len(self.loss):
             steps = f"{len(self.loss)} step{'s' if len(self.loss) > 1 else ''}"
             parts.append(f"loss {self.loss[0]:.3g} to {self.loss[-1]:.3g} in {steps}")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import is_same_answer
+from moireaug.attacks.answers import is_same_answer, predicted
 from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.losses import attack_margin, mean_cross_entropy
 from moireaug.attacks.model import attacked_logits
@@ -49,6 +49,7 @@ class Search:
         margins: (n,) greatest margins.
         rounding: (n,) margins that rounding, which differs between batches, may bring about.
         losses: mean cross-entropy before each step of the last run.
+        clean_correct: (n,) whether each image is right without noise; None until it is known.
         drops_fooled: whether fooled images take no further steps.
     """
 
@@ -69,6 +70,7 @@ class Search:
         self.margins = torch.full_like(labels, -math.inf, dtype=torch.float32)
         self.rounding = torch.zeros_like(self.margins)
         self.losses: list[Tensor] = []
+        self.clean_correct: Tensor | None = None
         self.drops_fooled = False
 
     @property
@@ -132,11 +134,21 @@ class Search:
         images = self.problem.render(point)
         return images, attacked_logits(self.model, images, self.labels)
 
+    def is_right_without_noise(self) -> Tensor:
+        """Return whether each image is right without noise, (n,) bool; the model is asked if the
+        search did not begin there."""
+        if self.clean_correct is None:
+            logits = self.images_and_logits(self.problem.clean_point())[1]
+            self.clean_correct = predicted(logits) == self.labels
+        return self.clean_correct
+
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
         of the active images, and drop fooled images where `drops_fooled`."""
         labels, targets = self.active_goals(self.targets)
         views = self.active.views
+        if not self.best and views == 1 and not point["noise"].any():
+            self.clean_correct = predicted(logits) == self.labels
         margins = attack_margin(logits, labels, targets).view(views, -1).mean(0)
         sizes = logits.amax(1).float().abs().view(views, -1).amax(0) + margins.abs()
         # half of the logits' digits

@@ -31,8 +31,8 @@ class SquareMoire(MoireAttack):
     Args:
         steps: queries per restart that try noise: one for the stripes, one for each window. One
             more follows on the noise that is kept; with `until_fooled`, each restart asks its first
-            query twice, to see whether the model repeats its answer. The call's last query judges
-            the result.
+            query twice, to see whether the model repeats its answer. The call's last queries judge
+            the result, and the images without noise.
         loss: a key of `attacks.LOSSES`, by which a window is judged.
         others: see `MoireAttack`. Settings that only gradients use keep their defaults: step_size,
             rule, random_start, optimise and eot.

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from moireaug.argument_checks import check_whole
 from moireaug.files import write_bytes
 from moireaug.image_checks import check_images
+from moireaug.progress import progress_bar
 
 
 def check_patches(patch: int, overlap: int) -> None:
@@ -90,7 +90,7 @@ def _draw(
     keys = torch.empty(0, dtype=torch.float64, device="cpu")
     bank = torch.empty(0, 3, patch, patch, dtype=torch.float32, device="cpu")
     batches = images.split(32) if isinstance(images, Tensor) else images
-    for batch in tqdm(batches, desc="patches", unit="batch", disable=not progress):
+    for batch in progress_bar(batches, enabled=progress, desc="patches", unit="batch"):
         batch = batch[0] if isinstance(batch, (tuple, list)) else batch
         batch = check_images(batch)
         if min(batch.shape[-2:]) < patch:

@@ -58,6 +58,7 @@ class Defence(ABC):
 class _StraightThrough(torch.autograd.Function):
     @staticmethod
     def forward(ctx, images, values):
+        ctx.set_materialize_grads(False)  # no gradient is not one of zeros
         return values.view_as(values)
 
     @staticmethod

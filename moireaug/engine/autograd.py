@@ -35,10 +35,13 @@ class _Differentiable(torch.autograd.Function):
         results, saved = stage.forward(values, True)
         ctx.save_for_backward(values, saved)
         ctx.stage = stage
+        ctx.set_materialize_grads(False)  # no gradient is not one of zeros
         return results
 
     @staticmethod
-    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None]:
+    def backward(ctx: Any, grad: Tensor | None) -> tuple[Tensor | None, None]:
+        if grad is None:
+            return None, None
         values, saved = ctx.saved_tensors
         if torch.compiler.is_compiling():
             return ctx.stage.backward(grad, values, saved), None

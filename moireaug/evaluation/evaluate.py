@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -17,15 +18,19 @@ from moireaug.evaluation.conditions import ImageTransform, Model
 from moireaug.evaluation.draws import restored_generators
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity_of, require_identity
+from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.loader import Batch, collect_batches
 from moireaug.evaluation.records import RecordFolder, Records
-from moireaug.evaluation.runner import Runner, jobs_of, show_progress
+from moireaug.evaluation.runner import CLEAN, Runner, jobs_of, show_progress
+from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.suites import OPTION_SUITES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, Table, paper_defences
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
 from moireaug.networks import device_of
 from moireaug.scenes import Scene
+
+N_TO_TELL_CHANCE = 20  # clean images, below which guessing cannot be told from a model
 
 
 def evaluate(
@@ -50,7 +55,7 @@ def evaluate(
     """Attack a classifier, with the controls that tell the moiré from the noise.
 
         frame = evaluation.evaluate(model, loader, suite="ladder", scene="screen_photo", n=480)
-        print(evaluation.rates(frame)[["row", "accuracy", "success", "n"]])
+        print(evaluation.rates(frame))
 
     Args:
         model: any callable of [0, 1] images (B, 3, H, W) that returns logits (B, K); its state is
@@ -84,6 +89,9 @@ def evaluate(
             which the LPIPS of every attack is measured; None does not measure it.
         progress: whether to show a bar.
         shrink: images are crops, parts of larger photos; see `Scene.with_shrink`.
+
+    A model that gets no more clean images right than by guessing is warned about: it may take
+    normalised images.
 
     Returns:
         A row for each cell of the suite's tables and each image: see `evaluation.images_frame`.
@@ -132,7 +140,7 @@ def evaluate(
     labels = torch.cat([labels for _, labels in batches])
     images = batches[0][0].to(device_of(model))
     with restored_generators(images.device):
-        class_count(model, images, labels)
+        n_classes = class_count(model, images, labels)
     records = Records() if folder is None else RecordFolder(Path(folder))
     with records:
         runner = Runner(
@@ -147,9 +155,25 @@ def evaluate(
         jobs = jobs_of(tables)
         indices = range(len(batches))
         done = runner.run(jobs, indices)
-        for _ in show_progress(done, len(jobs) * len(batches), suite, enabled=progress):
-            pass
+        right, n_seen, n_batches = 0, 0, 0
+        for job in show_progress(done, len(jobs) * len(batches), suite, enabled=progress):
+            if job.condition is CLEAN and n_seen < N_TO_TELL_CHANCE:
+                record = runner.record(CLEAN, UNDEFENDED, n_batches)
+                right += int(np.equal(record["predicted"], record["labels"]).sum())
+                n_seen, n_batches = n_seen + len(record["labels"]), n_batches + 1
+                _warn_of_chance(right, n_seen, n_classes)
         return images_frame(tables, runner, indices)
+
+
+def _warn_of_chance(right: int, n: int, n_classes: int) -> None:
+    """Warn of a model that gets no more of n clean images right than guessing would."""
+    if n >= N_TO_TELL_CHANCE and wilson(right, n)[0] <= 1 / n_classes:
+        warnings.warn(
+            f"the model gets {right} of {n} clean images right, as guessing among {n_classes} "
+            "classes does. It is given images in [0, 1]: if it was trained on normalised ones, "
+            "pass attacks.Normalized(model, mean, std).",
+            stacklevel=3,
+        )
 
 
 def _check_devices(model: Model, parts: Mapping[str, Model]) -> None:

@@ -108,8 +108,54 @@ def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     )
 
 
-def rates(frame: pd.DataFrame) -> pd.DataFrame:
+PRINTED_COLUMNS = {"table", "row", "column", "eps", "largest", "psnr", "accuracy", "success", "n"}
+
+
+class RatesFrame(pd.DataFrame):
+    """A frame of rates that prints as a table of percentages; any part of it is a plain frame."""
+
+    @property
+    def _constructor(self) -> type[pd.DataFrame]:
+        return pd.DataFrame
+
+    def _repr_html_(self) -> None:
+        """Leave it to `repr` in notebooks, too."""
+
+    def __repr__(self) -> str:
+        if not {*self.columns} >= PRINTED_COLUMNS:  # some were deleted
+            return super().__repr__()
+        return "\n\n".join(
+            f"{name}, accuracy and success in % [95 %], eps in 1/255\n{_text(part)}"
+            for name, part in self.groupby("table", sort=False)
+        )
+
+
+def _text(cells: pd.DataFrame) -> str:
+    """Return the rates of one table as text: a line per cell."""
+    lines = {
+        "": cells["row"],
+        "model": cells["column"],
+        "eps": (255 * cells["eps"]).map("{:g}".format),
+        "codes": (255 * cells["largest"]).map("{:.3g}".format),
+        "dB": cells["psnr"].map("{:.1f}".format),
+        "accuracy": _percent_text(cells, "accuracy", "accuracy_low", "accuracy_high"),
+        "success": _percent_text(cells, "success", "low", "high"),
+        "n": cells["n"],
+    }
+    return pd.DataFrame(lines).replace("nan", "").to_string(index=False)
+
+
+def _percent_text(cells: pd.DataFrame, rate: str, low: str, high: str) -> list[str]:
+    """Return the text of a rate and its interval for each cell."""
+    return [
+        "" if np.isnan(p) else f"{100 * p:.1f} [{100 * a:.1f}, {100 * b:.1f}]"
+        for p, a, b in zip(cells[rate], cells[low], cells[high], strict=True)
+    ]
+
+
+def rates(frame: pd.DataFrame) -> RatesFrame:
     """Return a row per cell: rates with their 95 % intervals, denominators, mean measures, seconds.
+    Printed, it is a table of the attacks, their visibility and their rates.
 
     Columns: those of `images_frame` up to `judge`; `accuracy`, `accuracy_low`, `accuracy_high` of
     all images; `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are
@@ -129,7 +175,7 @@ def rates(frame: pd.DataFrame) -> pd.DataFrame:
     columns = [*CELL_COLUMNS, *CONDITION_COLUMNS, "accuracy", "accuracy_low", "accuracy_high"]
     columns += ["success", "low", "high", "n", "counted", "rejected"]
     columns += ["undecided", "seconds", *MEASURES, "outcomes", "paper"]
-    return pd.DataFrame(lines).reindex(columns=columns)
+    return RatesFrame(pd.DataFrame(lines).reindex(columns=columns))
 
 
 def _rates(cell: pd.DataFrame) -> dict[str, object]:

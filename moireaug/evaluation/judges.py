@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from torch import Tensor
@@ -34,7 +34,7 @@ class Judge:
 
     name: str
     defence: ImageTransform | None = None
-    model: Model | None = None
+    model: Model | None = field(default=None, repr=False)
     restores_mean: bool = False
     draws: int = 1
 

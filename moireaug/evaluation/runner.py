@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
@@ -25,6 +24,7 @@ from moireaug.evaluation.scene_batches import SceneBatches
 from moireaug.evaluation.tables import Table
 from moireaug.mixtures import Mixture
 from moireaug.networks import device_of
+from moireaug.progress import progress_bar
 from moireaug.scenes import Scene
 
 CLEAN = Clean()
@@ -39,7 +39,7 @@ class Job(NamedTuple):
 
 def show_progress(jobs: Iterable[Job], total: int, title: str, *, enabled: bool) -> Iterable[Job]:
     """Show a bar of the jobs that are done."""
-    with tqdm(total=total, desc=title, unit="job", leave=False, disable=not enabled) as bar:
+    with progress_bar(total=total, desc=title, unit="job", leave=False, enabled=enabled) as bar:
         for job in jobs:
             bar.set_postfix_str(job.condition.name[:30], refresh=False)
             bar.update()

@@ -86,9 +86,12 @@ class Gather(torch.autograd.Function):
         ctx.save_for_backward(first, steps)
         ctx.save_for_forward(first, steps)
         ctx.n = numbers.shape[1]
+        ctx.set_materialize_grads(False)  # no gradient is not one of zeros
 
     @staticmethod
-    def backward(ctx, slopes: Tensor) -> tuple:
+    def backward(ctx, slopes: Tensor | None) -> tuple:
+        if slopes is None:
+            return None, None, None
         first, steps = ctx.saved_tensors
         index = (first + steps[:, None, None]).movedim(0, 1).flatten(1)
         nothing = slopes.new_zeros(len(first), ctx.n)

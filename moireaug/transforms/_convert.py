@@ -44,7 +44,16 @@ def planned_scenes(
     scene: Scene | str | dict | list | tuple, shrink: float | Sequence[float] | None = None
 ) -> Scene | Mixture:
     """Return `as_scenes(scene, shrink)`, planned: a scene that cannot be photographed is refused
-    when a transform is made."""
+    when a transform is made.
+
+    Raises:
+        TypeError, ValueError: as of `as_scenes`; for a number, which is taken for a probability.
+    """
+    if isinstance(scene, Real) and not isinstance(scene, bool):
+        raise TypeError(
+            f"scene must be a Scene, a preset's name or a dict, or a list of these; got {scene!r}. "
+            f"For a probability, pass p={scene!r}."
+        )
     scenes = as_scenes(scene, shrink)
     scenes.plan()
     return scenes

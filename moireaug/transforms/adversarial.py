@@ -46,7 +46,7 @@ class AdversarialMoire(v2.Transform):
         loader = DataLoader(data, collate_fn=lambda batch: adversarial(*default_collate(batch)))
 
     Args:
-        model: [0, 1] images to logits; never changed: its mode, statistics and gradients are kept.
+        model: [0, 1] images to logits; never changed: its mode, buffers and gradients are kept.
             Not a submodule.
         scene: a Scene, a preset's name or a dict, or a list of these, as in RandomMoire; one shot
             is drawn per image.
@@ -161,7 +161,10 @@ class AdversarialMoire(v2.Transform):
         warn_without_moire(self.scene, (images.shape[-2], images.shape[-1]))
         chosen = plain[rows]
         rgb = as_model_takes(as_float_rgb(chosen), self.attack.model)
-        attack = replace(self.attack, model=model_of_photos(self.attack.model, chosen))
+        model = model_of_photos(self.attack.model, chosen)
+        if labels.ndim == 2:
+            model = _with_classes(model, labels.shape[1])
+        attack = replace(self.attack, model=model)
         photos = attack.last(rgb, classes[rows], generator=generator)
         return wrap(with_rows(plain, rows, as_input(photos, chosen)), images)
 
@@ -171,6 +174,27 @@ class AdversarialMoire(v2.Transform):
             f"scene={describe(self.scene)}, eps={a.eps}, steps={a.steps}, "
             f"step_size={a.step_size}, loss={a.loss!r}, random_start={a.random_start}, p={self.p}"
         )
+
+
+def _with_classes(model: Callable[[Tensor], Tensor], n: int) -> Callable[[Tensor], Tensor]:
+    """Return the model, of which logits of another number of classes than n are refused:
+    ValueError."""
+    rejects = getattr(model, "rejects", False)
+
+    def answer(images: Tensor) -> Tensor:
+        logits = model(images)
+        if not isinstance(logits, Tensor) or logits.ndim != 2:
+            return logits  # the attack refuses it
+        classes = logits.shape[1] - rejects
+        if classes != n:
+            raise ValueError(
+                f"mixed labels must have one weight for each class, (B, {classes}) for this model; "
+                f"got (B, {n})."
+            )
+        return logits
+
+    answer.rejects = rejects  # type: ignore[attr-defined]
+    return answer
 
 
 def classes_of(labels: Any, n: int) -> Tensor:

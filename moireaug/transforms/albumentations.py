@@ -21,7 +21,7 @@ from moireaug.attacks import MoireAttack
 from moireaug.mixtures import sample_one, scenes_of
 from moireaug.networks import device_of
 from moireaug.scenes import Scene, Shot
-from moireaug.transforms._albumentations_base import SampledTransform
+from moireaug.transforms._albumentations_base import SampledTransform, torch_generator
 from moireaug.transforms._arrays import (
     IMAGE_TARGETS,
     apply_to_all,
@@ -118,7 +118,7 @@ class RandomMoire(SampledTransform):
     ) -> dict[str, Any]:
         """Return one shot for images of the size in `params`, as plain numbers."""
         warn_without_moire(self.scene, params["shape"][:2])
-        generator = torch.Generator().manual_seed(int(random.integers(2**63)))
+        generator = torch_generator(random)
         return {"shot": sample_one(self.scene, params["shape"][:2], generator).to_dict()}
 
     def _shot(self, drawn: dict[str, Any]) -> Shot:
@@ -248,7 +248,7 @@ class AdversarialMoire(RandomMoire):
     ) -> dict[str, Any]:
         drawn = super().draw(params, data, random)
         label = label_of(data, self.label_key)
-        generator = torch.Generator().manual_seed(int(random.integers(2**63)))
+        generator = torch_generator(random)
         for key, kind in self._additional_targets.items():
             if kind in IMAGE_TARGETS and data.get(key) is not None:
                 raise ValueError(

@@ -8,10 +8,10 @@ import pytest
 import torch
 from torch import nn
 
-from moireaug import Scene, Sensor, attacks
-from moireaug.attacks import PGD, MoireAttack, MultiTargeted, SquareMoire
+from moireaug import Scene, Sensor, attacks, capture
+from moireaug.attacks import CW, PGD, MoireAttack, MultiTargeted, SquareMoire
 from moireaug.transforms import AdversarialMoire
-from tests.attacks.common import EPS, SCENE, attack_by, refusal
+from tests.attacks.common import EPS, SCENE, attack_by, predicted, refusal
 
 ATTACKS = ("ma", "ma apgd", "ma eot", "ma turned", "pgd", "bim", "mifgsm", "cw", "square")
 ADVERSARIES = (*ATTACKS, "transform")
@@ -147,14 +147,50 @@ def test_a_prediction_is_of_a_finite_greatest_logit():
 
 def test_a_result_prints_as_one_line(model, batch):
     result = MoireAttack(model, scene=SCENE, eps=EPS, steps=2)(*batch)
-    fooled = int(result.success.sum())
-    losses = f"loss {result.loss[0]:.3g} to {result.loss[-1]:.3g} in 2 steps"
-    expected = f"Result(eps 4/255, {fooled} of 6 images fooled, {losses})"
-    assert str(result) == repr(result) == expected
-    assert str(PGD(model, steps=0)(*batch)).endswith("images fooled)")
+    assert str(result) == repr(result)
+    assert str(PGD(model, steps=0)(*batch)).endswith(" % of 6)")
     assert str(PGD(model, steps=1)(*batch)).endswith(" in 1 step)")
     none = (batch[0][:0], batch[1][:0])
-    assert str(PGD(model, steps=1)(*none)) == "Result(eps 4/255, 0 of 0 images fooled)"
+    assert str(PGD(model, steps=1)(*none)) == "Result(eps 4/255, 0 of the 0 right images fooled)"
+
+
+class Darkness(nn.Module):
+    """Sees class 1 in images whose mean is below a threshold, class 0 in others."""
+
+    def __init__(self, threshold):
+        super().__init__()
+        self.threshold = threshold
+
+    def forward(self, x):
+        return torch.stack([x.mean((1, 2, 3)) - self.threshold, torch.zeros(len(x))], 1)
+
+
+@pytest.mark.parametrize("attack", [PGD, CW, SquareMoire, MultiTargeted], ids=lambda a: a.__name__)
+def test_a_result_counts_as_fooled_what_was_right_without_noise(attack):
+    """Of four images, one is far from the threshold, two lie near it and one is wrong already."""
+    images = torch.tensor([0.9, 0.501, 0.501, 0.2])[:, None, None, None].expand(4, 3, 8, 8)
+    labels, model = torch.tensor([0, 0, 0, 0]), Darkness(0.5)
+    if attack is SquareMoire:
+        found = SquareMoire(model, scene=Scene(), steps=2, noise_at="photo")(images, labels)
+        before = Darkness(0.5)(capture(images, found.shot)).argmax(1) == labels
+    else:
+        kinds = {PGD: PGD(model), CW: CW(model), MultiTargeted: MultiTargeted(PGD(model))}
+        found, before = kinds[attack](images, labels), torch.tensor([True, True, True, False])
+    assert torch.equal(found.clean_correct, before) and not found.correct[3]
+    right, fooled = int(before.sum()), int((before & found.success).sum())
+    after = int(found.correct.sum())
+    assert f"{fooled} of the {right} right images fooled" in repr(found) and found.success[3]
+    assert f"accuracy {25 * right} to {25 * after} % of 4" in repr(found)
+    if attack is not SquareMoire:
+        assert (fooled, right, after) == (2, 3, 1)
+
+
+def test_a_targeted_result_keeps_two_counts(model, batch):
+    images, labels = batch
+    found = PGD(model, steps=3)(images, labels, (labels + 1) % 5)
+    answers = predicted(model, found.images)
+    assert torch.equal(found.correct, answers == labels)
+    assert torch.equal(found.success, answers == (labels + 1) % 5)
 
 
 @pytest.mark.parametrize("restarts", [1, 2])

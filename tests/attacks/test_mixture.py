@@ -60,7 +60,9 @@ def test_every_scenes_images_are_attacked_as_if_alone(name, scenes, model, batch
         assert torch.allclose(photos, result.images, atol=1e-6)
     hit = predicted(model, result.images)
     assert torch.equal(result.success, hit == given[2] if name == "targeted" else hit != labels)
-    assert f"of {len(labels)} images fooled" in repr(result)
+    assert torch.equal(result.correct, hit == labels)
+    before = predicted(model, capture(images, shot)) == labels
+    assert torch.equal(result.clean_correct, before)
 
 
 def test_the_loss_is_the_mean_over_the_batch(model, batch):

@@ -1,10 +1,12 @@
 """The public function: a stranger's model, in a few lines."""
 
 import dataclasses
+import sys
 
 import numpy as np
 import pytest
 import torch
+from torch import nn
 from torch.utils.data import DataLoader, TensorDataset
 
 from moireaug import evaluation
@@ -161,8 +163,46 @@ def test_a_suite_of_several_tables(known):
     assert np.isfinite(lines["success"]).all()
 
 
+def test_without_a_terminal_no_bar_is_shown(known, loader, monkeypatch):
+    """As in daemons, and in programs without a console."""
+    for stream in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, stream, None)
+    assert len(evaluate(*known, **QUICK | {"n": 2, "progress": True}))
+
+
 def test_the_global_generator_is_left_alone(known):
     model = Defended(known[0], TotalVariation(iterations=1))
     state = torch.get_rng_state()
     evaluate(model, known[1], suite="unseen", progress=False)
     assert torch.equal(torch.get_rng_state(), state)
+
+
+def test_a_model_at_chance_is_warned_about():
+    """As one of normalised images; its answers have nothing to do with the labels."""
+    images = torch.rand(24, 3, 16, 16)
+    model = nn.Sequential(nn.Flatten(), nn.Linear(768, 4)).eval()
+    right = model(images).argmax(1)
+    wrong = (right + 1) % 4
+    settings = {"suite": "unseen", "progress": False}
+    with pytest.warns(UserWarning, match=r"gets 0 of 24 clean .* among 4 .*attacks\.Normalized"):
+        evaluate(model, [(images, wrong)], **settings)
+    with pytest.warns(UserWarning, match="gets 0 of 20 clean"):
+        evaluate(model, [(images[:10], wrong[:10]), (images[10:20], wrong[10:20])], **settings)
+    evaluate(model, [(images, right)], **settings)
+    evaluate(model, [(images, wrong)], **settings, n=19)  # too few to tell
+
+
+def test_rates_print_as_a_table(known, frame):
+    lines = rates(frame)
+    head, columns, *rows = str(lines).splitlines()
+    assert head.startswith("ladder, accuracy and success in % [95 %], eps in 1/255")
+    assert columns.split() == ["model", "eps", "codes", "dB", "accuracy", "success", "n"]
+    assert len(rows) == len(lines) and max(map(len, rows)) < 100
+    attack = lines.set_index("row").loc["ma_4"]
+    low, high = 100 * attack["accuracy_low"], 100 * attack["accuracy_high"]
+    shown = f"{100 * attack['accuracy']:.1f} [{low:.1f}, {high:.1f}]"
+    (row,) = [row for row in rows if row.split()[0] == "ma_4"]
+    assert shown in row and f"{255 * attack['largest']:.3g}" in row.split()
+    assert "outcomes" in str(lines[["row", "outcomes"]])  # a part of it is pandas'
+    del lines["psnr"]
+    assert "outcomes" in lines.to_string() and "psnr" not in str(lines)

@@ -50,6 +50,23 @@ def test_a_folder_is_taken_up_again_and_reading_writes_nothing(tmp_path):
     assert keys(tmp_path) == {"a", "b"} and len(list(tmp_path.glob("*.jsonl"))) == 1
 
 
+def test_writers_of_one_picture_do_not_meet(tmp_path, monkeypatch):
+    """Threads, and processes in containers, which all have the same process id: another one writes
+    the whole picture just before this one puts its own in place."""
+    monkeypatch.setattr(os, "getpid", lambda: 1)
+    shown, replace = torch.rand(2, 3, 4, 4), os.replace
+
+    def be_late(*arguments):
+        monkeypatch.setattr(os, "replace", replace)
+        RecordFolder(tmp_path).keep_picture("p", shown)
+        replace(*arguments)
+
+    monkeypatch.setattr(os, "replace", be_late)
+    RecordFolder(tmp_path).keep_picture("p", shown)
+    assert os.replace is replace and RecordFolder(tmp_path).picture("p").shape == (2, 4, 4, 3)
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["p.png"]
+
+
 PROGRAM = """
 import json, os, pathlib, sys, torch
 from moireaug.evaluation.identity import identity_of

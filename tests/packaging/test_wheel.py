@@ -124,7 +124,7 @@ def test_the_core_works_without_any_extra(wheel, tmp_path):
     needed = {"moireaug.evaluation": "eval", "moireaug.defenses": "eval", "training": "train"}
     for said, (package, extra) in zip(missing, needed.items(), strict=True):
         assert said.startswith(f"{package} needs "), said
-        assert said.endswith(f"Install with: pip install 'moireaug[{extra}]'")
+        assert said.endswith(f"in a clone of the repository: pip install '.[{extra}]'")
 
 
 def imported(path):
@@ -158,7 +158,7 @@ def test_no_core_module_imports_an_extras_dependency():
 def test_what_is_missing_is_named_with_its_extra(monkeypatch):
     hidden = ["hydra", "matplotlib", "skimage"]
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in hidden else name)
-    said = r"^a file needs hydra, matplotlib, skimage, not .* pip install 'moireaug\[train\]'$"
+    said = r"^a file needs hydra, matplotlib, skimage, not .* pip install '\.\[train\]'$"
     with pytest.raises(ModuleNotFoundError, match=said):
         extras.require("train", "a file")
 

@@ -22,7 +22,7 @@ from tests.training.small import TINY, configured, inside
 from tests.training.strangers import attack, put
 from training import calibrate, demoire, fit, frontier, synthesise
 from training.attack import subject
-from training.config import commands
+from training.config import commands, plain
 from training.config.schema import Config
 from training.system import machine, messages, processes
 from training.system.messages import sentence
@@ -163,6 +163,30 @@ def test_a_sweep_outlives_failed_jobs_and_lists_them(tmp_path, monkeypatch):
     failed = "  recipe=clean seed=1: seed 1 is odd.\n  recipe=clean seed=2: nobody expects it\n"
     assert tail == failed
     assert "ZeroDivisionError" in done.stderr, "what nobody expected keeps its traceback"
+
+
+@pytest.mark.parametrize("command", ["fit", "calibrate"])
+def test_a_command_without_a_terminal_works(command, monkeypatch):
+    """As in daemons, and in programs without a console."""
+    for stream in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, stream, None)
+    monkeypatch.setattr(sys, "argv", ["fit.py"])
+    worked = []
+
+    def work():
+        for stream in (sys.stdout, sys.stderr):
+            print("a line", file=stream, flush=True)
+            with tqdm(total=1, file=stream, disable=None) as bar:
+                bar.write("a line", file=stream)
+        worked.append(sys.stdout.isatty())
+
+    if command == "fit":
+        commands.run(work, Config)
+    else:
+        plain.parse(["photos=p"], calibrate.Config, calibrate.EXAMPLE, None)
+        work()
+    messages.complain("error: of nobody's")
+    assert worked == [False]
 
 
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])

@@ -101,6 +101,7 @@ def test_labels_getter_says_where_the_labels_are(model):
         ((IMAGES, LABELS + 0.5), "whole numbers"),
         ((IMAGES, torch.full((4,), torch.nan)), "whole numbers"),
         ((IMAGES, torch.randn(4, 4)), "weights >= 0"),
+        ((IMAGES, torch.rand(4, 7)), r"one weight for each class, \(B, 4\) for .* got \(B, 7\)"),
         ((IMAGES, torch.rand(3, 4)), r"shape \(4, classes\)"),
         (({"image": IMAGES, "label": [0, 1, 2, 3]},), "labels must be a tensor.*labels_getter"),
         ((IMAGES[0], LABELS[:1]), r"one batch.*got the shape \(3, .*after batching"),

@@ -12,6 +12,7 @@ import torch
 
 from moireaug import Develop, Panel, Scene, Sensor, Shot, View
 from moireaug.transforms import albumentations as moire
+from moireaug.transforms._albumentations_base import torch_generator
 from moireaug.transforms.albumentations import RandomMoire
 from tests.transforms.common import CAMERA, CLEAR, FRAMES, REGISTERED, SQUARE
 
@@ -217,3 +218,11 @@ def test_floats_that_torch_does_not_read(dtype):
         assert shown[-1]["mask"].dtype == np.dtype(of_mask)
     for target in ("image", "mask"):
         assert np.array_equal(shown[0][target], shown[1][target])
+
+
+def test_torch_keeps_32_bits_of_a_seed():
+    """Which is why no more of them are drawn; and the photos of a seed stay as they were."""
+    whole = int(np.random.default_rng(3).integers(2**63))
+    drawn, kept = torch_generator(np.random.default_rng(3)), torch.Generator().manual_seed(whole)
+    assert whole > 2**32 and drawn.initial_seed() == whole % 2**32
+    assert torch.equal(torch.rand(99, generator=drawn), torch.rand(99, generator=kept))

@@ -122,6 +122,13 @@ def test_a_library_imports_no_other():
     assert done.returncode == 0 and done.stderr.strip() == "", done.stderr
 
 
+def test_a_number_in_the_scenes_place_is_taken_for_p():
+    """torchvision's own transforms, such as RandomHorizontalFlip, take p there."""
+    for library in (torchvision, kornia, albumentations):
+        with pytest.raises(TypeError, match=r"got 0\.5\. For a probability, pass p=0\.5\."):
+            library.RandomMoire(0.5)
+
+
 def test_an_unknown_name_lists_the_transforms():
     import moireaug
 

@@ -18,7 +18,7 @@ from training.config.command_line import SWEEP_FLAGS, check_keys, quote_paths
 from training.config.schema import RunConfig
 from training.system import machine
 from training.system.files import make_folder
-from training.system.messages import LineStream, complain, is_expected, sentence, use_legible_output
+from training.system.messages import LineStream, complain, is_expected, prepare_output, sentence
 from training.system.processes import is_first, say
 
 _failed_jobs: list[str] = []  # jobs of a sweep
@@ -36,7 +36,7 @@ def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
     Raises:
         SystemExit: a wrong command line, or jobs of a sweep that failed, with a list of them.
     """
-    use_legible_output()
+    prepare_output()
     sys.stdout, sys.stderr = LineStream(sys.stdout), LineStream(sys.stderr)
     script, *arguments = sys.argv
     overrides = quote_paths(arguments[len(words) :], schema)

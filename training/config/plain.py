@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from moireaug.argument_checks import one_of
 from training.config.compose import help_text
 from training.config.settings import check
-from training.system.messages import sentence, use_legible_output
+from training.system.messages import prepare_output, sentence
 
 Schema = TypeVar("Schema")
 
@@ -36,7 +36,7 @@ def parse(
         ValueError: an unknown key, with the closest known one, a missing key, or a value of
             another type or out of its bounds.
     """
-    use_legible_output()
+    prepare_output()
     cfg = OmegaConf.structured(schema)
     fields = {str(field).removesuffix("_"): str(field) for field in cfg}
     if {"-h", "--help"} & set(argv):

@@ -7,7 +7,6 @@ import os
 import shutil
 import sys
 import time
-import uuid
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -79,7 +78,7 @@ def write(path: Path, pairs: Iterable[EncodedPair], format_name: str, share: Sha
         OSError: the disk is full or not writable; says how many MB are free.
     """
     try:
-        with unfinished(path, f"{share.label}.{uuid.uuid4().hex[:8]}") as temporary:
+        with unfinished(path, share.label) as temporary:
             FORMATS[format_name].write(temporary, pairs)
     except OSError as error:
         free = shutil.disk_usage(path.parent).free / 1e6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from typing import Any, TextIO
@@ -28,11 +29,14 @@ class LineStream:
         return self._stream.write(text)
 
 
-def use_legible_output() -> None:
+def prepare_output() -> None:
     """Have standard output and error print legibly the characters that their encoding lacks, so
-    that no command ends in a UnicodeEncodeError after its work is done."""
-    for stream in (sys.stdout, sys.stderr):
-        use_legible(stream)
+    that no command ends in a UnicodeEncodeError after its work is done. Where there are none, as in
+    a daemon or a program without a console, what is printed goes nowhere."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  # for good
+        use_legible(getattr(sys, name))
 
 
 def complain(text: str) -> None:

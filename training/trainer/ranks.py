@@ -18,7 +18,7 @@ from torch.distributed import DistError
 from training.config.checks import check_devices
 from training.config.schema import Trainer
 from training.system.files import read_checkpoint
-from training.system.messages import is_expected, sentence, use_legible_output
+from training.system.messages import is_expected, prepare_output, sentence
 from training.system.processes import RANK_VARIABLES
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
 
 def _run_rank(count: int, job: Callable[..., Any], *args: Any) -> None:
     """Run the job in this process, one of those that the agent started."""
-    use_legible_output()
+    prepare_output()
     torch.set_num_threads(max(1, torch.get_num_threads() // count))
     try:
         job(*args)
