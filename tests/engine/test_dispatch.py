@@ -56,7 +56,9 @@ def test_a_reading_that_is_not_finite_is_left_to_the_reference_alone(value):
     raw[1, 2, 3, 4] = value
     with reference():
         expected[1] = develop(raw, SHOT)[1]
-    assert torch.equal(develop(raw, SHOT).nan_to_num(-1), expected.nan_to_num(-1))
+    # the reference's convolutions may round otherwise for one image than for four
+    photo, expected = (t.nan_to_num(-1) for t in (develop(raw, SHOT), expected))
+    assert torch.allclose(photo, expected, rtol=0, atol=1e-6)
 
 
 def test_the_reference_is_forced_until_the_last_block_is_left():
