@@ -22,7 +22,7 @@ LIBRARY = (
     ("engine",),
     ("capture",),
     ("scenes",),
-    ("operators", "mixtures", "image_files"),
+    ("operators", "mixtures", "image_files", "warm_up"),
     ("synthesis",),
     ("attacks", "defenses"),
     ("transforms",),

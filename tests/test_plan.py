@@ -67,7 +67,7 @@ CALLED = {  # by each of these changes
     "chroma_blur": [{"develop": Develop(chroma_blur=(0.0, 0.5))}],
     "sharpen": [{"develop": Develop(sharpen=0.5)}],
     "register": [{"view": View(roll=5)}],
-    "jpeg": [{"develop": Develop(jpeg=(0, 90))}],
+    "jpeg": [{"develop": Develop(jpeg=(1, 90))}],
 }  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from moireaug import (
+    Develop,
     Layout,
     Lens,
     Panel,
@@ -78,9 +79,17 @@ REFUSED = [
     (lambda: changed(view_yaw=[float("nan")]), "a shot's view.yaw must lie in [-89, 89]"),
     (lambda: View(roll=2.7, pose="released"), "got 2.7. Round it, or use pose = 'camera'"),
     (lambda: Panel(layout={}), "Panel.layout must name its subpixels"),
-    (lambda: Sensor(exposure="supersample:1000"), "supersample:n with n from 1 to 999"),
+    (lambda: Sensor(exposure="supersample:257"), "supersample:n with n from 1 to 256 where"),
+    (lambda: Sensor(exposure="supersample:99", scale=3), "to 85 where Sensor.scale is 3, to read"),
     (lambda: changed(panel_scael=[1.0]), "Did you mean 'scale'?"),
     (lambda: changed(pannel={}), "Did you mean 'panel'?"),
+    (lambda: Develop(jpeg=(0, 90)), "Develop.jpeg must be at least 1, or 0 alone for no JPEG; got"),
+    (lambda: Develop(jpeg=0.5), "Develop.jpeg must be at least 1"),
+    (lambda: Panel(pwm=(0, 200)), "Panel.pwm must be above 0, or 0 alone for steady light; got"),
+    (
+        lambda: Sensor(shutter=(0, 0.01)),
+        "Sensor.shutter must be above 0, or 0 alone for no flicker",
+    ),
     (lambda: Sensor(bits=0), "Sensor.bits must be a whole number in [1, 16]"),
     (lambda: RandomMoire("scene.yaml"), "Pass what it holds, yaml.safe_load(open('scene.yaml'))"),
     (lambda: Scene().sample(1, (0, 8)), "at least 1 x 1 pixels"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 from collections.abc import Sequence
 
 import torch
@@ -14,8 +15,11 @@ from moireaug.engine import autograd, torch_operators, trial
 from moireaug.engine.program import Program
 from moireaug.mixed_shot import in_order
 from moireaug.numeric import as_float
+from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
+# scenes of which it was said that the reference computes some of their photos
+_reported: set[SceneRecord] = set()
 DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
 
 
@@ -34,6 +38,8 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
     varies = shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
     exposure, view = lower_exposure(shot.to("cpu"), decoded=varies)
     fits = kernels.fits(exposure, view)
+    if not fits.all():
+        _report_rest(shot.scene, int((~fits).sum()), len(fits))
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
     # each image by itself, so that its reading does not depend on the rest of the batch
@@ -85,6 +91,18 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return pipeline.apply(program.reference_effects, stage.reference(raw), shot)
     photo = autograd.apply(stage, raw)
     return pipeline.apply(program.reference_effects, photo, shot)
+
+
+def _report_rest(scene: SceneRecord, n: int, total: int) -> None:
+    """Say once for each scene how many photos of a batch the reference computes."""
+    if scene in _reported:
+        return
+    _reported.add(scene)
+    logging.getLogger("moireaug").warning(
+        f"moireaug's kernels cannot follow the views of {n} of these {total} photos, which PyTorch "
+        "computes instead; this takes many times longer. Views near the horizon are the usual "
+        "reason: narrow the ranges of View.yaw, pitch and fov. This is said once for each scene."
+    )
 
 
 def _kind_of(stage: str, names: Sequence[str], shot: ShotRecord) -> str:

@@ -95,15 +95,15 @@ def _bins(
     """Return the bins that see image points, about the image's corner, from points of the whole
     photo, (B, h, w, 2) each."""
     alpha, scale = (t[:, None, None, None] for t in (shot.panel_scale, shot.sensor_scale))
-    size = shot.frame.size
-    jacobian = grids.jacobian(photo_points.to(dtype), inverse.to(dtype), size, shot.distortion)
-    step = jacobian * (alpha / scale).to(dtype)[..., None]
-    photo_pixel = torch.eye(2, dtype=dtype, device=jacobian.device)
+    # float64: of a grazing view, float32 would leave nothing of the determinant
+    jacobian = grids.jacobian(photo_points, inverse, shot.frame.size, shot.distortion)
+    step = (jacobian * (alpha / scale)[..., None]).to(dtype)
+    photo_pixel = torch.eye(2, dtype=jacobian.dtype, device=jacobian.device)
     if shot.scene.is_rectified:
         photo_pixel = _inverse(jacobian)
     enlarged = (1 / shot.bin_scale).clamp(min=1)
     wide = scale[..., None] * enlarged[:, None, None, None, None]
-    sides = (photo_pixel * wide.to(dtype)).expand_as(step)
+    sides = (photo_pixel * wide).to(dtype).expand_as(step)
     triangle = torch.zeros_like(enlarged)
     if shot.scene.develop.resize == "antialias":  # which interpolates between larger sensor pixels
         triangle = 1 / enlarged

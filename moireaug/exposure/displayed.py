@@ -83,12 +83,33 @@ def _shrink_rows(
     if lead is not None:
         row = row - lead[:, None]
     centre, half = (row + 0.5 - EDGE_PIXELS) / alpha[:, None], 1 / alpha[:, None]  # in image pixels
-    first = (centre - half - 0.5).detach().ceil()
-    out, total = light.new_zeros(()), torch.zeros_like(centre)
+    taps = min(taps, height)  # the rest of a triangle sees the edge pixels
+    start = (centre - half - 0.5).detach().ceil().clamp(0, height - taps)
+    total = _triangle_before(math.inf, centre, half)
+    above = _triangle_before(0, centre, half)
+    below = total - _triangle_before(height, centre, half)
+
+    def weighted(weight: Tensor, pixel: Tensor) -> Tensor:
+        place = pixel.long()[:, None, :, None].expand(-1, channels, -1, width)
+        return weight.to(light.dtype)[:, None, :, None] * light.gather(2, place)
+
+    first, last = torch.zeros_like(start), torch.full_like(start, height - 1)
+    out = weighted(above, first) + weighted(below, last)
     for tap in range(taps):
-        pixel = first + tap
+        pixel = start + tap
         weight = (1 - (pixel + 0.5 - centre).abs() / half).clamp(min=0)
-        place = pixel.clamp(0, height - 1).long()[:, None, :, None]
-        row_pixels = light.gather(2, place.expand(-1, channels, -1, width))
-        out, total = out + weight.to(light.dtype)[:, None, :, None] * row_pixels, total + weight
+        out = out + weighted(weight, pixel)
     return out / total.to(light.dtype)[:, None, :, None]
+
+
+def _triangle_before(end: float, centre: Tensor, half: Tensor) -> Tensor:
+    """Return the sum of the weights 1 - |pixel + 1/2 - centre| / half of all pixels before `end`
+    whose weights are positive, in closed form: those up to the centre rise, and the rest fall."""
+    first, middle = (centre - half - 0.5).detach().ceil(), (centre - 0.5).detach().floor() + 1
+    last = (centre + half - 0.5).detach().floor() + 1
+    total = torch.zeros_like(centre)
+    for low, high, slope in ((first, middle, 1 / half), (middle, last, -1 / half)):
+        count = (high.clamp(max=end) - low).clamp(min=0)
+        mean = low + count / 2  # of pixel + 1/2
+        total = total + count * (1 + (mean - centre) * slope)
+    return total

@@ -20,7 +20,10 @@ TAIL_SIGMAS = 1.0  # standard deviations of the spread that taps must reach
 # share of the nearest panel pixel where none is seen, so that shares can be normalised
 NEAREST_GUARD_SHARE = 1e-9
 MIN_EXPONENT = -80.0  # not far below, float32 numbers are denormal and many times slower
-MIN_NARROWED_VARIANCE = 1e-30  # squared cells: its product with a shrinking may be 0 in float32
+# squared cells: its product with a shrinking may be 0 in float32, whose power of -3/2 is infinite
+MIN_NARROWED_VARIANCE = 1e-20
+# standard deviations of the spread: of a much narrower box, float32 holds no difference of its ends
+MIN_BOX_SIGMAS = 1e-3
 MIN_BLUR_VARIANCE = 1e-12  # squared cells: a Gaussian of 0 has no density
 
 
@@ -95,7 +98,8 @@ def tap_weights(offset: Tensor, footprint: Footprint, width: Tensor, taps: int) 
         width: of the subpixel along this axis in cells, broadcastable to (B, h, w).
     """
     sharpness = (2 * footprint.variance).rsqrt()
-    at, half = offset * sharpness, footprint.box / 2 * sharpness
+    half = (footprint.box / 2 * sharpness).clamp(min=MIN_BOX_SIGMAS / 8**0.5)
+    at = offset * sharpness
     left, right = at - half, at + half  # ends of the box
 
     def beyond(edge: Tensor) -> Tensor:
@@ -105,7 +109,7 @@ def tap_weights(offset: Tensor, footprint: Footprint, width: Tensor, taps: int) 
         return _erf_integral(right - edge) - _erf_integral(left - edge)
 
     centres = around(taps, offset)
-    unit = 1 / (2 * math.sqrt(math.pi) * footprint.box * sharpness)
+    unit = 1 / (4 * math.sqrt(math.pi) * half)
     return (beyond(centres - width / 2) - beyond(centres + width / 2)) * unit
 
 

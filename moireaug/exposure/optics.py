@@ -13,6 +13,7 @@ from moireaug.numeric import sinc
 from moireaug.shot import ShotRecord
 
 GOLDEN_RATIO = 0.6180339887498949
+PLASTIC_NUMBER = 1.324717957244746
 
 
 class Optics(NamedTuple):
@@ -63,20 +64,27 @@ class Optics(NamedTuple):
         return (low + high) / 2
 
     def offsets(self, n: int) -> Tensor:
-        """Return points of equal weight that stand for the whole spread, (B, 2, N) float64, down
-        and across in sensor pixels: n * n of them, or n * n for each of n moments of a motion."""
+        """Return n * n points of equal weight that stand for the whole spread, (B, 2, n * n)
+        float64, down and across in sensor pixels; with motion, each has a moment of it, too."""
         along = self.quantiles(n * n)
-        # no two points share a row or a column, and the golden ratio keeps them even whatever
-        # direction an edge cuts them in: two to four times as accurate as a square grid
-        order = sorted(range(n * n), key=lambda i: i * GOLDEN_RATIO % 1)
-        points = torch.stack([along, along[:, order]], 1)
-        if not (self.motion_x.any() or self.motion_y.any()):
+        moves = bool(self.motion_x.any() or self.motion_y.any())
+        # No two points share a row, a column or a moment, and multiples of the golden ratio keep
+        # them even whatever direction an edge cuts them in: two to four times as accurate as a
+        # square grid. In three dimensions, powers of the plastic number do (Roberts, 2018).
+        ratio = 1 / PLASTIC_NUMBER if moves else GOLDEN_RATIO
+        points = torch.stack([along, along[:, _even_order(n * n, ratio)]], 1)
+        if not moves:
             return points
-        rank = torch.arange(n, dtype=torch.float64, device=self.fill.device)
-        moments = torch.special.ndtri((rank + 0.5) / n)
+        rank = torch.arange(n * n, dtype=torch.float64, device=self.fill.device)
+        moments = torch.special.ndtri((rank + 0.5) / n**2)
         moments = moments / moments.square().mean().sqrt().clamp(min=1e-9)
-        motion = torch.stack([self.motion_y, self.motion_x], 1)[..., None] * moments
-        return (points[..., None] + motion[:, :, None]).flatten(2)
+        moments = moments[_even_order(n * n, 1 / PLASTIC_NUMBER**2)]
+        return points + torch.stack([self.motion_y, self.motion_x], 1)[..., None] * moments
+
+
+def _even_order(n: int, ratio: float) -> list[int]:
+    """Return the order of n whole numbers by the fractions of their multiples of a ratio."""
+    return sorted(range(n), key=lambda i: i * ratio % 1)
 
 
 def optics_of(shot: ShotRecord) -> Optics:

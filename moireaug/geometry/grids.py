@@ -12,6 +12,9 @@ from moireaug.geometry.frame import MIN_RAY_DEPTH, FrameSize, per_pixel, planar
 from moireaug.geometry.homography import apply_homography, translation
 from moireaug.numeric import may_be_dual
 
+# image pixels per photo pixel, far more than any picture has, whose squares float32 can hold on the
+# finest panel; only rays at the horizon of tiny, grazing screens see more
+MAX_STEP = 1e9
 RadialCoefficients = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
 
 
@@ -80,7 +83,8 @@ def jacobian(
     points: Tensor, inverse: Tensor, size: FrameSize, lens: RadialCoefficients | None
 ) -> Tensor:
     """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), the
-    last axis over u and v."""
+    last axis over u and v. Where an entry exceeds `MAX_STEP`, all four are scaled down to it,
+    without a gradient."""
     p = points - _centre(points, size)
     if lens is not None:
         lens = lens[0].to(points.dtype), lens[1].to(points.dtype)
@@ -101,7 +105,10 @@ def jacobian(
             radial = growth * (du * u + dv * v)
             du, dv = factor * du + radial * u, factor * dv + radial * v
         found.append(_planar(du, dv))
-    return torch.stack(found).movedim(0, -2)
+    steps = torch.stack(found).movedim(0, -2)
+    largest = steps.detach().abs().amax((-2, -1), keepdim=True)
+    bounded = steps.detach() * (MAX_STEP / largest)
+    return torch.where(largest > MAX_STEP, bounded, steps)
 
 
 def image_to_photo(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from moireaug.argument_checks import one_of
-from moireaug.scene.fields import Part, Range, ranged
+from moireaug.scene.fields import Part, Range, check_off_or_on, ranged
 
 DEMOSAIC_NAMES = ("bilinear", "malvar")
 DENOISER_NAMES = ("nlm", "bilateral")
@@ -44,10 +44,9 @@ class Develop(Part):
             A full reading's photo is warped back to it; a binned reading has its bins there.
         linear_light: the panel decodes sRGB codes into light, and the camera encodes light into
             sRGB codes.
-        jpeg: quality at which the photo is compressed to JPEG, 1 to 100; 0 is no JPEG. A range, of
-            which the drawn number is rounded to a whole quality, at least 1: in (0, 90), every
-            photo is compressed. The values are libjpeg's, with the gradient of a differentiable
-            codec.
+        jpeg: quality at which the photo is compressed to JPEG, 1 to 100; 0 is no JPEG. A range from
+            1 on, of which the drawn number is rounded to a whole quality. The values are libjpeg's,
+            with the gradient of a differentiable codec.
     """
 
     demosaic: str = "bilinear"
@@ -68,6 +67,7 @@ class Develop(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_off_or_on("Develop.jpeg", self.jpeg, 1.0, "no JPEG")
         one_of("Develop.resize", self.resize, RESIZES)
         one_of("Develop.demosaic", self.demosaic, DEMOSAIC_NAMES)
         if self.denoise is not None:

@@ -110,6 +110,25 @@ def varies(value: Range, identity: float = 0.0) -> bool:
     return deviation(value, identity) > 0
 
 
+def check_off_or_on(name: str, value: Range, least: float, off: str) -> None:
+    """Refuse a range that mixes 0, which means that something is off, with numbers that are not
+    near that: ValueError.
+
+    Args:
+        least: the least number that is not off. off: of the message, what 0 means.
+    """
+    if hasattr(value, "shape"):
+        return
+    low, high = bounds(value)
+    if high == 0 or (low > 0 and low >= least):
+        return
+    allowed = f"at least {least:g}" if least else "above 0"
+    raise ValueError(
+        f"{name} must be {allowed}, or 0 alone for {off}; got {value!r}. For photos with it and "
+        "without, pass a list of scenes."
+    )
+
+
 def check_stated_once(name: str, value: Range, least: float, other: str, given: Range) -> None:
     """Check a field of which 0 means that another, 1 by default, is read instead.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from moireaug.argument_checks import one_of
-from moireaug.scene.fields import Part, Range, check_stated_once, ranged, varies
+from moireaug.scene.fields import Part, Range, check_off_or_on, check_stated_once, ranged, varies
 from moireaug.scene.layout import LAYOUTS, Layout, layout_from_dict
 
 
@@ -26,7 +26,7 @@ class Panel(Part):
         lit_x, lit_y: further shares of each subpixel's width and height that emit light:
             `lit_y=0.8` leaves gaps between the rows. Ranges.
         pwm: frequency of the backlight's pulse-width modulation, in hertz; 0 is steady light. A
-            range. It shows only where the sensor has a `shutter`.
+            range without 0. It shows only where the sensor has a `shutter`.
         duty: share of each pulse-width cycle during which the panel is on. A range.
         phase: phase of the pulses when the first sensor row starts to expose, in cycles. A range.
         black: light of a black pixel, as a share of a white pixel's. A range.
@@ -52,6 +52,7 @@ class Panel(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_off_or_on("Panel.pwm", self.pwm, 0.0, "steady light")
         check_stated_once("Panel.width", self.width, 1.0, "Panel.scale", self.scale)
         if isinstance(self.layout, dict):
             object.__setattr__(self, "layout", layout_from_dict(self.layout))

@@ -7,11 +7,19 @@ from dataclasses import dataclass
 from numbers import Integral
 
 from moireaug.argument_checks import one_of
-from moireaug.scene.fields import Part, Range, check_number, check_stated_once, ranged
+from moireaug.scene.fields import (
+    Part,
+    Range,
+    check_number,
+    check_off_or_on,
+    check_stated_once,
+    ranged,
+)
 
 EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "supersample:8")
 CFAS = ("rggb", "none")
 READINGS = ("auto", "full", "binned")
+MAX_POINTS_PER_SIDE = 256  # of a photo pixel: more would take minutes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,13 +53,13 @@ class Sensor(Part):
         fill: width of the light-sensitive aperture, as a share of the pixel pitch. A range.
         exposure: how panel light is integrated over a sensor pixel: "spectral", the sum of the
             panel's harmonics; "box", the overlap of subpixel and aperture; "supersample:n" (n * n
-            samples per pixel, n from 1 to 999); "point" (as the paper does; black matrix dims it
-            evenly, without moiré); "mean" (only the panel's mean light: a screen without moiré, the
-            control of every experiment); or "auto": "spectral" if harmonics of up to order 29, and
-            at most 1024 of them, carry all contrast above the scene's tolerance, or if subpixels
-            are slanted; else "box". "box" and "point" need rectangular subpixels.
+            samples per pixel, n * scale at most 256); "point" (as the paper does; black matrix dims
+            it evenly, without moiré); "mean" (only the panel's mean light: a screen without moiré,
+            the control of every experiment); or "auto": "spectral" if harmonics of up to order 29,
+            and at most 1024 of them, carry all contrast above the scene's tolerance, or if
+            subpixels are slanted; else "box". "box" and "point" need rectangular subpixels.
         gain: factor on the raw reading before it saturates at 1. A range.
-        shutter: exposure time of each row in seconds; 0 hides a panel's flicker. A range.
+        shutter: exposure time of each row in seconds; 0 hides a panel's flicker. A range without 0.
         readout: time from the first row's exposure to the last row's in a rolling shutter, in
             seconds. A range.
         read_noise: standard deviation of the Gaussian read noise, in raw units [0, 1]. A range.
@@ -82,6 +90,7 @@ class Sensor(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_scale()
+        check_off_or_on("Sensor.shutter", self.shutter, 0.0, "no flicker")
         check_stated_once("Sensor.pitch", self.pitch, 1e-3, "Sensor.scale", self.scale)
         check_stated_once("Sensor.shrink", self.shrink, 0.1, "Sensor.scale", self.scale)
         pixels = check_number("Sensor.pixels", self.pixels, 16.0, 1e5, "sensor pixels")
@@ -105,10 +114,14 @@ class Sensor(Part):
     def _check_exposure(self) -> None:
         if not str(self.exposure).startswith("supersample"):
             one_of("Sensor.exposure", self.exposure, EXPOSURES)
-        elif not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
+            return
+        most = int(MAX_POINTS_PER_SIDE / max(self.scale, 1.0))
+        allowed = re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure))
+        if not allowed or int(str(self.exposure).partition(":")[2]) > most:
             raise ValueError(
-                "Sensor.exposure must be supersample:n with n from 1 to 999, to read n * n "
-                f"points; got {self.exposure!r}."
+                f"Sensor.exposure must be supersample:n with n from 1 to {most} where Sensor.scale "
+                f"is {self.scale:g}, to read n * n points of each sensor pixel; got "
+                f"{self.exposure!r}."
             )
 
     def _check_bits(self) -> None:

@@ -141,9 +141,12 @@ def as_float_rgb(images: Tensor) -> Tensor:
 
 
 def as_model_takes(images: Tensor, model: object) -> Tensor:
-    """Return float images in the dtype of a module's weights; as they are for any other model."""
+    """Return float images in the dtype of a module's weights; for any other model as they are, but
+    float64 ones in float32."""
     weight = first_weight(model) if isinstance(model, nn.Module) else None
-    return images if weight is None else images.to(weight.dtype)
+    if weight is not None:
+        return images.to(weight.dtype)
+    return images.float() if images.dtype == torch.float64 else images
 
 
 def model_of_photos(
@@ -201,7 +204,8 @@ def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = No
         noise: an attacker's, on the raw reading; see `capture`.
 
     Returns:
-        (B, C, H, W) of the same dtype. Differentiable in floating-point images.
+        (B, C, H, W) of the same dtype, computed in float32. Differentiable in floating-point
+        images.
 
     Raises:
         TypeError, ValueError: another dtype or number of channels; a float image that cannot be a
@@ -213,6 +217,8 @@ def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = No
         check_shape(rgb)
     else:
         rgb = check_images(rgb)
+    if rgb.dtype == torch.float64:  # as of `image / 255.`: kernels take float32
+        rgb = rgb.float()
     return as_input(photo_of(rgb, shot, noise), images)
 
 

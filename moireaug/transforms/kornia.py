@@ -44,9 +44,10 @@ class RandomMoire(IntensityAugmentationBase2D):
 
     Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned
     as luma; floating point in [0, 1], so use it before `Normalize`. Values that resizing, blur or
-    noise left a little outside are clipped, see `moireaug.image_checks`. Dtype and device are kept.
-    Differentiable in the images. Only the chosen images are computed; the others are returned
-    unchanged. `torch.compile(fullgraph=True)` computes all of them, and checks no values.
+    noise left a little outside are clipped, see `moireaug.image_checks`. Dtype and device are kept;
+    float64 is computed in float32. Differentiable in the images. Only the chosen images are
+    computed; the others are returned unchanged. `torch.compile(fullgraph=True)` computes all of
+    them, and checks no values.
 
     Convention: an intensity augmentation: masks, boxes and key points stay as they are,
     `transform_matrix` is the identity, and `inverse` leaves it out. The parameters hold the whole

@@ -58,7 +58,8 @@ class RandomMoire(v2.Transform):
     W) and PIL images of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB
     and returned as luma; uint8 or floating point in [0, 1], so use it before `v2.Normalize`. Values
     that resizing, blur or noise left a little outside are clipped, see `moireaug.image_checks`.
-    Type, shape, dtype, device and memory layout are kept; inputs are never modified.
+    Type, shape, dtype, device and memory layout are kept; float64 is computed in float32. Inputs
+    are never modified.
 
     A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is
     one scene: its frames share the shot and differ only in sensor noise. Images of one sample share

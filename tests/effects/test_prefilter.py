@@ -9,6 +9,7 @@ import torch
 from moireaug import Lens, Panel, Scene, Sensor, View
 from moireaug.effects.prefilter import blur_by_neighbours, blur_by_pyramid, half_size, levels_of
 from moireaug.geometry import grids
+from moireaug.scene.presets import PRESETS
 
 
 def variance_of(blur):
@@ -111,3 +112,11 @@ def test_the_plan_names_the_blur_that_a_shot_gets(layout):
     scene = Scene(panel=Panel(layout=layout), view=View(zoom=0.1, fit=False), lens=Lens(blur=0.1))
     variance = lost_variance(scene, (8, 8))
     assert variance.flatten().tolist() == pytest.approx([scene.plan().prefilter_variance] * 64)
+
+
+def test_the_presets_that_docs_name_call_for_it():
+    def calling(size):
+        return {name for name in PRESETS if "prefilter" in Scene.preset(name).plan((size, size))}
+
+    assert not calling(255)
+    assert calling(256) == {"phone_at_tablet_by_window", "phone_across_room_at_television"}

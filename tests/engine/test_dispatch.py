@@ -1,6 +1,7 @@
 """Which photos the engine takes, and what it leaves to the reference."""
 
 import dataclasses
+import logging
 from unittest.mock import Mock
 
 import numpy as np
@@ -10,7 +11,7 @@ from torch.autograd import forward_ad
 
 from moireaug import Scene, Sensor, View, capture, develop, expose, pipeline
 from moireaug.effects.base import Effect, called
-from moireaug.engine import explain, program, reference, switch, trial
+from moireaug.engine import dispatch, explain, program, reference, switch, trial
 from moireaug.engine.backends import BACKENDS
 from moireaug.scene.by_name import with_values
 
@@ -33,6 +34,19 @@ def test_what_kernels_are_compiled_for_is_tried_apart(monkeypatch):
     for scene in scenes:
         expose(IMAGES, scene.sample(4, (16, 20)))
     assert len(set(kinds)) == len(scenes)
+
+
+def test_photos_whose_views_kernels_cannot_follow_are_counted_once(monkeypatch):
+    monkeypatch.setattr(dispatch, "_reported", set())
+    said = []
+    monkeypatch.setattr(logging.getLogger("moireaug"), "warning", said.append)
+    scene = with_values(FULL, {"view.yaw": (0.0, 89.0)})
+    shot = with_values(scene.sample(3, (16, 20)), {"view.yaw": torch.tensor([0.0, 89.0, 89.0])})
+    for _ in range(2):
+        expose(IMAGES[:3], shot)
+    assert len(said) == 1 and "the views of 2 of these 3 photos" in said[0]
+    expose(IMAGES, FULL.sample(4, (16, 20)))
+    assert len(said) == 1
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])

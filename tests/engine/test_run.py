@@ -112,23 +112,21 @@ def test_an_error_in_one_image_reaches_the_caller():
         threads.run_in_parts(work, 8)
 
 
-def test_the_first_call_on_a_machine_is_announced(tmp_path, monkeypatch):
-    said = []
-    monkeypatch.setattr(first_use, "announce", said.append)
+def test_the_first_call_on_a_machine_compiles_ahead(tmp_path, monkeypatch):
+    started, said = [], []
+    monkeypatch.setattr(first_use, "warn_once", said.append)
     monkeypatch.setattr(compiling, "folder", lambda: str(tmp_path))
-    monkeypatch.setattr(first_use, "compile_ahead", lambda folder: said.append(folder))
+    monkeypatch.setattr(compiling, "other_folders", lambda: ())
+    monkeypatch.setattr(first_use, "compile_ahead", started.append)
     first_use.prepare()
-    assert len(said) == 2
-    assert "compiles" in said[0]
-    assert said[1] == str(tmp_path)
+    assert started == [str(tmp_path)]
     (tmp_path / "kernel.nbi").touch()
     first_use.prepare()
-    assert len(said) == 2
-    first_use.prepare_back.cache_clear()
-    first_use.prepare_back()
-    first_use.prepare_back()
-    assert len(said) == 3
-    assert "gradient" in said[2]
+    assert len(started) == 1 and not said
+    monkeypatch.setattr(compiling, "folder", lambda: None)
+    first_use.prepare()
+    assert len(started) == 1
+    assert "no place for them is writable: every process compiles them again" in said[0]
 
 
 @pytest.fixture
@@ -152,7 +150,6 @@ def test_one_process_compiles_ahead_for_a_folder_of_kernels(tmp_path, started):
 
 
 def test_nothing_is_compiled_ahead_where_it_cannot_be(tmp_path, started, monkeypatch):
-    first_use.compile_ahead(None)
     first_use.compile_ahead(str(tmp_path / "gone"))
     for program in ("/opt/game/game", "", None):  # which embeds Python
         monkeypatch.setattr(sys, "executable", program)

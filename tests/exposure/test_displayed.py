@@ -15,7 +15,7 @@ from moireaug.exposure.screen import on_panel
 from moireaug.scene.by_name import with_values
 from tests.engine.readings import assert_equal, readings
 
-ALPHAS = (0.01, 0.3, 0.73, 1.0, 1.7, 3.0)
+ALPHAS = (1e-3, 0.01, 0.3, 0.73, 1.0, 1.7, 3.0)
 SIZES = [(20, 27), (1, 1), (1, 9), (8, 1)]
 MARGIN = (11, 10)
 MIXED = Panel(scale=(0.2, 2.0))

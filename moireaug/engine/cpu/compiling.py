@@ -15,11 +15,19 @@ from pathlib import Path
 
 import llvmlite
 import numba
-from filelock import FileLock
+from filelock import FileLock, Timeout
 from numba import njit
+
+from moireaug.engine.cpu.kernel_cache import KernelCache, warn_once
 
 KERNELS = Path(__file__).parent
 MAX_UNUSED_SECONDS = 30 * 24 * 3600  # of a folder of kernels
+SILENT_SECONDS = 2.0  # for which another process's compilation is waited for without a word
+MAX_WAIT_SECONDS = 600.0  # for one kernel, many times as long as it takes
+WAITING_MESSAGE = (
+    "moireaug waits for another process, which compiles its CPU kernels, once on this machine; "
+    "this takes one to several minutes."
+)
 PACKAGE = KERNELS.parents[1]
 # files outside this folder whose numbers and records are compiled into kernels
 CONSTANT_SOURCES = (
@@ -59,30 +67,53 @@ exact = _inner(fastmath=False)
 inlined = _inner(fastmath=FAST_MATH, forceinline=True)
 
 
-@functools.lru_cache(maxsize=1)
-def folder() -> str | None:
-    """Return the folder of compiled kernels, named by a hash of the sources and of numba's and
-    llvmlite's versions; None if no place is writable."""
+def _folder_name() -> str:
+    """Return the name of a folder of kernels, of a hash of the sources and of numba's and
+    llvmlite's versions."""
     sources = sorted(KERNELS.rglob("*.py")) + [PACKAGE / name for name in CONSTANT_SOURCES]
     text = b"".join(source.read_bytes() for source in sources)
     text += f"{numba.__version__} {llvmlite.__version__}".encode()
-    name = hashlib.sha256(text).hexdigest()[:16]
+    return f"moireaug-{hashlib.sha256(text).hexdigest()[:16]}"
+
+
+def _places() -> list[Path]:
+    """Return where a folder of kernels may be, the best place first."""
     home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    places = []
     for parent in (numba.config.CACHE_DIR, KERNELS / "__pycache__", f"{home}/moireaug"):
-        if not parent:
-            continue
+        if parent:
+            with contextlib.suppress(RuntimeError):  # a user without a home
+                places.append(Path(parent).expanduser() / _folder_name())
+    return places
+
+
+@functools.lru_cache(maxsize=1)
+def folder() -> str | None:
+    """Return the folder that compiled kernels are written to; None if no place is writable."""
+    for path in _places():
         try:
-            path = Path(parent).expanduser() / f"moireaug-{name}"
             is_new = not path.is_dir()
             path.mkdir(parents=True, exist_ok=True)
             path.touch()  # the time of its last use
-        except (OSError, RuntimeError):  # not writable, or a user without a home
+        except OSError:
             continue
         if os.access(path, os.W_OK):
             if is_new:
                 _remove_unused(path.parent)
             return str(path)
     return None
+
+
+@functools.lru_cache(maxsize=1)
+def other_folders() -> tuple[str, ...]:
+    """Return further folders of kernels, to be read: such as one that came with a container's
+    image, and cannot be written to."""
+    others = []
+    for path in _places():
+        with contextlib.suppress(OSError):
+            if str(path) != folder() and any(path.rglob("*.nbi")):
+                others.append(str(path))
+    return tuple(others)
 
 
 def _remove_unused(parent: Path) -> None:
@@ -95,10 +126,10 @@ def _remove_unused(parent: Path) -> None:
                 shutil.rmtree(path, ignore_errors=True)
 
 
-def is_cold(module: str = "") -> bool:
-    """Return whether the kernels of a module, or all, are yet to be compiled on this machine."""
+def is_cold() -> bool:
+    """Return whether all kernels are yet to be compiled on this machine."""
     path = folder()
-    return path is None or not any(Path(path).rglob(f"{module}*.nbi"))
+    return not other_folders() and (path is None or not any(Path(path).rglob("*.nbi")))
 
 
 def kernel(function):
@@ -108,30 +139,42 @@ def kernel(function):
     Numba's own cache checks only the function's own file, and would miss a change in what the
     function calls.
     """
-    path, before = folder(), numba.config.CACHE_DIR
-    if path is None:
-        return njit(error_model="numpy", nogil=True)(function)
-    numba.config.CACHE_DIR = path
-    try:
-        compiled = njit(error_model="numpy", nogil=True, cache=True)(function)
-    finally:
-        numba.config.CACHE_DIR = before
-    compiled.compile = _locked(compiled.compile, Path(path) / f"{function.__name__}.lock")
+    compiled = njit(error_model="numpy", nogil=True)(function)
+    places = [path for path in (folder(), *other_folders()) if path is not None]
+    if places:
+        compiled._cache = KernelCache(function, places[0], places[1:])
+        compiled.compile = _locked(compiled.compile, Path(places[0], f"{function.__name__}.lock"))
     return compiled
 
 
 def _locked(compile_, path):
     """Return a dispatcher's `compile` behind a file lock: one process compiles, and the next one
-    finds the result in numba's cache."""
+    finds the result in the cache, unless there is none."""
 
     def locked(signature):
         with contextlib.ExitStack() as stack:
-            with contextlib.suppress(OSError):  # a file system without locks
-                stack.enter_context(FileLock(path, fallback_to_soft=False))
+            if not KernelCache.is_full:
+                _wait_for(stack, FileLock(path, fallback_to_soft=False))
             stack.enter_context(_without_garbage_collection())
             return _in_own_thread(functools.partial(compile_, signature))
 
     return locked
+
+
+def _wait_for(stack, lock):
+    """Take a lock for as long as a stack is open; say so if another process has it, and if it never
+    gives it back, do without."""
+    for seconds, message in ((SILENT_SECONDS, WAITING_MESSAGE), (MAX_WAIT_SECONDS, "")):
+        try:
+            lock.acquire(timeout=seconds)
+        except Timeout:
+            if message:
+                warn_once(message)
+        except OSError:  # a file system without locks
+            return
+        else:
+            stack.callback(lock.release)
+            return
 
 
 def _in_own_thread(task):

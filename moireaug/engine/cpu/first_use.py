@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import functools
-import logging
 import subprocess
 import sys
 from pathlib import Path
 
 from moireaug.engine.cpu import compiling
+from moireaug.engine.cpu.kernel_cache import NOT_KEPT_MESSAGE, has_room, warn_once
 
-COMPILING_MESSAGE = (
-    "moireaug compiles its CPU kernels{}, once on this machine; this takes up to a minute."
-)
 PACKAGE_PARENT = Path(__file__).parents[3]
 HELPER_CODE = """
 import sys
@@ -41,29 +37,19 @@ photo.sum().backward()
 PYTHON_ARGUMENTS = ("-P", "-c", HELPER_CODE, str(PACKAGE_PARENT))
 
 
-def announce(message: str) -> None:
-    """Tell the user that kernels are about to be compiled. Replace this function to say it
-    elsewhere."""
-    logging.getLogger("moireaug").warning(message)
-
-
 def prepare() -> None:
-    """Announce, on a machine's first call, that kernels are being compiled, and start on those that
-    come later."""
+    """Start, on a machine's first call, on the kernels that come later, if they can be kept; say so
+    if they cannot."""
+    folder = compiling.folder()
     if not compiling.is_cold():
         return
-    announce(COMPILING_MESSAGE.format(""))
-    compile_ahead(compiling.folder())
+    if folder is None:
+        warn_once(NOT_KEPT_MESSAGE.format(", as no place for them is writable"))
+    elif has_room(folder):
+        compile_ahead(folder)
 
 
-@functools.lru_cache(maxsize=1)
-def prepare_back() -> None:
-    """Announce, on a machine's first gradient in images, that its kernels are being compiled."""
-    if compiling.is_cold("expose_back_kernels"):
-        announce(COMPILING_MESSAGE.format(" of the gradient in images"))
-
-
-def compile_ahead(folder: str | None) -> None:
+def compile_ahead(folder: str) -> None:
     """Start a process that compiles the kernels of showing a picture, of developing and of
     developing backwards, unless one was started before for this folder of kernels. It ends with
     this process, if not before.
@@ -72,10 +58,10 @@ def compile_ahead(folder: str | None) -> None:
     begun is compiled here.
 
     Args:
-        folder: from `compiling.folder`; None if kernels are not kept.
+        folder: from `compiling.folder`.
     """
     # an interpreter that a program embeds may answer to the program's own options
-    if folder is None or not Path(sys.executable or "").stem.startswith("python"):
+    if not Path(sys.executable or "").stem.startswith("python"):
         return
     marker = Path(folder, "ahead")
     try:

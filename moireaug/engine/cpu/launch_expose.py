@@ -12,7 +12,6 @@ from torch import Tensor
 from moireaug.engine.cpu import expose_back_kernels as back_kernels
 from moireaug.engine.cpu import expose_kernels as kernels
 from moireaug.engine.cpu.arrays import array_of, empty
-from moireaug.engine.cpu.first_use import prepare_back
 from moireaug.engine.cpu.records import Span
 from moireaug.engine.cpu.threads import run_in_parts, run_in_shares, surplus_images
 from moireaug.engine.lower.exposure_records import (
@@ -113,7 +112,6 @@ def launch_expose_back(
 ) -> Tensor:
     """Return the gradient in pictures (B, 3, H, W) float32, from that in their readings and what
     `launch_expose` saved."""
-    prepare_back()
     out = empty(*picture.shape)
     grads, pictures, read_grads = out.numpy(), array_of(picture), (array_of(grad), slopes.numpy())
     view_kernels, at_points = KERNELS_OF_VIEW[type(view)], isinstance(view, PointView)

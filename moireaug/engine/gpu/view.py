@@ -25,6 +25,7 @@ CORNER_X, CORNER_Y = camera_field("corner_x"), camera_field("corner_y")
 SCALE_U, SCALE_V = camera_field("scale_u"), camera_field("scale_v")
 
 MIN_RAY_DEPTH = tl.constexpr(grids.MIN_RAY_DEPTH)
+MAX_STEP = tl.constexpr(grids.MAX_STEP)
 NEWTON_STEPS = tl.constexpr(distortion.NEWTON_STEPS)
 MIN_LENS_SLOPE = tl.constexpr(lens.MIN_LENS_SLOPE)
 
@@ -127,11 +128,9 @@ def jacobian(u, v, camera):
     x, y = (h00 * p + h01 * q + h02) * nearness, (h10 * p + h11 * q + h12) * nearness
     xp, xq = (h00 - x * h20) * nearness, (h01 - x * h21) * nearness
     yp, yq = (h10 - y * h20) * nearness, (h11 - y * h21) * nearness
-    alpha = load32(camera, ALPHA)
+    xu, xv = xp * uu + xq * uv, xp * uv + xq * vv
+    yu, yv = yp * uu + yq * uv, yp * uv + yq * vv
+    largest = tl.maximum(tl.maximum(tl.abs(xu), tl.abs(xv)), tl.maximum(tl.abs(yu), tl.abs(yv)))
+    alpha = load32(camera, ALPHA) / tl.maximum(largest / MAX_STEP, 1.0)
     by_u, by_v = alpha / load32(camera, SCALE_U), alpha / load32(camera, SCALE_V)
-    return (
-        by_u * (xp * uu + xq * uv),
-        by_v * (xp * uv + xq * vv),
-        by_u * (yp * uu + yq * uv),
-        by_v * (yp * uv + yq * vv),
-    )
+    return by_u * xu, by_v * xv, by_u * yu, by_v * yv

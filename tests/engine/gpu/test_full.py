@@ -34,6 +34,10 @@ SCENES = {
         panel=Panel(scale=4.0), view=View(yaw=20.0, roll=5.0, zoom=0.8),
         sensor=Sensor(exposure="mean", cfa="none"), develop=Develop(registered=False),
     ),
+    "past the horizon of a tiny screen": Scene(
+        panel=Panel(scale=2), view=View(yaw=89, pitch=89, zoom=1e-3),
+        develop=Develop(registered=False),
+    ),
     "fine and sharp": Scene(panel=Panel(scale=2.5), sensor=Sensor(scale=3.0)),
     "paper": Scene.preset("paper"),
     "paper_code": Scene.preset("paper_code"),
