@@ -14,6 +14,8 @@ MIN_VARIANCE = 1e-10  # of readings that count as different
 def pixels_per_value(shot: ShotRecord, scale: Tensor) -> Tensor:
     """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
     `shot.bin_scale`."""
+    if shot.scene.develop.resize == "point":  # about one, however many there are
+        return torch.ones_like(scale)
     share = 4.0 if shot.scene.is_binned_bayer else 1.0
     if shot.scene.develop.resize == "antialias":
         share = share * (2 / 3) ** 2  # a triangle's mean has 4 / 9 of a box's variance

@@ -53,7 +53,7 @@ class Content(NamedTuple):
         (B, h, w) each, in pixels."""
         ratio = self.ratio.to(bins.step.dtype)[:, None, None, None]
         step = bins.step[..., axis, :] / ratio
-        across_bin = (step[..., None] * bins.sides).sum(-2)
+        across_bin = (step[..., None] * bins.window).sum(-2)
         zero, one = torch.zeros_like(self.ratio), torch.ones_like(self.ratio)
         box = Footprint.of(across_bin, Optics(one, zero, zero, zero, zero))
         return Footprint(box.box, box.variance + blur_variance(step, self.optics))

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from moireaug.geometry import grids
 from moireaug.geometry.frame import planar
+from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
 
@@ -23,7 +24,9 @@ class Bins(NamedTuple):
         step: (B, h, w, 2, 2), change of position per sensor pixel along u and v.
         sides: (B, h, w, 2, 2), u and v of a bin's two sides in sensor pixels, the last axis over
             the sides. Bins smaller than a sensor pixel are as large as one: the photo interpolates
-            between sensor pixels.
+            between sensor pixels. With the resize "point", all are the sensor's pixels.
+        window: (B, h, w, 2, 2), sides in which the picture is seen: the same, or of a point resize
+            about a sensor pixel, the same in all of the photo.
         triangle: (B, 1, 1), factor on the sides for a second mean over them, which makes a triangle
             filter of the first; 0 for none.
     """
@@ -32,6 +35,7 @@ class Bins(NamedTuple):
     centre: Tensor
     step: Tensor
     sides: Tensor
+    window: Tensor
     triangle: Tensor
 
 
@@ -101,15 +105,24 @@ def _bins(
     photo_pixel = torch.eye(2, dtype=jacobian.dtype, device=jacobian.device)
     if shot.scene.is_rectified:
         photo_pixel = _inverse(jacobian)
-    enlarged = (1 / shot.bin_scale).clamp(min=1)
+    enlarged = enlargement(shot.bin_scale, shot.scene)
     wide = scale[..., None] * enlarged[:, None, None, None, None]
-    sides = (photo_pixel * wide).to(dtype).expand_as(step)
+    window = sides = (photo_pixel * wide).to(dtype).expand_as(step)
+    if shot.scene.develop.resize == "point":
+        sides = torch.eye(2, dtype=dtype, device=step.device).expand_as(step)
     triangle = torch.zeros_like(enlarged)
     if shot.scene.develop.resize == "antialias":  # which interpolates between larger sensor pixels
         triangle = 1 / enlarged
     corner = shot.panel_corner[:, None, None]
     position, centre = image_points * alpha + corner, photo_points * scale
-    return Bins(position, centre, step, sides, triangle.to(dtype)[:, None, None])
+    return Bins(position, centre, step, sides, window, triangle.to(dtype)[:, None, None])
+
+
+def enlargement(bin_scale: Tensor, scene: SceneRecord) -> Tensor:
+    """Return the factor by which bins of `shot.bin_scale` (B,) are enlarged to the size of a sensor
+    pixel; a point resize sees all of them in that size, and shrinks larger ones."""
+    factor = 1 / bin_scale
+    return factor if scene.develop.resize == "point" else factor.clamp(min=1)
 
 
 def clamped_photo_points(image_points: Tensor, shot: ShotRecord) -> tuple[Tensor, Tensor]:

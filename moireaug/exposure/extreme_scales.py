@@ -81,6 +81,8 @@ def least_side(scene: SizedScene, alpha: float) -> float:
     image pixel."""
     if not scene.is_rectified:
         return least_bin_scale(scene, alpha)
+    if scene.develop.resize == "point":
+        return 1.0
     shrink, zoom = bounds(scene.sensor.shrink)[0], bounds(scene.view.zoom)[0]
     if shrink:
         alpha, steps = shrink, extreme_jacobians(scene, zoom, with_strips=True)

@@ -39,7 +39,9 @@ class Develop(Part):
             range.
         resize: how the sensor's pixels become photo pixels: "area" (box mean), "antialias"
             (triangle filter, as libraries shrink photographs; moiré as fine as a photo pixel is
-            fainter) or "point" (bilinear without a prefilter, as the paper's code does).
+            fainter) or "point" (bilinear without a prefilter, as the paper's code does, and
+            `cv2.resize` and `F.interpolate` by default: what is finer than a photo pixel aliases
+            once more). For one of several, drawn per image, give a list of scenes.
         registered: the photo lies in the image's frame, so that labels, boxes and masks stay valid.
             A full reading's photo is warped back to it; a binned reading has its bins there.
         linear_light: the panel decodes sRGB codes into light, and the camera encodes light into

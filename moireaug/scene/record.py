@@ -213,7 +213,7 @@ class SceneRecord:
         only: tuple[tuple[str, object, tuple], ...] = (
             ("Sensor.exposure", sensor.exposure, ("auto", "spectral", "mean")),
             ("Develop.demosaic", develop.demosaic, ("bilinear",)),
-            ("Develop.resize", develop.resize, ("area", "antialias")),
+            ("Develop.resize", develop.resize, ("area", "antialias", "point")),
             ("Develop.denoise", develop.denoise, (None,)),
             ("View.pose", self.view.pose, ("camera",)),
         )

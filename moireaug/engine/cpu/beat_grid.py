@@ -49,7 +49,9 @@ def grid_at(us, vs, camera, b, i, orders):
             side = sides[r, c]
             side[0], side[1], side[2], side[3] = camera.scale_u * enlargement, 0.0, 0.0, 0.0
             side[3] = camera.scale_v * enlargement
-            if camera.rectified != 0:
+            if b.sampled:
+                side[0], side[3] = 1.0, 1.0
+            elif camera.rectified != 0:
                 # one pixel of the image, from panel pixels to sensor pixels
                 by = camera.alpha * enlargement / (xu * yv - xv * yu)
                 side[0], side[1], side[2], side[3] = by * yv, -by * yu, -by * xv, by * xu

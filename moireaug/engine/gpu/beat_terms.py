@@ -107,6 +107,8 @@ def _sides(step: Arrays, c: Any, beats: Beats) -> tuple[np.ndarray, np.ndarray]:
     each."""
     xu, xv, yu, yv = (part.reshape(len(part), -1) for part in step)
     enlargement, zero = beats.enlargement[:, None], np.zeros_like(xu)
+    if beats.sampled:
+        return np.stack([zero + 1, zero]), np.stack([zero, zero + 1])
     if not c.rectified.any():
         across, down = c.scale_u[:, :, 0] * enlargement, c.scale_v[:, :, 0] * enlargement
         return np.stack([zero + across, zero]), np.stack([zero, zero + down])

@@ -86,6 +86,7 @@ def _prepare(
         period_y=int(beats.period[1]),
         taps=2 * exposure.cell.radius + 1,
         rectified=bool(cameras.rectified.any()),
+        sampled=beats.sampled,
         distorts=bool(cameras.k1.any() or cameras.k2.any()),
         bayer=beats.bayer,
         dark_around=exposure.dark_around,

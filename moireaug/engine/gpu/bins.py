@@ -58,8 +58,9 @@ class BinnedVariant(NamedTuple):
     Args:
         period_x, period_y: of the layout, in panel pixels. taps: pixels of the panel that a bin
             sees along each axis.
-        rectified: bins lie in the image's frame. distorts: the lens distorts. bayer: the sensor has
-            colour filters. dark_around: the panel is black beyond the picture.
+        rectified: bins lie in the image's frame. sampled: see `exposure_records.Beats`.
+        distorts: the lens distorts. bayer: the sensor has colour filters. dark_around: the panel is
+            black beyond the picture.
         flickers, noisy, clips: see `exposure_records.Exposure`.
     """
 
@@ -67,6 +68,7 @@ class BinnedVariant(NamedTuple):
     period_y: int
     taps: int
     rectified: bool
+    sampled: bool
     distorts: bool
     bayer: bool
     dark_around: bool
@@ -119,11 +121,13 @@ def bins_at(u, v, image, batch, variant: tl.constexpr):
         x, y = to_image(u, v, sensor)
     xu, xv, yu, yv = jacobian(u, v, sensor)
     scale, enlargement = tl.load(sensor + ALPHA), tl.load(batch.beats.enlargement + image)
-    if variant.rectified:
+    none = 0.0 * xu
+    if variant.sampled:
+        first, second = (none + 1.0, none), (none, none + 1.0)
+    elif variant.rectified:
         by = scale.to(tl.float32) * enlargement / (xu * yv - xv * yu)
         first, second = (by * yv, -by * yu), (-by * xv, by * xu)
     else:
-        none = 0.0 * xu
         first = none + load32(sensor, SCALE_U) * enlargement, none
         second = none, none + load32(sensor, SCALE_V) * enlargement
     return Bin(image, x * scale, y * scale, u, v, (xu, xv), (yu, yv), first, second)

@@ -19,7 +19,7 @@ from moireaug.engine.lower.numbers import (
     sensor_scale_of,
 )
 from moireaug.exposure.bin_content import Content, content_of
-from moireaug.exposure.bin_geometry import clamped_photo_points
+from moireaug.exposure.bin_geometry import clamped_photo_points, enlargement
 from moireaug.geometry import grids
 from moireaug.geometry.frame import Frame
 from moireaug.panel.fourier import amplitudes_of
@@ -39,10 +39,12 @@ def binned_view(
     frame = frame_of(shot, drawn, homography)
     with torch.no_grad():
         content = content_of(shot)
+    bin_scale = bin_scale_of(shot, drawn, magnified)
     scales = _BinScales(
         panel_scale_of(shot, drawn),
         sensor_scale_of(shot, drawn, magnified),
-        bin_scale_of(shot, drawn, magnified),
+        bin_scale,
+        enlargement(torch.from_numpy(bin_scale), shot.scene).numpy(),
     )
     fields = camera_fields(shot, drawn, frame) | _place_of(shot, frame, content)
     inverse = np.linalg.inv(homography)
@@ -55,16 +57,13 @@ def binned_view(
 
 
 class _BinScales(NamedTuple):
-    """`shot.panel_scale`, `shot.sensor_scale` and `shot.bin_scale`, (B,) each."""
+    """`shot.panel_scale`, `shot.sensor_scale`, `shot.bin_scale` and `bin_geometry.enlargement`,
+    (B,) each."""
 
     panel: np.ndarray
     sensor: np.ndarray
     bin: np.ndarray
-
-    @property
-    def enlargement(self) -> np.ndarray:
-        """Factor by which bins are enlarged to the size of a sensor pixel, (B,)."""
-        return np.maximum(1 / self.bin, 1)
+    enlargement: np.ndarray
 
 
 def _place_of(shot: ShotRecord, frame: Frame, content: Content) -> dict[str, np.ndarray]:
@@ -153,6 +152,7 @@ def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _
     return Beats(
         cameras=sensors,
         enlargement=scales.enlargement,
+        sampled=shot.scene.develop.resize == "point",
         triangle=triangle,
         ratio=np.ascontiguousarray(content.ratio.detach().numpy()),
         centres=np.ascontiguousarray(0.5 + content.shift.detach().numpy()),

@@ -173,7 +173,8 @@ class Beats(NamedTuple):
     Args:
         cameras: (B, fields) float64, those of one `Camera` per image, of sensor pixels.
         enlargement: (B,) float64, factor by which bins are enlarged to the size of a sensor pixel.
-            triangle: (B,) float64, see `bin_geometry.Bins`. ratio: (B,) float64, panel pixels per
+            sampled: their sides are the sensor's pixels, whatever their size. triangle: (B,)
+            float64, see `bin_geometry.Bins`. ratio: (B,) float64, panel pixels per
             pixel of the panel that is shown.
         centres: (B, 3, 2) float64, where each colour's pixel lies in its cell.
         start: (B, 2) float64, where the corner of the panel that is shown lies on the real one, in
@@ -190,6 +191,7 @@ class Beats(NamedTuple):
 
     cameras: np.ndarray
     enlargement: np.ndarray
+    sampled: bool
     triangle: np.ndarray
     ratio: np.ndarray
     centres: np.ndarray
