@@ -183,6 +183,7 @@ ENGINE = {
     "camera's frame": {"panel": Panel(width=200.0), "develop": Develop(registered=False)},
     "light": {"panel": Panel(width=200.0), "develop": Develop(linear_light=True)},
     "antialiased": {"panel": Panel(width=(20.0, 200.0)), "develop": Develop(resize="antialias")},
+    "sampled": {"panel": Panel(width=(60.0, 200.0)), "develop": Develop(resize="point")},
 }
 SENSORS = {
     "Bayer": Sensor(pitch=(1.6, 2.4)),
@@ -198,6 +199,26 @@ MOVED = View(yaw=(-25.0, 25.0), pitch=(-15.0, 15.0), roll=(-12.0, 12.0))
 def test_the_engine_reads_bins_as_the_reference_does(case, sensor):
     scene = Scene(view=MOVED, lens=BENT, sensor=sensor, **case)
     assert_equal(*readings(scene, (37, 52)))
+
+
+@pytest.mark.parametrize("scale", [3.0, 4.0])
+def test_a_sampled_photo_is_that_of_a_full_reading(scale):
+    """Of which two sensor pixels, or one, are taken in the middle of each photo pixel."""
+    full = Scene(
+        panel=Panel(scale=scale / 2.1, lit_y=0.6), lens=Lens(blur=0.35),
+        view=View(roll=3.0, fit=False),
+        sensor=Sensor(scale=scale), develop=Develop(resize="point", registered=False),
+    )  # fmt: skip
+    binned = with_values(full, {"sensor.reading": "binned"})
+    averaged = with_values(binned, {"develop.resize": "area"})
+    grey = torch.full((1, 3, 40, 40), 0.5, dtype=torch.float64)
+    photos = []
+    for scene in (full, binned, averaged):
+        photos.append(capture(grey, scene.sample(1, (40, 40)))[..., 6:-6, 6:-6])
+    expected, photo, other = photos
+    assert expected.std() > 0.02
+    assert rms(photo - expected) < 0.05 * expected.std()
+    assert rms(other - expected) > 2 * rms(photo - expected)
 
 
 def test_noise_is_that_of_the_pixels_that_a_bin_averages():
