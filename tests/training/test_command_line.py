@@ -12,7 +12,7 @@ from training.config.schema import Config, ReattackConfig
 from training.demoireing import clean
 
 PLAIN = ("2024_11", "1e5", "true", "josé", "Photos (1)", "it's", "a=b", "a&b", "#1", "a;b", "!")
-PLAIN += ("a,b", "{a}", "[a", "a:b", "runs/moire_at", "a b", " a ")
+PLAIN += ("a,b", "{a}", "[a", "a:b", "runs/moire_at", "a b", " a ", "not\udcffUTF-8")
 OTHERS = {"'a,b'": "a,b", r"a\,b": "a,b", "null": None, "~/a": str(Path.home() / "a")}
 PATHS = dict(zip(PLAIN, PLAIN, strict=True)) | OTHERS
 
@@ -22,6 +22,14 @@ def test_a_path_comes_through_hydras_grammar(given):
     override = quote_paths([f"data.root={given}"], Config)
     assert quote_paths(override, Config) == override, "further processes of a run get it again"
     assert configured("recipe=clean", *override).data.root == PATHS[given]
+
+
+@pytest.mark.parametrize("name", ["a (b) é.yaml", "not\udcffUTF-8.yml", "2024_11.yaml"])
+def test_a_scenes_file_may_have_any_name(name):
+    override = quote_paths([f"scene={name}"], Config)
+    assert configured("recipe=clean", *override).scene == name
+    for given in ("paper", "[a.yaml,b.yaml]", "{preset: paper}"):
+        assert quote_paths([f"scene={given}"], Config) == [f"scene={given}"]
 
 
 def test_a_sweep_of_paths_stays_one():

@@ -67,6 +67,20 @@ def test_hidden_files_and_folders_are_left_out(root):
     assert [label for _, label in splits.test] == [0] * 3 + [1] * 3
 
 
+def test_names_need_not_be_utf_8(root):
+    """Of data sets, classes and files; the names alone change the fingerprint."""
+    for half in ("train", "test"):
+        (root / half / "n02").rename(root / half / "n\udcff")
+        for other in ("n01", "n03"):
+            if (root / half / other).exists():
+                (root / half / other).rename(root / half / "n\nline")
+    odd = root.rename(root.with_name("root\udcfe"))
+    splits = folder(odd)
+    assert splits.classes == {0: "n\nline", 1: "n\udcff"} and splits.train[0][0].shape[0] == 3
+    (odd / "train/n\udcff/0.png").rename(odd / "train/n\udcff/\udcfd.png")
+    assert folder(odd).files != splits.files
+
+
 def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
     def make(folder, transform, download, train):
         with (

@@ -16,6 +16,7 @@ from moireaug.argument_checks import one_of
 from training.config.compose import recipe_files
 from training.config.data_sets import DATA
 from training.config.overrides import literal
+from training.config.scenes import SUFFIXES
 from training.config.schema import Config, ReattackConfig, RunConfig
 from training.config.settings import settings_of
 
@@ -29,15 +30,26 @@ def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
     escaped for it stays, and so does what a sweep takes for several values.
     """
     sweep = not SWEEP_FLAGS.isdisjoint(overrides)
-    paths = {key for key, declared in settings_of(schema).items() if declared.facts.is_path}
     quoted = []
     for override in overrides:
         key, _, value = override.partition("=")
         several = sweep and "," in value
-        if key in paths and value not in ("", "null") and value[0] not in "'\"" and not several:
+        if _is_path(key, value, schema) and value[0] not in "'\"" and not several:
             override = _quote_path(key, os.path.expanduser(value))
         quoted.append(override)
     return quoted
+
+
+def _is_path(key: str, value: str, schema: type[RunConfig]) -> bool:
+    """Return whether a value is the path of a file or a folder."""
+    if value in ("", "null"):
+        return False
+    if key == "scene":  # or a preset's name, a mapping or a list
+        return value.endswith(SUFFIXES)
+    if key == "networks":  # or a mapping
+        return value[0] != "{"
+    declared = settings_of(schema).get(key)
+    return declared is not None and declared.facts.is_path
 
 
 def _quote_path(key: str, path: str) -> str:

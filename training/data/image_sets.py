@@ -110,7 +110,8 @@ def _fingerprint(pictures: ImageFolder) -> str:
     """Return sixteen hex digits that change with any name of a file."""
     sums = hashlib.sha256()
     for path, _ in pictures.samples:
-        sums.update(Path(path).relative_to(pictures.root).as_posix().encode() + b"\0")
+        name = Path(path).relative_to(pictures.root).as_posix()
+        sums.update(name.encode("utf-8", "surrogateescape") + b"\0")
     return sums.hexdigest()[:16]
 
 
