@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
 import tempfile
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ from training.config.checks import check_devices
 from training.config.schema import Trainer
 from training.system.files import read_checkpoint
 from training.system.messages import is_expected, sentence, use_legible_output
-from training.system.processes import RANK_VARIABLES
+from training.system.processes import join_launch
 
 if TYPE_CHECKING:
     import lightning as L
@@ -38,7 +37,7 @@ class RankError(ValueError):
 
 def run_job(settings: Trainer, job: Callable[..., Any], *args: Any) -> None:
     """Run `job(*args)` in as many processes of this machine as the trainer asks for: here, if that
-    is one, or if a launcher such as torchrun or Slurm started the processes.
+    is one, or if a launcher such as torchrun or Slurm started the processes, see `join_launch`.
 
     Raises:
         ConnectionError, RankError: a process was lost, or has failed.
@@ -46,21 +45,27 @@ def run_job(settings: Trainer, job: Callable[..., Any], *args: Any) -> None:
         ValueError: more devices than there are.
     """
     check_devices(settings)
-    is_launched = any(name in os.environ for name in RANK_VARIABLES)
-    count = 1 if is_launched or settings.num_nodes > 1 else device_count(settings)
-    if count == 1:
+    count = device_count(settings)
+    is_launched = join_launch(count * settings.num_nodes)
+    if is_launched or settings.num_nodes > 1 or count == 1:
         job(*args)
     else:
         _launch(count, job, *args)
 
 
 def device_count(settings: Trainer) -> int:
-    """Return the number of devices of this machine that the trainer asks for."""
-    if isinstance(settings.devices, int) and settings.devices > 0:
-        return settings.devices
-    from training.trainer.make import make_trainer  # Lightning, which takes seconds to import
-
-    return make_trainer(settings, 1, []).num_devices
+    """Return the number of devices of this machine that the trainer asks for; as Lightning counts
+    them, which would read a launcher's variables."""
+    devices = settings.devices
+    if isinstance(devices, str) and devices not in ("auto", "-1"):
+        named = [part for part in devices.split(",") if part.strip()]
+        return len(named) if "," in devices else int(devices)
+    if isinstance(devices, Sequence) and not isinstance(devices, str):
+        return len(devices)
+    if devices in ("auto", "-1", -1):
+        on_gpu = settings.accelerator != "cpu" and torch.cuda.is_available()
+        return torch.cuda.device_count() if on_gpu else 1
+    return int(devices)
 
 
 def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
