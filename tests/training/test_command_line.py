@@ -1,12 +1,14 @@
 """Paths on a command line are taken as they are, whatever Hydra's grammar makes of them; unknown
 keys get a sentence."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from tests.training.small import configured
 from training.config.command_line import check_keys, quote_paths
+from training.config.compose import recipe_files
 from training.config.plain import parse
 from training.config.schema import Config, ReattackConfig
 from training.demoireing import clean
@@ -84,6 +86,19 @@ def test_what_hydra_takes_is_taken():
         [*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr", "--cfg", "job"],
         Config,
     )
+
+
+def test_what_to_train_must_be_said():
+    """Recipes are listed, each with what it is for; a command that only prints needs none."""
+    for given in ([], ["seed=1"], ["-m", "seed=0,1"], ["~recipe"], ["--config-dir", "DIR"]):
+        with pytest.raises(SystemExit, match="error: say what to train") as error:
+            check_keys(given, Config)
+        listed = re.findall(r"^  recipe=(.*)\n      \w", str(error.value), re.MULTILINE)
+        assert listed == [path.stem for path in recipe_files()], "with a line each"
+    for given in (["--help"], ["--cfg", "job"], ["-c", "job", "seed=1"], ["--info", "defaults"]):
+        check_keys(given, Config)
+    check_keys(["-m", "recipe=baseline,clean", "--config-dir", "DIR"], Config)
+    check_keys(["seed=1"], ReattackConfig)
 
 
 def test_a_recipe_is_not_given_to_an_attack():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +14,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.argument_checks import one_of
-from training.config.compose import recipe_files
+from training.config.compose import INDENTED, purpose, recipe_files
 from training.config.data_sets import DATA
 from training.config.overrides import literal
 from training.config.scenes import SUFFIXES
@@ -21,6 +22,11 @@ from training.config.schema import Config, ReattackConfig, RunConfig
 from training.config.settings import settings_of
 
 SWEEP_FLAGS = {"-m", "--multirun"}
+# Hydra's flags after which a command prints and ends, and those that take the argument behind them
+PRINTING_FLAGS = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i"}
+PRINTING_FLAGS |= {"--shell-completion", "-sc"}
+VALUED_FLAGS = {"--cfg", "-c", "--info", "-i", "--package", "-p", "--config-dir", "-cd"}
+VALUED_FLAGS |= {"--config-path", "-cp", "--config-name", "-cn"}
 
 
 def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
@@ -62,17 +68,20 @@ def _quote_path(key: str, path: str) -> str:
 
 
 def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
-    """Refuse an unknown key, recipe or data set of a command line, with the nearest known one.
+    """Refuse an unknown key, recipe or data set of a command line, with the nearest known one; and
+    one that trains and names no recipe.
 
     Raises:
         SystemExit: an unknown name; says which are known.
     """
     groups: dict[str, list[str]] = {}
+    if schema is Config:
+        _require_recipe(overrides)
     if issubclass(schema, Config):
         groups = {"recipe": [path.stem for path in recipe_files()], "data": list(DATA)}
     try:
         for previous, override in itertools.pairwise(["", *overrides]):
-            if previous in ("--cfg", "-c"):  # of Hydra's: job, hydra or all
+            if previous in VALUED_FLAGS and "=" not in override:
                 continue
             _check_form(override, schema)
             override = override.lstrip("+")
@@ -89,6 +98,17 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
                 _check_type(override, schema)
     except ValueError as error:
         raise SystemExit(f"error: {error}") from None
+
+
+def _require_recipe(overrides: list[str]) -> None:
+    """Refuse a command line without a recipe, unless it only prints, as --help and --cfg do."""
+    given = any(override.lstrip("+").startswith("recipe=") for override in overrides)
+    if given or any(override.partition("=")[0] in PRINTING_FLAGS for override in overrides):
+        return
+    lines = ["error: say what to train, with one of these recipes:"]
+    for path in recipe_files():
+        lines += [f"  recipe={path.stem}", textwrap.fill(purpose(path), **INDENTED)]
+    raise SystemExit("\n".join(lines))
 
 
 def _check_form(override: str, schema: type[RunConfig]) -> None:

@@ -53,6 +53,8 @@ def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
             raise SystemExit(f"error: {error}") from None
     try:
         main()
+    except ValueError as error:  # of Hydra's own flags: those of a job are reported by it
+        raise SystemExit(f"error: {error}") from None
     except BrokenPipeError:  # the reader of --help has seen enough
         # for what is flushed at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
