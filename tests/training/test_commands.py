@@ -22,7 +22,7 @@ from tests.training.small import TINY, configured, inside
 from tests.training.strangers import attack, put
 from training import calibrate, demoire, fit, frontier, synthesise
 from training.attack import subject
-from training.config import commands
+from training.config import commands, plain
 from training.config.schema import Config
 from training.system import machine, messages, processes
 from training.system.messages import sentence
@@ -216,6 +216,34 @@ def test_what_a_worker_says_is_told_without_its_traceback(kind):
         except kind:
             ExceptionWrapper(where="in DataLoader worker process 0").reraise()
     assert "Traceback" in str(error.value) and sentence(error.value) == "none: of them."
+
+
+BUS_ERROR = (
+    "DataLoader worker (pid 7) is killed by signal: Bus error. It is possible that dataloader's "
+    "workers are out of shared memory. Please try to raise your shared memory limit."
+)
+
+
+@pytest.mark.parametrize(
+    ("error", "lacks"),
+    [
+        (RuntimeError("unable to allocate shared memory(shm) for file </torch_1>: No space"), True),
+        (RuntimeError(BUS_ERROR), True),
+        (OSError(errno.ENOSPC, "No space left on device"), True),  # of a semaphore
+        (OSError(errno.ENOSPC, "No space left on device", "best.ckpt"), False),
+        (RuntimeError("DataLoader worker (pid 7) is killed by signal: Killed."), False),
+    ],
+)
+def test_a_lack_of_shared_memory_says_what_to_set(error, lacks):
+    assert messages.lacks_shared_memory(error) is lacks
+    if lacks:
+        assert messages.is_expected(error) and "--shm-size" in sentence(error)
+        later = RuntimeError("Please call `iter(combined_loader)` first.")
+        later.__context__ = error  # as Lightning raises
+        assert sentence(later) == sentence(error)
+        said = pytest.raises(SystemExit, match="error: the workers ran out of shared memory")
+        with said, plain.report_errors("Interrupted."):
+            raise error
 
 
 def test_a_command_leaves_the_logger_of_compilation(tmp_path, monkeypatch):

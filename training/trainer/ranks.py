@@ -17,7 +17,7 @@ from torch.distributed import DistError
 from training.config.checks import check_devices
 from training.config.schema import Trainer
 from training.system.files import read_checkpoint
-from training.system.messages import is_expected, sentence, use_legible_output
+from training.system.messages import is_expected, lacks_shared_memory, sentence, use_legible_output
 from training.system.processes import join_launch
 
 if TYPE_CHECKING:
@@ -146,6 +146,8 @@ def fit(
     except SystemExit:  # what Lightning makes of Ctrl-C
         raise KeyboardInterrupt from None
     except RuntimeError as error:
+        if lacks_shared_memory(error):  # of workers, whose message names them as lost
+            raise
         if isinstance(error, DistError) or re.search(_LOST_PATTERN, str(error)):
             raise ConnectionError(f"{LOST_PROCESS} ({str(error).splitlines()[0]})") from error
         raise
