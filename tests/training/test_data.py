@@ -81,6 +81,20 @@ def test_names_need_not_be_utf_8(root):
     assert folder(odd).files != splits.files
 
 
+def test_a_picture_is_of_one_class(root):
+    """Whatever links lead to the others; a class without pictures is named."""
+    alone = Data(name="folder", root=str(root / "test"), size=16)
+    (root / "test/n02/0.png").rename(root / "test/n02/0.JFIF")
+    assert len(load(alone).test) == 6
+    (root / "test/n02/up").symlink_to("..")
+    with pytest.raises(ValueError, match=r"in two classes, 'n02' and 'n03', by a link: remove it"):
+        load(alone)
+    (root / "test/n02/up").unlink()
+    (root / "test/n04").mkdir()
+    with pytest.raises(ValueError, match=r"n04 holds no pictures: add some, or remove the class"):
+        load(alone)
+
+
 def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
     def make(folder, transform, download, train):
         with (

@@ -8,13 +8,14 @@ import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from torch.utils.data import Dataset
 from torchvision.datasets import CIFAR10, CIFAR100, GTSRB, ImageFolder
 from torchvision.transforms import v2
 
 from moireaug.image_files import read_picture
-from moireaug.synthesis.pictures import SUFFIXES
+from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.config.data_sets import Data
 from training.data.splits import ImageSet, has_parts
 from training.system.files import read_table
@@ -120,10 +121,30 @@ class UprightFolder(ImageFolder):
     notebooks leave behind, are no part of it."""
 
     def __init__(self, root: Path, transform: Callable) -> None:
-        def is_picture(path: str) -> bool:
-            return path.lower().endswith(SUFFIXES) and not _hidden(Path(path).relative_to(root))
+        super().__init__(root, transform, loader=read_picture)
 
-        super().__init__(root, transform, loader=read_picture, is_valid_file=is_picture)
+    @staticmethod
+    def make_dataset(
+        directory: str | Path, class_to_idx: dict[str, int], *_: Any, **__: Any
+    ) -> list[tuple[str, int]]:
+        """Return each picture's path and the number of its class."""
+        samples, class_of = [], {}
+        for name, number in class_to_idx.items():
+            folder = Path(directory, name)
+            names = [file for file in files_below(folder) if file.lower().endswith(SUFFIXES)]
+            if not names:
+                raise FileNotFoundError(
+                    f"{folder} holds no pictures: add some, or remove the class"
+                )
+            paths = sorted((folder / file for file in names), key=lambda path: path.parts)
+            for place in {path.parent for path in paths}:
+                owner = class_of.setdefault(place.resolve(), name)
+                if owner != name:
+                    raise FileNotFoundError(
+                        f"{place} is in two classes, {owner!r} and {name!r}, by a link: remove it"
+                    )
+            samples += [(str(path), number) for path in paths]
+        return samples
 
     def find_classes(self, directory: str | Path) -> tuple[list[str], dict[str, int]]:
         """Return the names of the class folders, and the number of each."""
