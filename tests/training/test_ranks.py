@@ -24,6 +24,7 @@ from training.demoireing import fit as demoireing  # noqa: F401  # registers its
 from training.demoireing.train import module_of
 from training.runs.run import Run
 from training.system import processes
+from training.system.messages import status_of
 from training.trainer import ranks
 from training.trainer.make import EndOnSigterm
 
@@ -171,8 +172,9 @@ def test_a_terminated_process_sends_nothing_within_a_batch(tmp_path, monkeypatch
     for callback in trainer.callbacks:
         if isinstance(callback, EndOnSigterm):
             callback.on_train_start(trainer, None)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt) as end:
         signal.raise_signal(signal.SIGTERM)
+    assert status_of(end.value) == 143 and status_of(KeyboardInterrupt()) == 130
     signal.signal(signal.SIGTERM, before)
 
 

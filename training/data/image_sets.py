@@ -133,10 +133,9 @@ class UprightFolder(ImageFolder):
             folder = Path(directory, name)
             names = [file for file in files_below(folder) if file.lower().endswith(SUFFIXES)]
             if not names:
-                raise FileNotFoundError(
-                    f"{folder} holds no pictures: add some, or remove the class"
-                )
-            paths = sorted((folder / file for file in names), key=lambda path: path.parts)
+                raise FileNotFoundError(f"{folder} holds no pictures: add some, or remove it")
+            paths = [folder / file for file in names]
+            paths.sort(key=lambda path: (str(path.parent), path.name))
             for place in {path.parent for path in paths}:
                 owner = class_of.setdefault(place.resolve(), name)
                 if owner != name:

@@ -20,6 +20,20 @@ SHARED_MEMORY_ADVICE = (
 LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
 
 
+class Terminated(KeyboardInterrupt):  # as KeyboardInterrupt
+    """SIGTERM, which ends a command as Ctrl-C does, but with the status 143."""
+
+
+def terminate(number: int, frame: Any) -> None:
+    """Raise `Terminated`: a handler of SIGTERM."""
+    raise Terminated
+
+
+def status_of(interruption: KeyboardInterrupt) -> int:
+    """Return the exit status of an interrupted command, 128 and the signal's number."""
+    return 143 if isinstance(interruption, Terminated) else 130
+
+
 class LineStream:
     """Wraps an output stream and knows whether its last line is complete: a progress bar's is
     not."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import signal
 import tempfile
 import time
 import uuid
@@ -17,7 +18,14 @@ from torch.distributed import DistError
 from training.config.checks import check_devices
 from training.config.schema import Trainer
 from training.system.files import read_checkpoint
-from training.system.messages import is_expected, lacks_shared_memory, sentence, use_legible_output
+from training.system.messages import (
+    Terminated,
+    is_expected,
+    lacks_shared_memory,
+    sentence,
+    status_of,
+    use_legible_output,
+)
 from training.system.processes import join_launch
 
 if TYPE_CHECKING:
@@ -92,8 +100,9 @@ def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
         )
         try:
             elastic_launch(config, _run_rank)(count, job, *args)
-        except SignalException:
-            raise KeyboardInterrupt from None
+        except SignalException as error:
+            terminated = error.sigval == signal.SIGTERM
+            raise (Terminated if terminated else KeyboardInterrupt) from None
         except ChildFailedError as error:
             _, failure = error.get_first_failure()
             if isinstance(failure.message, str):  # torch's own: it was killed
@@ -110,8 +119,8 @@ def _run_rank(count: int, job: Callable[..., Any], *args: Any) -> None:
     torch.set_num_threads(max(1, torch.get_num_threads() // count))
     try:
         job(*args)
-    except KeyboardInterrupt:
-        raise SystemExit(130) from None  # torch takes an interruption for success
+    except KeyboardInterrupt as interruption:
+        raise SystemExit(status_of(interruption)) from None  # else success, to torch
     except Exception as error:
         if isinstance(error, ConnectionError):
             time.sleep(GRACE_SECONDS)
@@ -143,7 +152,9 @@ def fit(
     start_time = time.perf_counter()
     try:
         trainer.fit(module, batches, ckpt_path=folder / "last.ckpt" if first_epoch else None)
-    except SystemExit:  # what Lightning makes of Ctrl-C
+    except SystemExit as end:  # what Lightning makes of both
+        if isinstance(end.__context__, Terminated):
+            raise Terminated from None
         raise KeyboardInterrupt from None
     except RuntimeError as error:
         if lacks_shared_memory(error):  # of workers, whose message names them as lost
