@@ -95,6 +95,17 @@ def test_a_picture_is_of_one_class(root):
         load(alone)
 
 
+def test_a_failed_download_is_not_told_to_download(tmp_path, monkeypatch):
+    def make(*args, **settings):
+        raise OSError("Network is unreachable")
+
+    monkeypatch.setitem(image_sets.TORCHVISION_READERS, "cifar10", (make, {}, {}))
+    cfg = Data(name="cifar10", root=str(tmp_path), download=True)
+    with pytest.raises(ValueError, match=r"could not be fetched into .*Check the network") as error:
+        load(cfg)
+    assert "data.download=true" not in str(error.value)
+
+
 def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
     def make(folder, transform, download, train):
         with (

@@ -60,6 +60,11 @@ def _read_from_torchvision(cfg: Data) -> ImageSet:
             train_set = make(cfg.root, **train_part, **options)
             test_set = make(cfg.root, **test_part, **options)
     except (RuntimeError, OSError) as error:
+        if cfg.download:
+            raise ValueError(
+                f"The data set {cfg.name!r} could not be fetched into data.root={cfg.root!r} "
+                f"({error}). Check the network, or pass as data.root a folder that has it."
+            ) from error
         raise ValueError(
             f"The data set {cfg.name!r} was not found under data.root={cfg.root!r} ({error}). "
             "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
