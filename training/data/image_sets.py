@@ -133,7 +133,8 @@ class UprightFolder(ImageFolder):
         directory: str | Path, class_to_idx: dict[str, int], *_: Any, **__: Any
     ) -> list[tuple[str, int]]:
         """Return each picture's path and the number of its class."""
-        samples, class_of = [], {}
+        samples: list[tuple[str, int]] = []
+        class_of: dict[Path, str] = {}
         for name, number in class_to_idx.items():
             folder = Path(directory, name)
             names = [file for file in files_below(folder) if file.lower().endswith(SUFFIXES)]

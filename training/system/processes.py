@@ -51,7 +51,8 @@ def join_launch(processes: int) -> bool:
                 "how many share a run."
             )
     if not joined:
-        rank_zero_only.rank = 0  # Lightning may have read the environment before
+        # Lightning may have read the environment before
+        rank_zero_only.rank = 0  # type: ignore[attr-defined]
     return joined
 
 
