@@ -5,6 +5,7 @@ import contextlib
 import errno
 import io
 import logging
+import multiprocessing.synchronize
 import os
 import subprocess
 import sys
@@ -229,8 +230,7 @@ BUS_ERROR = (
     [
         (RuntimeError("unable to allocate shared memory(shm) for file </torch_1>: No space"), True),
         (RuntimeError(BUS_ERROR), True),
-        (OSError(errno.ENOSPC, "No space left on device"), True),  # of a semaphore
-        (OSError(errno.ENOSPC, "No space left on device", "best.ckpt"), False),
+        (OSError(errno.ENOSPC, "No space left on device"), False),  # of a disk
         (RuntimeError("DataLoader worker (pid 7) is killed by signal: Killed."), False),
     ],
 )
@@ -244,6 +244,19 @@ def test_a_lack_of_shared_memory_says_what_to_set(error, lacks):
         said = pytest.raises(SystemExit, match="error: the workers ran out of shared memory")
         with said, plain.report_errors("Interrupted."):
             raise error
+
+
+def test_a_semaphore_without_shared_memory_is_told_from_a_full_disk(monkeypatch):
+    def refuse(*args):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(multiprocessing.synchronize._multiprocessing, "SemLock", refuse, False)
+    with pytest.raises(OSError) as semaphore:
+        multiprocessing.get_context("spawn").Lock()
+    assert messages.lacks_shared_memory(semaphore.value)
+    with pytest.raises(OSError) as disk:
+        refuse()
+    assert not messages.lacks_shared_memory(disk.value)
 
 
 def test_a_command_leaves_the_logger_of_compilation(tmp_path, monkeypatch):

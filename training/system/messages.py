@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import re
 import sys
+import traceback
+from multiprocessing import synchronize
 from typing import Any, TextIO
 
 from training.system.printing import use_legible
@@ -78,12 +80,13 @@ def is_expected(error: Exception) -> bool:
 
 
 def lacks_shared_memory(error: BaseException | None) -> bool:
-    """Return whether the workers of a DataLoader found too little shared memory: it, or what it was
-    raised from, says so, or is of a disk that is full and no file."""
+    """Return whether the workers of a DataLoader found too little shared memory: the error, or what
+    it was raised from, says so, or a semaphore, which lies there too, could not be made."""
     while error is not None:
         if isinstance(error, OSError):
-            if error.errno == errno.ENOSPC and error.filename is None:
-                return error.__cause__ is None
+            frames = traceback.extract_tb(error.__traceback__)
+            if error.errno == errno.ENOSPC:  # a full disk has the same number
+                return any(frame.filename == synchronize.__file__ for frame in frames)
         elif isinstance(error, RuntimeError) and re.search(_NO_SHARED_MEMORY, str(error)):
             return True
         error = error.__cause__ or error.__context__
