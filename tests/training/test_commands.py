@@ -25,6 +25,8 @@ from training import calibrate, demoire, fit, frontier, synthesise
 from training.attack import subject
 from training.config import commands, plain
 from training.config.schema import Config
+from training.demoireing import fit as demoireing
+from training.runs.run import Run
 from training.system import machine, messages, processes
 from training.system.messages import sentence
 
@@ -207,6 +209,17 @@ def test_a_disk_that_takes_nothing_is_found_before_the_work(number, tmp_path, mo
         fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'new'}"))
     with pytest.raises(ValueError, match=message):
         attack(folder)
+
+
+def test_a_finished_run_is_only_read(tmp_path, monkeypatch):
+    """From media that cannot be written, too: neither locked nor made ready."""
+    monkeypatch.setattr(Run, "locked", lambda run: pytest.fail("it was locked"))
+    monkeypatch.setattr(Run, "stage", lambda run: "finished")
+    monkeypatch.setattr(fit, "report_finished", lambda run: None)
+    assert fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'gone'}")) == {}
+    monkeypatch.setattr(demoireing, "report_finished", lambda run: {"found": run.config.seed})
+    assert demoireing.fit(configured(f"runs={tmp_path / 'gone'}", name="demoire")) == {"found": 0}
+    assert not (tmp_path / "gone").exists()
 
 
 @pytest.mark.parametrize("kind", [ValueError, NoPictureError])
