@@ -123,7 +123,6 @@ class RunConfig:
         is_path=True,
         changes_result=False,
         from_run=False,
-        run_has="a report into its own folder",
     )
     scene: Any = setting(
         "screen_photo",
