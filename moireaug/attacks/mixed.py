@@ -40,6 +40,7 @@ def join_results(
         noise=noise,
         loss=_mean_loss(results),
         eps=results[0].eps,
+        bound=results[0].bound,
         shot=MixedShot.from_shots(shot.scenes, shot.scene_index, scene_shots),
     )
 

@@ -30,6 +30,8 @@ class Result:
         shot: the Shot of the photos, in a mixture a `MixedShot`; where a pose was searched, the
             shot at the best pose; None for pixel attacks. `capture(images, shot, noise)` takes all
             of these.
+        bound: what eps counts, "codes" or "light", as of `MoireAttack`; the noise itself is in
+            units of what it is added to.
     """
 
     images: Tensor
@@ -38,6 +40,7 @@ class Result:
     loss: Tensor
     eps: float
     shot: Shot | MixedShot | None = None
+    bound: str = "codes"
 
     def __repr__(self) -> str:
         """Return a summary in one line, without the tensors."""
