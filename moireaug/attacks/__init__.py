@@ -2,6 +2,7 @@
 return logits."""
 
 from moireaug.attacks.answers import REJECTED, UNDECIDED, predicted
+from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.checks import NoAnswerError
 from moireaug.attacks.cw import CW
 from moireaug.attacks.loop import Attack
@@ -29,6 +30,7 @@ ATTACKS: dict[str, type] = {
 __all__ = [
     "ATTACKS",
     "BIM",
+    "BOUNDS",
     "CW",
     "LOSSES",
     "MIFGSM",
