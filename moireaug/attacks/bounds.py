@@ -33,16 +33,16 @@ class Box(NamedTuple):
 
     def noise(self, variable: Tensor) -> Tensor:
         """Return the noise (B, ...) of a variable (B, ...). Differentiable in both."""
-        return variable if self.slopes is None else variable * self._slope(variable)
+        if self.slopes is None:
+            return variable
+        return variable * torch.where(variable > 0, *self.slopes)
 
     def variable(self, noise: Tensor) -> Tensor:
         """Return the variable (B, ...) of a noise (B, ...): the inverse, but nearer to 0 by less
         than rounding matters, so that a noise at a bound stays within it."""
-        return noise if self.slopes is None else noise / self._slope(noise) * INSIDE
-
-    def _slope(self, signed: Tensor) -> Tensor:
-        assert self.slopes is not None
-        return torch.where(signed > 0, *self.slopes)
+        if self.slopes is None:
+            return noise
+        return noise / torch.where(noise > 0, *self.slopes) * INSIDE
 
 
 @dataclass(frozen=True)

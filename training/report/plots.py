@@ -84,13 +84,13 @@ def scatter(series: Sequence[Series], x: str, y: str, caption: str) -> dict[str,
         colour, marker = MARKERS[one.model]
         style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 6, "capsize": 2}
         style |= {"linestyle": "-" if one.filled else "none", "label": one.name}
-        style["markerfacecolor"] = colour if one.filled else "white"
+        style |= {"markerfacecolor": colour if one.filled else "white", "clip_on": False}
         xs, rates, low, high = np.array(sorted(one.points)).T
         below, above = np.abs(rates - low), np.abs(high - rates)
         ax.errorbar(xs, 100 * rates, yerr=100 * np.stack([below, above]), **style)
     ax.set_ylim(0, 100)
     style_axes(ax, x, y)
-    alt = f"{y} against {x}: {' and '.join(one.name for one in series)}"
+    alt = f"{y} against {x}: {', '.join(one.name for one in series)}"
     _add_legend(ax)
     data = uri(svg(figure).encode(), "image/svg+xml")
     return {"uri": data, "alt": alt, "caption": caption}
