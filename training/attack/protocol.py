@@ -127,6 +127,7 @@ class SuiteAttack:
             protocol.scene,
             self.records,
             seed=settings.seed,
+            bound=settings.bound,
             lpips=protocol.lpips,
         )
         self.seconds: dict[str, float] = {}

@@ -121,7 +121,7 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
     parts = [scene_name(cfg.scene), f"n{n}", f"steps{cfg.reattack.steps}"]
     settings, defaults = cfg.reattack, Reattack()
     changes: dict[str, Any] = {}
-    for name in ("eps", "seed", "batch_size"):
+    for name in ("eps", "bound", "seed", "batch_size"):
         if getattr(settings, name) != getattr(defaults, name):
             changes[name] = getattr(settings, name)
     for name in ("targets", "networks", "demoire", "lpips"):
