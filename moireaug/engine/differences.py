@@ -58,23 +58,29 @@ class ShotDifferences(NamedTuple):
             fitting = torch.from_numpy(self.fits(start))
             images, pending = pending[fitting], pending[~fitting]
             if len(images):
+                if len(pending):
+                    start = self.lower(shot[images], exactness)
                 rows = images.to(values.device)
-                found, is_read_here = self._slopes(
-                    shot[images], exactness, grad[rows], values[rows]
-                )
-                slopes[:, images] = found
+                given = shot[images], exactness, start, grad[rows], values[rows]
+                slopes[:, images], is_read_here = self._slopes(*given)
                 is_read |= is_read_here
             if not len(pending):
                 break
         return [one if read else None for one, read in zip(slopes, is_read, strict=True)]
 
     def _slopes(
-        self, shot: ShotRecord, exactness: int, grad: Tensor, values: Tensor
+        self, shot: ShotRecord, exactness: int, start: Any, grad: Tensor, values: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Return the gradient in each number, (names, b) float64, of b images, and whether the
-        stage reads it, (names,) bool. Arguments as of `gradients`; shot: without a gradient."""
+        stage reads it, (names,) bool.
+
+        Args:
+            shot: of the images, without a gradient.
+            start: its records, by `exactness`.
+            grad, values: as of `gradients`, of these images.
+        """
         per_pass = max(1, MAX_PIXELS_AT_ONCE // (2 * values[:, 0].numel()))
-        start, slopes, is_read = self.lower(shot, exactness), [], []
+        slopes, is_read = [], []
         for first in range(0, len(self.names), per_pass):
             names = self.names[first : first + per_pass]
             ends = step_ends(shot, names, self.max_shift)

@@ -22,9 +22,9 @@ from moireaug.shot import ShotRecord
 DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
 
 # Sensor pixels by which the panel moves, at most, in a difference of readings: lens and aperture
-# pass about a cycle per sensor pixel, so phases that are seen turn by 0.02 rad. A photo that is
+# pass about a cycle per sensor pixel, so phases that are seen turn by 0.01 rad. A photo that is
 # registered is smoother.
-MAX_EXPOSE_SHIFT, MAX_DEVELOP_SHIFT = 0.003, 0.03
+MAX_EXPOSE_SHIFT, MAX_DEVELOP_SHIFT = 0.002, 0.03
 
 
 def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:

@@ -81,7 +81,8 @@ def program_of_call(values: Tensor, shot: ShotRecord) -> Program:
 
 def explain(scene: SceneRecord) -> str:
     """Return who computes a scene's photos on each type of device that has kernels, and why: a line
-    for exposing and one for developing. float64 and gradients in the shot are the reference's.
+    for exposing, one for developing and one for the gradient in the shot. float64, forward-mode and
+    second derivatives are the reference's.
 
     Single images of a shot may still go to the reference, if kernels cannot follow their view. On
     the CPU: near the horizon (more of them the tighter the tolerance); panels of far more pixels
@@ -105,6 +106,9 @@ def explain(scene: SceneRecord) -> str:
             if stage == "develop" and program.reference_effects and not reason:
                 by += f"; reference from {program.reference_effects[0]!r} on"
             lines.append(f"{stage:8} on {backend.device_type:6} {by}")
+        reason = program.why_not_expose or _why_not_moved(plan) or program.why_not_develop
+        by = f"reference: {reason}" if reason else f"differences of {backend.name} kernels"
+        lines.append(f"gradient on {backend.device_type:6} in the shot: {by}")
     return "\n".join(lines)
 
 

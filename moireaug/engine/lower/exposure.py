@@ -34,7 +34,8 @@ def lower_exposure(
 
     Args:
         decoded: the pictures have already been decoded, raised to the black level and prefiltered.
-        exactness: by how much errors are smaller than the scene's tolerance asks for.
+        exactness: by how much the errors of the pattern are smaller than the scene's tolerance
+            asks for.
     """
     plan, drawn = shot.plan, numbers_of(shot)
     homography, magnified = homography_of(shot, drawn)
@@ -52,6 +53,7 @@ def lower_exposure(
         black[:] = drawn["panel.black"]
     if "prefilter" in plan and not decoded:
         share[:] = prefilter.neighbour_share(shot).detach().float().numpy()
+    budget = ErrorBudget.of(shot.scene.tolerance, exactness)
     exposure = Exposure(
         size=shot.size,
         cameras=cameras,
@@ -67,7 +69,8 @@ def lower_exposure(
         neighbour_share=share,
         dark_around=shot.scene.is_dark_around,
         clips="clip_reading" in plan,
-        budget=ErrorBudget.of(shot.scene.tolerance / exactness),
+        # where a weight is linear between two phases, its slope errs the most
+        budget=budget._replace(phase_error=budget.phase_error / exactness),
     )
     return exposure, view
 
