@@ -179,3 +179,11 @@ def test_point_exposures_have_the_slope_of_the_reference(monkeypatch):
     gradients(expose, picture((12, 12)), scene.sample(1, (12, 12)), ["view.roll"])
     assert "gradient on cpu    in the shot: reference: readings of" in engine.explain(scene)
     assert "gradient on cpu    in the shot: differences of numba" in engine.explain(SMALL)
+
+
+@pytest.mark.parametrize("changes", [{"sensor.bits": 8}, {"develop.denoise": "bilateral"}])
+def test_steps_of_a_converter_and_effects_without_kernels_are_passed_through(changes):
+    scene = with_values(scene_of("screen_photo", 12, FULL), changes | {"develop.jpeg": 0.0})
+    shot, images, fields = small_shot(1, scene), picture((12, 12)), ["view.roll", "sensor.gain"]
+    got, true = (gradients(capture, x, shot, fields) for x in (images, images.double()))
+    torch.testing.assert_close(got, true, rtol=MAX_ERROR, atol=0)
