@@ -18,12 +18,18 @@ def write_text(path: Path, text: str) -> None:
 
     Args:
         path: its folder is made where it is missing.
-        text: characters that UTF-8 cannot encode, as from an undecodable file name, become "?".
+        text: of file names that are not UTF-8, what `shown` returns is written.
 
     Raises:
         OSError: as `write_bytes`.
     """
-    write_bytes(path, text.encode("utf-8", "replace"))
+    write_bytes(path, shown(text).encode())
+
+
+def shown(name: str | Path) -> str:
+    """Return a file's name, or a text with such names, as what tables and pages can hold: bytes
+    that are not UTF-8, legal in a name, become "?"."""
+    return str(name).encode("utf-8", "replace").decode()
 
 
 def write_bytes(path: Path, data: bytes | memoryview) -> None:

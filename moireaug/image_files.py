@@ -92,8 +92,8 @@ def _opened(path: str | Path) -> Iterator[Image.Image]:
 
 
 def _rgb(image: Image.Image) -> Image.Image:
-    # PIL opens 16-bit PGM files as 32-bit numbers, stretched to 65535
-    if image.mode in DEEP_GREY_MODES or (image.mode == "I" and image.format == "PPM"):
+    # PIL opens 16-bit PGM files as 32-bit numbers, stretched to 65535; old ones also 16-bit PNG
+    if image.mode in DEEP_GREY_MODES or (image.mode == "I" and image.format in ("PPM", "PNG")):
         return _high_byte(image)
     if image.has_transparency_data:
         return _on_white(image)
@@ -118,7 +118,7 @@ def _on_white(image: Image.Image) -> Image.Image:
 
 def _why(error: Exception) -> str:
     if isinstance(error, UnidentifiedImageError):  # its own message names a Python object
-        return "it is empty, or not an image of a known format"
+        return "it is empty, or of a format that is not known, such as a TIFF of floats in colour"
     if isinstance(error, (Image.DecompressionBombWarning, Image.DecompressionBombError)):
         most = Image.MAX_IMAGE_PIXELS
         return f"it has more than {most} pixels, PIL's limit against decompression bombs"

@@ -35,7 +35,7 @@ import pandas as pd
 import yaml
 
 from moireaug import Scene
-from moireaug.files import write_bytes, write_text
+from moireaug.files import shown, write_bytes, write_text
 from moireaug.synthesis.pairs import check_aligned
 from training.calibration import fit
 from training.calibration.compare import (
@@ -90,7 +90,7 @@ def calibrate(cfg: Config) -> list[StatisticRow]:
         ValueError: settings that do not go together, or files that cannot be read.
     """
     check(cfg)
-    scene, name = scenes.load_one(cfg.scene), Path(cfg.scene).stem
+    scene, name = scenes.load_one(cfg.scene), shown(Path(cfg.scene).stem)
     if cfg.pairs or cfg.picture:
         check_aligned(scene)
     out = Path(cfg.out) if cfg.out else folder_of(cfg, scene)
@@ -163,7 +163,7 @@ def pictures_of(cfg: Config) -> Iterator[ScreenPhoto]:
         yield from read_registered(photos, Path(cfg.picture))
         return
     for path in photos:
-        yield ScreenPhoto(path.stem, read_codes(path), None)
+        yield ScreenPhoto(shown(path.stem), read_codes(path), None)
 
 
 def write_scene(path: Path, scene: Scene) -> None:

@@ -54,11 +54,11 @@ def fit(cfg: Config) -> dict[str, Any]:
     cfg = scenes.with_files(cfg)
     check(cfg)
     run = Run(cfg)
+    if cfg.resume is not False:
+        require_same_weights(run)
+        if run.stage() == "finished":  # only read, and where nothing can be written too
+            return as_dict(report_finished(run))
     with run.locked():
-        if cfg.resume is not False:
-            require_same_weights(run)
-            if run.stage() == "finished":
-                return as_dict(report_finished(run))
         if cfg.resume and is_first():
             require_resumable(run, start_of(run), baseline_of(run))
         from training.classifier.train import try_out  # Lightning, which takes seconds to import

@@ -9,9 +9,10 @@ Any other classifier: `moireaug.evaluation.evaluate` in Python.
 
 Writes report.html and metrics.json into <run>/reattack/<scene>-n<images>-steps<steps>/<suite>/, or,
 without `run=`, into runs/reattack/<model>/<data>-<scene>-n<images>-steps<steps>/<suite>/; a suite
-other than the ladder writes tables.md and results.csv too. The baseline of a run is attacked too,
-if its folder holds it with the same settings. Every finished piece is kept in records/: the same
-command continues where it stopped, and another suite reuses what is there.
+other than the ladder writes tables.md and results.csv too. With runs=DIR beside run=, for a run
+that cannot be written, all goes where DIR would hold the run. The baseline of a run is attacked
+too, if its folder holds it with the same settings. Every finished piece is kept in records/: the
+same command continues where it stopped, and another suite reuses what is there.
 """
 
 from __future__ import annotations
@@ -43,8 +44,9 @@ from training.config.compose import DATA_GROUPS, register
 from training.config.schema import RECIPES, ReattackConfig, as_config
 from training.runs.metrics import Metrics, PlainMetrics, RunMetrics
 from training.runs.reuse import read_baseline_of
-from training.runs.run import locked_folder
+from training.runs.run import Run, locked_folder
 from training.runs.trained import TrainedRun, read, read_training_cost
+from training.system.processes import join_launch
 from training.trainer.ranks import run_job
 
 
@@ -64,8 +66,11 @@ def reattack(config: ReattackConfig, given: list[str]) -> dict[str, Any]:
     if run:
         config = overrides.merge_run_settings(run.cfg, config, given)
     check(config)
-    subject = subject_of_run(config, run) if run else subject_of_weights(config)
-    metrics = attack_subject(config, subject, run)
+    home = None
+    if run and "runs" in overrides.keys(given):  # where the run would lie in that folder
+        home = Run(replace(run.cfg, runs=config.runs)).folder
+    subject = subject_of_run(config, run, home or run.folder) if run else subject_of_weights(config)
+    metrics = attack_subject(config, subject, run, home)
     return metrics.to_dict() if metrics else {}
 
 
@@ -79,16 +84,24 @@ def check(cfg: ReattackConfig) -> None:
     one_of("suite", cfg.suite, (*SUITES, *GROUPS))
 
 
-def attack_subject(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None) -> Metrics | None:
-    """Attack a classifier and publish the results; with the ladder also the baseline of its run."""
+def attack_subject(
+    cfg: ReattackConfig, subject: Subject, run: TrainedRun | None, home: Path | None = None
+) -> Metrics | None:
+    """Attack a classifier and publish the results; with the ladder also the baseline of its run.
+
+    Args:
+        home: folder for the records of both, instead of their own; None for those.
+    """
     with locked_folder(subject.folder):
         if cfg.suite == "ladder":
-            return attack_by_ladder(cfg, subject, run)
+            return attack_by_ladder(cfg, subject, run, home)
         result = attack_by_suite(cfg, subject)
         return publish_suite(cfg, subject, result) if result else None
 
 
-def attack_by_ladder(cfg: ReattackConfig, subject: Subject, run: TrainedRun | None) -> RunMetrics:
+def attack_by_ladder(
+    cfg: ReattackConfig, subject: Subject, run: TrainedRun | None, home: Path | None
+) -> RunMetrics:
     """Attack a classifier, and the baseline of its run, with the ladder; publish the results."""
     protocol, splits = subject.protocol, subject.splits
     results = {subject.name: attack(subject.model, protocol, subject.records, subject.name)}
@@ -98,7 +111,9 @@ def attack_by_ladder(cfg: ReattackConfig, subject: Subject, run: TrainedRun | No
     baseline = plain_metrics(baseline_run) if baseline_run else None
     if baseline_run:
         baseline_run.check_classes(splits, cfg.data)
-        results[baseline_run.cfg.recipe] = attack_run(baseline_run, protocol)
+        results[baseline_run.cfg.recipe] = attack_run(
+            baseline_run, protocol, home and subject.records
+        )
     return publish(subject.folder, metrics, results, splits.classes, baseline)
 
 
@@ -120,6 +135,7 @@ def main(cfg: DictConfig) -> None:
         config: ReattackConfig = as_config(cfg)
         given = list(HydraConfig.get().overrides.task)
         if config.suite == "ladder":  # in one process
+            join_launch(1)
             reattack(config, given)
         else:
             run_job(config.trainer, reattack, config, given)

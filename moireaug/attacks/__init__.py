@@ -4,6 +4,7 @@ return logits."""
 from typing import NoReturn
 
 from moireaug.attacks.answers import REJECTED, UNDECIDED, predicted
+from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.checks import NoAnswerError
 from moireaug.attacks.cw import CW
 from moireaug.attacks.foreign import ATTACK_ADVICE
@@ -32,6 +33,7 @@ ATTACKS: dict[str, type] = {
 __all__ = [
     "ATTACKS",
     "BIM",
+    "BOUNDS",
     "CW",
     "LOSSES",
     "MIFGSM",

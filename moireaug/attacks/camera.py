@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from moireaug.attacks.bounds import Bound
 from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.attacks.problem import Point, Problem
 from moireaug.capture import expose, photo_of_reading
@@ -41,6 +42,7 @@ class CameraProblem(Problem):
         images: (B, 3, H, W) images on the screen.
         shot: shot whose photos are judged.
         clean: (B, ...) readings or photos of `shot` without noise.
+        bound: bound of the noise on `clean`.
         noise_at, optimise, eot: as of `attacks.MoireAttack`.
         generator: CPU generator of the draws of an expectation; None is torch's global one.
     """
@@ -48,6 +50,7 @@ class CameraProblem(Problem):
     images: Tensor
     shot: Shot
     clean: Tensor
+    bound: Bound
     noise_at: str
     optimise: tuple[str, ...]
     eot: int
@@ -63,13 +66,16 @@ class CameraProblem(Problem):
             self.base = self.clean
         self.noise_frozen = "noise" not in self.optimise
         self.effective_range = _effective_range(self.noise_at, self.shot.plan)
+        self.unit, self.box = self.bound.unit, self.bound.box(self.clean)
 
     def render(self, point: Point) -> Tensor:
-        shot, clean = self.shot, self.clean
+        shot, clean, box = self.shot, self.clean, self.box
         if "pose" in point:
             shot = shot_at_pose(shot, self.fields, point["pose"])
             clean = self.before_noise(self.images, shot)
-        return self.after_noise(clean + point["noise"], shot).to(self.images.dtype)
+            box = self.bound.box(clean)
+        noise = box.noise(point["noise"])
+        return self.after_noise(clean + noise, shot).to(self.images.dtype)
 
     def forward_views(self, point: Point) -> Tensor:
         """Return the photos of the shot itself or, for an expectation, of `eot` fresh draws of its
@@ -82,7 +88,7 @@ class CameraProblem(Problem):
             pose = point["pose"].repeat(self.eot, 1)
             shots = shot_at_pose(shots.to(self.images.device), self.fields, pose)
         clean = self.before_noise(self.images.repeat(self.eot, 1, 1, 1), shots)
-        noise = point["noise"].repeat(self.eot, 1, 1, 1)
+        noise = self.bound.box(clean).noise(point["noise"].repeat(self.eot, 1, 1, 1))
         return self.after_noise(clean + noise, shots).to(self.images.dtype)
 
     def subset(self, rows: Tensor) -> CameraProblem:
@@ -90,6 +96,12 @@ class CameraProblem(Problem):
         return dataclasses.replace(
             self, images=self.images[rows], shot=shot, clean=self.clean[rows]
         )
+
+    def noise_of(self, point: Point) -> Tensor:
+        box = self.box
+        if "pose" in point:
+            box = self.bound.box(self.before_noise(self.images, self.shot_of(point)))
+        return box.noise(point["noise"])
 
     def shot_of(self, point: Point) -> Shot:
         return shot_at_pose(self.shot, self.fields, point["pose"]) if self.fields else self.shot

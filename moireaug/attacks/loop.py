@@ -42,7 +42,8 @@ class Attack(NamesForeignArguments, ABC):
     Args:
         model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, buffers and gradients
             are the same after the attack as before, even if it raises.
-        eps: bound of the noise in [0, 1] units.
+        eps: bound of the noise in [0, 1] units: of codes, as pixels are; see also
+            `MoireAttack.bound`.
         steps: gradient steps.
         step_size: in units of eps; None is min(1, 2.5 / steps), or 2 with the rule "apgd", and 1 /
             steps with "printed".
@@ -213,7 +214,9 @@ class Attack(NamesForeignArguments, ABC):
         if not problem.noise_frozen:
             # noise that starts outside the ball (N-FGSM) takes its step without being pulled back
             bound = self.eps if self.random_start <= 1 else math.inf
-            ball = Ball(self.eps, bound, *settings, problem.base, problem.effective_range)
+            ball = Ball(
+                self.eps, bound, *settings, problem.base, problem.effective_range, problem.box
+            )
             rules["noise"] = RULES[self.rule](ball)
         if problem.pose is not None:
             rules["pose"] = RULES[self.rule](Ball(1.0, 1.0, *settings))
@@ -226,6 +229,5 @@ class Attack(NamesForeignArguments, ABC):
         shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
         clean_correct = search.is_right_without_noise()
         correct = predicted(logits) == search.labels
-        return Result(
-            images, success, point["noise"], losses, self.eps, shot, clean_correct, correct
-        )
+        noise, unit = search.problem.noise_of(point), search.problem.unit
+        return Result(images, success, noise, losses, self.eps, shot, clean_correct, correct, unit)

@@ -42,6 +42,7 @@ def join_results(
         eps=results[0].eps,
         clean_correct=in_order(rows, [result.clean_correct for result in results]),
         correct=in_order(rows, [result.correct for result in results]),
+        bound=results[0].bound,
         shot=MixedShot.from_shots(shot.scenes, shot.scene_index, scene_shots),
     )
 

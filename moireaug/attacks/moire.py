@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.argument_checks import check_count, one_of
+from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
 from moireaug.attacks.checks import check_goals
 from moireaug.attacks.loop import Attack
@@ -43,6 +44,10 @@ class MoireAttack(Attack):
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
             photographed in one of them, and the images of each scene are attacked together, as a
             batch of their own. `Result` says how their results are joined.
+        bound: what eps counts. "codes", the codes of 0 to 1 that the sRGB curve gives the reading:
+            each value stays within decode(encode(value) +- eps), which has a half width of its own
+            above and below. "light", the reading itself: each stays within value +- eps. They are
+            the same in a scene without `Develop.linear_light`, and for noise at "photo".
         eot: shots per step; above 1, each step averages over that many fresh draws of the scene
             (expectation over transformation; of a mixture, of the image's own scene), and the
             result is judged on `shot` alone. 1 attacks `shot` itself.
@@ -68,6 +73,7 @@ class MoireAttack(Attack):
     scene: Scene | Mixture | str | dict | list | tuple = "screen_photo"
     eot: int = 1
     noise_at: str = "raw"
+    bound: str = "codes"
     optimise: tuple[str, ...] = ("noise",)
     shrink: float | tuple[float, float] | None = None
 
@@ -80,6 +86,7 @@ class MoireAttack(Attack):
                 f"until_fooled asks whether one shot is fooled: it needs eot = 1; got {self.eot}."
             )
         one_of("noise_at", self.noise_at, NOISE_AT)
+        one_of("bound", self.bound, BOUNDS)
         parts = self.optimise
         if not isinstance(parts, (tuple, list)) or not parts or len(set(parts)) < len(parts):
             raise ValueError(
@@ -145,4 +152,9 @@ class MoireAttack(Attack):
         if searched_fields(shot.scene, self.optimise):
             # a shot that was drawn in inference mode takes no gradient
             shot = shot.map_rows(torch.clone).to(images.device)
-        return CameraProblem(images, shot, clean, self.noise_at, self.optimise, self.eot, generator)
+        bound = Bound(self.eps, self.bound)  # of a photo, which is codes
+        if self.noise_at == "raw":
+            bound = bound_on_reading(self.eps, self.bound, shot.scene)
+        return CameraProblem(
+            images, shot, clean, bound, self.noise_at, self.optimise, self.eot, generator
+        )

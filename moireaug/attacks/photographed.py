@@ -1,5 +1,5 @@
-"""A camera in front of a model, for attacks of other libraries: raw readings, or images, to
-logits."""
+"""A camera in front of a model, for attacks of other libraries: the codes or the light of raw
+readings, or images, to logits."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.argument_checks import check_callable, one_of
+from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.checks import watched_copy
 from moireaug.capture import capture, develop, expose
+from moireaug.effects.srgb import codes_of_light, light_of_codes
 from moireaug.scenes import Shot
 
 # the camera from each place of the noise to the photo
@@ -22,16 +24,18 @@ SAME_INPUT_ERROR = 1e-12  # mean squared difference of two inputs that are equal
 
 
 class Photographed(nn.Module):
-    """Put a camera in front of a model: logits = model(develop(raw, shot)), or
-    model(capture(image, shot)).
+    """Put a camera in front of a model: logits = model(develop(raw, shot)), where raw is the light
+    of the given sRGB codes, or model(capture(image, shot)).
 
     Through it, any attack on an `nn.Module` whose inputs lie in [0, 1] attacks the camera and the
-    model together; start the attack from `clean`. Many attacks drop rows of the batch or change
-    their order. Each row is therefore matched to its shot by its values: it is taken for the
-    nearest row of `clean` (mean square), and refused if it has moved more than a quarter of the way
-    towards another row, or is farther from that nearest row than another row of `clean` is. An
-    attack that starts from noise or from another row's input, or queries a blank one, needs one
-    image at a time: with a single row there is nothing to tell apart.
+    model together; start the attack from `clean`. Since its inputs are codes, its own L-infinity
+    eps is a bound in codes: the box of `MoireAttack` at the same eps, within [0, 1]. Many attacks
+    drop rows of the batch or change their order. Each row is therefore matched to its shot by its
+    values: it is taken for the nearest row of `clean` (mean square), and refused if it has moved
+    more than a quarter of the way towards another row, or is farther from that nearest row than
+    another row of `clean` is. An attack that starts from noise or from another row's input, or
+    queries a blank one, needs one image at a time: with a single row there is nothing to tell
+    apart.
 
     Args:
         model: (B, 3, H, W) photos in [0, 1] to (B, K) logits; a module becomes a submodule, so that
@@ -40,10 +44,13 @@ class Photographed(nn.Module):
         shot: one draw for these images.
         noise_at: place of the attack, a key of `CAMERAS`: "raw", the readings, or "image", the
             pictures that the screen shows.
+        bound: what an attack's eps counts at "raw": "codes", the inputs are sRGB codes of the
+            readings, or "light", the readings themselves. The same in a scene without
+            `Develop.linear_light`.
 
     Attributes:
-        clean: the unattacked inputs: the readings, of `shot.raw_shape()`, clipped to [0, 1], or the
-            images.
+        clean: the unattacked inputs: the readings, of `shot.raw_shape()`, clipped to [0, 1], or
+            their codes; or the images.
 
     Raises:
         TypeError, ValueError: a model that is not callable, images or a shot that `capture`
@@ -60,12 +67,14 @@ class Photographed(nn.Module):
         shot: Shot,
         *,
         noise_at: str = "raw",
+        bound: str = "codes",
     ) -> None:
         super().__init__()
         check_callable("Photographed's model", model)
         self.model, self.shot = model, shot
         self.rejects = getattr(model, "rejects", False)
         self.noise_at = one_of("noise_at", noise_at, CAMERAS)
+        self.bound = one_of("bound", bound, BOUNDS)
         self.dtype = images.dtype if isinstance(images, Tensor) else None
         if isinstance(model, nn.Module):
             # an attack restores the mode that it finds here, and must not put an evaluated model
@@ -73,7 +82,10 @@ class Photographed(nn.Module):
             self.training = model.training
         with torch.no_grad():
             raw = expose(images, shot)
+            is_light = noise_at == "raw" and shot.scene.develop.linear_light
+            self.takes_codes_of_light = is_light and bound == "codes"
             clean = raw.clamp(0, 1) if noise_at == "raw" else images.detach().clone()
+            clean = codes_of_light(clean) if self.takes_codes_of_light else clean
             gaps = _row_distances(clean)
             _refuse_ambiguous_rows(clean, gaps, shot, noise_at)
         self.register_buffer("clean", clean, persistent=False)
@@ -93,7 +105,8 @@ class Photographed(nn.Module):
         """Return the photos (b, 3, H, W) in [0, 1] of perturbed rows of `clean`, each by its own
         shot; gradient and errors as in a call."""
         rows = self.rows(x).to(self.shot.device)
-        return CAMERAS[self.noise_at](x, self.shot[rows]).to(self.dtype)
+        light = light_of_codes(x) if self.takes_codes_of_light else x
+        return CAMERAS[self.noise_at](light, self.shot[rows]).to(self.dtype)
 
     @torch.no_grad()
     def rows(self, x: Tensor) -> Tensor:

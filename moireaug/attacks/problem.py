@@ -8,9 +8,11 @@ from abc import ABC, abstractmethod
 import torch
 from torch import Tensor
 
+from moireaug.attacks.bounds import Box
 from moireaug.scenes import Shot
 
-# the variables of a search by name: "noise" and, where a pose is searched, "pose"
+# the variables of a search by name: "noise", whose bound is eps whatever it counts (see
+# `bounds.Box`), and, where a pose is searched, "pose"
 Point = dict[str, Tensor]
 
 
@@ -24,6 +26,8 @@ class Problem(ABC):
         base: (B, ...) reading or image that the noise is added to, or None where it differs from
             step to step.
         effective_range: low and high end of base + noise, beyond which more noise changes no photo.
+        box: noise on base that the variable "noise" stands for.
+        unit: what eps counts, see `bounds.BOUNDS`.
         pose: (B, F) pose in [-1, 1] at which the search starts; None where none is searched.
         noise_frozen: whether the noise stays 0, because only the pose is searched.
     """
@@ -33,6 +37,8 @@ class Problem(ABC):
     views: int = 1
     base: Tensor | None = None
     effective_range: tuple[float, float] = (-math.inf, math.inf)
+    box: Box = Box()
+    unit: str = "codes"
     pose: Tensor | None = None
     noise_frozen: bool = False
 
@@ -47,6 +53,10 @@ class Problem(ABC):
     @abstractmethod
     def subset(self, rows: Tensor) -> Problem:
         """Return the problem of the images at indices (b,)."""
+
+    def noise_of(self, point: Point) -> Tensor:
+        """Return the noise at a point, in units of the reading or image that it is added to."""
+        return point["noise"]
 
     def shot_of(self, point: Point) -> Shot | None:
         """Return the shot of the images at a point; None without a camera."""

@@ -32,6 +32,8 @@ class Result:
             of these.
         clean_correct, correct: (B,) bool; whether the label is predicted without noise, for a
             camera in the photo without noise, and of `images`.
+        bound: what eps counts, "codes" or "light", as of `MoireAttack`; the noise itself is in
+            units of what it is added to.
     """
 
     images: Tensor
@@ -42,6 +44,7 @@ class Result:
     shot: Shot | MixedShot | None
     clean_correct: Tensor
     correct: Tensor
+    bound: str = "codes"
 
     def __repr__(self) -> str:
         """Return a summary in one line, without the tensors. An image that is wrong without noise

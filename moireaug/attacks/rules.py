@@ -10,6 +10,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from moireaug.attacks.bounds import Box
 from moireaug.numeric import choose, per_image
 
 MOMENTUM_DECAY = 1.0  # mu of Dong et al. (2018)
@@ -20,7 +21,7 @@ APGD_RHO = 0.75
 
 
 class Ball(NamedTuple):
-    """The L-infinity ball of a variable, and the steps taken in it.
+    """The L-infinity ball of a variable, and the steps taken in it, in the variable's own units.
 
     Args:
         radius: eps for noise, 1 for a pose.
@@ -31,6 +32,7 @@ class Ball(NamedTuple):
             step to step.
         effective_range: low and high end of base + noise, beyond which more noise changes nothing,
             and so has no gradient: where base is given, the noise stays inside.
+        box: noise that the variable stands for.
     """
 
     radius: float
@@ -39,6 +41,7 @@ class Ball(NamedTuple):
     step_size: float | None = None
     base: Tensor | None = None
     effective_range: tuple[float, float] = (-math.inf, math.inf)
+    box: Box = Box()
 
 
 class Rule(ABC):
@@ -51,7 +54,8 @@ class Rule(ABC):
         self.noise_range: tuple[Tensor, Tensor] | None = None
         low, high = ball.effective_range
         if ball.base is not None and (low, high) != (-math.inf, math.inf):
-            self.noise_range = low - ball.base, high - ball.base
+            lowest, highest = low - ball.base, high - ball.base
+            self.noise_range = ball.box.variable(lowest), ball.box.variable(highest)
         step_size = ball.step_size
         if step_size is None:
             step_size = self.default_step_size(ball.steps)
@@ -189,9 +193,10 @@ class Printed(Rule):
     sign(gradient)), then x_{k+1} = clip(x_k + delta), for K steps.
 
     Each step adds the whole delta to a reading that carries all earlier ones, so that the
-    L-infinity bound holds for delta and not for the noise: that reaches up to (1 + 2 + ... + K) eps
-    / K = (K + 1) / 2 eps, plus the random start where there is one. "sign" develops the one reading
-    plus delta instead, and stays within eps. The variable is the noise x_k - x_0, where x_0 is the
+    bound holds for delta and not for the noise: that reaches up to (1 + 2 + ... + K) / K =
+    (K + 1) / 2 times the half widths of delta's box (of eps, where that is the same above and
+    below), plus the random start where there is one. "sign" develops the one reading plus delta
+    instead, and stays in the box. The variable is that of the noise x_k - x_0, where x_0 is the
     reading, and so includes the clipping of x_k to [0, 1].
     """
 
@@ -204,13 +209,14 @@ class Printed(Rule):
         return 1.0 / max(1, steps)
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
-        base, bound = self.ball.base, self.ball.bound
+        base, bound, box = self.ball.base, self.ball.bound, self.ball.box
         if base is None:
             raise ValueError(
                 "the rule 'printed' needs the reading that noise is added to; got Ball(base=None)."
             )
         self.delta = (self.delta + self.step * gradient.sign()).clamp(-bound, bound)
-        return (base + x + self.delta).clamp(0, 1) - base
+        reading = (base + box.noise(x) + box.noise(self.delta)).clamp(0, 1)
+        return box.variable(reading - base)
 
 
 RULES: dict[str, type[Rule]] = {

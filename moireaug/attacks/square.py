@@ -26,7 +26,7 @@ class SquareMoire(MoireAttack):
     """Random search for raw noise in the manner of the Square Attack (Andriushchenko et al., 2020,
     Algorithms 1 and 2): starts from vertical stripes of +-eps, then sets square windows of
     shrinking side to +-eps, one sign per plane, and keeps those that raise an image's loss. The
-    model needs no gradient.
+    model needs no gradient. Where eps counts codes, +-eps are the ends of each value's box.
 
     Args:
         steps: queries per restart that try noise: one for the stripes, one for each window. One

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import functools
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from moireaug import pipeline
 from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine import autograd, torch_operators, trial
+from moireaug.engine.differences import ShotDifferences, without_gradient
 from moireaug.engine.program import Program
 from moireaug.mixed_shot import in_order
 from moireaug.numeric import as_float
@@ -21,6 +24,11 @@ from moireaug.shot import ShotRecord
 # scenes of which it was said that the reference computes some of their photos
 _reported: set[SceneRecord] = set()
 DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
+
+# Sensor pixels by which the panel moves, at most, in a difference of readings: lens and aperture
+# pass about a cycle per sensor pixel, so phases that are seen turn by 0.01 rad. A photo that is
+# registered is smoother.
+MAX_EXPOSE_SHIFT, MAX_DEVELOP_SHIFT = 0.002, 0.03
 
 
 def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
@@ -36,7 +44,8 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         return pipeline.expose(as_float(light), shot)
     # the blur differs from place to place: the reference does it
     varies = shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
-    exposure, view = lower_exposure(shot.to("cpu"), decoded=varies)
+    lower = functools.partial(lower_exposure, decoded=varies)
+    exposure, view = lower(without_gradient(shot.to("cpu")))
     fits = kernels.fits(exposure, view)
     if not fits.all():
         _report_rest(shot.scene, int((~fits).sum()), len(fits))
@@ -58,6 +67,13 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         functools.partial(kernels.launch_expose_back, exposure=exposure, view=view),
         lambda light: pipeline.apply(names, light, shot),
         kernels.SUMS_IN_ORDER,
+        differences_of(
+            shot,
+            MAX_EXPOSE_SHIFT,
+            lambda shot, exactness: lower(shot, exactness=exactness),
+            lambda records: kernels.fits(*records),
+            lambda light, records: kernels.launch_expose(light, False, *records)[0],
+        ),
     )
     kind = _kind_of(f"exposing, {shot.plan.exposure}", names, shot)
     if not trial.agrees(stage, kind, light):
@@ -80,11 +96,18 @@ def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
         rows, others = finite.nonzero().flatten(), (~finite).nonzero().flatten()
         photos = engine_photo(raw[rows], shot[rows], program)
         return in_order([rows, others], [photos, pipeline.develop(raw[others], shot[others])])
-    names, development = program.engine_effects, lower_development(shot)
+    names, development = program.engine_effects, lower_development(without_gradient(shot))
     stage = autograd.Stage(
         functools.partial(kernels.launch_develop, development=development),
         functools.partial(kernels.launch_develop_back, development=development),
         lambda raw: pipeline.apply(names, raw, shot),
+        differences=differences_of(
+            shot,
+            MAX_DEVELOP_SHIFT,
+            lambda shot, _: lower_development(shot),
+            lambda development: np.ones(len(development.codes.matrix), bool),
+            lambda raw, development: kernels.launch_develop(raw, False, development)[0],
+        ),
     )
     kind = _kind_of(f"developing, {shot.scene.develop.demosaic}", names, shot)
     if not trial.agrees(stage, kind, raw):
@@ -103,6 +126,21 @@ def _report_rest(scene: SceneRecord, n: int, total: int) -> None:
         "computes instead; this takes many times longer. Views near the horizon are the usual "
         "reason: narrow the ranges of View.yaw, pitch and fov. This is said once for each scene."
     )
+
+
+def differences_of(
+    shot: ShotRecord,
+    max_shift: float,
+    lower: Callable[[ShotRecord, int], Any],
+    fits: Callable[[Any], np.ndarray],
+    launch: Callable[[Tensor, Any], Tensor],
+) -> ShotDifferences | None:
+    """Return the ShotDifferences of a stage, or None if no gradient in the shot is asked for;
+    others: its fields."""
+    if not (torch.is_grad_enabled() and shot.requires_grad):
+        return None
+    names = [name for name, values in shot.numbers().items() if values.requires_grad]
+    return ShotDifferences(shot.to("cpu"), tuple(names), max_shift, lower, fits, launch)
 
 
 def _kind_of(stage: str, names: Sequence[str], shot: ShotRecord) -> str:

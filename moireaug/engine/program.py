@@ -73,12 +73,16 @@ def program_of_scene(
 def program_of_call(values: Tensor, shot: ShotRecord) -> Program:
     """Return the Program of photographing images (B, 3, H, W), or of developing readings."""
     why_not = _why_not_accepted(values) or _why_not_differentiated(values, shot)
-    return program_of_scene(shot.scene, shot.plan, values.device.type, why_not)
+    program = program_of_scene(shot.scene, shot.plan, values.device.type, why_not)
+    if _asks_for_shot(shot) and not program.why_not_expose:
+        return program._replace(why_not_expose=_why_not_moved(shot.plan))
+    return program
 
 
 def explain(scene: SceneRecord) -> str:
     """Return who computes a scene's photos on each type of device that has kernels, and why: a line
-    for exposing and one for developing. float64 and gradients in the shot are the reference's.
+    for exposing, one for developing and one for the gradient in the shot. float64, forward-mode and
+    second derivatives are the reference's.
 
     Single images of a shot may still go to the reference, if kernels cannot follow their view. On
     the CPU: near the horizon (more of them the tighter the tolerance); panels of far more pixels
@@ -102,6 +106,9 @@ def explain(scene: SceneRecord) -> str:
             if stage == "develop" and program.reference_effects and not reason:
                 by += f"; reference from {program.reference_effects[0]!r} on"
             lines.append(f"{stage:8} on {backend.device_type:6} {by}")
+        reason = program.why_not_expose or _why_not_moved(plan) or program.why_not_develop
+        by = f"reference: {reason}" if reason else f"differences of {backend.name} kernels"
+        lines.append(f"gradient on {backend.device_type:6} in the shot: {by}")
     return "\n".join(lines)
 
 
@@ -116,10 +123,22 @@ def _why_not_accepted(values: Tensor) -> str:
 
 
 def _why_not_differentiated(values: Tensor, shot: ShotRecord) -> str:
-    if torch.is_grad_enabled() and shot.requires_grad:
-        return "a gradient in the shot is asked for"
+    if torch.compiler.is_compiling() and _asks_for_shot(shot):
+        return "a gradient in the shot is asked for within torch.compile"
     if may_be_dual(values) or _is_dual(shot):
         return "a forward derivative, or one by torch.func, is asked for"
+    return ""
+
+
+def _asks_for_shot(shot: ShotRecord) -> bool:
+    """Return whether a gradient in a drawn number may be asked for."""
+    return torch.is_grad_enabled() and shot.requires_grad
+
+
+def _why_not_moved(plan: Plan) -> str:
+    """Return why differences of readings are no gradient in the shot, or an empty string."""
+    if "exposure" in plan and not plan.method.differentiable_in_shot:
+        return f"readings of the exposure {plan.method.name!r} have no slope in the shot"
     return ""
 
 

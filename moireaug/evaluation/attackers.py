@@ -77,6 +77,9 @@ class Attacker(Condition):
                 images.append(self.unattacked(split))
         return torch.cat(images)
 
+    def eps_unit(self, bound: str) -> str:
+        return bound if self.on_screen else "codes"
+
     def unattacked(self, batch: EvalBatch) -> Tensor:
         """Return the images without an attack."""
         return capture(batch.images, batch.shot) if self.on_screen else batch.images
@@ -85,8 +88,8 @@ class Attacker(Condition):
         self, batch: EvalBatch, kind: type[MoireAttack] = MoireAttack, **settings: Any
     ) -> MoireAttack:
         """Return a Moiré Attack of that class on the batch's model, in the scene of its shots."""
-        scene = batch.shot.scene
-        return kind(batch.model, scene=scene, eps=self.eps, steps=self.steps, **settings)
+        settings |= {"scene": batch.shot.scene, "bound": batch.bound}
+        return kind(batch.model, eps=self.eps, steps=self.steps, **settings)
 
     def goals(self, batch: EvalBatch) -> tuple[Tensor, Tensor | None]:
         """Return the labels, and the targets of a targeted attack."""
@@ -147,7 +150,7 @@ class MoireAttacker(Attacker):
 @dataclass(frozen=True, kw_only=True)
 class PoseUnknownAttacker(Attacker):
     """The Moiré Attack by expectation over other draws of the scene, shown on the shot that is
-    judged.
+    judged, of which no step knows: there it takes the same part of each value's own bound.
 
     Args:
         shots: number of draws in each step.
@@ -162,8 +165,7 @@ class PoseUnknownAttacker(Attacker):
 
     def perturb(self, batch: EvalBatch) -> Tensor:
         attack = self.moire_attack(batch, eot=self.shots)
-        result = attack(batch.images, *self.goals(batch), generator=batch.generator)
-        return capture(batch.images, batch.shot, result.noise)
+        return attack_shot(attack, batch, *self.goals(batch)).images
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor, nn
 
+from moireaug.attacks.bounds import bound_on_reading
 from moireaug.capture import capture, develop, expose
 from moireaug.mixtures import Mixture
 from moireaug.numeric import clip
@@ -41,6 +42,7 @@ class EvalBatch:
         generator: generator of the condition's own random numbers.
         lpips: `LPIPS` that measures the visibility of an attack, besides the other figures, or
             None.
+        bound: what the eps of noise on a reading counts, "codes" or "light".
         max_images: number of images that a model or defence takes at once; None takes the batch.
     """
 
@@ -51,6 +53,7 @@ class EvalBatch:
     shot: Shot
     generator: torch.Generator
     lpips: nn.Module | None = None
+    bound: str = "codes"
     max_images: int | None = None
 
     def __getitem__(self, rows: slice | Tensor) -> EvalBatch:
@@ -99,6 +102,11 @@ class Condition(ABC):
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
         """Return further figures to record by name, one value per image."""
         return {}
+
+    def eps_unit(self, bound: str) -> str:
+        """Return what this condition's eps counts in an evaluation of that bound: "codes", "light",
+        or nothing, "", where there is no noise."""
+        return ""
 
     def settings(self) -> dict[str, Any]:
         """Return all settings of this condition but its scene, as plain values; of a judge, its
@@ -168,7 +176,8 @@ class PhotoWithoutMoire(Condition):
 
 @dataclass(frozen=True, kw_only=True)
 class RandomNoise(Condition):
-    """The photo with noise of random sign on its raw reading, at the bound `eps`."""
+    """The photo with noise of random sign on its raw reading, at the bound `eps`: each value at
+    either end of its box."""
 
     kind = "random"
     eps: float
@@ -177,12 +186,17 @@ class RandomNoise(Condition):
     def base_name(self) -> str:
         return f"random_{in_255ths(self.eps)}"
 
+    def eps_unit(self, bound: str) -> str:
+        return bound
+
     def show(self, batch: EvalBatch) -> Tensor:
         shape = batch.shot.raw_shape()
         bits = torch.randint(0, 2, shape, generator=batch.generator, device="cpu")
         signs = bits.to(batch.images) * 2 - 1
-        reading = expose(batch.images, batch.shot) + self.eps * signs
-        return develop(reading, batch.shot).to(batch.images.dtype)
+        reading = expose(batch.images, batch.shot)
+        box = bound_on_reading(self.eps, batch.bound, batch.shot.scene).box(reading)
+        noise = box.noise(self.eps * signs)
+        return develop(reading + noise, batch.shot).to(batch.images.dtype)
 
 
 def controls(eps: float) -> dict[str, Condition]:

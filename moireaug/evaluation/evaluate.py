@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 import torch
 
-from moireaug.argument_checks import check_callable, check_count
+from moireaug.argument_checks import check_callable, check_count, one_of
+from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.model import class_count
 from moireaug.defenses import Defence
 from moireaug.defenses.demoire import Demoire
@@ -40,6 +41,7 @@ def evaluate(
     scene: Scene | str | dict | list | tuple = "screen_photo",
     *,
     eps: float | Sequence[float] | None = None,
+    bound: str = "codes",
     steps: int = 20,
     n: int | None = None,
     seed: int = 0,
@@ -69,6 +71,8 @@ def evaluate(
             budget and standard attack at each, the others at the middle one, of two at the greater.
             None is 2, 4 and 8/255, or the suite's own: those that the paper prints, or 4 and 8/255
             for standard. worst_case always has these two; threat and unseen attack nothing.
+        bound: what the eps of noise on a raw reading counts: "codes" or "light", as of
+            `attacks.MoireAttack`. Of attacks on pixels, it always counts codes.
         steps: gradient steps of every attack.
         n: number of images; None is all.
         seed: of shots, targets and random starts.
@@ -112,6 +116,7 @@ def evaluate(
     _check_devices(model, models | transforms)
     if eps is not None:
         eps = tuple(np.atleast_1d(eps).tolist())
+    one_of("bound", bound, BOUNDS)
     check_count("steps", steps, 0)
     check_count("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
@@ -149,6 +154,7 @@ def evaluate(
             config.scene,
             records,
             seed=seed,
+            bound=bound,
             model_identity=identity_of(model, identity),
             lpips=lpips_network,
         )

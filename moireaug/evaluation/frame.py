@@ -17,13 +17,14 @@ from moireaug.evaluation.tables import Table
 
 CELL_COLUMNS = ["table", "row", "column"]
 MEASURES = ("psnr", "ssim", "ciede2000", "largest", "lpips")
-CONDITION_COLUMNS = ("condition", "control", "eps", "steps", "targeted", "judge")
+CONDITION_COLUMNS = ("condition", "control", "eps", "bound", "steps", "targeted", "judge")
 
 
 def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]) -> pd.DataFrame:
     """Return a row for each cell and image.
 
-    Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `steps`, `targeted`, `judge`;
+    Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `bound`, what eps counts
+    ("codes", "light" or, without noise, ""), `steps`, `targeted`, `judge`;
     `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, whether the attack's
     goal is reached; `counted`, whether the judge without its defence gets the clean image right;
     `rejected`, whether a model that can do so rejects the image, which is then neither correct nor
@@ -81,6 +82,7 @@ def _condition_frame(
         "condition": condition.name,
         "control": condition.control,
         "eps": condition.eps,
+        "bound": condition.eps_unit(runner.bound),
         "steps": getattr(condition, "steps", 0),
         "targeted": condition.targeted,
         "judge": judge.name,
@@ -102,6 +104,7 @@ def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
         condition="worst",
         control=False,
         eps=max(frame["eps"].iloc[0] for frame in frames),
+        bound=frames[-1]["bound"].iloc[0],  # attacks come last
         steps=max(frame["steps"].iloc[0] for frame in frames),
         targeted=False,
         judge=frames[0]["judge"].iloc[0],

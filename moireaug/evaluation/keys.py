@@ -24,6 +24,7 @@ class RecordKeys:
         batches: test images.
         scene: scene, or mixture of scenes, of conditions without one of their own.
         seed: seed of the evaluation.
+        bound: what the eps of noise on a reading counts.
         lpips: network that attacks are measured with, or None. Records with and without it have
             different keys.
     """
@@ -34,12 +35,14 @@ class RecordKeys:
         batches: Batches,
         scene: Scene | Mixture,
         seed: int,
+        bound: str,
         lpips: nn.Module | None,
     ) -> None:
         self.model_identity = model_identity
         self.batches = batches
         self.scene = scene
         self.seed = seed
+        self.bound = bound
         self._lpips_identity = None if lpips is None else identity_of(lpips)
         self._batch_digests: dict[int, str] = {}
 
@@ -63,6 +66,7 @@ class RecordKeys:
             "scene": scene.to_dict(),
             "condition": condition.settings() | {"name": condition.name},
             "seed": self.seed,
+            "bound": condition.eps_unit(self.bound),
         }
         if self._lpips_identity is not None and not condition.control:
             fields["lpips"] = self._lpips_identity

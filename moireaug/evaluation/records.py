@@ -26,7 +26,7 @@ from torch import Tensor
 from moireaug.files import write_bytes
 
 Record = dict[str, Any]
-KEY_VERSION = 8  # raise it when the same settings would give other figures
+KEY_VERSION = 9  # raise it when the same settings would give other figures
 RECORD_FIELDS = {"key", "labels", "targets", "predicted", "measured", "seconds"}
 N_PICTURES = 4  # images of the first batch that are saved as pictures
 
@@ -119,13 +119,25 @@ class RecordFolder(Records):
 
     def read(self) -> None:
         """Read the records of all processes. A line that cannot be read, because a process is
-        writing it or a disk was full, is left out: its record is computed again."""
+        writing it or a disk was full, is left out: its record is computed again.
+
+        Raises:
+            ValueError: records that do not say what an eps counts, of another version.
+        """
         for path in sorted(self.folder.glob("records-*.jsonl")):
+            records = []
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
                 with contextlib.suppress(ValueError):
                     record = json.loads(line)
                     if isinstance(record, dict) and record.keys() >= RECORD_FIELDS:
-                        self._records[record["key"]] = record
+                        records.append(record)
+            if not all("bound" in record for record in records):
+                raise ValueError(
+                    f"{path} has records that do not say what their eps counts, codes or light: "
+                    "another version of this project wrote them. Delete or move that file, or "
+                    "choose another folder, and attack again."
+                )
+            super().append(records)
 
     def append(self, records: Sequence[Record]) -> None:
         """Write records, all of them on the disk before this returns."""

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from moireaug.argument_checks import one_of
+from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
@@ -91,6 +93,7 @@ class Runner:
         scene: scene, or mixture of scenes, of which one shot is drawn per image.
         records: finished records, looked up before anything is computed.
         seed: seed of shots, targets, random starts and randomised judges, see `BatchDraws`.
+        bound: what the eps of noise on a reading counts: "codes" or "light".
         model_identity: identity of the model in records; None is its `identity_of`.
         lpips: `visibility.LPIPS` to measure every attack with, or None.
     """
@@ -103,6 +106,7 @@ class Runner:
         records: Records,
         *,
         seed: int = 0,
+        bound: str = "codes",
         model_identity: str | None = None,
         lpips: nn.Module | None = None,
     ) -> None:
@@ -111,10 +115,11 @@ class Runner:
         self.scene = scene
         self.records = records
         self.seed = seed
+        self.bound = one_of("bound", bound, BOUNDS)
         self.model_identity = identity_of(model) if model_identity is None else model_identity
         self.lpips = lpips
         self.device = device_of(model)
-        self.keys = RecordKeys(self.model_identity, batches, scene, seed, lpips)
+        self.keys = RecordKeys(self.model_identity, batches, scene, seed, bound, lpips)
 
     def run(self, jobs: Sequence[Job], indices: Iterable[int]) -> Iterator[Job]:
         """Run jobs on the batches of these indices; yields each job when it is done on one batch.
@@ -173,7 +178,15 @@ class Runner:
         for rows, shot in batch.draws.shots(scene, batch.images):
             goals = batch.labels[rows], batch.targets[rows]
             batches.append(
-                EvalBatch(self.model, batch.images[rows], *goals, shot, generator, self.lpips)
+                EvalBatch(
+                    self.model,
+                    batch.images[rows],
+                    *goals,
+                    shot,
+                    generator,
+                    lpips=self.lpips,
+                    bound=self.bound,
+                )
             )
             all_rows.append(rows)
         return SceneBatches(all_rows, batches)
@@ -198,6 +211,7 @@ class Runner:
                     "model": self.model_identity,
                     "condition": condition.name,
                     "settings": condition.settings(),
+                    "bound": condition.eps_unit(self.bound),
                     "judge": judge.name,
                     "batch": batch.index,
                     "labels": batch.labels.tolist(),

@@ -14,8 +14,8 @@ from PIL import Image
 
 from moireaug.image_files import read_picture
 
-# those of torchvision's ImageFolder, which would take seconds to import
-SUFFIXES = (".jpg", ".jpeg", ".png", ".ppm", ".bmp", ".pgm", ".tif", ".tiff", ".webp")
+# of a picture's file, in every command; .jfif is what browsers name a JPEG
+SUFFIXES = (".jpg", ".jpeg", ".jfif", ".png", ".ppm", ".bmp", ".pgm", ".tif", ".tiff", ".webp")
 
 
 class Source(Protocol):

@@ -50,7 +50,7 @@ class AdversarialMoire(v2.Transform):
             Not a submodule.
         scene: a Scene, a preset's name or a dict, or a list of these, as in RandomMoire; one shot
             is drawn per image.
-        eps, steps, step_size, loss, random_start: as in `attacks.Attack`.
+        eps, bound, steps, step_size, loss, random_start: as in `attacks.MoireAttack`.
             `steps=1, random_start=2, step_size=1` is N-FGSM (de Jorge et al., 2022).
         labels_getter: as in `v2.MixUp`: "default" takes the second of several inputs or, in a dict,
             the entry named "labels" or one with "label" in its name; or a callable that takes the
@@ -87,6 +87,7 @@ class AdversarialMoire(v2.Transform):
         step_size: float | None = None,
         loss: str = "ce",
         random_start: float = 1.0,
+        bound: str = "codes",
         labels_getter: Callable[[Any], Tensor] | str = "default",
         p: float = 1.0,
         shrink: float | tuple[float, float] | None = None,
@@ -102,6 +103,7 @@ class AdversarialMoire(v2.Transform):
             step_size=step_size,
             loss=loss,
             random_start=random_start,
+            bound=bound,
         )
         self._labels_getter = _parse_labels_getter(labels_getter)
         self._uses_default_labels = labels_getter == "default"
@@ -171,7 +173,7 @@ class AdversarialMoire(v2.Transform):
     def extra_repr(self) -> str:
         a = self.attack
         return (
-            f"scene={describe(self.scene)}, eps={a.eps}, steps={a.steps}, "
+            f"scene={describe(self.scene)}, eps={a.eps}, bound={a.bound!r}, steps={a.steps}, "
             f"step_size={a.step_size}, loss={a.loss!r}, random_start={a.random_start}, p={self.p}"
         )
 

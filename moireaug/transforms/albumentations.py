@@ -176,7 +176,7 @@ class AdversarialMoire(RandomMoire):
     Args:
         model: (B, 3, H, W) images in [0, 1] to logits, or, for grey pictures, perhaps their luma
             (B, 1, H, W); it runs on the device of its parameters, and its state is kept.
-        scene, p, shrink: as in RandomMoire. eps, steps, step_size, loss, random_start: as in
+        scene, p, shrink: as in RandomMoire. eps, bound, steps, step_size, loss, random_start: as in
             `attacks.MoireAttack`.
         label_key: the name under which the call passes the class of its images, an integer.
         name: name as in `A.Lambda`, which `to_dict` writes and
@@ -203,6 +203,7 @@ class AdversarialMoire(RandomMoire):
         step_size: float | None = None,
         loss: str = "ce",
         random_start: float = 1.0,
+        bound: str = "codes",
         label_key: str = "label",
         name: str | None = None,
         p: float = 0.5,
@@ -219,6 +220,7 @@ class AdversarialMoire(RandomMoire):
             step_size=step_size,
             loss=loss,
             random_start=random_start,
+            bound=bound,
         )
 
     @classmethod
@@ -240,7 +242,7 @@ class AdversarialMoire(RandomMoire):
 
     def get_transform_init_args(self) -> dict[str, Any]:
         args = {"model": type(self.attack.model).__name__, **super().get_transform_init_args()}
-        for name in ("eps", "steps", "step_size", "loss", "random_start"):
+        for name in ("eps", "bound", "steps", "step_size", "loss", "random_start"):
             args[name] = getattr(self.attack, name)
         return args
 

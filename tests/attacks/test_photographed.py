@@ -8,6 +8,7 @@ from torch import nn
 
 from moireaug import Scene, Sensor, capture, develop, expose
 from moireaug.attacks import MoireAttack, Photographed
+from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.photographed import CAMERAS
 from tests.attacks.common import EPS, SCENE, predicted, quietly, refusal
 
@@ -247,8 +248,36 @@ def test_arguments_that_do_not_go_together(learnt):
     for change, sentence in (
         ({"model": 3}, "Photographed's model must be a function"),
         ({"noise_at": "photo"}, "noise_at must be one of 'raw', 'image'"),
+        ({"bound": "raw"}, "bound must be one of 'codes', 'light'"),
         ({"images": images[:2]}, "drawn for 16 images"),
         ({"images": images * 255}, "lie in [0, 1]"),
     ):
         given = {"model": model, "images": images, "shot": shot} | change
         assert sentence in refusal(lambda given=given: Photographed(**given))
+
+
+def test_inputs_are_codes_where_readings_are_light(learnt):
+    """The box of our attack is the outside attacker's own ball; "light" takes readings."""
+    model, images, labels, _ = learnt
+    shot = Scene.preset("screen_photo").sample(N, (16, 16), torch.Generator().manual_seed(0))
+    reading = expose(images, shot)
+    in_codes, in_light = (
+        Photographed(model, images, shot, bound=bound) for bound in ("codes", "light")
+    )
+    assert torch.equal(in_light.clean, reading)
+    assert torch.allclose(in_codes.clean[reading < 0.003], 12.92 * reading[reading < 0.003])
+    result = MoireAttack(model, eps=EPS, steps=2)(images, labels, shot=shot)
+    attacked = reading + result.noise
+    inside = attacked.clamp(0, 1) == attacked
+    x = torch.where(attacked > 0.0031308, 1.055 * attacked.clamp(min=0) ** (1 / 2.4) - 0.055, 0)
+    x = torch.where(attacked > 0.0031308, x, 12.92 * attacked)
+    moved = (x - in_codes.clean)[inside].abs().max()
+    assert 0.999 * EPS < moved < 1.001 * EPS
+    assert torch.allclose(in_codes.photos(x), result.images, atol=1e-4)
+    theirs = of_torchattacks("PGD", eps=EPS, alpha=EPS / 4, steps=10)(in_codes, labels)
+    assert (theirs - in_codes.clean).abs().max() <= EPS * 1.001
+    fooled = predicted(in_codes, theirs) != labels
+    ours = MoireAttack(model, eps=EPS, steps=10, step_size=0.25)(images, labels, shot=shot).success
+    assert (fooled.sum() - ours.sum()).abs() <= 2
+    plain = [Photographed(model, images, learnt[3], bound=bound).clean for bound in BOUNDS]
+    assert torch.equal(*plain)

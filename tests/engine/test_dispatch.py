@@ -64,7 +64,7 @@ def test_the_reference_is_forced_until_the_last_block_is_left():
     first.__enter__()
     second.__enter__()
     first.__exit__(None, None, None)
-    assert explain(SHOT.scene).count("the engine is turned off") == 2 * len(BACKENDS)
+    assert explain(SHOT.scene).count("the engine is turned off") == 3 * len(BACKENDS)
     second.__exit__(None, None, None)
     assert "the engine is turned off" not in explain(SHOT.scene)
 

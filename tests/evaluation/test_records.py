@@ -10,7 +10,7 @@ import torch
 from moireaug.evaluation.records import RecordFolder, Records, key_of
 
 RECORD = {"key": "a", "labels": [1], "targets": [0], "predicted": [1]}
-RECORD |= {"measured": {}, "seconds": 0.1}
+RECORD |= {"measured": {}, "seconds": 0.1, "bound": ""}
 
 
 def keys(folder):

@@ -23,7 +23,7 @@ def put(
     root, recipe, seed, *, worst=(0.2, 0.1), seconds=10.0, start=10.0, plain=20.0, init="clean",
     unseen=0.6, attacked=True, n=200, steps=50, collapsed=None, scene="screen_photo", data="signs",
     at=None, size=48, device=ENVIRONMENT, trust=(), eps=0.02, decay=None, length=1.0,
-    weights=None,
+    weights=None, bound="codes",
 ):  # fmt: skip
     """A finished run as fit.py leaves it, and its re-attack.
 
@@ -55,7 +55,8 @@ def put(
         photos = [cell(OWN_SCENE_ROW, "moire", 0.7, n), cell(OWN_SCENE_ROW, "no_moire", 0.8, n)]
         for i, name in enumerate(other_scenes(SCENE)):
             photos.append(cell(name, "moire", unseen + 0.2 * (i % 2), n))
-        facts |= {"suite": "recipes", "n": n, "steps": steps, "eps": 0.02, "trust": list(trust)}
+        facts |= {"suite": "recipes", "n": n, "steps": steps, "eps": 0.02, "bound": bound}
+        facts["trust"] = list(trust)
         out = folder / "reattack" / f"{scene}-n{n}-steps{steps}" / "recipes"
         SuiteMetrics(**facts, tables={"worst_case": rows, "unseen": photos}).write(made(out))
     return folder

@@ -56,6 +56,21 @@ def test_the_command_compares_and_writes_a_page(folder, tmp_path, capsys):
     assert (tmp_path / "statistics.png").is_file()
 
 
+def test_names_need_not_be_utf_8(folder, tmp_path, monkeypatch):
+    """Of pairs, scenes and folders of results; tables and pages say "?"."""
+    pairs = tmp_path / "pairs\udcfe"
+    for kind in ("photo", "original"):
+        (pairs / kind).mkdir(parents=True)
+        (pairs / kind / "\udcff.png").hardlink_to(folder / kind / "0.png")
+    (tmp_path / "s\udcfd.yaml").write_text("preset: screen_photo")
+    monkeypatch.chdir(tmp_path)
+    calibrate.main([f"pairs={pairs}", "scene=s\udcfd.yaml", "size=64", "crops=1"])
+    (out,) = (tmp_path / "runs/calibrate").iterdir()
+    assert out.name.startswith("pairs\udcfe-s\udcfd-")
+    assert table_in(out / "crops.csv")[0]["picture"] == "?"
+    assert "s? beside real photos" in (out / "report.html").read_text()
+
+
 def test_a_scene_that_is_no_better_replaces_no_earlier_fit(folder, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(calibrate, "draw", lambda *_: b"")  # a plot takes longer than all else
     given = [f"pairs={folder}", "scene=screen_photo", f"out={tmp_path}", "size=32", "crops=1"]

@@ -1,18 +1,20 @@
 """Paths on a command line are taken as they are, whatever Hydra's grammar makes of them; unknown
 keys get a sentence."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from tests.training.small import configured
 from training.config.command_line import check_keys, quote_paths
+from training.config.compose import recipe_files
 from training.config.plain import parse
 from training.config.schema import Config, ReattackConfig
 from training.demoireing import clean
 
 PLAIN = ("2024_11", "1e5", "true", "josé", "Photos (1)", "it's", "a=b", "a&b", "#1", "a;b", "!")
-PLAIN += ("a,b", "{a}", "[a", "a:b", "runs/moire_at", "a b", " a ")
+PLAIN += ("a,b", "{a}", "[a", "a:b", "runs/moire_at", "a b", " a ", "not\udcffUTF-8")
 OTHERS = {"'a,b'": "a,b", r"a\,b": "a,b", "null": None, "~/a": str(Path.home() / "a")}
 PATHS = dict(zip(PLAIN, PLAIN, strict=True)) | OTHERS
 
@@ -22,6 +24,14 @@ def test_a_path_comes_through_hydras_grammar(given):
     override = quote_paths([f"data.root={given}"], Config)
     assert quote_paths(override, Config) == override, "further processes of a run get it again"
     assert configured("recipe=clean", *override).data.root == PATHS[given]
+
+
+@pytest.mark.parametrize("name", ["a (b) é.yaml", "not\udcffUTF-8.yml", "2024_11.yaml"])
+def test_a_scenes_file_may_have_any_name(name):
+    override = quote_paths([f"scene={name}"], Config)
+    assert configured("recipe=clean", *override).scene == name
+    for given in ("paper", "[a.yaml,b.yaml]", "{preset: paper}"):
+        assert quote_paths([f"scene={given}"], Config) == [f"scene={given}"]
 
 
 def test_a_sweep_of_paths_stays_one():
@@ -76,6 +86,19 @@ def test_what_hydra_takes_is_taken():
         [*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr", "--cfg", "job"],
         Config,
     )
+
+
+def test_what_to_train_must_be_said():
+    """Recipes are listed, each with what it is for; a command that only prints needs none."""
+    for given in ([], ["seed=1"], ["-m", "seed=0,1"], ["~recipe"], ["--config-dir", "DIR"]):
+        with pytest.raises(SystemExit, match="error: say what to train") as error:
+            check_keys(given, Config)
+        listed = re.findall(r"^  recipe=(.*)\n      \w", str(error.value), re.MULTILINE)
+        assert listed == [path.stem for path in recipe_files()], "with a line each"
+    for given in (["--help"], ["--cfg", "job"], ["-c", "job", "seed=1"], ["--info", "defaults"]):
+        check_keys(given, Config)
+    check_keys(["-m", "recipe=baseline,clean", "--config-dir", "DIR"], Config)
+    check_keys(["seed=1"], ReattackConfig)
 
 
 def test_a_recipe_is_not_given_to_an_attack():

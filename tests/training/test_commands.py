@@ -5,6 +5,7 @@ import contextlib
 import errno
 import io
 import logging
+import multiprocessing.synchronize
 import os
 import subprocess
 import sys
@@ -24,6 +25,8 @@ from training import calibrate, demoire, fit, frontier, synthesise
 from training.attack import subject
 from training.config import commands, plain
 from training.config.schema import Config
+from training.demoireing import fit as demoireing
+from training.runs.run import Run
 from training.system import machine, messages, processes
 from training.system.messages import sentence
 
@@ -232,6 +235,17 @@ def test_a_disk_that_takes_nothing_is_found_before_the_work(number, tmp_path, mo
         attack(folder)
 
 
+def test_a_finished_run_is_only_read(tmp_path, monkeypatch):
+    """From media that cannot be written, too: neither locked nor made ready."""
+    monkeypatch.setattr(Run, "locked", lambda run: pytest.fail("it was locked"))
+    monkeypatch.setattr(Run, "stage", lambda run: "finished")
+    monkeypatch.setattr(fit, "report_finished", lambda run: None)
+    assert fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'gone'}")) == {}
+    monkeypatch.setattr(demoireing, "report_finished", lambda run: {"found": run.config.seed})
+    assert demoireing.fit(configured(f"runs={tmp_path / 'gone'}", name="demoire")) == {"found": 0}
+    assert not (tmp_path / "gone").exists()
+
+
 @pytest.mark.parametrize("kind", [ValueError, NoPictureError])
 def test_what_a_worker_says_is_told_without_its_traceback(kind):
     with pytest.raises(kind) as error:
@@ -240,6 +254,46 @@ def test_what_a_worker_says_is_told_without_its_traceback(kind):
         except kind:
             ExceptionWrapper(where="in DataLoader worker process 0").reraise()
     assert "Traceback" in str(error.value) and sentence(error.value) == "none: of them."
+
+
+BUS_ERROR = (
+    "DataLoader worker (pid 7) is killed by signal: Bus error. It is possible that dataloader's "
+    "workers are out of shared memory. Please try to raise your shared memory limit."
+)
+
+
+@pytest.mark.parametrize(
+    ("error", "lacks"),
+    [
+        (RuntimeError("unable to allocate shared memory(shm) for file </torch_1>: No space"), True),
+        (RuntimeError(BUS_ERROR), True),
+        (OSError(errno.ENOSPC, "No space left on device"), False),  # of a disk
+        (RuntimeError("DataLoader worker (pid 7) is killed by signal: Killed."), False),
+    ],
+)
+def test_a_lack_of_shared_memory_says_what_to_set(error, lacks):
+    assert messages.lacks_shared_memory(error) is lacks
+    if lacks:
+        assert messages.is_expected(error) and "--shm-size" in sentence(error)
+        later = RuntimeError("Please call `iter(combined_loader)` first.")
+        later.__context__ = error  # as Lightning raises
+        assert sentence(later) == sentence(error)
+        said = pytest.raises(SystemExit, match="error: the workers ran out of shared memory")
+        with said, plain.report_errors("Interrupted."):
+            raise error
+
+
+def test_a_semaphore_without_shared_memory_is_told_from_a_full_disk(monkeypatch):
+    def refuse(*args):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(multiprocessing.synchronize._multiprocessing, "SemLock", refuse, False)
+    with pytest.raises(OSError) as semaphore:
+        multiprocessing.get_context("spawn").Lock()
+    assert messages.lacks_shared_memory(semaphore.value)
+    with pytest.raises(OSError) as disk:
+        refuse()
+    assert not messages.lacks_shared_memory(disk.value)
 
 
 def test_a_command_leaves_the_logger_of_compilation(tmp_path, monkeypatch):

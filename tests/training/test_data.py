@@ -67,6 +67,45 @@ def test_hidden_files_and_folders_are_left_out(root):
     assert [label for _, label in splits.test] == [0] * 3 + [1] * 3
 
 
+def test_names_need_not_be_utf_8(root):
+    """Of data sets, classes and files; the names alone change the fingerprint."""
+    for half in ("train", "test"):
+        (root / half / "n02").rename(root / half / "n\udcff")
+        for other in ("n01", "n03"):
+            if (root / half / other).exists():
+                (root / half / other).rename(root / half / "n\nline")
+    odd = root.rename(root.with_name("root\udcfe"))
+    splits = folder(odd)
+    assert splits.classes == {0: "n\nline", 1: "n\udcff"} and splits.train[0][0].shape[0] == 3
+    (odd / "train/n\udcff/0.png").rename(odd / "train/n\udcff/\udcfd.png")
+    assert folder(odd).files != splits.files
+
+
+def test_a_picture_is_of_one_class(root):
+    """Whatever links lead to the others; a class without pictures is named."""
+    alone = Data(name="folder", root=str(root / "test"), size=16)
+    (root / "test/n02/0.png").rename(root / "test/n02/0.JFIF")
+    assert len(load(alone).test) == 6
+    (root / "test/n02/up").symlink_to("..")
+    with pytest.raises(ValueError, match=r"in two classes, 'n02' and 'n03', by a link: remove it"):
+        load(alone)
+    (root / "test/n02/up").unlink()
+    (root / "test/n04").mkdir()
+    with pytest.raises(ValueError, match=r"n04 holds no pictures: add some, or remove it"):
+        load(alone)
+
+
+def test_a_failed_download_is_not_told_to_download(tmp_path, monkeypatch):
+    def make(*args, **settings):
+        raise OSError("Network is unreachable")
+
+    monkeypatch.setitem(image_sets.TORCHVISION_READERS, "cifar10", (make, {}, {}))
+    cfg = Data(name="cifar10", root=str(tmp_path), download=True)
+    with pytest.raises(ValueError, match=r"could not be fetched into .*Check the network") as error:
+        load(cfg)
+    assert "data.download=true" not in str(error.value)
+
+
 def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
     def make(folder, transform, download, train):
         with (

@@ -155,9 +155,9 @@ DAMAGED = {
     "fewer rows than claimed": (png_of_size(5000), "truncated"),
     "cut in its middle": (WHOLE[: len(WHOLE) // 2], "truncated"),
     "cut in its header": (WHOLE[:20], "could not be read"),
-    "empty": (b"", "it is empty, or not an image of a known format"),
-    "a text": (b"not found", "it is empty, or not an image of a known format"),
-    "a page": (b"<html>" * 99, "it is empty, or not an image of a known format"),
+    "empty": (b"", "it is empty, or of a format that is not known"),
+    "a text": (b"not found", "it is empty, or of a format that is not known"),
+    "a page": (b"<html>" * 99, "it is empty, or of a format that is not known"),
 }
 
 

@@ -2,6 +2,7 @@
 
 import functools
 import os
+import re
 import signal
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +14,7 @@ from torch.distributed.launcher import api
 
 from tests.training import rank_jobs
 from tests.training.forked import Command
-from tests.training.small import NO_DATA, TINY, configured, wait
+from tests.training.small import BRIEF, NO_DATA, TINY, configured, inside, wait
 from training import fit
 from training.classifier.train import classifier_of, train_model, trainer_of
 from training.classifier.tuning import tuning_of
@@ -22,6 +23,8 @@ from training.data.load import load
 from training.demoireing import fit as demoireing  # noqa: F401  # registers its settings with Hydra
 from training.demoireing.train import module_of
 from training.runs.run import Run
+from training.system import processes
+from training.system.messages import status_of
 from training.trainer import ranks
 from training.trainer.make import EndOnSigterm
 
@@ -81,9 +84,81 @@ def test_no_process_too_many_is_started(monkeypatch):
     with pytest.raises(ValueError, match=r"trainer.devices must be 1 to .* got 99999"):
         ranks.run_job(Trainer(accelerator="cpu", devices=99_999), print)
     monkeypatch.setenv("RANK", "1")
+    monkeypatch.setenv("WORLD_SIZE", "2")
     done = []
     ranks.run_job(Trainer(accelerator="cpu", devices=2), done.append, "here")
-    assert done == ["here"]
+    assert done == ["here"] and os.environ["RANK"] == "1"
+
+
+# the environment, the processes of the run, and what a line says is ignored
+LEFT_OVER = [
+    ("RANK=1", 1, "RANK=1"),
+    ("RANK=", 1, "RANK="),
+    ("RANK=one WORLD_SIZE=2", 2, "RANK=one"),
+    ("RANK=2 WORLD_SIZE=2", 2, "RANK=2"),
+    ("RANK=1 LOCAL_RANK=1 WORLD_SIZE=4 TORCHELASTIC_RUN_ID=x", 2, "RANK=1 LOCAL_RANK=1"),
+    ("RANK=0", 2, "RANK=0"),
+    ("RANK=0", 1, None),  # which changes nothing
+    ("SLURM_PROCID=3 SLURM_NTASKS=8 SLURM_LOCALID=3 SLURM_NTASKS_PER_NODE=8", 1, "SLURM_PROCID=3"),
+    ("JSM_NAMESPACE_RANK=1 JSM_NAMESPACE_SIZE=6", 1, "JSM_NAMESPACE_RANK=1"),
+]
+LAUNCHED = [
+    ("RANK=1 LOCAL_RANK=1 WORLD_SIZE=2 TORCHELASTIC_RUN_ID=x", 2),
+    ("LOCAL_RANK=1 WORLD_SIZE=2", 2),  # by Lightning itself
+    ("SLURM_PROCID=1 SLURM_NTASKS=2", 2),
+    ("RANK=0 WORLD_SIZE=1", 1),
+]
+
+
+@pytest.fixture
+def environment(monkeypatch):
+    """Set the variables of a text, and no other of a launcher."""
+    monkeypatch.setattr(processes.rank_zero_only, "rank", 1)
+
+    def put(text):
+        for launcher in processes.LAUNCHERS:
+            for name in (*launcher.ranks, launcher.size, *launcher.others):
+                monkeypatch.delenv(name, raising=False)
+        for given in text.split():
+            monkeypatch.setenv(*given.split("="))
+
+    return put
+
+
+@pytest.mark.parametrize(("text", "count", "ignored"), LEFT_OVER)
+def test_variables_of_another_launch_are_ignored(text, count, ignored, environment, capsys):
+    environment(text)
+    assert not processes.join_launch(count) and processes.is_first()
+    said = capsys.readouterr().out
+    assert said.startswith(f"note: {ignored} in the environment is ignored" if ignored else "")
+    assert bool(said) is (ignored is not None)
+    assert os.environ.keys().isdisjoint(given.split("=")[0] for given in text.split())
+
+
+@pytest.mark.parametrize(("text", "count"), LAUNCHED)
+def test_variables_of_this_launch_are_left(text, count, environment, capsys):
+    environment(text + " JSM_NAMESPACE_RANK=5")
+    assert processes.join_launch(count) and processes.rank_zero_only.rank == 1
+    assert " ".join(f"{name}={os.environ[name]}" for name in re.findall(r"\w+(?==)", text)) == text
+    assert "JSM_NAMESPACE_RANK" not in os.environ
+    assert capsys.readouterr().out.startswith("note: JSM_NAMESPACE_RANK=5 in the environment")
+
+
+def test_a_run_of_one_process_reports_whatever_launched_its_shell(tmp_path, environment):
+    environment("RANK=1 SLURM_PROCID=3 SLURM_NTASKS=8")
+    done = inside("fit.py", "recipe=clean", *TINY, *BRIEF, cwd=tmp_path)
+    assert done.returncode == 0 and "SLURM_PROCID=3 in the environment" in done.stdout
+    assert (tmp_path / "runs/clean/seed0/report.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("devices", "count"), [(2, 2), ("3", 3), ("auto", 4), (-1, 4), ([0, 2], 2), ("0,2,3", 3)]
+)
+def test_devices_are_counted_as_lightning_does(devices, count, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
+    assert ranks.device_count(Trainer(devices=devices)) == count
+    assert ranks.device_count(Trainer(accelerator="cpu", devices="auto")) == 1
 
 
 def test_a_terminated_process_sends_nothing_within_a_batch(tmp_path, monkeypatch):
@@ -97,8 +172,9 @@ def test_a_terminated_process_sends_nothing_within_a_batch(tmp_path, monkeypatch
     for callback in trainer.callbacks:
         if isinstance(callback, EndOnSigterm):
             callback.on_train_start(trainer, None)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt) as end:
         signal.raise_signal(signal.SIGTERM)
+    assert status_of(end.value) == 143 and status_of(KeyboardInterrupt()) == 130
     signal.signal(signal.SIGTERM, before)
 
 

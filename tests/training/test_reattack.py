@@ -4,7 +4,7 @@ refused before it begins."""
 import pytest
 import torch
 
-from tests.training.small import configured
+from tests.training.small import BRIEF, configured
 from tests.training.strangers import attack, images, put
 from training import reattack
 from training.attack import suites
@@ -33,7 +33,6 @@ def test_reattack_of_weights_on_a_folder(tmp_path):
 REFUSED = [
     (["model=resnet18"], r"model= does not go with run=\S+, which has its own model"),
     (["weights=FILE"], "weights= does not go with run="),
-    (["runs=elsewhere"], "runs= does not go with run=.* a report into its own folder"),
     (["+recipe=moire_at"], "recipe= says how a model is trained"),
     (["seed=3"], "seed= says how a model is trained.* reattack.seed is the attack's"),
     (["train.lr=0.2"], "train.lr= says how a model is trained"),
@@ -54,6 +53,17 @@ def test_what_an_attack_on_a_run_cannot_obey_is_refused(tmp_path, nothing_attack
         with pytest.raises(ValueError, match=message):
             attack(folder, *given)
     assert not (folder / "reattack").exists()
+
+
+def test_a_run_that_cannot_be_written_is_attacked_into_another_folder(tmp_path):
+    folder = put(tmp_path / "media")
+    before = sorted(tmp_path.rglob("media/**/*"))
+    given = [*BRIEF, f"runs={tmp_path / 'elsewhere'}"]
+    cfg = configured(f"run={folder}", "trainer.accelerator=cpu", *given, name="reattack")
+    reattack.reattack(cfg, given)
+    assert sorted(tmp_path.rglob("media/**/*")) == before
+    assert (tmp_path / "elsewhere/clean/seed0/records").is_dir()
+    assert list(tmp_path.glob("elsewhere/clean/seed0/reattack/*/ladder/report.html"))
 
 
 def test_weights_are_attacked_without_settings_of_training(nothing_attacked):

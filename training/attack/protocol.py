@@ -127,6 +127,7 @@ class SuiteAttack:
             protocol.scene,
             self.records,
             seed=settings.seed,
+            bound=settings.bound,
             lpips=protocol.lpips,
         )
         self.seconds: dict[str, float] = {}
@@ -189,9 +190,13 @@ def attack(
     return ladder.results()
 
 
-def attack_run(run: TrainedRun, protocol: Protocol, *, check: bool = False) -> AttackResult:
-    """Attack the best checkpoint of a run with the ladder, reusing the records in its folder."""
-    return attack(run.model(), protocol, run.folder / "records", run.cfg.recipe, check=check)
+def attack_run(
+    run: TrainedRun, protocol: Protocol, records: Path | None = None, *, check: bool = False
+) -> AttackResult:
+    """Attack the best checkpoint of a run with the ladder, reusing the records in its folder, or in
+    another."""
+    records = records or run.folder / "records"
+    return attack(run.model(), protocol, records, run.cfg.recipe, check=check)
 
 
 def require_all_records(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> None:

@@ -30,8 +30,9 @@ def ladder_metrics(result: AttackResult) -> dict[str, Any]:
     rows, outcomes = [], {}
     headline = main_attack(result.tables[0]).name
     for cell in result.cells.to_dict("records"):
-        row = {name: cell[name] for name in ("eps", "steps", "control", "targeted", "accuracy")}
-        row = {"name": cell["row"], "headline": cell["row"] == headline} | row
+        row = {"name": cell["row"], "headline": cell["row"] == headline}
+        for name in ("eps", "bound", "steps", "control", "targeted", "accuracy"):
+            row[name] = cell[name]
         row["accuracy_interval"] = [cell["accuracy_low"], cell["accuracy_high"]]
         row["success"] = None if pd.isna(cell["success"]) else cell["success"]
         row["success_interval"] = [cell["low"], cell["high"]]
@@ -163,6 +164,7 @@ def publish_suite(cfg: ReattackConfig, subject: Subject, result: AttackResult) -
         n=protocol.batches.n,
         steps=protocol.settings.steps,
         eps=protocol.config().middle,
+        bound=protocol.settings.bound,
         identity=result.runner.model_identity,
         tables=tables,
         time={**subject.seconds, **result.seconds},

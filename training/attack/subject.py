@@ -42,14 +42,18 @@ class Subject(NamedTuple):
     seconds: dict[str, float]
 
 
-def subject_of_run(cfg: ReattackConfig, run: TrainedRun) -> Subject:
+def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
     """Return the best checkpoint of a run.
+
+    Args:
+        home: folder of the records and the results: the run's own, or where that cannot be written
+            another.
 
     Raises:
         ValueError: classes or images that are not the run's; a folder that cannot be written.
     """
     lpips = lpips_of(cfg)
-    make_folder(run.folder / "reattack")
+    make_folder(home / "reattack")
     if not (run.folder / "metrics.json").is_file():
         print(
             f"note: the run in {run.folder} is not finished; its best checkpoint so far is "
@@ -62,9 +66,9 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun) -> Subject:
     protocol = protocol_of(cfg, splits, lpips)
     same_data = result_settings(cfg)["data"] == result_settings(run.cfg)["data"]
     name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
-    folder = run.folder / "reattack" / name / cfg.suite
+    folder = home / "reattack" / name / cfg.suite
     seconds = {"data": time.perf_counter() - start}
-    return Subject(cfg.recipe, model, splits, protocol, run.folder / "records", folder, seconds)
+    return Subject(cfg.recipe, model, splits, protocol, home / "records", folder, seconds)
 
 
 def subject_of_weights(cfg: ReattackConfig) -> Subject:
@@ -117,7 +121,7 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
     parts = [scene_name(cfg.scene), f"n{n}", f"steps{cfg.reattack.steps}"]
     settings, defaults = cfg.reattack, Reattack()
     changes: dict[str, Any] = {}
-    for name in ("eps", "seed", "batch_size"):
+    for name in ("eps", "bound", "seed", "batch_size"):
         if getattr(settings, name) != getattr(defaults, name):
             changes[name] = getattr(settings, name)
     for name in ("targets", "networks", "demoire", "lpips"):

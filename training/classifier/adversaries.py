@@ -49,7 +49,14 @@ class TrainingAdversary:
 
 def _attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack | None:
     if cfg.kind == "moire_attack":
-        return MoireAttack(model, scene=scene, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
+        return MoireAttack(
+            model,
+            scene=scene,
+            eps=cfg.eps,
+            bound=cfg.bound,
+            steps=cfg.steps,
+            random_start=1.0,
+        )
     if cfg.kind == "pgd":
         return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
     return None

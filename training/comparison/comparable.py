@@ -114,6 +114,7 @@ def protocol_settings(attack: SuiteMetrics) -> Settings:
     return {
         "reattack.n": attack.n,
         "reattack.steps": attack.steps,
+        "reattack.bound": attack.bound,
         "reattack.seed": attack.config["reattack"]["seed"],
         "reattack.batch_size": attack.config["reattack"]["batch_size"],
     }

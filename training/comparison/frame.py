@@ -28,7 +28,14 @@ from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainC
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
-SHARED = ("data", "model", "scene", "n", "steps")  # what the runs of a table have in common
+SHARED = (
+    "data",
+    "model",
+    "scene",
+    "n",
+    "steps",
+    "bound",
+)  # what the runs of a table have in common
 # each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
 RATES = {
     "clean": ("worst_case", "eps_4", "clean"),
@@ -54,7 +61,7 @@ class RunTable(NamedTuple):
             backward per image of its own training; `images_per_second`; `collapsed`, whether its
             training ended in catastrophic overfitting once; `baseline`, recipe that it is compared
             with.
-        shared: data, model, scene, n and steps, which they share.
+        shared: data, model, scene, n, steps, and what eps counts, which they share.
         commands: commands that attack the other runs.
         warnings: sentences for the reader.
         is_of_means: whether it was read from CSV, without the outcomes of single images.
@@ -99,6 +106,11 @@ def read_csv(file: Path) -> RunTable:
     """
     try:
         runs = pd.read_csv(file)
+        if {*RATES, "recipe"} <= {*runs} and "bound" not in runs:
+            raise ValueError(
+                f"{file} does not say what its eps counts: another version of this project wrote "
+                "it. Add a column bound, with light where the runs are of that version."
+            )
         runs = runs.assign(**{name: [np.array([mean]) for mean in runs[name]] for name in RATES})
         shared = {name: runs[name].unique().tolist() for name in SHARED}
         seeds = runs.groupby("recipe")["seed"].nunique()
@@ -137,6 +149,7 @@ def _table(root: Path, trained: Runs) -> RunTable:
     runs = pd.DataFrame(rows)
     shared: dict[str, Any] = {"data": data_name(trained.values()), "model": metrics.model}
     shared |= {"scene": metrics.scene_name, "n": attack.n, "steps": attack.steps}
+    shared["bound"] = attack.bound
     return RunTable(runs, shared, commands, caveats(runs, trained, attacked))
 
 

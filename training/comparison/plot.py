@@ -53,7 +53,7 @@ def figure(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> Figur
 
     Args:
         recipes: recipes, as `summarise` returns them.
-        shared: data, model, scene, n and steps, for the title.
+        shared: data, model, scene, n, steps and what eps counts, for the title.
     """
     fig = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained", facecolor="white")
     panels = fig.subplots(1, len(PANELS), sharex=True)
@@ -66,7 +66,7 @@ def figure(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> Figur
         ax.xaxis.set_minor_locator(NullLocator())
         ax.xaxis.set_major_formatter("{x:g}×")
     panels[0].set_ylabel("accuracy at the worst attacker, %", size=10, color=TEXT_COLOUR)
-    facts = "{data}, {model}, {scene}; n = {n}, {steps} steps per attack".format(**shared)
+    facts = "{data}, {model}, {scene}; n = {n}, {steps} steps, eps in {bound}".format(**shared)
     fig.suptitle(f"What robustness costs: {facts}", size=11.5, color=TEXT_COLOUR, parse_math=False)
     handles, labels = panels[0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))

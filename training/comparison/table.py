@@ -51,7 +51,9 @@ def caption(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
             "95 % intervals of a single seed cover the choice of images alone: Wilson's for "
             "accuracies, a bootstrap for gains."
         )
-    images = "{n} test images: {data}, {model}, scene {scene}, {steps} steps per attack"
+    images = (
+        "{n} test images: {data}, {model}, scene {scene}, {steps} steps per attack, eps in {bound}"
+    )
     sentences = [
         f"Accuracy in % of {images.format(**table.shared)}.",
         *intervals,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,13 +14,19 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.argument_checks import one_of
-from training.config.compose import recipe_files
+from training.config.compose import INDENTED, purpose, recipe_files
 from training.config.data_sets import DATA
 from training.config.overrides import literal
+from training.config.scenes import SUFFIXES
 from training.config.schema import Config, ReattackConfig, RunConfig
 from training.config.settings import settings_of
 
 SWEEP_FLAGS = {"-m", "--multirun"}
+# Hydra's flags after which a command prints and ends, and those that take the argument behind them
+PRINTING_FLAGS = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i"}
+PRINTING_FLAGS |= {"--shell-completion", "-sc"}
+VALUED_FLAGS = {"--cfg", "-c", "--info", "-i", "--package", "-p", "--config-dir", "-cd"}
+VALUED_FLAGS |= {"--config-path", "-cp", "--config-name", "-cn"}
 
 
 def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
@@ -29,15 +36,26 @@ def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
     escaped for it stays, and so does what a sweep takes for several values.
     """
     sweep = not SWEEP_FLAGS.isdisjoint(overrides)
-    paths = {key for key, declared in settings_of(schema).items() if declared.facts.is_path}
     quoted = []
     for override in overrides:
         key, _, value = override.partition("=")
         several = sweep and "," in value
-        if key in paths and value not in ("", "null") and value[0] not in "'\"" and not several:
+        if _is_path(key, value, schema) and value[0] not in "'\"" and not several:
             override = _quote_path(key, os.path.expanduser(value))
         quoted.append(override)
     return quoted
+
+
+def _is_path(key: str, value: str, schema: type[RunConfig]) -> bool:
+    """Return whether a value is the path of a file or a folder."""
+    if value in ("", "null"):
+        return False
+    if key == "scene":  # or a preset's name, a mapping or a list
+        return value.endswith(SUFFIXES)
+    if key == "networks":  # or a mapping
+        return value[0] != "{"
+    declared = settings_of(schema).get(key)
+    return declared is not None and declared.facts.is_path
 
 
 def _quote_path(key: str, path: str) -> str:
@@ -50,17 +68,20 @@ def _quote_path(key: str, path: str) -> str:
 
 
 def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
-    """Refuse an unknown key, recipe or data set of a command line, with the nearest known one.
+    """Refuse an unknown key, recipe or data set of a command line, with the nearest known one; and
+    one that trains and names no recipe.
 
     Raises:
         SystemExit: an unknown name; says which are known.
     """
     groups: dict[str, list[str]] = {}
+    if schema is Config:
+        _require_recipe(overrides)
     if issubclass(schema, Config):
         groups = {"recipe": [path.stem for path in recipe_files()], "data": list(DATA)}
     try:
         for previous, override in itertools.pairwise(["", *overrides]):
-            if previous in ("--cfg", "-c"):  # of Hydra's: job, hydra or all
+            if previous in VALUED_FLAGS and "=" not in override:
                 continue
             _check_form(override, schema)
             override = override.lstrip("+")
@@ -77,6 +98,17 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
                 _check_type(override, schema)
     except ValueError as error:
         raise SystemExit(f"error: {error}") from None
+
+
+def _require_recipe(overrides: list[str]) -> None:
+    """Refuse a command line without a recipe, unless it only prints, as --help and --cfg do."""
+    given = any(override.lstrip("+").startswith("recipe=") for override in overrides)
+    if given or any(override.partition("=")[0] in PRINTING_FLAGS for override in overrides):
+        return
+    lines = ["error: say what to train, with one of these recipes:"]
+    for path in recipe_files():
+        lines += [f"  recipe={path.stem}", textwrap.fill(purpose(path), **INDENTED)]
+    raise SystemExit("\n".join(lines))
 
 
 def _check_form(override: str, schema: type[RunConfig]) -> None:

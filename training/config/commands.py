@@ -18,7 +18,14 @@ from training.config.command_line import SWEEP_FLAGS, check_keys, quote_paths
 from training.config.schema import RunConfig
 from training.system import machine
 from training.system.files import make_folder
-from training.system.messages import LineStream, complain, is_expected, prepare_output, sentence
+from training.system.messages import (
+    LineStream,
+    complain,
+    is_expected,
+    prepare_output,
+    sentence,
+    status_of,
+)
 from training.system.processes import is_first, say
 
 _failed_jobs: list[str] = []  # jobs of a sweep
@@ -53,6 +60,8 @@ def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
             raise SystemExit(f"error: {error}") from None
     try:
         main()
+    except ValueError as error:  # of Hydra's own flags: those of a job are reported by it
+        raise SystemExit(f"error: {error}") from None
     except BrokenPipeError:  # the reader of --help has seen enough
         # for what is flushed at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -74,16 +83,16 @@ def report_errors(kept_work: str) -> Iterator[None]:
             is kept".
 
     Raises:
-        SystemExit: 130 after an interruption, 1 after an error.
+        SystemExit: 130 after Ctrl-C, 143 after SIGTERM, 1 after an error.
     """
     if _command_line:
         sys.argv = list(_command_line)
     try:
         yield
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interruption:
         command = machine.command([a for a in sys.argv if not a.startswith("resume=")])
         say(f"\nInterrupted. {kept_work}; the same command continues:\n  {command}")
-        raise SystemExit(130) from None
+        raise SystemExit(status_of(interruption)) from None
     except Exception as error:
         job = _job_of_a_sweep()
         if not is_expected(error):

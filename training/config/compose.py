@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
@@ -27,7 +29,8 @@ NO_LOGGING = (
 )
 DATA_GROUPS = ({"data": DEFAULT_DATA},)
 RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean"})
-HELP_WIDTH = 100  # characters
+# of a line of help
+INDENTED: Any = {"width": 100, "initial_indent": " " * 6, "subsequent_indent": " " * 6}
 MIN_FAR_BOUND = 10_000  # a bound that only a mistake exceeds
 
 
@@ -54,6 +57,8 @@ def register(
     # the settings of a command line stand above those of a recipe
     order = [f"{name}_schema", *defaults, "_self_", *NO_LOGGING]
     default_groups = {key: value for group in defaults for key, value in group.items()}
+    if "recipe" in default_groups:
+        default_groups["recipe"] = "NAME"  # a command line names its own
     text = help_text(description, schema, default_groups).replace("$", "$$")  # of string.Template
     help_page = {"help": {"template": text}}
     store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS | help_page})
@@ -62,6 +67,13 @@ def register(
 def recipe_files() -> list[Path]:
     """Return the files of the recipes."""
     return sorted(RECIPES.glob("*.yaml"))
+
+
+def purpose(recipe: Path) -> str:
+    """Return what a recipe is for: the first sentence of the comment that its file begins with."""
+    lines = recipe.read_text("utf-8").splitlines()
+    comment = itertools.takewhile(lambda line: line.startswith("#"), lines)
+    return " ".join(line.removeprefix("#").strip() for line in comment).split(". ")[0].rstrip(".")
 
 
 def help_text(description: str | None, schema: type, default_groups: Mapping[str, str]) -> str:
@@ -76,10 +88,7 @@ def help_text(description: str | None, schema: type, default_groups: Mapping[str
         lines.append(f"  {key}={default_groups.get(key, as_argument(one.default))}")
         if one.facts.help:
             text = f"{one.facts.help}{allowed_values(one)}"
-            indent = " " * 6
-            lines += textwrap.wrap(
-                text, HELP_WIDTH, initial_indent=indent, subsequent_indent=indent
-            )
+            lines += textwrap.wrap(text, **INDENTED)
     return "\n".join(lines)
 
 

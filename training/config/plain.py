@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from moireaug.argument_checks import one_of
 from training.config.compose import help_text
 from training.config.settings import check
-from training.system.messages import prepare_output, sentence
+from training.system.messages import is_expected, prepare_output, sentence
 
 Schema = TypeVar("Schema")
 
@@ -80,5 +80,7 @@ def report_errors(interruption: str) -> Iterator[None]:
     except KeyboardInterrupt:
         print(f"\n{interruption}", file=sys.stderr)
         raise SystemExit(130) from None
-    except (ValueError, TypeError, OSError) as error:
+    except (ValueError, TypeError, OSError, RuntimeError) as error:
+        if not is_expected(error):
+            raise
         raise SystemExit(f"error: {sentence(error)}") from None

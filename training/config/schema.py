@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
+from moireaug.attacks.bounds import BOUNDS
 from training.config.data_sets import Data
 from training.config.settings import section, setting
 
@@ -35,6 +36,11 @@ class Adversary:
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
     natural: float = setting(0.0, "share that is only photographed", bounds=(0, 1))
     eps: float = setting(0.0, "bound of the noise, in [0, 1] units", bounds=(0, 1))
+    bound: str = setting(
+        "codes",
+        "what eps counts: sRGB codes of a photo's reading, or its light; a pixel is a code",
+        choices=BOUNDS,
+    )
     steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
     warmup: float = setting(0.0, "share of training over which eps rises from 0", bounds=(0, 1))
 
@@ -107,6 +113,9 @@ class Reattack:
         "bounds of the noise; null is the suite's own: 2, 4 and 8/255 for the ladder",
         example="[0.00784313725,0.0156862745]",
     )
+    bound: str = setting(
+        "codes", "what eps counts: sRGB codes of a reading, or its light", choices=BOUNDS
+    )
     steps: int = setting(20, "steps of each attack", bounds=(0, 100_000))
     seed: int = setting(1234, "of the images, the shots and the attacks", bounds=(0, MAX_SEED))
 
@@ -123,7 +132,6 @@ class RunConfig:
         is_path=True,
         changes_result=False,
         from_run=False,
-        run_has="a report into its own folder",
     )
     scene: Any = setting(
         "screen_photo",

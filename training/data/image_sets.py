@@ -8,13 +8,14 @@ import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from torch.utils.data import Dataset
 from torchvision.datasets import CIFAR10, CIFAR100, GTSRB, ImageFolder
 from torchvision.transforms import v2
 
 from moireaug.image_files import read_picture
-from moireaug.synthesis.pictures import SUFFIXES
+from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.config.data_sets import Data
 from training.data.splits import ImageSet, has_parts
 from training.system.files import read_table
@@ -59,6 +60,11 @@ def _read_from_torchvision(cfg: Data) -> ImageSet:
             train_set = make(cfg.root, **train_part, **options)
             test_set = make(cfg.root, **test_part, **options)
     except (RuntimeError, OSError) as error:
+        if cfg.download:
+            raise ValueError(
+                f"The data set {cfg.name!r} could not be fetched into data.root={cfg.root!r} "
+                f"({error}). Check the network, or pass as data.root a folder that has it."
+            ) from error
         raise ValueError(
             f"The data set {cfg.name!r} was not found under data.root={cfg.root!r} ({error}). "
             "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
@@ -110,7 +116,8 @@ def _fingerprint(pictures: ImageFolder) -> str:
     """Return sixteen hex digits that change with any name of a file."""
     sums = hashlib.sha256()
     for path, _ in pictures.samples:
-        sums.update(Path(path).relative_to(pictures.root).as_posix().encode() + b"\0")
+        name = Path(path).relative_to(pictures.root).as_posix()
+        sums.update(name.encode("utf-8", "surrogateescape") + b"\0")
     return sums.hexdigest()[:16]
 
 
@@ -119,10 +126,30 @@ class UprightFolder(ImageFolder):
     notebooks leave behind, are no part of it."""
 
     def __init__(self, root: Path, transform: Callable) -> None:
-        def is_picture(path: str) -> bool:
-            return path.lower().endswith(SUFFIXES) and not _hidden(Path(path).relative_to(root))
+        super().__init__(root, transform, loader=read_picture)
 
-        super().__init__(root, transform, loader=read_picture, is_valid_file=is_picture)
+    @staticmethod
+    def make_dataset(
+        directory: str | Path, class_to_idx: dict[str, int], *_: Any, **__: Any
+    ) -> list[tuple[str, int]]:
+        """Return each picture's path and the number of its class."""
+        samples: list[tuple[str, int]] = []
+        class_of: dict[Path, str] = {}
+        for name, number in class_to_idx.items():
+            folder = Path(directory, name)
+            names = [file for file in files_below(folder) if file.lower().endswith(SUFFIXES)]
+            if not names:
+                raise FileNotFoundError(f"{folder} holds no pictures: add some, or remove it")
+            paths = [folder / file for file in names]
+            paths.sort(key=lambda path: (str(path.parent), path.name))
+            for place in {path.parent for path in paths}:
+                owner = class_of.setdefault(place.resolve(), name)
+                if owner != name:
+                    raise FileNotFoundError(
+                        f"{place} is in two classes, {owner!r} and {name!r}, by a link: remove it"
+                    )
+            samples += [(str(path), number) for path in paths]
+        return samples
 
     def find_classes(self, directory: str | Path) -> tuple[list[str], dict[str, int]]:
         """Return the names of the class folders, and the number of each."""

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.files import shown
 from moireaug.image_files import read_picture, size_of
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.photographs.registration import register
@@ -153,7 +154,7 @@ def read_pairs(pairs: Iterable[PairFiles]) -> Iterator[ScreenPhoto]:
         if photo.shape != original.shape:
             sizes = [(p.shape[-1], p.shape[-2]) for p in (photo, original)]
             raise ValueError(_not_one_size(pair, *sizes))
-        yield ScreenPhoto(pair.photo.stem, photo, original)
+        yield ScreenPhoto(shown(pair.photo.stem), photo, original)
 
 
 def _not_one_size(pair: PairFiles, photo: tuple[int, int], original: tuple[int, int]) -> str:
@@ -174,4 +175,4 @@ def read_registered(photos: Iterable[Path], picture: Path) -> Iterator[ScreenPho
     on_screen = read_codes(picture)
     for path in photos:
         photo, original = register(read_codes(path), on_screen, str(path))
-        yield ScreenPhoto(path.stem, photo, original)
+        yield ScreenPhoto(shown(path.stem), photo, original)

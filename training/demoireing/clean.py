@@ -42,6 +42,7 @@ LOSSLESS_OPTIONS = {"lossless": True}
 FORMAT_OPTIONS: dict[str, dict[str, Any]] = {
     ".jpg": JPEG_OPTIONS,
     ".jpeg": JPEG_OPTIONS,
+    ".jfif": JPEG_OPTIONS,
     ".webp": LOSSLESS_OPTIONS,
 }
 

@@ -57,9 +57,9 @@ def fit(cfg: DemoireConfig) -> Metrics:
     cfg = scenes.with_files(cfg)
     check(cfg)
     run = Run(cfg)
+    if cfg.resume is not False and run.stage() == "finished" and not has_other_pairs(run):
+        return report_finished(run)  # only read, and where nothing can be written too
     with run.locked():
-        if cfg.resume is not False and run.stage() == "finished" and not has_other_pairs(run):
-            return report_finished(run)
         if cfg.resume and is_first():
             require_resumable(run)
         return complete(run)

@@ -80,7 +80,7 @@ def ladder(
         run: model and its test images.
         index: index of the test image.
         scene: scene of the shot.
-        eps: bound of the noise, in [0, 1] units.
+        eps: bound of the noise, in [0, 1] units of codes.
         steps: steps of each attack.
         seed: seed of the shot and of the random rows.
 

@@ -22,7 +22,7 @@ def attack_tab(run: str) -> None:
             )
             preset = gr.Dropdown(list(PRESETS), value=DEFAULT_PRESET, label="Scene")
             index = gr.Slider(0, attack.MAX_IMAGES - 1, 0, step=1, label="Test image", buttons=[])
-            eps = gr.Slider(0.5, 16, 4, step=0.5, label="eps, in 1/255", buttons=[])
+            eps = gr.Slider(0.5, 16, 4, step=0.5, label="eps, in 1/255, codes", buttons=[])
             steps = gr.Slider(1, 100, 20, step=1, label="Steps", buttons=[])
             button = gr.Button("Attack", variant="primary", elem_id="attack")
         with gr.Column(scale=3, min_width=320):

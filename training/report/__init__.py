@@ -50,13 +50,15 @@ def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> None:
         ValueError: a picture that is not (H, W, 3) uint8.
     """
     facts = {name: getattr(metrics, name) for name in ("data", "model", "seed")}
+    run = run_view(metrics)
     text = page.render(
         "run.html.j2",
-        run=run_view(metrics),
+        run=run,
         metrics=metrics,
         facts=facts | {"scene": metrics.scene_name},
         examples=examples,
         curves=_curves(metrics),
+        tradeoff=_tradeoff(run["visibility"]),
     )
     write_text(path, text)
 
@@ -78,7 +80,9 @@ def write_suite(
         examples: name of a table to blocks of pictures, as `write_run` takes them.
     """
     suite = suite_view(metrics, tables, lines, examples)
-    facts = {name: getattr(metrics, name) for name in ("data", "model", "suite", "n", "steps")}
+    facts = {
+        name: getattr(metrics, name) for name in ("data", "model", "suite", "n", "steps", "bound")
+    }
     unused = ["outcomes"]
     if lines["lpips"].isna().all():
         unused.append("lpips")
@@ -88,6 +92,18 @@ def write_suite(
     write_text(folder / "tables.md", page.render("suite.md.j2", **context))
     write_text(folder / "report.html", page.render("suite.html.j2", **context))
     return suite_parts(metrics, suite)
+
+
+def _tradeoff(series: Sequence[plots.Series]) -> dict[str, str] | None:
+    """Return the plot of accuracy against the visibility of noise; None without noise."""
+    if not series:
+        return None
+    caption = (
+        "Accuracy against PSNR, one point for each eps: the Moiré Attack against the photo without "
+        "noise, PGD against the clean image. Where two points stand one above the other, the noise "
+        "is as visible, and the lower one is the more dangerous."
+    )
+    return plots.scatter(series, "PSNR of the noise, dB", "accuracy, %", caption)
 
 
 def _curves(metrics: RunMetrics) -> list[dict[str, str]]:

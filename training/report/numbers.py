@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 DASH = "–"
@@ -47,6 +47,11 @@ def codes(value: Any) -> str:
     """Return a change in [0, 1] units in units of 1/255."""
     known = finite(value)
     return DASH if known is None else f"{255 * known:.3g}"
+
+
+def eps_with_unit(row: Mapping[str, Any]) -> str:
+    """Return the eps of a row in units of 1/255, and what it counts where there is noise."""
+    return f"{codes(row['eps'])} {row['bound']}".strip()
 
 
 def distinct(counts: Iterable[Any]) -> str:

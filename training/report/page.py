@@ -20,7 +20,16 @@ from training.runs.metrics import Metrics, PlainMetrics
 
 PICTURE_SIDE = 165  # pixels, to which small pictures are enlarged by a whole factor
 EXAMPLE_SIDE = 300  # pixels, to which large ones are cut
-NUMBER_FILTERS = ("percent", "points", "codes", "number", "duration", "capital", "tied")
+NUMBER_FILTERS = (
+    "percent",
+    "points",
+    "codes",
+    "eps_with_unit",
+    "number",
+    "duration",
+    "capital",
+    "tied",
+)
 
 
 def render(template: str, **context: Any) -> str:

@@ -1,4 +1,5 @@
-"""The plots of a training, as SVG. Rates are drawn by the page itself, in its tables.
+"""The plots of a run, as SVG: its training, and how visible noise is. Other rates are drawn by the
+page itself, in its tables.
 
 The colours are Okabe and Ito's (2008), told apart by every common kind of colour vision; in print
 the markers' shapes say the same. The background is transparent: in dark mode the page inverts the
@@ -11,6 +12,7 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -57,6 +59,43 @@ class Quantity(NamedTuple):
     limits: tuple[float | None, float | None] = (None, None)
 
 
+class Series(NamedTuple):
+    """Points of a plot that belong together.
+
+    Args:
+        name: its name in the legend.
+        points: x, y, and the low and high end of an interval of y, each.
+        model: index of the model, 0 for this one and 1 for its baseline, which gives the colour.
+        filled: whether its markers are filled, and its points joined by a line.
+    """
+
+    name: str
+    points: Sequence[tuple[float, float, float, float]]
+    model: int
+    filled: bool
+
+
+def scatter(series: Sequence[Series], x: str, y: str, caption: str) -> dict[str, str]:
+    """Draw points with their intervals along y, rates in [0, 1] drawn in percent; returns the plot
+    with its caption and alternative text."""
+    figure = Figure(FIGURE_INCHES, layout="constrained")
+    ax = figure.subplots()
+    for one in series:
+        colour, marker = MARKERS[one.model]
+        style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 6, "capsize": 2}
+        style |= {"linestyle": "-" if one.filled else "none", "label": one.name}
+        style |= {"markerfacecolor": colour if one.filled else "white", "clip_on": False}
+        xs, rates, low, high = np.array(sorted(one.points)).T
+        below, above = np.abs(rates - low), np.abs(high - rates)
+        ax.errorbar(xs, 100 * rates, yerr=100 * np.stack([below, above]), **style)
+    ax.set_ylim(0, 100)
+    style_axes(ax, x, y)
+    alt = f"{y} against {x}: {', '.join(one.name for one in series)}"
+    _add_legend(ax)
+    data = uri(svg(figure).encode(), "image/svg+xml")
+    return {"uri": data, "alt": alt, "caption": caption}
+
+
 def curves(
     histories: Mapping[str, History], x: str, quantities: Sequence[Quantity]
 ) -> list[dict[str, str]]:
@@ -80,15 +119,22 @@ def curves(
         ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))  # epochs or steps
         style_axes(ax, x, quantity.title)
         alt = f"{quantity.title} against the {x}"
-        handles, labels = ax.get_legend_handles_labels()
-        if handles:
+        labels = _add_legend(ax)
+        if labels:
             alt += f", a line for {' and '.join(labels)}"
-            legend = ax.legend(handles, labels, frameon=False, fontsize=9, labelcolor=TEXT_COLOUR)
-            for text in legend.get_texts():
-                text.set_parse_math(False)  # a recipe may have a dollar sign in its name
         data = uri(svg(figure).encode(), "image/svg+xml")
         plots.append({"uri": data, "alt": alt, "caption": quantity.caption})
     return plots
+
+
+def _add_legend(ax: Axes) -> list[str]:
+    """Add a legend of what has a label, and return the labels."""
+    handles, labels = ax.get_legend_handles_labels()
+    if handles:
+        legend = ax.legend(handles, labels, frameon=False, fontsize=9, labelcolor=TEXT_COLOUR)
+        for text in legend.get_texts():
+            text.set_parse_math(False)  # a recipe may have a dollar sign in its name
+    return labels
 
 
 def _draw(ax: Axes, history: History, key: str, scale: float, style: Mapping[str, Any]) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from moireaug.evaluation.frame import MEASURES
 from training.report.numbers import Rate, distinct
 from training.report.page import name_of, title_of
+from training.report.plots import Series
 from training.runs.metrics import PlainMetrics, RunMetrics, TrainCost
 
 MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
@@ -37,6 +38,7 @@ def run_view(metrics: RunMetrics) -> dict[str, Any]:
         "rows": rows,
         "main": main,
         "noise": [row for row in rows if row["psnr"] is not None],
+        "visibility": _visibility(sides),
         "has_lpips": any(row["lpips"] is not None for row in rows),
         "clean": metrics.clean_accuracy,
         "clean_theirs": baseline.clean_accuracy if baseline else None,
@@ -75,6 +77,22 @@ def _rows(metrics: RunMetrics, sides: Sides) -> list[Row]:
         row["first_attack"] = is_attack and bool(rows) and not rows[-1]["attack"]
         rows.append(row)
     return rows
+
+
+def _visibility(sides: Sides) -> list[Series]:
+    """Return accuracy by PSNR under the untargeted Moiré Attack and under PGD, this model first."""
+    series = []
+    for number, side in enumerate(reversed(list(sides.values()))):
+        for attack, title in (("ma_", "Moiré Attack"), ("pgd_", "PGD on pixels")):
+            points = []
+            for row in side.reattack or []:
+                is_of_it = row["name"].startswith(attack) and not row["targeted"]
+                if is_of_it and row.get("psnr") is not None:
+                    points.append((row["psnr"], row["accuracy"], *row["accuracy_interval"]))
+            if points:
+                name = f"{name_of(side)}: {title}"
+                series.append(Series(name, points, number, filled=attack == "ma_"))
+    return series
 
 
 def _change(gain: Rate) -> str:

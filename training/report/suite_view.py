@@ -127,6 +127,7 @@ def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
         "row": row,
         "column": attack,
         "eps": cell["eps"],
+        "bound": cell["bound"],
         "photo": photo,
         "random": random,
         "attack": fooled,

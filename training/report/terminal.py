@@ -8,7 +8,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from training.report.numbers import codes, duration, number, percent, points, short
+from training.report.numbers import (
+    codes,
+    duration,
+    eps_with_unit,
+    number,
+    percent,
+    points,
+    short,
+)
 from training.report.page import render, title_of
 from training.report.run_view import run_view
 from training.runs.metrics import RunMetrics, SuiteMetrics
@@ -104,7 +112,7 @@ def run_parts(metrics: RunMetrics) -> list[Part]:
 
 def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
     has_noise = row["psnr"] is not None
-    line = [short(row["title"], TITLE_WIDTH), codes(row["eps"])]
+    line = [short(row["title"], TITLE_WIDTH), eps_with_unit(row)]
     line += [codes(row["largest"]), number(row["psnr"])] if has_noise else ["", ""]
     for side in row["sides"].values():
         line.append(percent(side["accuracy"].value))

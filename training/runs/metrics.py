@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from moireaug.files import write_text
 from training.system.files import read_json, read_metrics
 
-VERSION = 1  # of the records
+VERSION = 2  # of the records
 # keys that are left out, not null: of what was not attacked, and of a machine that is not known
 ATTACK_KEYS = ("clean_accuracy", "reattack", "correct", "identity", "trust", "trust_n")
 Record = TypeVar("Record")
@@ -197,6 +197,7 @@ class SuiteMetrics(Metrics):
         suite: name of the suite.
         n: number of images.
         steps, eps: steps of each attack, and the bound of most.
+        bound: what the eps of noise on a reading counts: "codes" or "light".
         tables: cells of each table.
     """
 
@@ -204,6 +205,7 @@ class SuiteMetrics(Metrics):
     n: int
     steps: int
     eps: float
+    bound: str
     tables: dict[str, list[dict[str, Any]]]
 
 

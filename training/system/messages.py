@@ -2,15 +2,39 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import sys
+import traceback
+from multiprocessing import synchronize
 from typing import Any, TextIO
 
 from training.system.printing import use_legible
 
 EXPECTED_ERRORS = (ValueError, TypeError, FloatingPointError, OSError)
+_NO_SHARED_MEMORY = r"unable to \w+ shared memory|out of shared memory"
+SHARED_MEMORY_ADVICE = (
+    "the workers ran out of shared memory: /dev/shm is full, or small, as in a container (df -h "
+    "/dev/shm shows it). Make it larger (docker run --shm-size=2g, or --ipc=host), or have fewer "
+    "workers: data.workers=0, or in training/synthesise.py workers=0, needs none. Everything "
+    "complete is kept, and the same command continues."
+)
 LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
+
+
+class Terminated(KeyboardInterrupt):  # as KeyboardInterrupt
+    """SIGTERM, which ends a command as Ctrl-C does, but with the status 143."""
+
+
+def terminate(number: int, frame: Any) -> None:
+    """Raise `Terminated`: a handler of SIGTERM."""
+    raise Terminated
+
+
+def status_of(interruption: KeyboardInterrupt) -> int:
+    """Return the exit status of an interrupted command, 128 and the signal's number."""
+    return 143 if isinstance(interruption, Terminated) else 130
 
 
 class LineStream:
@@ -54,11 +78,29 @@ def count_text(n: int, noun: str) -> str:
 
 def is_expected(error: Exception) -> bool:
     """Return whether an error is a user's or the machine's, for which a sentence is enough."""
-    return isinstance(error, EXPECTED_ERRORS) or type(error).__name__ == LIGHTNING_ERROR
+    if isinstance(error, EXPECTED_ERRORS) or type(error).__name__ == LIGHTNING_ERROR:
+        return True
+    return lacks_shared_memory(error)
+
+
+def lacks_shared_memory(error: BaseException | None) -> bool:
+    """Return whether the workers of a DataLoader found too little shared memory: the error, or what
+    it was raised from, says so, or a semaphore, which lies there too, could not be made."""
+    while error is not None:
+        if isinstance(error, OSError):
+            frames = traceback.extract_tb(error.__traceback__)
+            if error.errno == errno.ENOSPC:  # a full disk has the same number
+                return any(frame.filename == synchronize.__file__ for frame in frames)
+        elif isinstance(error, RuntimeError) and re.search(_NO_SHARED_MEMORY, str(error)):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def sentence(error: Exception) -> str:
     """Return the message of an error, without the traceback that a DataLoader's worker adds."""
+    if lacks_shared_memory(error):
+        return SHARED_MEMORY_ADVICE
     if isinstance(error, OSError) and error.errno:  # the system's own words
         advice = "Everything complete is kept: fix this, and resume with the same command."
         return f"{error}. {advice}"

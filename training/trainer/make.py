@@ -17,6 +17,7 @@ from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasti
 from lightning.pytorch.utilities import rank_zero_only
 
 from training.config.schema import Trainer
+from training.system.messages import terminate
 from training.trainer.checkpoints import AtomicCheckpointIO
 
 
@@ -28,7 +29,7 @@ class EndOnSigterm(L.Callback):
     """
 
     def on_train_start(self, trainer: L.Trainer, module: L.LightningModule) -> None:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, terminate)
 
 
 class EpochLines(Checkpoint):

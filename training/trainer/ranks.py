@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
+import signal
 import tempfile
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,15 @@ from torch.distributed import DistError
 from training.config.checks import check_devices
 from training.config.schema import Trainer
 from training.system.files import read_checkpoint
-from training.system.messages import is_expected, prepare_output, sentence
-from training.system.processes import RANK_VARIABLES
+from training.system.messages import (
+    Terminated,
+    is_expected,
+    lacks_shared_memory,
+    prepare_output,
+    sentence,
+    status_of,
+)
+from training.system.processes import join_launch
 
 if TYPE_CHECKING:
     import lightning as L
@@ -38,7 +45,7 @@ class RankError(ValueError):
 
 def run_job(settings: Trainer, job: Callable[..., Any], *args: Any) -> None:
     """Run `job(*args)` in as many processes of this machine as the trainer asks for: here, if that
-    is one, or if a launcher such as torchrun or Slurm started the processes.
+    is one, or if a launcher such as torchrun or Slurm started the processes, see `join_launch`.
 
     Raises:
         ConnectionError, RankError: a process was lost, or has failed.
@@ -46,21 +53,27 @@ def run_job(settings: Trainer, job: Callable[..., Any], *args: Any) -> None:
         ValueError: more devices than there are.
     """
     check_devices(settings)
-    is_launched = any(name in os.environ for name in RANK_VARIABLES)
-    count = 1 if is_launched or settings.num_nodes > 1 else device_count(settings)
-    if count == 1:
+    count = device_count(settings)
+    is_launched = join_launch(count * settings.num_nodes)
+    if is_launched or settings.num_nodes > 1 or count == 1:
         job(*args)
     else:
         _launch(count, job, *args)
 
 
 def device_count(settings: Trainer) -> int:
-    """Return the number of devices of this machine that the trainer asks for."""
-    if isinstance(settings.devices, int) and settings.devices > 0:
-        return settings.devices
-    from training.trainer.make import make_trainer  # Lightning, which takes seconds to import
-
-    return make_trainer(settings, 1, []).num_devices
+    """Return the number of devices of this machine that the trainer asks for; as Lightning counts
+    them, which would read a launcher's variables."""
+    devices = settings.devices
+    if isinstance(devices, str) and devices not in ("auto", "-1"):
+        named = [part for part in devices.split(",") if part.strip()]
+        return len(named) if "," in devices else int(devices)
+    if isinstance(devices, Sequence) and not isinstance(devices, str):
+        return len(devices)
+    if devices in ("auto", "-1", -1):
+        on_gpu = settings.accelerator != "cpu" and torch.cuda.is_available()
+        return torch.cuda.device_count() if on_gpu else 1
+    return int(devices)
 
 
 def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
@@ -87,8 +100,9 @@ def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
         )
         try:
             elastic_launch(config, _run_rank)(count, job, *args)
-        except SignalException:
-            raise KeyboardInterrupt from None
+        except SignalException as error:
+            terminated = error.sigval == signal.SIGTERM
+            raise (Terminated if terminated else KeyboardInterrupt) from None
         except ChildFailedError as error:
             _, failure = error.get_first_failure()
             if isinstance(failure.message, str):  # torch's own: it was killed
@@ -105,8 +119,8 @@ def _run_rank(count: int, job: Callable[..., Any], *args: Any) -> None:
     torch.set_num_threads(max(1, torch.get_num_threads() // count))
     try:
         job(*args)
-    except KeyboardInterrupt:
-        raise SystemExit(130) from None  # torch takes an interruption for success
+    except KeyboardInterrupt as interruption:
+        raise SystemExit(status_of(interruption)) from None  # else success, to torch
     except Exception as error:
         if isinstance(error, ConnectionError):
             time.sleep(GRACE_SECONDS)
@@ -138,9 +152,13 @@ def fit(
     start_time = time.perf_counter()
     try:
         trainer.fit(module, batches, ckpt_path=folder / "last.ckpt" if first_epoch else None)
-    except SystemExit:  # what Lightning makes of Ctrl-C
+    except SystemExit as end:  # what Lightning makes of both
+        if isinstance(end.__context__, Terminated):
+            raise Terminated from None
         raise KeyboardInterrupt from None
     except RuntimeError as error:
+        if lacks_shared_memory(error):  # of workers, whose message names them as lost
+            raise
         if isinstance(error, DistError) or re.search(_LOST_PATTERN, str(error)):
             raise ConnectionError(f"{LOST_PROCESS} ({str(error).splitlines()[0]})") from error
         raise

@@ -47,17 +47,19 @@ class ErrorBudget(NamedTuple):
     beat_cycles: float
 
     @staticmethod
-    def of(tolerance: float) -> ErrorBudget:
+    def of(tolerance: float, exactness: float = 1) -> ErrorBudget:
         """Return the budget of a scene of this tolerance.
 
         What is left out is proportional to the tolerance; the error of a line grows with the square
         of the step between nodes, and that of a cubic with its fourth power.
+
+        exactness: by how much the errors of the pattern alone are smaller.
         """
         error = min(max(tolerance, MIN_TOLERANCE), MAX_TOLERANCE) / SceneRecord.tolerance
-        line, cubic = error**0.5, error**0.25
+        line, cubic = error**0.5, (error / exactness) ** 0.25
         return ErrorBudget(
-            harmonic_amplitude=2e-5 * error,
-            beat_amplitude=1e-4 * error,
+            harmonic_amplitude=2e-5 * error / exactness,
+            beat_amplitude=1e-4 * error / exactness,
             cell_light=1e-3 * error,
             tap_weight=1e-4 * error,
             phase_error=4e-3 * error,

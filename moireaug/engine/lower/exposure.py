@@ -27,10 +27,15 @@ BANDS_PER_CHANGE = 64  # of a row's light by its mean
 MIN_BANDS_PER_ROW, MAX_BANDS_PER_ROW = 16, 64
 
 
-def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelView]:
+def lower_exposure(
+    shot: ShotRecord, *, decoded: bool, exactness: int = 1
+) -> tuple[Exposure, PanelView]:
     """Return a shot's Exposure, and how its pixels see the panel.
 
-    decoded: the pictures have already been decoded, raised to the black level and prefiltered.
+    Args:
+        decoded: the pictures have already been decoded, raised to the black level and prefiltered.
+        exactness: by how much the errors of the pattern are smaller than the scene's tolerance
+            asks for.
     """
     plan, drawn = shot.plan, numbers_of(shot)
     homography, magnified = homography_of(shot, drawn)
@@ -47,6 +52,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelV
         black[:] = drawn["panel.black"]
     if "prefilter" in plan and not decoded:
         share[:] = prefilter.neighbour_share(shot).detach().float().numpy()
+    budget = ErrorBudget.of(shot.scene.tolerance, exactness)
     exposure = Exposure(
         size=shot.size,
         cameras=cameras,
@@ -55,14 +61,15 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, PanelV
         black=black,
         cell=cell,
         sites=_sites(shot.scene, shot.size),
-        flicker=_flicker_of(shot, cameras),
+        flicker=_flicker_of(shot, cameras, exactness),
         keys=torch.stack(random_numbers.keys(shot.seed), 1).numpy(),
         noisy="noise" in plan,
         coded="decode" in plan and not decoded,
         neighbour_share=share,
         dark_around=shot.is_dark_around,
         clips="clip_reading" in plan,
-        budget=ErrorBudget.of(shot.scene.tolerance),
+        # where a weight is linear between two phases, its slope errs the most
+        budget=budget._replace(phase_error=budget.phase_error / exactness),
     )
     return exposure, view
 
@@ -77,14 +84,15 @@ def _white_of(shot: ShotRecord, filters: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray((filters @ light[:, :, None])[:, channel, 0])
 
 
-def _flicker_of(shot: ShotRecord, cameras: np.ndarray) -> np.ndarray:
+def _flicker_of(shot: ShotRecord, cameras: np.ndarray, exactness: int) -> np.ndarray:
     """Return each sensor row's light relative to the mean, or of a binned reading, that at several
     bands of each photo row, (B, rows) float64; (B, 0) without flicker."""
     if "flicker" not in shot.plan:
         return np.empty((len(shot), 0))
     rows = shot.sampled_pixels()[0].positions()
     if shot.scene.is_binned:
-        bands = _bands_per_row(shot.scene, shot.size[0])
+        # what is linear in between errs by the square of their distance
+        bands = math.ceil(_bands_per_row(shot.scene, shot.size[0]) * exactness**0.5)
         count = shot.size[0] * bands
         part = torch.arange(count + 2, dtype=torch.float64, device="cpu") / count
         fields = {name: cameras[:, i, None] for i, name in enumerate(Camera._fields)}

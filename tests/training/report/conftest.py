@@ -17,7 +17,13 @@ LADDER_ROWS |= {"ma_4_targeted": 4, "pgd_4": 4}  # eps * 255
 def rows(accuracies, fooled):
     found = []
     for (name, eps), accuracy, success in zip(LADDER_ROWS.items(), accuracies, fooled, strict=True):
-        row = {"name": name, "eps": eps / 255, "steps": 20 if eps else 0, "control": not eps}
+        row = {
+            "name": name,
+            "eps": eps / 255,
+            "bound": "codes" if eps else "",
+            "steps": 20 if eps else 0,
+            "control": not eps,
+        }
         row |= {"headline": name == "ma_4", "targeted": name.endswith("targeted")}
         row |= {"accuracy": accuracy, "success": success}
         row["accuracy_interval"] = list(wilson(round(accuracy * N), N))
@@ -87,6 +93,7 @@ def suite_metrics(**given):
     facts = dict.fromkeys(("data", "scene_name", "plan", "fingerprint", "command"), "")
     facts |= {"recipe": "pretrained", "model": "m", "suite": "recipes", "seed": 0, "n": 4}
     facts |= {"scene": None, "config": {}, "environment": {}, "steps": 2, "eps": 4 / 255}
+    facts["bound"] = "codes"
     return SuiteMetrics(**facts | {"tables": {}, "time": {"re-attack": 1.0}} | given)
 
 

@@ -129,7 +129,9 @@ def suite_page(folder, metrics, pictures):
     frame = pd.DataFrame(lines).assign(
         condition="x", control=False, judge="model", eps=4 / 255, counted=9, n=10, undecided=0
     )
-    frame = frame.assign(success=0.5, low=0.3, high=0.7, seconds=1.0, outcomes="", paper=0.4)
+    frame = frame.assign(
+        bound="codes", success=0.5, low=0.3, high=0.7, seconds=1.0, outcomes="", paper=0.4
+    )
     frame = frame.assign(psnr=30.0, ssim=0.9, ciede2000=1.0, largest=0.1, lpips=0.2)
     shown = suite_metrics(suite="paper", trust=CHECKS, trust_n=9)
     report.write_suite(folder, shown, tables, frame, {"success": pictures})

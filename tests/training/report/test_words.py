@@ -55,7 +55,9 @@ def test_headline_of_a_difference_that_may_be_none(metrics, interval):
 def test_headline_without_a_baseline(alone):
     title, lead, _ = headline(alone)
     assert title == "Accuracy under the Moiré Attack of moire_at: 76 %"
-    assert lead.startswith("The Moiré Attack at 4/255 fools moire_at on 18 % of the images that")
+    assert lead.startswith(
+        "The Moiré Attack at 4/255 in codes fools moire_at on 18 % of the images that"
+    )
 
 
 def test_headline_is_about_the_row_that_says_so_else_the_last(metrics):

@@ -1,0 +1,80 @@
+"""What eps counts in an evaluation: in its rows, its keys, its records and its noise."""
+
+import json
+
+import pytest
+import torch
+
+from moireaug import Scene, expose
+from moireaug.attacks.bounds import bound_on_reading
+from moireaug.evaluation import evaluate, rates
+from moireaug.evaluation.conditions import EvalBatch, RandomNoise
+from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.records import RecordFolder, Records
+from moireaug.evaluation.runner import Runner
+from tests.evaluation.haze import CONDITIONS, EPS, SCENE
+
+
+def test_keys_of_noise_on_a_reading_have_its_bound_and_others_are_shared(known):
+    model, batches = known
+    keys = {}
+    for bound in ("codes", "light"):
+        runner = Runner(model, batches, SCENE, Records(), bound=bound)
+        for index, batch in enumerate(batches):
+            runner.keys.hash_batch(index, *batch)
+        keys[bound] = {name: runner.key(c, UNDEFENDED, 0) for name, c in CONDITIONS.items()}
+    same = [name for name in CONDITIONS if keys["codes"][name] == keys["light"][name]]
+    assert same == ["moire", "pgd"]
+
+
+def test_rows_and_records_say_what_eps_counts(known, tmp_path):
+    model, batches = known
+    settings = {"suite": "worst_case", "scene": SCENE, "steps": 1, "n": 2, "progress": False}
+    success = {}
+    for bound in ("codes", "light"):
+        frame = evaluate(model, batches, bound=bound, folder=tmp_path, identity="m", **settings)
+        lines = rates(frame).set_index(["row", "column"])
+        units = lines["bound"]["eps_4"].to_dict()
+        noisy = dict.fromkeys(("random", "ma", "apgd", "worst"), bound)
+        assert units == {"clean": "", "moire": "", "pgd": "codes"} | noisy
+        success[bound] = lines["psnr"]["eps_4", "ma"]
+    assert success["codes"] > success["light"] + 3
+    lines = (tmp_path / "records-0.jsonl").read_text().splitlines()
+    records = [json.loads(line) for line in lines]
+    assert {record["bound"] for record in records} == {"", "codes", "light"}
+    with pytest.raises(ValueError, match="bound must be one of 'codes', 'light'; got 'raw'"):
+        evaluate(model, batches, bound="raw", **settings)
+
+
+def test_records_that_do_not_say_what_eps_counts_are_refused(tmp_path):
+    old = {"key": "a", "labels": [], "targets": [], "predicted": [], "measured": {}, "seconds": 1}
+    (tmp_path / "records-0.jsonl").write_text(json.dumps(old) + "\n{torn\n")
+    with pytest.raises(
+        ValueError, match=r"records-0.jsonl has records that do not say .* codes or"
+    ):
+        RecordFolder(tmp_path)
+    (tmp_path / "records-0.jsonl").write_text(json.dumps(old | {"bound": ""}) + "\n{torn\n")
+    assert "a" in RecordFolder(tmp_path)
+
+
+@pytest.mark.parametrize("scene", [SCENE, Scene.preset("paper")])
+@pytest.mark.parametrize("bound", ["codes", "light"])
+def test_random_noise_lies_at_the_ends_of_the_boxes(known, bound, scene, monkeypatch):
+    model, batches = known
+    images, labels = (part[:2] for part in batches[0])
+    shot = scene.sample(2, images.shape[-2:], torch.Generator().manual_seed(0))
+    clean, shown = expose(images, shot), []
+
+    def keep(raw, shot):
+        shown.append(raw)
+        return images
+
+    monkeypatch.setattr("moireaug.evaluation.conditions.develop", keep)
+    g = torch.Generator().manual_seed(1)
+    batch = EvalBatch(model, images, labels, labels, shot, g, bound=bound)
+    RandomNoise(eps=EPS).show(batch)
+    box = bound_on_reading(EPS, bound, scene).box(clean)
+    for sign in (1.0, -1.0):
+        end = clean + box.noise(torch.full_like(clean, sign * EPS))
+        share = torch.isclose(shown[0], end, rtol=0, atol=1e-6).float().mean()
+        assert share > 0.4, sign
