@@ -10,6 +10,7 @@ from torch import Tensor
 
 from moireaug.effects.flicker import light_of_rows
 from moireaug.geometry import grids
+from moireaug.geometry.frame import planar
 from moireaug.scene.by_name import limits, values_of, with_values
 from moireaug.scene.fields import bounds
 from moireaug.shot import ShotRecord
@@ -65,17 +66,20 @@ def _motion(shot: ShotRecord, start: ShotRecord, max_shift: float) -> Tensor:
 
     start: the shot of B images of which `shot` holds n.
     """
-    h, w = shot.size
-    axes = [torch.linspace(0, side, POINTS_PER_AXIS, dtype=torch.float64) for side in (h, w)]
-    points, centre = grids.grid(*axes), torch.tensor([w / 2, h / 2], dtype=torch.float64)
-    points = points.expand(len(shot), -1, -1, -1)
-    photo = grids.image_to_photo(points, shot.matrix(), shot.size, shot.distortion) - centre
+    frame, corner = shot.frame, shot.panel_corner[:, None, None]
+    axes = [torch.linspace(0, side, POINTS_PER_AXIS, dtype=torch.float64) for side in shot.size]
+    points = grids.grid(*axes).expand(len(shot), -1, -1, -1)
+    centre = planar(frame.width / 2, frame.height / 2, points)
+    seen = points + frame.image_corner(points)
+    photo = grids.image_to_photo(seen, shot.matrix(), frame.size, shot.distortion) - centre
     photo = torch.where((photo.abs() <= centre + 1).all(-1, keepdim=True), photo, torch.nan)
     pitch = (start.sensor_scale / start.panel_scale).repeat(len(shot) // len(start))
     on_sensor = photo * shot.sensor_scale[:, None, None, None]
-    on_panel = (points - centre) * (pitch * shot.panel_scale)[:, None, None, None]
+    on_panel = points * shot.panel_scale[:, None, None, None] + corner
+    on_panel = on_panel * pitch[:, None, None, None]
     motion = [on_sensor.flatten(1) / max_shift, on_panel.flatten(1) / max_shift]
     if "flicker" in shot.plan:
-        rows = torch.linspace(0, h, FLICKER_ROWS, dtype=torch.float64)
-        motion.append(light_of_rows(rows, shot) / MAX_FLICKER)
+        share = torch.linspace(0, 1, FLICKER_ROWS, dtype=torch.float64)
+        rows = share * torch.as_tensor(frame.height, dtype=torch.float64).reshape(-1, 1)
+        motion.append(light_of_rows(rows.expand(len(shot), -1), shot) / MAX_FLICKER)
     return torch.cat(motion, 1)
