@@ -22,20 +22,24 @@ Screens:
 - LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; three
   dies on one package. From whatever distance makes a sign as large as its image: at 48 px and
   `shrink` 1, one of 48 LEDs is at pitch 1, of 10 mm at 7 m.
-- Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm. Before a phone at 150 to
-  400 mm: pitch 0.7 to 1.9.
+- Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm. Before a phone at 140 to
+  180 mm: pitch 1.6 to 2.05.
 - LCDs from close: 0.179 and 0.277 mm at 150 to 300 mm, the first where a phone's main camera
   focuses: pitch 1.8 to 5.6. A part of the screen, 80 to 400 panel pixels, fills a small photo or a
   crop of a large one, and its pixels are seen.
-- Whole screens: 1366 to 2560 panel pixels across a third to all of the camera's 4032.
-- LCD televisions across a room: 43 inch 1920 x 1080, 0.496 mm, and 65 inch 3840 x 2160, 0.375 mm,
-  at 1.5 to 3.5 m, by the main camera or one of twice its focal length: pitch 0.4 to 2.
+- Whole screens: 1366 to 1920 panel pixels across half to all of the camera's 4032: pitch 1.6 to
+  2.1.
+- LCD televisions across a room: 43 inch 1920 x 1080, 0.496 mm, at 1.5 to 2.7 m, by a camera of two
+  to three times the main one's focal length: pitch 1.6 to 2.1. From farther away, shrinking
+  averages the moiré of a whole picture away.
 - Black matrix: LCDs of these sizes emit from about half to three quarters of a pixel. No data sheet
   says how much along either axis; rows are the wider gaps, because transistors lie there.
 - Light that is not the picture's: an LCD's black is 1/1000 of its white in a dark room, and 1/100
   at an angle. Glass reflects 4 %: of a room at 300 lx, 1 % of a screen of 200 cd/m2; of a window of
-  1500 cd/m2, 30 %.
-- OLED phones turned down: pulses of 240 Hz, as reviewers measure on most, to 480 Hz.
+  1500 cd/m2, 30 %, more of it above: windows are seen in a screen's upper part.
+- OLED phones turned down: pulses of 240 Hz, as reviewers measure on most, to 480 Hz, on for 20 to
+  70 % of the time. A screen of 50 cd/m2 is exposed for 2 to 5 ms at ISO 130 to 320 and f/1.6:
+  half a cycle to two and a half, which leave bands.
 
 Cameras:
 - Phone: iPhone 12 main camera, 4032 x 3024 pixels, 26 mm equivalent (Apple's specifications; the
@@ -47,15 +51,16 @@ Cameras:
 - Document camera: 3264 px across 160 to 300 mm of the desk: 11 to 20 px per mm, pitch 1.05 to 2.
 - Dashcam: 2560 px across a 120 degree lens, 740 px focal length in the middle, barrel distorted.
 
-What no data sheet says was chosen so that photos agree with photographs (docs/reality.md): the
-phone's blur (0.3 to 0.55 px), noise and motion, screen_photo's pitch (1.8 to 2.8), crosstalk,
-exposure, white balance, tone, colour smoothing and sharpening. Its JPEG is of a larger picture and
-leaves no blocks in this one. It is shrunk by a triangle filter, as libraries shrink photographs.
-Its exposure leaves a white screen at a quarter to half of full scale; its tone curve lifts the
-middle and rolls off the highlights, as the curves of photographs do. Elsewhere the camera may
-expose for the room, so that white saturates, and balance white for its lamps: halfway to 3000 K, a
-screen of 6500 K turns red to 0.7 and blue to 1.7 of green. A phone's local contrast is an unsharp
-mask of a few photo pixels; a messenger saves the photo again, at a quality of 50 to 95.
+What no data sheet says was chosen so that photos, whole and crops of 224 px, agree with photographs
+(docs/reality.md): the phone's blur (0.4 to 0.6 px), noise and motion, screen_photo's pitch (1.3 to
+2.2), crosstalk, exposure, white balance, tone, colour smoothing and sharpening. Its JPEG is of a
+larger picture and leaves no blocks in this one. It is shrunk by area, which leaves the weave of one
+to three pixels that photographs show. Its tone curve lifts the middle and rolls off the highlights,
+as the curves of photographs do. Elsewhere the camera may expose for the room, so that white
+saturates, and balance white for its lamps: a third of the way to 3000 K, a screen of 6500 K turns
+red to 0.78 and blue to 1.45 of green. A phone's local contrast is an unsharp mask of a few photo
+pixels, which photographs show hardly: details of two to four pixels have 0.7 to 1.0 times the
+contrast of coarse ones. A messenger saves the photo again, at a quality of 50 to 95.
 """
 
 from __future__ import annotations
@@ -79,24 +84,24 @@ LIT_LCD = replace(LCD, black=(0.0, 0.01), glare=(0.0, 0.03))  # at an angle, in 
 OLED = replace(LIT_LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
 DIAMONDS = replace(OLED, layout="pentile_diamond")
 
-PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.55), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
-PHONE_SENSOR = Sensor(crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.002, 0.008))
+PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.4, 0.6), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
+PHONE_SENSOR = Sensor(crosstalk=(0.15, 0.3), gain=(1.5, 3.0), read_noise=(0.002, 0.008))
 DARK_SENSOR = replace(PHONE_SENSOR, gain=(2.0, 5.0), read_noise=(0.008, 0.03))
 PHONE_PHOTO = Develop(
     linear_light=True,
     red=(0.92, 1.12),
     blue=(0.92, 1.08),
-    saturation=(0.75, 1.4),
+    saturation=(0.7, 1.2),
     shoulder=(0.2, 1.2),
     contrast=(0.4, 1.0),
-    chroma_blur=(2.0, 5.0),
-    sharpen=(-0.9, 0.5),
+    chroma_blur=(2.0, 6.0),
+    sharpen=(-0.2, 0.7),
     sharpen_radius=(2.0, 5.0),
-    resize="antialias",
+    resize="area",
 )
 # The same in a room whose lamps the camera is balanced for, with local contrast.
 ROOM_PHOTO = replace(
-    PHONE_PHOTO, red=(0.7, 1.12), blue=(0.92, 1.7), sharpen=(-0.5, 1.5), sharpen_radius=(2.0, 10.0)
+    PHONE_PHOTO, red=(0.78, 1.12), blue=(0.92, 1.45), sharpen=(-0.2, 0.8), sharpen_radius=(2.0, 6.0)
 )
 SAVED_TWICE = replace(ROOM_PHOTO, jpeg=(50.0, 95.0))
 BY_HAND = View(yaw=(-20.0, 20.0), pitch=(-12.0, 12.0), roll=(-8.0, 8.0), fov=(20.0, 50.0))
@@ -127,7 +132,7 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(LCD, width=(400.0, 1600.0)),
         view=BY_HAND,
         lens=replace(PHONE_LENS, k1=(-0.03, 0.05)),
-        sensor=replace(PHONE_SENSOR, pitch=(1.8, 2.8)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.3, 2.2), gain=(1.5, 5.0)),
         develop=PHONE_PHOTO,
     ),
     # A phone in the hand, half a metre from a desk monitor.
@@ -213,26 +218,34 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # A laptop or monitor seen whole, in a room that the camera exposes for.
     "phone_at_whole_screen": SceneRecord(
-        panel=replace(LIT_LCD, width=(1366.0, 2560.0), black=(0.001, 0.01), glare=(0.0, 0.15)),
+        panel=replace(LIT_LCD, width=(1366.0, 1920.0), black=(0.001, 0.01), glare=(0.0, 0.15)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, pitch=(0.8, 1.6), gain=(1.5, 8.0)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.6, 2.1), gain=(1.5, 6.0)),
         develop=SAVED_TWICE,
     ),
     # A tablet held at an angle, in whose glass a window is reflected.
     "phone_at_tablet_by_window": SceneRecord(
-        panel=replace(LIT_LCD, layout="chevron", width=(600.0, 2048.0), glare=(0.02, 0.3)),
-        view=replace(BY_HAND, yaw=(-45.0, 45.0), pitch=(-20.0, 45.0), roll=(-30.0, 30.0)),
+        panel=replace(
+            LIT_LCD,
+            layout="chevron",
+            width=(600.0, 1900.0),
+            glare=(0.05, 0.3),
+            glare_y=(-0.5, -0.3),
+        ),
+        view=replace(BY_HAND, yaw=(-30.0, 30.0), pitch=(-10.0, 30.0), roll=(-15.0, 15.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, pitch=(0.7, 1.9)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.6, 2.05), gain=(1.5, 4.0)),
         develop=SAVED_TWICE,
     ),
     # An OLED phone turned down in the dark: bands, noise.
     "phone_at_dimmed_phone": SceneRecord(
-        panel=replace(DIAMONDS, width=(150.0, 1600.0), pwm=(240.0, 480.0), duty=(0.5, 0.95)),
+        panel=replace(DIAMONDS, width=(150.0, 1600.0), pwm=(240.0, 480.0), duty=(0.2, 0.7)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
         lens=PHONE_LENS,
-        sensor=replace(DARK_SENSOR, pitch=(1.1, 2.1), shutter=(0.008, 0.03), readout=(0.008, 0.02)),
+        sensor=replace(
+            DARK_SENSOR, pitch=(1.1, 2.1), shutter=(0.002, 0.005), readout=(0.008, 0.02)
+        ),
         develop=ROOM_PHOTO,
     ),
     # An LCD television from across a room.
@@ -240,7 +253,7 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(LIT_LCD, layout="chevron", width=(640.0, 1920.0), black=(0.001, 0.01)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0), fov=(8.0, 40.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, pitch=(0.4, 2.0), gain=(1.5, 6.0)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.6, 2.1), gain=(1.5, 4.5)),
         develop=SAVED_TWICE,
     ),
 }
