@@ -34,6 +34,7 @@ CASES = {
     "a far screen": ("phone_across_room_at_television", 16, {}),
     "full reading": ("screen_photo", 16, FULL),
     "camera's frame": ("phone_at_monitor", 16, CAMERA_FRAME),
+    "crop": ("screen_photo", 16, {"panel.width": 0.0, "sensor.shrink": (1.0, 3.0)}),
     "zero beat": ("screen_photo", 16, ZERO_BEAT),
     "grazing": ("phone_at_monitor", 16, GRAZING),
 }
@@ -42,10 +43,11 @@ CASES = {
 def scene_of(name, size, changes):
     """A preset whose sensor has one to three pixels a photo pixel, so that its moiré shows, and
     whose photo is no JPEG, whose rounding differs between float32 and float64."""
-    scene = Scene.preset(name)
-    pitch = sum(bounds(scene.sensor.pitch)) / 2
-    width = {"panel.width": (size / pitch, 3 * size / pitch), "develop.jpeg": 0.0}
-    return with_values(scene, width | changes)
+    scene = with_values(Scene.preset(name), {"develop.jpeg": 0.0})
+    if not scene.is_crop:
+        pitch = sum(bounds(scene.sensor.pitch)) / 2
+        scene = with_values(scene, {"panel.width": (size / pitch, 3 * size / pitch)})
+    return with_values(scene, changes)
 
 
 def picture(size, n=1):
