@@ -47,7 +47,7 @@ def seconds(run: trained.TrainedRun, suite: str, n: int, steps: int) -> float:
         names.append("networks=amnet")
     cfg = merge_run_settings(run.cfg, given, names)
     with tempfile.TemporaryDirectory() as records:
-        subject = subject_of_run(cfg, run)._replace(records=Path(records))
+        subject = subject_of_run(cfg, run, run.folder)._replace(records=Path(records))
         config = suite_config(cfg, subject, fabric_of(cfg.trainer))
         attack = SuiteAttack(
             subject.model, suite, subject.protocol, subject.records, config, check=False

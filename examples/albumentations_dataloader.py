@@ -69,13 +69,9 @@ def main() -> None:
 
     torch.manual_seed(0)
     screens = Screens(args.images, args.size)
-    loader = DataLoader(
-        screens,
-        32,
-        num_workers=args.workers,
-        worker_init_fn=seed_worker,
-        persistent_workers=args.workers > 0,  # a new one takes seconds until its first batch
-    )
+    # new workers take seconds until their first batch
+    workers = {"num_workers": args.workers, "persistent_workers": args.workers > 0}
+    loader = DataLoader(screens, 32, worker_init_fn=seed_worker, **workers)
     for epoch in range(2):
         began = time.perf_counter()
         boxes = torch.cat([boxes for _, boxes in loader])

@@ -20,7 +20,6 @@ from moireaug.scene.parts import PARTS
 from moireaug.scene.record import SceneRecord
 
 MAX_CACHED_SCENES = 64
-PLACES = ("sensor.crop_x", "sensor.crop_y")  # which only crops have
 ANGLES = ("view.yaw", "view.pitch", "view.roll")
 
 
@@ -105,7 +104,7 @@ def draw_table(scene: SceneRecord) -> DrawTable:
     for i, (name, value) in enumerate(fields.items()):
         low, high = bounds(value)
         lows.append(low)
-        if low < high and (scene.is_crop or name not in PLACES):
+        if scene.is_drawn(name):
             ranges.append(i)
             widths.append(high - low)
     low_column, width_column = (np.array(ends, np.float64)[:, None] for ends in (lows, widths))

@@ -57,7 +57,8 @@ SCENES["box"] = with_values(SCENES["spectral"], {"sensor.exposure": "box"})
 IN_BINS = {"panel.scale": 1.0, "panel.width": 9.0, "sensor.scale": 1.0, "sensor.pitch": 2.1}
 SCENES["binned"] = with_values(SCENES["spectral"], IN_BINS)
 # of a file's quality there is no gradient
-FIELDS = [field for field in values_of(SCENES["spectral"]) if field != "develop.jpeg"]
+NONE = ("develop.jpeg", "sensor.shrink", "sensor.crop_x", "sensor.crop_y")  # nor of a crop's place
+FIELDS = [field for field in values_of(SCENES["spectral"]) if field not in NONE]
 # the panel's size is stated in one way
 UNREAD = {
     "spectral": ("panel.width", "sensor.pitch"),

@@ -60,7 +60,6 @@ SENTENCES = [
     (lambda: Scene(panel=FIXED, sensor=Sensor(exposure="point")), "or 'mean'; got 'point'"),
     (lambda: Scene(panel=FIXED, develop=Develop(demosaic="malvar")), "must be 'bilinear'"),
     (lambda: Scene(panel=FIXED, develop=Develop(denoise="nlm")), "Develop.denoise"),
-    (lambda: Scene(panel=FIXED, develop=Develop(resize="point")), "Develop.resize"),
     (lambda: Scene(panel=Panel(width=1.0)).plan((10, 8192)), "at least 1.6384 panel pixels for"),
 ]
 

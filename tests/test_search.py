@@ -55,6 +55,10 @@ def built(cls, **given):
         for angle in ("yaw", "pitch", "roll"):
             ends = [float(round(end)) for end in bounds(given[angle])]
             given[angle] = ends[0] if ends[0] == ends[1] else tuple(ends)
+    for name, least in (("pwm", 1.0), ("shutter", 1e-6), ("jpeg", 1.0)):  # off, or on
+        if name in given and bounds(given[name])[1]:
+            low, high = (max(end, least) for end in bounds(given[name]))
+            given[name] = low if low == high else (low, high)
     for stated, least in (("width", 1.0), ("pitch", 1e-3), ("shrink", 0.1)):
         if stated in given and "scale" in given and bounds(given[stated])[1]:
             low, high = (max(end, least) for end in bounds(given[stated]))
@@ -67,10 +71,15 @@ def a_scene(*, sensor, **parts):
     """A scene; a full reading takes no screen, and a binned one no single sensor pixels."""
     stated = bounds(parts["panel"].width)[1] or bounds(sensor.pitch)[1]
     if bounds(sensor.shrink)[1]:  # with one of the two
-        if not stated:
-            sensor = dataclasses.replace(sensor, pitch=1.7)
-        elif bounds(sensor.pitch)[1]:
+        if bounds(sensor.pitch)[1] or not stated:
             parts["panel"] = dataclasses.replace(parts["panel"], width=0.0)
+            pitch = tuple(min(max(end, 0.1), 50.0) for end in bounds(sensor.pitch or 1.7))
+            sensor = dataclasses.replace(sensor, pitch=pitch)
+        else:
+            width = tuple(max(end, 900.0) for end in bounds(parts["panel"].width))
+            parts["panel"] = dataclasses.replace(parts["panel"], width=width)
+        zoom = tuple(min(max(end, 0.01), 50.0) for end in bounds(parts["view"].zoom))
+        parts["view"] = dataclasses.replace(parts["view"], zoom=zoom)
         stated = True
     if stated and sensor.reading == "full":
         sensor = dataclasses.replace(sensor, reading="auto")

@@ -88,10 +88,10 @@ class CW(NamesForeignArguments):
             with torch.no_grad():
                 logits = attacked_logits(self.model, photo, labels)
             search.check(logits)  # without steps, nothing was checked yet
+            clean_correct = search.is_right_without_noise()
         noise = pixels - problem.base
         eps = noise.abs().max().item() if noise.numel() else 0.0
         success = is_success(logits, labels, targets)
-        clean_correct = search.is_right_without_noise()
         correct = predicted(logits) == labels
         return Result(photo, success, noise, loss_curve(losses), eps, None, clean_correct, correct)
 

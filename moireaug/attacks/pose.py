@@ -31,9 +31,8 @@ def searched_fields(scene: Scene, optimise: tuple[str, ...]) -> list[str]:
             continue
         unused = () if "flicker" in scene.plan() else FLICKER_FIELDS
         varied = []
-        for name, value in values_of(scene).items():
-            low, high = bounds(value)
-            if name.startswith(f"{part}.") and low < high and name not in unused:
+        for name in values_of(scene):
+            if name.startswith(f"{part}.") and scene.is_drawn(name) and name not in unused:
                 varied.append(name)
         if not varied:
             raise ValueError(

@@ -3,10 +3,9 @@
 A scene is a screen, whatever the picture's size. `Sensor.pitch` is f * p / d: focal length f in
 sensor pixels, panel pixel p and distance d in mm. `Panel.width` is how much of the panel the
 picture takes, in a window or full screen: 400 to 1600 panel pixels on monitors, from 150 on other
-screens in the hand, 128 to 400 on LED walls, 48 to 256 on message signs. Width * pitch has to fit
-on the sensor: 4032, 1920 (webcam), 3264 (document camera) or 2560 (dashcam) px. In up to 3 % of a
-preset's draws it does not; in up to 8 %, once the camera has stepped back until a turned picture
-fits the photo.
+screens in the hand, 128 to 400 on LED walls. Width * pitch has to fit on the sensor: 4032, 1920
+(webcam) or 3264 px (document camera). In up to 3 % of a preset's draws it does not; in up to 8 %,
+once the camera has stepped back until a turned picture fits the photo.
 
 Screens:
 - Monitors: 27 inch 3840 x 2160 (AOC U27P1U, the paper's appendix C) 0.155 mm; 27 inch 2560 x 1440
@@ -20,8 +19,8 @@ Screens:
 - LED walls: 1.5 to 2.5 mm between pixels, as indoor walls are sold, at 2.4 to 7.5 m: pitch 1 to
   1.9.
 - LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; three
-  dies on one package. From whatever distance makes a sign as large as its image: at 48 px and
-  `shrink` 1, one of 48 LEDs is at pitch 1, of 10 mm at 7 m.
+  dies on one package; a sign has 32 to 96 of them across. From whatever distance makes a sign as
+  large as its image: at 48 px and `shrink` 1, one of 48 LEDs is at pitch 1, of 10 mm at 7 m.
 - Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm. Before a phone at 140 to
   180 mm: pitch 1.6 to 2.05.
 - LCDs from close: 0.179 and 0.277 mm at 150 to 300 mm, the first where a phone's main camera
@@ -196,7 +195,7 @@ PRESETS: dict[str, SceneRecord] = {
     # A car drives up to a full-colour LED sign, which is all of the image: the farther away, the
     # more LEDs for each of its pixels.
     "dashcam_at_led_sign": SceneRecord(
-        panel=Panel(layout="led", width=(48.0, 256.0), lit=(0.6, 1.0)),
+        panel=Panel(layout="led", width=(32.0, 96.0), lit=(0.6, 1.0)),
         view=View(yaw=(-30.0, 30.0), pitch=(-12.0, 0.0), roll=(-3.0, 3.0), fov=(5.0, 20.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.3, 0.6), motion_x=(-0.3, 0.3), motion_y=(-0.2, 0.2)),
         sensor=replace(

@@ -9,7 +9,9 @@ from typing import Any
 from moireaug.scene.fields import bounds, check_number, varies
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
-MIN_PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata["low"]
+_PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata
+MIN_PANEL_SCALE, MAX_PANEL_SCALE = _PANEL_SCALE["low"], _PANEL_SCALE["high"]
+PLACES = ("sensor.crop_x", "sensor.crop_y")  # which only crops have
 NOMINAL_SIZE = (224, 224)  # size of a plan when none is given
 
 
@@ -112,6 +114,12 @@ class SceneRecord:
         lens distortion."""
         return not self.develop.registered and (self.is_posed or self.is_bent)
 
+    def is_drawn(self, name: str) -> bool:
+        """Whether draws differ in a field such as "view.yaw": one that is a range, and read."""
+        part, field = name.split(".")
+        low, high = bounds(getattr(getattr(self, part), field))
+        return low < high and (self.is_crop or name not in PLACES)
+
     def octave(self, size: tuple[int, int]) -> int:
         """Return the exponent of the greatest power of 2 not above a picture's longer side, by
         which scenes with `Panel.width` are planned; 0 for others, which do not differ by size."""
@@ -191,6 +199,12 @@ class SceneRecord:
                 f"the other follows; got Panel.width = {self.panel.width!r}, Sensor.pitch = "
                 f"{self.sensor.pitch!r}. Leave Panel.width at 0 for a part of a screen, or "
                 "Sensor.pitch for something of so many panel pixels."
+            )
+        least, most = self.panel_scales(NOMINAL_SIZE)
+        if pitch and (least < MIN_PANEL_SCALE or most > MAX_PANEL_SCALE):
+            raise ValueError(
+                "Sensor.shrink * View.zoom / Sensor.pitch, panel pixels per pixel of a crop, must "
+                f"lie in [{MIN_PANEL_SCALE:g}, {MAX_PANEL_SCALE:g}]; got {least:g} to {most:g}."
             )
 
     def _check_reading(self) -> None:

@@ -35,6 +35,6 @@ def test_homographies_agree(view, size):
     h, w = size
     to_photo = np.array([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])
     # image to photo and back
-    both = pose.from_corner(np.linalg.inv(found), size) @ there @ to_photo
+    both = pose.from_corner(np.linalg.inv(found), w / 2, h / 2) @ there @ to_photo
     both /= both[:, 2:, 2:]
     assert abs(both - np.eye(3)).max() < 1e-8 * max(size)

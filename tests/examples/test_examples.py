@@ -51,7 +51,7 @@ RUNS = {
     ),
     "calibrate_to_your_camera": (
         ["--size=32", "--evaluations=1"],
-        r"distance 0\.\d+ at the start.*lens\.blur: \(0\.3, 0\.55\) before, .*RandomMoire\(",
+        r"distance 0\.\d+ at the start.*lens\.blur: \(0\.4, 0\.6\) before, .*RandomMoire\(",
         ["calibrated/scene.yaml", "calibrated/report.html"],
     ),
     "train_a_demoireing_network": (

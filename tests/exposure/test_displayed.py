@@ -10,6 +10,8 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.engine.cpu import expose_kernels, panel
 from moireaug.engine.lower.exposure import lower_exposure
+from moireaug.engine.lower.exposure_records import Camera
+from moireaug.exposure.bin_content import content_of
 from moireaug.exposure.displayed import DisplayedPicture
 from moireaug.exposure.screen import on_panel
 from moireaug.scene.by_name import with_values
@@ -67,8 +69,8 @@ def engine_shows(scene, picture):
     shown = np.empty(expose_kernels.shown_length(exposure, False), np.float32)
     light = np.empty(picture.shape[1:], np.float32)
     expose_kernels.show_kernel(shown, light, picture.numpy(), exposure, False, 0)
-    cell, alpha = exposure.cell, float(scene.panel.scale)
-    h, w = panel.shape.py_func(exposure.size, alpha, cell)
+    cell, camera = exposure.cell, Camera(*exposure.cameras[0])
+    h, w = panel.shape.py_func(exposure.size, camera, cell)
     period = int(cell.period[cell.kind[cell.channel.tolist().index(0)], 0])
     red = torch.from_numpy(shown).reshape(3, h, period, w // period)[0]
     return red.mT.reshape(h, w), tuple(panel.margin.py_func(cell, axis) for axis in (1, 0))
@@ -128,7 +130,7 @@ def test_a_slope_forward_is_the_slope_backward(alpha):
     given, along = (picture, torch.full((2,), alpha).double()), (torch.rand_like(picture), ONES)
 
     def show(picture, alpha):
-        displayed = DisplayedPicture(picture, SHOT, alpha)
+        displayed = DisplayedPicture(picture, SHOT, content_of(SHOT)._replace(scale=alpha))
         return on_panel(displayed, panel_size(1, (6, 7)), MARGIN).square().sum()
 
     _, forward = torch.func.jvp(show, given, along)

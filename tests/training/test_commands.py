@@ -173,7 +173,7 @@ def test_a_command_without_a_terminal_works(command, monkeypatch):
     """As in daemons, and in programs without a console."""
     for stream in ("stdout", "stderr"):
         monkeypatch.setattr(sys, stream, None)
-    monkeypatch.setattr(sys, "argv", ["fit.py"])
+    monkeypatch.setattr(sys, "argv", ["fit.py", "recipe=clean"])
     worked = []
 
     def work():

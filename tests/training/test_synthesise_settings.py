@@ -24,7 +24,7 @@ OTHER = {
     "n=12": "n: 10 there, 12 now",
     "seed=3": "seed: 0 there, 3 now",
     "encoding=jpeg": "encoding: png there, jpeg now",
-    "scene=screen_photo": "scene.view.fov: [30.0, 60.0] there, [20.0, 50.0] now",
+    "scene=screen_photo": "scene.sensor.pitch: [1.2, 2.1] there, [1.3, 2.2] now",
     "per_shard=5": "per_shard: 4 there, 5 now",
 }
 

@@ -40,6 +40,8 @@ SLIDER_LIMITS: dict[str, tuple[float, float]] = {
     "lens.motion_y": (-4.0, 4.0),
     "lens.olpf": (0.0, 2.0),
     "sensor.pitch": (0.4, 6.0),
+    "sensor.shrink": (0.0, 8.0),
+    "sensor.pixels": (320.0, 8064.0),
     "sensor.scale": (0.5, 12.0),
     "sensor.fill": (0.05, 1.0),
     "sensor.gain": (0.1, 10.0),

@@ -43,7 +43,6 @@ CONSTANT_SOURCES = (
     "exposure/displayed.py",
     "geometry/distortion.py",
     "geometry/frame.py",
-    "geometry/grids.py",
     "scene/lens.py",
     "scene/record.py",
 )
