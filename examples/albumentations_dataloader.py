@@ -69,17 +69,17 @@ def main() -> None:
 
     torch.manual_seed(0)
     screens = Screens(args.images, args.size)
-    # new workers take seconds until their first batch
     workers = {"num_workers": args.workers, "persistent_workers": args.workers > 0}
     loader = DataLoader(screens, 32, worker_init_fn=seed_worker, **workers)
     for epoch in range(2):
         began = time.perf_counter()
         boxes = torch.cat([boxes for _, boxes in loader])
-        seconds = time.perf_counter() - began
+        rate = len(boxes) / (time.perf_counter() - began)
         widths = boxes[:, 2] - boxes[:, 0]
         widths = widths[widths < args.size]  # of the photographed ones
-        share, rate = len(widths) / len(boxes), len(boxes) / seconds
-        print(f"epoch {epoch}: {share:.0%} photographed, their screens {widths.mean():.2f} px wide")
+        print(
+            f"epoch {epoch}: {len(widths) / len(boxes):.0%} photographed, {widths.mean():.2f} px wide"
+        )
         print(f"         {rate:.0f} images per second")
 
 

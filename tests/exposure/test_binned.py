@@ -11,6 +11,7 @@ from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose,
 from moireaug.effects import binned_statistics
 from moireaug.engine import switch
 from moireaug.scene.by_name import with_values
+from moireaug.scene.fields import bounds
 from moireaug.synthesis import without_moire
 from tests.engine.readings import assert_equal, readings
 
@@ -198,7 +199,8 @@ MOVED = View(yaw=(-25.0, 25.0), pitch=(-15.0, 15.0), roll=(-12.0, 12.0))
 @pytest.mark.parametrize("case", ENGINE.values(), ids=ENGINE)
 def test_the_engine_reads_bins_as_the_reference_does(case, sensor):
     scene = Scene(view=MOVED, lens=BENT, sensor=sensor, **case)
-    assert_equal(*readings(scene, (37, 52)))
+    gain = max(bounds(scene.sensor.gain)[1], 1.0)
+    assert_equal(*(reading / gain for reading in readings(scene, (37, 52))))
 
 
 @pytest.mark.parametrize("scale", [3.0, 4.0])

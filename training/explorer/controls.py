@@ -41,7 +41,7 @@ SLIDER_LIMITS: dict[str, tuple[float, float]] = {
     "lens.olpf": (0.0, 2.0),
     "sensor.pitch": (0.4, 6.0),
     "sensor.shrink": (0.0, 8.0),
-    "sensor.pixels": (320.0, 8064.0),
+    "sensor.pixels": (320.0, 8320.0),
     "sensor.scale": (0.5, 12.0),
     "sensor.fill": (0.05, 1.0),
     "sensor.gain": (0.1, 10.0),
@@ -153,6 +153,8 @@ def _control(part: str, field: dataclasses.Field[Any], description: str) -> Cont
     step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # 100 to 1000 positions
     if name == "panel.width":
         step = WIDTH_STEP_PIXELS
+    if name == "sensor.pixels":
+        step = 16.0
     kind = "range" if "low" in allowed else "number"
     return Control(part, field.name, kind, description, low, high, step)
 
