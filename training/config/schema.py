@@ -131,6 +131,12 @@ class RunConfig:
         "a list of these, of which one is drawn per image",
         example="'{preset: paper, ...}'",
     )
+    shrink: Any = setting(
+        None,
+        "images are crops, parts of larger photos, with so many sensor pixels per pixel: a number, "
+        "or [low, high]; null: whole photos, or what the scene says",
+        example="[1,3]",
+    )
     model: str = setting(MISSING, "the network's name", run_has="its own model")
     weights: str | None = setting(
         None,
