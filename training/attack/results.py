@@ -12,7 +12,7 @@ import pandas as pd
 import torch
 
 from moireaug.evaluation import paired_gain
-from moireaug.evaluation.frame import MEASURES
+from moireaug.evaluation.frame import MEASURES, MOIRE_MEASURES
 from moireaug.evaluation.suites.ladder import main_attack
 from moireaug.mixtures import scenes_of
 from training import report
@@ -38,7 +38,7 @@ def ladder_metrics(result: AttackResult) -> dict[str, Any]:
         row["success_interval"] = [cell["low"], cell["high"]]
         for name in ("n", "counted", "undecided", "seconds"):
             row[name] = cell[name]
-        for name in MEASURES:
+        for name in (*MEASURES, *MOIRE_MEASURES):
             if not pd.isna(cell[name]):
                 row[name] = cell[name]
         rows.append(row)

@@ -97,9 +97,15 @@ def run_parts(metrics: RunMetrics) -> list[Part]:
         Grid([heads, *lines], rule=len(controls)),
         "codes, dB: largest change of a code of 255, and PSNR, by the noise against "
         + short(run["name"], NAME_WIDTH),
+        *_moire(run["moire"]),
         *_training(run),
         *_unanswered(run),
     ]
+
+
+def _moire(text: str) -> list[str]:
+    """Return a line on the moiré of photos, if any was measured."""
+    return [f"moiré, photo minus the same without: {text}"] if text else []
 
 
 def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
@@ -152,6 +158,7 @@ def suite_parts(metrics: SuiteMetrics, suite: dict[str, Any]) -> list[Part]:
         if parts:
             parts.append("")
         parts.append(Grid(rows, title=f"{title_of(table['name'], 'tables')}: fooled, %"))
+        parts += _moire(table["moire"])
     for text in _unanswered(suite):
         parts += ["", text]
     if metrics.trust:
