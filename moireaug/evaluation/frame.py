@@ -14,11 +14,11 @@ from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.tables import Table
+from moireaug.synthesis.twins import SEEN_CODES
 
 CELL_COLUMNS = ["table", "row", "column"]
 MEASURES = ("psnr", "ssim", "ciede2000", "largest", "lpips")
 MOIRE_MEASURES = ("moire", "moire_seen")  # of photos without noise: see `rates`
-SEEN_CODES = 2.0  # of moiré, RMS: less is lost in a photo's noise and JPEG
 CONDITION_COLUMNS = ("condition", "control", "eps", "steps", "targeted", "judge")
 
 

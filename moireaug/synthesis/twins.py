@@ -11,6 +11,8 @@ from moireaug.scene.by_name import with_values
 from moireaug.scenes import Scene, Shot
 from moireaug.shot_checks import check_is_shot
 
+SEEN_CODES = 2.0  # of moiré, RMS: less is hard to see in a photo
+
 
 def without_moire(shot: Shot, *, noise: bool = True) -> Shot:
     """Return the same shot of a panel without subpixels: camera and light stay, and the stripes

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from moireaug.evaluation.frame import SEEN_CODES
+from moireaug.synthesis.twins import SEEN_CODES
 
 DASH = "–"
 UNITS = ("%", "points", "s", "min", "h")
