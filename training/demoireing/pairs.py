@@ -43,8 +43,9 @@ def training_scenes(cfg: DemoireConfig) -> dict[str, Scene]:
     scenes = {}
     for number, one in enumerate(names, 1):
         name = one if isinstance(one, str) else f"scene {number}"
-        scenes[name] = _of_crops(as_scene(one), cfg)
-        check_aligned(scenes[name])
+        scene = as_scene(one)
+        check_aligned(scene)
+        scenes[name] = _of_crops(scene, cfg)
     return scenes
 
 

@@ -51,11 +51,11 @@ def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
 
 def moire_of_sample(pairs: Pairs, n: int) -> str:
     """Measure the moiré of the first pairs of a set, with or without twins; return a sentence."""
-    moire = []
+    moire: list[float] = []
     pictures = pairs.pictures.subset(range(len(pairs.pictures)))  # which names its own skipped ones
     for k in range(n):
         pair = make_pair(k, pictures, pairs.scene, pairs.size, twin=True, seed=pairs.seed)
-        moire.append(pair.moire)
+        moire.append(pair.moire or 0.0)  # there is a twin
     seen = sum(one > SEEN_CODES for one in moire) / n
     return (
         f"Moiré of the first {count_text(n, 'pair')}, photo minus the same without: median "
