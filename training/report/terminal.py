@@ -85,7 +85,9 @@ def run_parts(metrics: RunMetrics) -> list[Part]:
     """Return the ladder as a table: accuracy of the baseline and of this model, and the gain; for
     attacks also how far the noise moves the photo."""
     run = run_view(metrics)
-    facts = [short(name, 18) for name in (metrics.data, metrics.model, metrics.scene_name)]
+    scene, *shrink = metrics.scene_name.split(", shrink ")  # which is not cut
+    facts = [short(name, 18) for name in (metrics.data, metrics.model, scene)]
+    facts += [f"shrink {text}" for text in shrink]
     facts += [f"n = {run['main']['n']}", "accuracy in %, eps in 1/255"]
     controls = [row for row in run["rows"] if not row["attack"]]
     heads = ["", "eps", "codes", "dB"]

@@ -55,6 +55,8 @@ def test_how_much_moire_photos_have_is_told(metrics, tmp_path):
     cells = [{"moire": moire, "moire_seen": seen} for moire, seen in ((0.04, 0.0), (12.0, 1.0))]
     assert moire_text([*cells, {"moire": None}, {}]).startswith("median 0.04 to 12 codes RMS, 0 to")
     assert moire_text([{}]) == ""
+    crops = replace(metrics, scene_name=f"{'dashcam_at_led_sign, ' * 2}, shrink 1 to 3")
+    assert ", dashcam_at_led_si…, shrink 1 to 3, n = 200" in plain(report.run_parts(crops))
 
 
 @pytest.mark.parametrize("interval", [[-0.01, 0.05], [0.0, 0.04], [-0.03, 0.0]])
