@@ -27,16 +27,25 @@ from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
 
 SIDE, DETAIL = 288, 72  # of the photograph, and of the part that is magnified
+SEED = 3  # of all draws
 CANDIDATES = 9  # draws of each preset, of which three are shown
+CROP = 1.0  # sensor pixels per pixel of the crops
 TIMED_BATCH, TIMED_RUNS = 16, 9
 BANNER = ("screen_photo", "phone_at_monitor", "phone_at_phone", "phone_at_led_wall", "paper_code")
+BANNER_CROP = (1.0, 3.0)
 
 INTRODUCTION = f"""# Gallery
 
-One photograph of {SIDE} px in every preset: of {CANDIDATES} draws, the photos with the strongest,
-middle and weakest moiré; a part of the first, magnified; the spectrum of its moiré.
-Milliseconds are per photo of 224 px on one thread of {{machine}}. `python docs/gallery.py` draws
-this page; the portrait of Grace Hopper is in the public domain.
+One photograph of {SIDE} px in every preset. First row: the image is a whole photo; of {CANDIDATES}
+draws, those with the strongest, middle and weakest moiré. Second row: it is a
+[crop](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's own resolution
+(`shrink={CROP:g}`); the first three draws, not chosen. The paper's presets have no crops, and an
+LED sign is one. In both: a part of the first, magnified; the spectrum of its moiré. All draws are
+of seed {SEED}.
+
+Moiré is the median of the {CANDIDATES} draws, the photo minus the same without, in codes RMS.
+Milliseconds are of CPU time per photo of 224 px, on one thread of {{machine}}.
+`python docs/gallery.py` draws this page; the portrait of Grace Hopper is in the public domain.
 """
 
 USES = {
@@ -71,10 +80,9 @@ def moire_of(pictures: Tensor, shot: Shot) -> Tensor:
     return capture(pictures, shot) - capture(pictures, without_moire(shot))
 
 
-def ordered(pictures: Tensor, shot: Shot) -> list[int]:
-    """Return the draws of a shot by the strength of their moiré, strongest first."""
-    strength = moire_of(pictures, shot).square().mean((1, 2, 3))
-    return strength.argsort(descending=True).tolist()
+def codes(moire: Tensor) -> Tensor:
+    """Return the strength of moiré (B, 3, H, W) in codes RMS, (B,)."""
+    return 255 * moire.square().mean((1, 2, 3)).sqrt()
 
 
 def detail(photo: Tensor) -> Tensor:
@@ -91,51 +99,82 @@ def spectrum(difference: Tensor) -> Tensor:
     return ((decibels + 20) / 60).clamp(0, 1).permute(1, 2, 0)
 
 
-def draw(name: str, picture: Tensor) -> None:
-    """Draw a preset's photos, the detail and the spectrum in a row."""
+def row(scene: Scene, picture: Tensor, *, by_strength: bool) -> tuple[Tensor, float]:
+    """Return three photos in a scene, a detail and the spectrum of the first, (3, H, W), and the
+    median strength of moiré; the photos with the strongest, middle and weakest, or the first."""
     pictures = picture.expand(CANDIDATES, -1, -1, -1)
-    shot = Scene.preset(name).sample(CANDIDATES, (SIDE, SIDE), torch.Generator().manual_seed(3))
-    order = ordered(pictures, shot)
-    photos = capture(pictures, shot)
-    shown = [photos[order[i]] for i in (0, CANDIDATES // 2, CANDIDATES - 1)]
-    magnified = detail(shown[0]).repeat_interleave(4, 1).repeat_interleave(4, 2)
-    difference = moire_of(pictures, shot)[order[0]]
-    tiles = [*shown, magnified, spectrum(difference).permute(2, 0, 1)]
-    row = torch.cat(tiles, 2).mul(255).round().byte().permute(1, 2, 0).numpy()
+    shot = scene.sample(CANDIDATES, (SIDE, SIDE), torch.Generator().manual_seed(SEED))
+    photos, moire = capture(pictures, shot), moire_of(pictures, shot)
+    strength, chosen = codes(moire), [0, 1, 2]
+    if by_strength:
+        order = strength.argsort(descending=True).tolist()
+        chosen = [order[i] for i in (0, CANDIDATES // 2, CANDIDATES - 1)]
+    first = chosen[0]
+    magnified = detail(photos[first]).repeat_interleave(4, 1).repeat_interleave(4, 2)
+    tiles = [*photos[chosen], magnified, spectrum(moire[first]).permute(2, 0, 1)]
+    return torch.cat(tiles, 2), strength.median().item()
+
+
+def ways(name: str) -> dict[str, Scene]:
+    """Return a preset for whole photos and, but for the paper's, for crops."""
+    scene = Scene.preset(name)
+    if not scene.is_binned:
+        return {"whole": scene}
+    if scene.is_crop:  # which states how large a sign is in the image
+        return {"crop": scene.with_shrink(CROP)}
+    return {"whole": scene, "crop": scene.with_shrink(CROP)}
+
+
+def draw(name: str, picture: Tensor) -> dict[str, float]:
+    """Draw a preset's rows; return the strength of their moiré."""
+    rows, strengths = [], {}
+    for way, scene in ways(name).items():
+        tiles, strengths[way] = row(scene, picture, by_strength=way == "whole")
+        rows.append(tiles)
+    drawn = torch.cat(rows, 1).mul(255).round().byte().permute(1, 2, 0).numpy()
     path = HERE / "gallery" / f"{name}.jpg"
     path.parent.mkdir(exist_ok=True)
-    Image.fromarray(row).save(path, quality=92, subsampling=0)
+    Image.fromarray(drawn).save(path, quality=92, subsampling=0)
+    return strengths
 
 
-def milliseconds(name: str) -> float:
-    """Return the median time of a photo of 224 px."""
+def milliseconds(scene: Scene) -> float:
+    """Return the median CPU time of a photo of 224 px."""
     pictures = photograph(224).expand(TIMED_BATCH, -1, -1, -1).contiguous()
     times = []
     for _ in range(TIMED_RUNS + 1):
-        shot = Scene.preset(name).sample(TIMED_BATCH, (224, 224))
-        start = time.perf_counter()
+        shot = scene.sample(TIMED_BATCH, (224, 224))
+        start = time.process_time()  # of one thread, however busy the machine is
         capture(pictures, shot)
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     return 1000 * statistics.median(times[1:]) / TIMED_BATCH  # the first one compiles
 
 
-def section(name: str) -> str:
-    """Return a preset's part of the page."""
+def section(name: str, picture: Tensor) -> str:
+    """Draw a preset; return its part of the page."""
+    figures = []
+    for way, strength in draw(name, picture).items():
+        time_text = f"{milliseconds(ways(name)[way]):.1f} ms"
+        figures.append(f"{way}: moiré of {strength:.1f} codes, {time_text}")
     return (
-        f"\n## {name}\n\n{USES[name]}; {milliseconds(name):.1f} ms.\n\n"
+        f"\n## {name}\n\n{USES[name]}; {'; '.join(figures)}.\n\n"
         f"[![{name}](gallery/{name}.jpg)](gallery/{name}.jpg)\n"
     )
 
 
 def draw_banner(picture: Tensor) -> None:
-    """Draw some presets' strongest photo, and its detail."""
+    """Draw some presets' photos with the strongest moiré, crops but for the paper's, and their
+    details."""
     figure = Figure(figsize=(2.05 * (1 + len(BANNER)), 4.3), dpi=90, layout="constrained")
     axes = figure.subplots(2, 1 + len(BANNER))
     photos = {"shown on the screen": picture}
     for name in BANNER:
+        scene = Scene.preset(name)
+        scene = scene.with_shrink(BANNER_CROP) if scene.is_binned else scene
         pictures = picture.expand(CANDIDATES, -1, -1, -1)
-        shot = Scene.preset(name).sample(CANDIDATES, (SIDE, SIDE), torch.Generator().manual_seed(3))
-        photos[name] = capture(pictures, shot)[ordered(pictures, shot)[0]]
+        shot = scene.sample(CANDIDATES, (SIDE, SIDE), torch.Generator().manual_seed(SEED))
+        strongest = codes(moire_of(pictures, shot)).argmax()
+        photos[name] = capture(pictures, shot)[strongest]
     for column, (name, photo) in zip(axes.T, photos.items(), strict=True):
         column[0].set_title(name, fontsize=10)
         for axis, part in zip(column, (photo, detail(photo)), strict=True):
@@ -157,8 +196,7 @@ def main() -> None:
     picture = photograph(SIDE)
     page = INTRODUCTION.format(machine=machine())
     for name in PRESETS:
-        draw(name, picture)
-        page += section(name)
+        page += section(name, picture)
     (HERE / "gallery.md").write_text(page)
     draw_banner(picture)
 

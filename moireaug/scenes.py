@@ -165,7 +165,8 @@ class Scene(SceneRecord):
         if not self.is_binned:
             raise ValueError(
                 "shrink is for scenes that state Panel.width, Sensor.pitch or Sensor.shrink; got "
-                f"{shrink!r} for one that states Panel.scale and Sensor.scale. Leave it out."
+                f"{shrink!r} for one that states Panel.scale and Sensor.scale. Leave it out: None, "
+                "or null on a command line."
             )
         panel = self.panel
         if bounds(self.sensor.pitch)[1]:

@@ -103,7 +103,7 @@ def synthesise(cfg: Config) -> None:
         OSError: the disk is full or not writable.
     """
     share = share_of(cfg.shard)
-    scene = scenes.load(cfg.scene)
+    scene = scenes.load(cfg.scene, cfg.shrink)
     pairs = Pairs(cfg.images, scene, cfg.size, twin=cfg.twin, seed=cfg.seed, n=cfg.n)
     pair_set = PairSet(Path(cfg.out), cfg.n, cfg.per_shard, FORMATS[cfg.format].suffix)
     # before the folder is claimed: other settings may find a usable picture

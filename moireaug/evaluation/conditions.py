@@ -22,7 +22,7 @@ from moireaug.capture import capture, develop, expose
 from moireaug.mixtures import Mixture
 from moireaug.numeric import clip
 from moireaug.scenes import Scene, Shot
-from moireaug.synthesis.twins import without_moire
+from moireaug.synthesis.twins import moire_codes, without_moire
 
 Model = nn.Module | Callable[[Tensor], Tensor]
 ImageTransform = Callable[[Tensor], Tensor]
@@ -163,6 +163,11 @@ class Photo(Condition):
 
     def show(self, batch: EvalBatch) -> Tensor:
         return capture(batch.images, batch.shot)
+
+    def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
+        """Return `moire`: the photo minus its twin, in codes RMS."""
+        twins = capture(batch.images, without_moire(batch.shot))
+        return {"moire": moire_codes(images, twins).tolist()}
 
 
 class PhotoWithoutMoire(Condition):

@@ -92,7 +92,8 @@ def evaluate(
         lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16, with
             which the LPIPS of every attack is measured; None does not measure it.
         progress: whether to show a bar.
-        shrink: images are crops, parts of larger photos; see `Scene.with_shrink`.
+        shrink: images are crops, parts of larger photos, in every scene of the suite; see
+            `Scene.with_shrink`.
 
     A model that gets no more clean images right than by guessing is warned about: it may take
     normalised images.
@@ -121,7 +122,8 @@ def evaluate(
     check_count("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
     config = SuiteConfig(
-        scene=as_scenes(scene, shrink),
+        scene=as_scenes(scene),
+        shrink=shrink,
         eps=eps,
         steps=steps,
         targets=targets or {},

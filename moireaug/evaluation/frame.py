@@ -14,9 +14,11 @@ from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.tables import Table
+from moireaug.synthesis.twins import SEEN_CODES
 
 CELL_COLUMNS = ["table", "row", "column"]
 MEASURES = ("psnr", "ssim", "ciede2000", "largest", "lpips")
+MOIRE_MEASURES = ("moire", "moire_seen")  # of photos without noise: see `rates`
 CONDITION_COLUMNS = ("condition", "control", "eps", "bound", "steps", "targeted", "judge")
 
 
@@ -29,7 +31,8 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
     goal is reached; `counted`, whether the judge without its defence gets the clean image right;
     `rejected`, whether a model that can do so rejects the image, which is then neither correct nor
     fooled; `undecided`, whether the logits were not finite; `seconds`, the image's share; and
-    measures such as `psnr`.
+    measures such as `psnr`, of attacks, and `moire`, of photos: their difference from the same
+    photo without moiré, in codes RMS.
     """
     condition_frames: dict[tuple[str, str], pd.DataFrame] = {}
     cell_frames = []
@@ -111,7 +114,8 @@ def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     )
 
 
-PRINTED_COLUMNS = {"table", "row", "column", "eps", "largest", "psnr", "accuracy", "success", "n"}
+PRINTED_COLUMNS = {"table", "row", "column", "eps", "largest", "psnr", "moire"}
+PRINTED_COLUMNS |= {"accuracy", "success", "n"}
 
 
 class RatesFrame(pd.DataFrame):
@@ -127,10 +131,13 @@ class RatesFrame(pd.DataFrame):
     def __repr__(self) -> str:
         if not {*self.columns} >= PRINTED_COLUMNS:  # some were deleted
             return super().__repr__()
-        return "\n\n".join(
-            f"{name}, accuracy and success in % [95 %], eps in 1/255\n{_text(part)}"
-            for name, part in self.groupby("table", sort=False)
-        )
+        texts = []
+        for name, part in self.groupby("table", sort=False):
+            head = f"{name}, accuracy and success in % [95 %], eps in 1/255"
+            if part["moire"].notna().any():
+                head += ", moiré (median) in codes RMS"
+            texts.append(f"{head}\n{_text(part)}")
+        return "\n\n".join(texts)
 
 
 def _text(cells: pd.DataFrame) -> str:
@@ -141,10 +148,13 @@ def _text(cells: pd.DataFrame) -> str:
         "eps": (255 * cells["eps"]).map("{:g}".format),
         "codes": (255 * cells["largest"]).map("{:.3g}".format),
         "dB": cells["psnr"].map("{:.1f}".format),
+        "moiré": cells["moire"].map("{:.2g}".format),
         "accuracy": _percent_text(cells, "accuracy", "accuracy_low", "accuracy_high"),
         "success": _percent_text(cells, "success", "low", "high"),
         "n": cells["n"],
     }
+    if cells["moire"].isna().all():
+        del lines["moiré"]
     return pd.DataFrame(lines).replace("nan", "").to_string(index=False)
 
 
@@ -163,8 +173,9 @@ def rates(frame: pd.DataFrame) -> RatesFrame:
     Columns: those of `images_frame` up to `judge`; `accuracy`, `accuracy_low`, `accuracy_high` of
     all images; `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are
     none; `n`, `counted`, `rejected`, `undecided`, `seconds`; the measures, over images that got
-    noise; `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, empty, for
-    published figures.
+    noise; `moire`, the median of moiré in photos, in codes RMS, and `moire_seen`, the share of
+    photos with more than `SEEN_CODES`; `outcomes`, a 0 or 1 per image, for paired comparisons; and
+    `paper`, empty, for published figures.
     """
     lines = []
     for (table, row, column), cell in frame.groupby(CELL_COLUMNS, sort=False):
@@ -177,7 +188,7 @@ def rates(frame: pd.DataFrame) -> RatesFrame:
         lines.append(line | _rates(cell))
     columns = [*CELL_COLUMNS, *CONDITION_COLUMNS, "accuracy", "accuracy_low", "accuracy_high"]
     columns += ["success", "low", "high", "n", "counted", "rejected"]
-    columns += ["undecided", "seconds", *MEASURES, "outcomes", "paper"]
+    columns += ["undecided", "seconds", *MEASURES, *MOIRE_MEASURES, "outcomes", "paper"]
     return RatesFrame(pd.DataFrame(lines).reindex(columns=columns))
 
 
@@ -204,7 +215,15 @@ def _rates(cell: pd.DataFrame) -> dict[str, object]:
         "seconds": float(cell["seconds"].sum()),
         "outcomes": "".join("1" if right else "0" for right in cell["correct"]),
     }
-    return cell_rates | _measures(cell)
+    return cell_rates | _measures(cell) | _moire(cell)
+
+
+def _moire(cell: pd.DataFrame) -> dict[str, float]:
+    """Return how much moiré photos have; nothing where none was measured."""
+    if "moire" not in cell or cell["moire"].isna().all():
+        return {}
+    moire = cell["moire"].dropna()
+    return {"moire": float(moire.median()), "moire_seen": float((moire > SEEN_CODES).mean())}
 
 
 def _measures(cell: pd.DataFrame) -> dict[str, float]:

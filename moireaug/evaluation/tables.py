@@ -4,7 +4,7 @@ templates."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -102,6 +102,8 @@ class SuiteConfig:
     Args:
         scene: scene of the evaluation, or a mixture of scenes; also what `as_scenes` takes, such
             as a preset's name.
+        shrink: images are crops, in every scene of a suite; see `Scene.with_shrink`. None leaves
+            the scenes as they are.
         eps: bounds of the noise, in [0, 1] units, of tables with a row or column each; the middle
             one is that of tables that compare at one bound. None leaves each suite its own.
         steps: gradient steps of every attack.
@@ -115,6 +117,7 @@ class SuiteConfig:
     """
 
     scene: Scene | Mixture
+    shrink: float | Sequence[float] | None = None
     eps: tuple[float, ...] | None = None
     steps: int = 20
     targets: Mapping[str, Model | None] = field(default_factory=dict)
@@ -123,7 +126,7 @@ class SuiteConfig:
     without: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scene", as_scenes(self.scene))
+        object.__setattr__(self, "scene", as_scenes(self.scene, self.shrink))
         if self.eps is not None:
             check_bounds(self.eps)
             object.__setattr__(self, "eps", tuple(map(_exact, self.eps)))

@@ -22,7 +22,7 @@ from moireaug.capture import capture
 from moireaug.mixtures import Mixture, as_scenes, sample_one, scenes_of
 from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.pictures import Pictures, Source
-from moireaug.synthesis.twins import without_moire
+from moireaug.synthesis.twins import moire_codes, without_moire
 
 SIZE_RANGE = (16, 8192)  # pixels a side
 MAX_SEED = 2**32 - 1
@@ -39,6 +39,7 @@ class Pair:
         shot: shot of the photo, of one image.
         original, photo: (3, size, size) uint8, sRGB codes.
         twin: photo by `without_moire(shot)`, or None.
+        moire: photo minus twin, in codes RMS; None where there is no twin.
     """
 
     index: int
@@ -50,6 +51,12 @@ class Pair:
     photo: Tensor
     twin: Tensor | None
 
+    @property
+    def moire(self) -> float | None:
+        if self.twin is None:
+            return None
+        return moire_codes(self.photo[None] / 255, self.twin[None] / 255).item()
+
     def pictures(self) -> dict[str, Tensor]:
         """Return photo, original and, where there is one, twin."""
         pictures = {"photo": self.photo, "original": self.original}
@@ -58,17 +65,19 @@ class Pair:
         return pictures
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the pair's settings as plain values fit for JSON.
+        """Return the pair's settings, and its `moire` where there is a twin, as plain values fit
+        for JSON.
 
         `Shot.from_dict` of its `shot` takes the same photo of the same original again.
         """
-        return {
+        values = {
             "index": self.index,
             "picture": self.picture,
             "top": self.top,
             "left": self.left,
             "shot": self.shot.to_dict(),
         }
+        return values if self.moire is None else values | {"moire": self.moire}
 
 
 class Pairs(IterableDataset):

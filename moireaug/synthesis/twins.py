@@ -5,9 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 
+from torch import Tensor
+
 from moireaug.scene.by_name import with_values
 from moireaug.scenes import Scene, Shot
 from moireaug.shot_checks import check_is_shot
+
+SEEN_CODES = 2.0  # of moiré, RMS: less is hard to see in a photo
 
 
 def without_moire(shot: Shot, *, noise: bool = True) -> Shot:
@@ -26,6 +30,16 @@ def without_moire(shot: Shot, *, noise: bool = True) -> Shot:
     """
     check_is_shot(shot)
     return dataclasses.replace(shot, scene=_without_subpixels(shot.scene, noise))
+
+
+def moire_codes(photos: Tensor, twins: Tensor) -> Tensor:
+    """Return the strength of moiré in photos, (B,) float64: the root mean square of their
+    differences from their twins, in codes of 255.
+
+    Args:
+        photos, twins: (B, 3, H, W) in [0, 1], of shots and of `without_moire(shot)`.
+    """
+    return 255 * (photos.double() - twins.double()).square().mean((1, 2, 3)).sqrt()
 
 
 @functools.lru_cache(maxsize=64)  # a new scene would be planned again for every shot

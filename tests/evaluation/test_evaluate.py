@@ -196,13 +196,17 @@ def test_rates_print_as_a_table(known, frame):
     lines = rates(frame)
     head, columns, *rows = str(lines).splitlines()
     assert head.startswith("ladder, accuracy and success in % [95 %], eps in 1/255")
-    assert columns.split() == ["model", "eps", "codes", "dB", "accuracy", "success", "n"]
+    assert columns.split() == ["model", "eps", "codes", "dB", "moiré", "accuracy", "success", "n"]
     assert len(rows) == len(lines) and max(map(len, rows)) < 100
     attack = lines.set_index("row").loc["ma_4"]
     low, high = 100 * attack["accuracy_low"], 100 * attack["accuracy_high"]
     shown = f"{100 * attack['accuracy']:.1f} [{low:.1f}, {high:.1f}]"
     (row,) = [row for row in rows if row.split()[0] == "ma_4"]
     assert shown in row and f"{255 * attack['largest']:.3g}" in row.split()
+    (row,) = [row for row in rows if row.split()[0] == "moire"]
+    assert f"{lines.set_index('row').loc['moire', 'moire']:.2g}" in row.split()
+    lines["moire"] = np.nan
+    assert "moiré" not in str(lines)
     assert "outcomes" in str(lines[["row", "outcomes"]])  # a part of it is pandas'
     del lines["psnr"]
     assert "outcomes" in lines.to_string() and "psnr" not in str(lines)

@@ -8,8 +8,10 @@ import torch
 
 from moireaug import Scene, capture
 from moireaug.evaluation import SuiteConfig, rates
+from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
 from moireaug.evaluation.suites.ladder import ladder
-from moireaug.evaluation.tables import Table
+from moireaug.evaluation.tables import Cell, Table
+from moireaug.scene.by_name import with_values
 from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
 
@@ -58,6 +60,32 @@ def test_every_attack_measures_its_noise(rows):
     assert rows["ma_4"]["psnr"] > rows["ma_64"]["psnr"]
     assert 0 < rows["pgd_64"]["largest"] <= 64 / 255 + 1e-6  # pixels keep the bound
     assert rows["ma_4"]["largest"] > 4 / 255  # in linear light dark codes move further
+
+
+def test_a_photo_measures_its_moire_and_nothing_else_does(rows):
+    for name, row in rows.items():
+        assert np.isfinite(row["moire"]) == np.isfinite(row["moire_seen"]) == (name == "moire")
+
+
+MOIRE = {
+    "mean light": (with_values(SCENE, {"sensor.exposure": "mean"}), 0, 0),
+    "whole photos": (Scene.preset("phone_at_monitor"), 0.001, 1),
+    "crops": (Scene.preset("phone_at_monitor").with_shrink((1, 3)), 1.5, 20),
+}
+
+
+@pytest.mark.parametrize(("scene", "low", "high"), MOIRE.values(), ids=MOIRE)
+def test_moire_is_the_photo_minus_its_twin(scene, low, high, known):
+    cells = [Cell(one.name, "answer", (one,)) for one in (PhotoWithoutMoire(), Photo())]
+    table = Table("ladder", tuple(cells))
+    images = torch.rand(16, 3, 1, 1, generator=torch.Generator().manual_seed(0))
+    data = [(part.expand(-1, -1, 32, 32), torch.zeros(8).long()) for part in images.split(8)]
+    frame = frame_of((known[0], data), table, scene=scene)
+    photos, twins = (frame[frame["row"] == row] for row in ("moire", "no_moire"))
+    assert twins["moire"].isna().all() and low <= photos["moire"].median() <= high
+    line = rates(frame).set_index("row").loc["moire"]
+    assert line["moire"] == photos["moire"].median()
+    assert line["moire_seen"] == (photos["moire"] > 2).mean()
 
 
 def test_success_is_counted_on_what_was_right_when_clean(known):

@@ -91,7 +91,7 @@ def test_what_a_suite_changes_it_changes_in_every_scene():
         assert enlarged.panel.width == pytest.approx(tuple(1.5 * w for w in scene.panel.width))
     assert [scene.develop.jpeg for scene in varied("shifts", "photo_jpeg_60")] == [60, 60]
     assert not any(scene.develop.registered for scene in varied("shifts", "camera_frame"))
-    assert not set(NAMES) & other_scenes(MIXTURE).keys()
+    assert not set(NAMES) & other_scenes(SuiteConfig(scene=MIXTURE)).keys()
     (unseen,) = tables_of("unseen", SuiteConfig(scene=MIXTURE))
     assert unseen.facts["own"] == "screen_photo or phone_at_laptop"
 

@@ -88,7 +88,8 @@ def test_jpeg_is_the_codecs_file():
 def test_rows_are_scenes_photos_the_image_and_its_corruptions():
     (table,) = tables_of("shifts", SuiteConfig(scene=SCENE))
     corruptions = [f"{name}_{amount:g}" for name, amount in AMOUNTS]
-    others = [OWN_SCENE_ROW, *other_scenes(SCENE), "photo_jpeg_60", "camera_frame"]
+    names = other_scenes(SuiteConfig(scene=SCENE))
+    others = [OWN_SCENE_ROW, *names, "photo_jpeg_60", "camera_frame"]
     assert table.rows == [*others, "image", *corruptions]
     for row in table.rows:
         attacked = table.cell(row, "attacked")

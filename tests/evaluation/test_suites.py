@@ -15,6 +15,7 @@ from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.suites.threat_scenes import DISPLAY_CAMERA_PAIRS, threat_scene
+from moireaug.mixtures import scenes_of
 from moireaug.scene.presets import PRESETS
 from tests.evaluation.haze import cell_of, frame_of, ran, table_of
 
@@ -119,11 +120,26 @@ def test_unseen_scenes_are_others_in_the_images_frame():
     assert {"paper", "paper_code"}.isdisjoint(registered)
     for name in PRESETS:
         scene = Scene.preset(name)
-        assert set(other_scenes(scene)) == registered - {name}
-        (table,) = tables_of("unseen", dataclasses.replace(CONFIG, scene=scene))
-        assert table.rows == [OWN_SCENE_ROW, *other_scenes(scene)] and table.facts["own"] == name
+        config = dataclasses.replace(CONFIG, scene=scene)
+        assert set(other_scenes(config)) == registered - {name}
+        (table,) = tables_of("unseen", config)
+        assert table.rows == [OWN_SCENE_ROW, *other_scenes(config)] and table.facts["own"] == name
     custom = dataclasses.replace(SCENE, view=dataclasses.replace(SCENE.view, roll=1.0))
-    assert set(other_scenes(custom)) == registered
+    assert set(other_scenes(SuiteConfig(scene=custom))) == registered
+
+
+def test_all_scenes_of_a_suite_are_of_crops_where_images_are():
+    config = SuiteConfig(scene=["phone_at_phone", "dashcam_at_led_sign"], shrink=(1, 3), steps=1)
+    (unseen,) = tables_of("unseen", config)
+    assert unseen.facts["own"] == "phone_at_phone or dashcam_at_led_sign"
+    assert not {"phone_at_phone", "dashcam_at_led_sign"} & set(unseen.rows)
+    for name in ("unseen", "threat", "shifts", "factors"):
+        (table,) = tables_of(name, config)
+        conditions = [condition for cell in table.cells for condition in cell.conditions]
+        shown = [scenes_of(condition.scene) for condition in conditions if condition.scene]
+        assert shown and all(scene.is_crop for scenes in shown for scene in scenes), name
+    cell = next(cell for cell in table.cells if cell.row == "alpha_3")
+    assert cell.conditions[0].scene.scenes[0].sensor.shrink == (1.5, 4.5)
 
 
 def test_an_unseen_scene_is_what_that_scene_shows(measured, known):

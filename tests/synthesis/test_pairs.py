@@ -12,6 +12,7 @@ from torch.utils.data import DataLoader
 from torchvision.datasets.folder import IMG_EXTENSIONS
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
+from moireaug.scene.by_name import with_values
 from moireaug.synthesis import Pairs, pictures, without_moire
 from tests.synthesis.folders import put, spoil
 from training.data.real_pairs import find_images
@@ -46,6 +47,17 @@ def test_a_pair_replays_from_its_numbers(folder, scene):
         shown = crop[None].float() / 255
         for taken, by in ((pair.photo, shot), (pair.twin, without_moire(shot))):
             assert torch.equal(taken, (capture(shown, by)[0] * 255).round().to(torch.uint8))
+
+
+def test_the_moire_of_a_pair_is_the_distance_of_its_twin(folder):
+    mean_light = with_values(Scene.preset("screen_photo"), {"sensor.exposure": "mean"})
+    pair = Pairs(folder, mean_light, SIZE, twin=True).make_pair(0)
+    assert pair.moire == pair.to_dict()["moire"] == 0
+    pair = Pairs(folder, "screen_photo", SIZE, twin=True, shrink=(1, 3)).make_pair(0)
+    error = pair.photo.numpy().astype(float) - pair.twin.numpy()
+    assert pair.moire == pytest.approx(np.sqrt((error**2).mean()), rel=1e-5) and pair.moire > 2
+    alone = Pairs(folder, "screen_photo", SIZE).make_pair(0)
+    assert alone.moire is None and "moire" not in alone.to_dict()
 
 
 def test_what_is_no_number_of_a_pair_is_refused(folder):

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 from moireaug import Scene
+from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from training.config.schema import Config
 from training.runs.identity import result_settings
@@ -53,7 +54,7 @@ def put(
         others = {"clean": 0.9, "pgd": 0.4, "moire": 0.7}
         rows += [cell("eps_4", column, accuracy, n) for column, accuracy in others.items()]
         photos = [cell(OWN_SCENE_ROW, "moire", 0.7, n), cell(OWN_SCENE_ROW, "no_moire", 0.8, n)]
-        for i, name in enumerate(other_scenes(SCENE)):
+        for i, name in enumerate(other_scenes(SuiteConfig(scene=SCENE))):
             photos.append(cell(name, "moire", unseen + 0.2 * (i % 2), n))
         facts |= {"suite": "recipes", "n": n, "steps": steps, "eps": 0.02, "bound": bound}
         facts["trust"] = list(trust)

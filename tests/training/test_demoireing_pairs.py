@@ -13,10 +13,18 @@ from tests.synthesis.folders import put
 from tests.training.test_demoireing import configure
 from training.data import drawn_pictures
 from training.demoireing import fit as demoireing
+from training.demoireing import pairs as demoireing_pairs
 from training.demoireing import pictures
 from training.demoireing import train as demoireing_training
-from training.demoireing.pairs import SimulatedPairs, TurnedPairs, as_jpeg, part_of, shrink
-from training.demoireing.pictures import DrawnPictures
+from training.demoireing.pairs import (
+    SimulatedPairs,
+    TurnedPairs,
+    as_jpeg,
+    enlarged,
+    shrink,
+    training_scenes,
+)
+from training.demoireing.pictures import DrawnPictures, Splits
 from training.runs import resume
 from training.runs.run import Run
 
@@ -32,20 +40,40 @@ def excess(pairs, count=4):
     return float(torch.stack(distances).mean())
 
 
-def test_a_crop_shows_its_share_of_the_panel():
-    whole = Scene.preset("phone_at_monitor")
-    part = part_of(whole, 0.128)
-    assert part.panel.width == pytest.approx((51.2, 204.8))
-    assert part_of(Scene.preset("paper"), 0.1) == Scene.preset("paper")
-    faint, strong = (
-        SimulatedPairs(DrawnPictures(64), [scene], 64, "clean", 0)
-        for scene in (whole, part_of(whole, 0.064))
+def test_pairs_are_crops_by_default_and_have_more_moire_than_whole_photos():
+    cfg = configure()
+    (strong,) = list(training_scenes(replace(cfg, scene="phone_at_monitor")).values())
+    assert strong == Scene.preset("phone_at_monitor").with_shrink((1, 3))
+    whole = replace(cfg, scene="phone_at_monitor", shrink=None)
+    (faint,) = list(training_scenes(whole).values())
+    assert faint == Scene.preset("phone_at_monitor")
+    excesses = [
+        excess(SimulatedPairs(DrawnPictures(64), [scene], 64, "clean", 0))
+        for scene in (faint, strong)
+    ]
+    assert excesses[1] > 1.3 * excesses[0]
+    tested = demoireing_pairs.test_pairs(cfg, Splits(*[DrawnPictures(64)] * 3))
+    assert all(pairs.scenes[0][0].sensor.shrink == (1.0, 3.0) for pairs in tested.values())
+
+
+def test_a_picture_of_more_pixels_shows_the_same_part_of_the_screen():
+    crop, thing = (
+        Scene.preset(name).with_shrink((1, 3))
+        for name in ("phone_at_monitor", "dashcam_at_led_sign")
     )
-    assert excess(strong) > 1.3 * excess(faint)
+    for scene in (crop, thing):
+        large = enlarged(scene, 2)
+        shots = [
+            one.sample(4, size, torch.Generator().manual_seed(0))
+            for one, size in ((scene, (32, 32)), (large, (64, 64)))
+        ]
+        assert torch.allclose(shots[0].panel_scale, 2 * shots[1].panel_scale)
+        assert torch.allclose(shots[0].sensor_scale, 2 * shots[1].sensor_scale)
+    assert enlarged(Scene.preset("phone_at_monitor"), 3) == Scene.preset("phone_at_monitor")
 
 
 def test_a_clean_target_has_no_noise_and_a_twin_has():
-    scene = part_of(Scene.preset("webcam_at_phone"), 0.05)
+    scene = Scene.preset("webcam_at_phone").with_shrink((1, 3))
     scene = replace(scene, sensor=replace(scene.sensor, exposure="mean"))
     noisy, clean = (
         SimulatedPairs(DrawnPictures(32), [scene], 32, target, 0) for target in ("twin", "clean")
@@ -63,7 +91,7 @@ def test_shrunk_photos_alias_and_their_targets_do_not():
 
 
 def test_photos_are_saved_as_jpeg_and_targets_are_not():
-    scene = part_of(Scene.preset("screen_photo"), 0.05)
+    scene = Scene.preset("screen_photo").with_shrink((1, 3))
     plain, rough = (
         SimulatedPairs(DrawnPictures(32), [scene], 32, "clean", 0, jpeg=jpeg)[0]
         for jpeg in (None, 1)
@@ -75,8 +103,8 @@ def test_photos_are_saved_as_jpeg_and_targets_are_not():
 
 
 def test_kept_pairs_come_again_turned_and_mirrored():
-    scene = part_of(Scene.preset("screen_photo"), 0.05)
-    pairs = SimulatedPairs(DrawnPictures(32), [scene], 32, "clean", 0, shrink=2)
+    scene = Scene.preset("screen_photo").with_shrink((1, 3))
+    pairs = SimulatedPairs(DrawnPictures(32), [scene], 32, "clean", 0, subsample=2)
     kept = TurnedPairs(pairs, 2)
     assert {tuple(side.shape) for k in range(4) for side in kept[k]} == {(3, 32, 32)}
     for k in (0, 1):

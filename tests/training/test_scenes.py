@@ -13,6 +13,7 @@ from training.attack import results, subject
 from training.classifier.adversaries import TrainingAdversary
 from training.comparison import comparable
 from training.config import scenes
+from training.config.checks import check_classifier
 from training.config.overrides import command_line
 from training.config.schema import Adversary
 from training.runs import trained
@@ -117,10 +118,36 @@ def test_a_command_takes_a_list_and_repeats_it():
     cfg = configured("recipe=moire_at", *TINY, given)
     assert cfg.scene == LISTED and as_scenes(cfg.scene) == as_scenes(LISTED)
     assert "scene=['phone_at_monitor','dashcam_at_led_sign']" in command_line(cfg)
-    assert results.scene_title(LISTED) == "phone_at_monitor, dashcam_at_led_sign"
-    assert results.scene_title([LISTED[0], WANTED]) == results.scene_title(WANTED) == "custom"
-    names = {subject.scene_name(scene) for scene in (LISTED, LISTED[::-1], [*LISTED, "paper"])}
+    assert results.scene_title(cfg) == "phone_at_monitor, dashcam_at_led_sign"
+    for custom in ([LISTED[0], WANTED], WANTED):
+        assert results.scene_title(replace(cfg, scene=custom)) == "custom"
+    lists = [replace(cfg, scene=one) for one in (LISTED, LISTED[::-1], [*LISTED, "paper"])]
+    names = {subject.scene_name(one) for one in lists}
     assert len(names) == 3 and all(name.startswith("custom-") for name in names)
+
+
+def test_a_run_may_say_that_its_images_are_crops(tmp_path):
+    given = ["recipe=clean", *TINY, "scene=screen_photo"]
+    whole, crops, one = (configured(*given, *more) for more in ([], ["shrink=[1,3]"], ["shrink=2"]))
+    for cfg, shrink in ((whole, None), (crops, (1, 3)), (one, 2)):
+        assert scenes.scene_of(cfg) == as_scenes("screen_photo", shrink)
+    assert "shrink=[1,3]" in command_line(crops) and "shrink" not in command_line(whole)
+    titles = [results.scene_title(cfg) for cfg in (whole, crops, one)]
+    assert titles == ["screen_photo", "screen_photo, shrink 1 to 3", "screen_photo, shrink 2"]
+    assert subject.scene_name(crops) == "screen_photo-shrink-1-to-3"
+    metrics = [results.run_metrics(cfg, None, None) for cfg in (whole, crops)]
+    assert metrics[0].fingerprint != metrics[1].fingerprint
+    assert "1 to 3 sensor pixels" in metrics[1].plan
+    found = [comparable.run_settings(one) for one in metrics]
+    with pytest.raises(ValueError, match="runs with different scene"):
+        comparable.require_shared(dict(zip("ab", found, strict=True)), "runs")
+    config = tmp_path / "config.yaml"
+    config.write_text("recipe: clean\nscene: paper\nshrink: [1, 3]\ndata: {name: signs}\n")
+    with pytest.raises(ValueError, match="Leave it out"):
+        trained.read_config(config)
+    for wrong in ("0", "[1]", "small", "{a: 1}", "[3, 1]"):
+        with pytest.raises((ValueError, TypeError), match="shrink"):
+            check_classifier(configured(*given, f"shrink={wrong}"))
 
 
 def test_runs_of_other_lists_of_scenes_are_not_compared():
@@ -128,7 +155,8 @@ def test_runs_of_other_lists_of_scenes_are_not_compared():
     metrics = results.run_metrics(cfg, None, None)
     assert metrics.scene == as_scenes(LISTED).to_dict()
     assert metrics.plan.count("noise") >= 2
-    assert metrics.plan.startswith(str(Scene.preset(LISTED[0]).plan()))
+    plan = Scene.preset(LISTED[0]).plan((cfg.data.size, cfg.data.size))
+    assert metrics.plan.startswith(str(plan))
     found = comparable.run_settings(metrics)
     assert found["scene 2.panel"] == Scene.preset(LISTED[1]).to_dict()["panel"]
     assert comparable.run_settings(replace(metrics, scene=metrics.scene[0]))["scene.panel"]

@@ -7,8 +7,7 @@ import warnings
 
 import pytest
 
-from moireaug import Scene
-from moireaug.evaluation import GROUPS
+from moireaug.evaluation import GROUPS, SuiteConfig
 from moireaug.evaluation.suites import scenes
 from moireaug.evaluation.suites.scenes import other_scenes
 from tests.training.tiny_suites import cells, configured, folder_of, records_of, suite
@@ -65,7 +64,7 @@ def test_a_group_is_one_report(whole, weights):
         assert title in page
     assert "| own scene |" in text and "nan" not in text
     # the attackers and controls of one bound, and the scenes
-    scene_count = 1 + len(other_scenes(Scene.preset("screen_photo")))
+    scene_count = 1 + len(other_scenes(SuiteConfig(scene="screen_photo")))
     assert page.count('<div class="cell"') == 6 + scene_count
 
 

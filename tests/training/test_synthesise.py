@@ -1,10 +1,12 @@
 """The command that makes pairs: the same bytes however shared, interrupted or read."""
 
+import csv
 import errno
 import io
 import json
 import multiprocessing
 import os
+import re
 import resource
 import signal
 import tarfile
@@ -100,7 +102,7 @@ def read_by_libraries(out):
     pairs = {item["__key__"]: item for item in tuples}
     names = ["photo", "original", "twin"]
     assert len(pairs) == 10
-    assert table.column_names == [*names, "index", "picture", "top", "left", "shot"]
+    assert table.column_names == [*names, "index", "picture", "top", "left", "shot", "moire"]
     for row, again in zip(table, streamed, strict=True):
         pair = pairs.pop(f"{row['index']:06d}")
         for name in names:
@@ -137,6 +139,30 @@ def test_what_is_written_replays(tmp_path):
     shot = Shot.from_dict(json.loads(files["000009.json"])["shot"])
     photo = capture(codes("000009.original.png")[None].float() / 255, shot)[0]
     assert torch.equal(codes("000009.photo.png"), (photo * 255).round().to(torch.uint8))
+
+
+def test_moire_is_told_and_written_beside_twins(tmp_path, capsys):
+    strengths = []
+    for shrink in ("null", "[1,3]"):
+        out = tmp_path / shrink
+        made(out, "format=imagefolder", f"shrink={shrink}")
+        said = capsys.readouterr().out
+        sentence = r"Moiré of the first 10 pairs, photo minus the same without: median (\S+) codes"
+        told = float(re.search(sentence, said)[1])
+        written = []
+        for path in sorted(out.glob("*/metadata.csv")):
+            with path.open(newline="") as file:
+                written += [float(row["moire"]) for row in csv.DictReader(file)]
+        assert float(f"{np.median(written):.2g}") == told
+        strengths.append(told)
+    assert strengths[0] < 1 < strengths[1]
+    scene = json.loads((out / "dataset.json").read_text())["settings"]["scene"]
+    assert scene["sensor"]["shrink"] == [1, 3]
+    made(tmp_path / "plain", "format=imagefolder", "twin=false")
+    assert "Moiré of the first 10 pairs" in capsys.readouterr().out
+    assert "moire" not in next((tmp_path / "plain").glob("*/metadata.csv")).read_text()
+    with pytest.raises(ValueError, match="shrink"):
+        synthesise.configure([*FEW, "images=pictures", "out=out", "shrink=[1,"])
 
 
 def test_encodings_keep_what_they_promise():

@@ -19,8 +19,9 @@ from moireaug.evaluation.runner import Job, Runner, jobs_of, show_progress
 from moireaug.evaluation.suites.trust import trust
 from moireaug.evaluation.trust_checks import checks
 from moireaug.evaluation.visibility import LPIPS
-from moireaug.mixtures import Mixture, as_scenes
+from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
+from training.config.scenes import scene_of
 from training.config.schema import Config, Reattack
 from training.data.eval_batches import EvalBatches
 from training.data.splits import Splits
@@ -40,18 +41,20 @@ class Protocol(NamedTuple):
         scene: scene in which they are photographed.
         settings: strength of the attacks.
         lpips: network that measures LPIPS; None for none.
+        shrink: that of the scene, for a suite's other scenes; None where images are whole photos.
     """
 
     batches: EvalBatches
     scene: Scene | Mixture
     settings: Reattack
     lpips: LPIPS | None = None
+    shrink: Any = None
 
     def config(self) -> SuiteConfig:
         """Return the configuration of suites, without targets and further defences."""
         settings = self.settings
         eps = None if settings.eps is None else tuple(settings.eps)
-        return SuiteConfig(scene=self.scene, eps=eps, steps=settings.steps)
+        return SuiteConfig(scene=self.scene, shrink=self.shrink, eps=eps, steps=settings.steps)
 
     @property
     def checked_batches(self) -> range:
@@ -64,7 +67,7 @@ def protocol_of(cfg: Config, splits: Splits, lpips: LPIPS | None = None) -> Prot
     batches = EvalBatches(
         splits, cfg.reattack, cfg.data.size, machine.device(cfg.trainer.accelerator)
     )
-    return Protocol(batches, as_scenes(cfg.scene), cfg.reattack, lpips)
+    return Protocol(batches, scene_of(cfg), cfg.reattack, lpips, cfg.shrink)
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,13 @@ import pandas as pd
 import torch
 
 from moireaug.evaluation import paired_gain
-from moireaug.evaluation.frame import MEASURES
+from moireaug.evaluation.frame import MEASURES, MOIRE_MEASURES
 from moireaug.evaluation.suites.ladder import main_attack
-from moireaug.mixtures import as_scenes, scenes_of
+from moireaug.mixtures import scenes_of
 from training import report
 from training.attack.protocol import AttackResult
 from training.attack.subject import Subject
+from training.config.scenes import scene_of, shrink_text
 from training.config.schema import Config, ReattackConfig
 from training.report.examples import run_examples, table_examples
 from training.runs.identity import fingerprint_of, result_settings
@@ -38,7 +39,7 @@ def ladder_metrics(result: AttackResult) -> dict[str, Any]:
         row["success_interval"] = [cell["low"], cell["high"]]
         for name in ("n", "counted", "undecided", "seconds"):
             row[name] = cell[name]
-        for name in MEASURES:
+        for name in (*MEASURES, *MOIRE_MEASURES):
             if not pd.isna(cell[name]):
                 row[name] = cell[name]
         rows.append(row)
@@ -81,15 +82,16 @@ def with_baseline(
 
 def run_facts(cfg: Config) -> dict[str, Any]:
     """Return the fields of `Metrics` that need no attack: settings, scene, machine and command."""
-    scene, settings = as_scenes(cfg.scene), result_settings(cfg)
+    scene, settings = scene_of(cfg), result_settings(cfg)
+    size = cfg.data.size, cfg.data.size
     return {
         "recipe": cfg.recipe,
         "seed": cfg.seed,
         "data": cfg.data.name,
         "model": cfg.model,
-        "scene_name": scene_title(cfg.scene),
+        "scene_name": scene_title(cfg),
         "scene": scene.to_dict(),
-        "plan": "\n\n".join(str(one.plan()) for one in scenes_of(scene)),
+        "plan": "\n\n".join(str(one.plan(size)) for one in scenes_of(scene)),
         "config": settings,
         "fingerprint": fingerprint_of(settings),
         "environment": machine.environment(cfg.trainer.accelerator),
@@ -97,10 +99,11 @@ def run_facts(cfg: Config) -> dict[str, Any]:
     }
 
 
-def scene_title(scene: Any) -> str:
-    """Return the title of a scene, given as in the settings: the names of its presets."""
-    names = scene if isinstance(scene, (list, tuple)) else [scene]
-    return ", ".join(names) if all(isinstance(name, str) for name in names) else "custom"
+def scene_title(cfg: Config) -> str:
+    """Return the title of a run's scene: the names of its presets, and whether images are crops."""
+    names = cfg.scene if isinstance(cfg.scene, (list, tuple)) else [cfg.scene]
+    title = ", ".join(names) if all(isinstance(name, str) for name in names) else "custom"
+    return title if cfg.shrink is None else f"{title}, shrink {shrink_text(cfg.shrink)}"
 
 
 def gains(ours: Mapping[str, str], theirs: Mapping[str, str]) -> dict[str, Any]:

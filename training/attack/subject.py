@@ -11,6 +11,7 @@ from torch import nn
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
 from training.attack.protocol import Protocol, protocol_of
+from training.config.scenes import shrink_text
 from training.config.schema import Config, Reattack, ReattackConfig
 from training.data.load import load
 from training.data.splits import Splits
@@ -118,7 +119,7 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
         n: number of images.
         with_data: whether the name includes the data set and the weights.
     """
-    parts = [scene_name(cfg.scene), f"n{n}", f"steps{cfg.reattack.steps}"]
+    parts = [scene_name(cfg), f"n{n}", f"steps{cfg.reattack.steps}"]
     settings, defaults = cfg.reattack, Reattack()
     changes: dict[str, Any] = {}
     for name in ("eps", "bound", "seed", "batch_size"):
@@ -135,12 +136,11 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
     return "-".join(parts)
 
 
-def scene_name(scene: Any) -> str:
-    """Return a preset's name, or one that changes with any field.
-
-    Args:
-        scene: as in the schema.
-    """
-    if isinstance(scene, str):
-        return scene
-    return f"custom-{fingerprint_of(as_scenes(scene).to_dict())[:6]}"
+def scene_name(cfg: Config) -> str:
+    """Return a preset's name, or one that changes with any field; for crops, with their shrink."""
+    name = cfg.scene
+    if not isinstance(name, str):
+        name = f"custom-{fingerprint_of(as_scenes(cfg.scene).to_dict())[:6]}"
+    if cfg.shrink is None:
+        return name
+    return f"{name}-shrink-{shrink_text(cfg.shrink).replace(' ', '-')}"

@@ -10,11 +10,11 @@ import lightning as L
 
 from moireaug.draws import mix_seeds
 from moireaug.files import write_text
-from moireaug.mixtures import as_scenes
 from training.classifier.adversaries import passes
 from training.classifier.guard import Guard
 from training.classifier.module import Classifier
 from training.classifier.tuning import Tuning, weight_averaging
+from training.config.scenes import scene_of
 from training.config.schema import Config, Trainer
 from training.data.batches import Batches, require_even
 from training.data.splits import Splits
@@ -137,7 +137,7 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
         as_model(cfg.model, num_classes, cfg.weights),
         cfg.train,
         cfg.adversary,
-        as_scenes(cfg.scene),
+        scene_of(cfg),
         seed=seed_of_draws(cfg),
         augment=cfg.data.augment,
         fine=cfg.weights is not None,

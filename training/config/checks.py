@@ -10,8 +10,8 @@ from torch import nn
 
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
-from moireaug.mixtures import as_scenes
 from training.config.data_sets import DATA, Data
+from training.config.scenes import scene_of
 from training.config.schema import Adversary, Config, RunConfig, Trainer
 from training.config.settings import check, settings_of
 
@@ -29,7 +29,7 @@ def check_classifier(cfg: Config) -> None:
     if len(set(eps)) < len(eps):
         raise ValueError(f"reattack.eps must be different bounds; got {list(eps)}.")
     check_bounds(eps)
-    MoireAttack(nn.Identity(), scene=as_scenes(cfg.scene), steps=cfg.reattack.steps)
+    MoireAttack(nn.Identity(), scene=scene_of(cfg), steps=cfg.reattack.steps)
 
 
 def require_used(cfg: Data) -> None:

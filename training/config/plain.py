@@ -6,14 +6,15 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import yaml
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.argument_checks import one_of
 from training.config.compose import help_text
-from training.config.settings import check
+from training.config.settings import check, settings_of
 from training.system.messages import is_expected, prepare_output, sentence
 
 Schema = TypeVar("Schema")
@@ -42,14 +43,17 @@ def parse(
     if {"-h", "--help"} & set(argv):
         print(help_text(description, schema, {}))
         raise SystemExit(0)
+    declared = settings_of(schema)
     for argument in argv:
         key, equals, value = argument.partition("=")
         one_of("a setting", key, fields)
         if not equals:
             raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
         try:
-            cfg[fields[key]] = None if value == "null" else os.path.expanduser(value)
-        except OmegaConfBaseException as error:
+            is_any = declared[key].type is Any  # of words, numbers and lists
+            given = yaml.safe_load(value) if is_any else os.path.expanduser(value)
+            cfg[fields[key]] = None if value == "null" else given
+        except (OmegaConfBaseException, yaml.YAMLError) as error:
             raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
     missing = OmegaConf.missing_keys(cfg)
     absent = sorted(key for key, field in fields.items() if field in missing)

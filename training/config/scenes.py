@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.mixtures import Mixture, as_scenes
 from moireaug.scenes import Scene
-from training.config.schema import Settings
+from training.config.schema import RunConfig, Settings
 from training.config.settings import with_absolute_paths
 
 SUFFIXES = (".yaml", ".yml")
@@ -46,14 +47,30 @@ def inline_files(scene: Any) -> Any:
     return scene
 
 
-def load(scene: str) -> Scene | Mixture:
-    """Return the scene of a preset's name or of a YAML file, or the mixture of a file's list or of
-    a name such as "anywhere".
+def scene_of(cfg: RunConfig) -> Scene | Mixture:
+    """Return the scene of a run, of crops where its settings say so.
 
     Raises:
-        ValueError: an unknown name, or a file that holds no scene.
+        ValueError, TypeError: no scene, or a shrink out of its range.
     """
-    return as_scenes(inline_files(scene))
+    return as_scenes(cfg.scene, cfg.shrink)
+
+
+def shrink_text(shrink: float | Sequence[float]) -> str:
+    """Return a shrink, given as in the settings, as words: 2, or 1 to 3."""
+    ends = shrink if isinstance(shrink, Sequence) else [shrink]
+    return " to ".join(f"{end:g}" for end in ends)
+
+
+def load(scene: str, shrink: Any = None) -> Scene | Mixture:
+    """Return the scene of a preset's name or of a YAML file, or the mixture of a file's list or of
+    a name such as "anywhere"; of crops where a shrink is given.
+
+    Raises:
+        ValueError, TypeError: an unknown name, a file that holds no scene, or a shrink out of its
+            range.
+    """
+    return as_scenes(inline_files(scene), shrink)
 
 
 def load_one(scene: str) -> Scene:

@@ -21,6 +21,10 @@ MAX_SEED = 2**32 - 1
 PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
 # not mps: it has no float64, which the geometry needs
 ACCELERATORS = ("auto", "cpu", "gpu", "cuda")
+SHRINK_HELP = (
+    "images are crops, parts of larger photos, with so many sensor pixels per pixel: a number, or "
+    "[low, high]; null: whole photos, or what the scene says"
+)
 Settings = TypeVar("Settings", bound="RunConfig")
 
 
@@ -139,6 +143,7 @@ class RunConfig:
         "a list of these, of which one is drawn per image",
         example="'{preset: paper, ...}'",
     )
+    shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
     model: str = setting(MISSING, "the network's name", run_has="its own model")
     weights: str | None = setting(
         None,

@@ -13,7 +13,6 @@ from training.demoireing.pairs import (
     VAL_SEED,
     SimulatedPairs,
     TurnedPairs,
-    part_of,
     training_scenes,
 )
 from training.demoireing.pictures import Splits
@@ -58,13 +57,12 @@ class PairBatches(L.LightningDataModule):
     def __init__(self, cfg: DemoireConfig, splits: Splits, first_epoch: int = 0) -> None:
         super().__init__()
         self.cfg, self.splits, self.first_epoch = cfg, splits, first_epoch
-        share = cfg.data.size / cfg.data.photo
-        self.scenes = [part_of(scene, share) for scene in training_scenes(cfg).values()]
+        self.scenes = list(training_scenes(cfg).values())
 
     def _pairs(self, pictures: Source, seed: int, count: int) -> TurnedPairs:
         data, target = self.cfg.data, self.cfg.demoire.target
         pairs = SimulatedPairs(
-            pictures, self.scenes, data.size, target, seed, data.shrink, data.jpeg
+            pictures, self.scenes, data.size, target, seed, data.subsample, data.jpeg
         )
         return TurnedPairs(pairs, count, data.candidates)
 

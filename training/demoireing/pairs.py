@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,18 +43,23 @@ def training_scenes(cfg: DemoireConfig) -> dict[str, Scene]:
     scenes = {}
     for number, one in enumerate(names, 1):
         name = one if isinstance(one, str) else f"scene {number}"
-        scenes[name] = as_scene(one)
-        check_aligned(scenes[name])
+        scene = as_scene(one)
+        check_aligned(scene)
+        scenes[name] = _of_crops(scene, cfg)
     return scenes
 
 
-def part_of(scene: Scene, share: float) -> Scene:
-    """Return a scene for a crop that is a share of the picture's longer side, and shows that share
-    of the panel; a scene that counts panel pixels by the image's stays as it is."""
-    low, high = bounds(scene.panel.width)
-    if not high:
+def _of_crops(scene: Scene, cfg: DemoireConfig) -> Scene:
+    return scene if cfg.shrink is None else scene.with_shrink(cfg.shrink)
+
+
+def enlarged(scene: Scene, factor: int) -> Scene:
+    """Return the scene for pictures of `factor` times the size that show the same: a pixel of a
+    crop is then so many times smaller on the sensor."""
+    if factor == 1 or not scene.is_crop:
         return scene
-    return replace(scene, panel=replace(scene.panel, width=(share * low, share * high)))
+    low, high = bounds(scene.sensor.shrink)
+    return scene.with_shrink((low / factor, high / factor))
 
 
 class SimulatedPairs(Dataset):
@@ -67,7 +71,7 @@ class SimulatedPairs(Dataset):
         size: side of a pair, in pixels.
         target: "clean", "twin", "original" or "toned".
         seed: seed of `moireaug.synthesis.Pairs`.
-        shrink: photos are taken at one to this many times their size, in turn, and shrunk.
+        subsample: photos are taken at one to this many times their size, in turn, and shrunk.
         jpeg: lowest quality at which photos are saved as JPEG, at random up to 100; None for none.
     """
 
@@ -78,18 +82,21 @@ class SimulatedPairs(Dataset):
         size: int,
         target: str,
         seed: int,
-        shrink: int = 1,
+        subsample: int = 1,
         jpeg: int | None = None,
     ) -> None:
-        self.pictures, self.scenes, self.size = pictures, tuple(scenes), size
-        self.target, self.seed, self.shrink, self.jpeg = target, seed, shrink, jpeg
+        self.pictures, self.size, self.target = pictures, size, target
+        self.seed, self.subsample, self.jpeg = seed, subsample, jpeg
+        # a scene is planned once, and not for every pair
+        factors = range(1, subsample + 1)
+        self.scenes = [[enlarged(scene, factor) for factor in factors] for scene in scenes]
 
     def pair(self, k: int) -> Pair:
         """Return a pair with all that is known of it, always with its twin and never shrunk."""
         return self._make(k, 1, twin=True)
 
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
-        factor = 1 + k // len(self.scenes) % self.shrink
+        factor = 1 + k // len(self.scenes) % self.subsample
         pair = self._make(k, factor, twin=self.target == "twin")
         photo = shrink(pair.photo, factor, antialias=False)
         if self.jpeg is not None:
@@ -98,8 +105,8 @@ class SimulatedPairs(Dataset):
         return photo, shrink(self._target_of(pair), factor, antialias=True)
 
     def _make(self, k: int, factor: int, *, twin: bool) -> Pair:
-        scene, size = self.scenes[k % len(self.scenes)], factor * self.size
-        pictures = self.pictures
+        scene = self.scenes[k % len(self.scenes)][factor - 1]
+        pictures, size = self.pictures, factor * self.size
         if factor > 1:
             pictures = EnlargedCrops(pictures, self.size, factor)
         return make_pair(k, pictures, scene, size, twin=twin, seed=self.seed)
@@ -170,11 +177,12 @@ def tone_to(original: Tensor, photo: Tensor) -> Tensor:
 def test_pairs(cfg: DemoireConfig, splits: Splits) -> Mapping[str, SimulatedPairs]:
     """Return the pairs that a trained network is tested on, by the name of their scene: those that
     it was trained in come first."""
-    scenes = training_scenes(cfg) | {name: as_scene(name) for name in cfg.test.unseen}
-    share = cfg.test.size / cfg.data.photo
+    scenes = training_scenes(cfg)
+    for name in cfg.test.unseen:
+        scenes[name] = _of_crops(as_scene(name), cfg)
     pairs_by_scene = {}
     for name, scene in scenes.items():
         pairs_by_scene[name] = SimulatedPairs(
-            splits.test, [part_of(scene, share)], cfg.test.size, cfg.demoire.target, TEST_SEED
+            splits.test, [scene], cfg.test.size, cfg.demoire.target, TEST_SEED
         )
     return pairs_by_scene

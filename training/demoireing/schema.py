@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from moireaug.synthesis.pairs import SIZE_RANGE
-from training.config.schema import RunConfig
+from training.config.schema import SHRINK_HELP, RunConfig
 from training.config.settings import section, setting
 
 # what phones in front of LCDs and OLEDs take
@@ -28,12 +28,7 @@ class Pictures:
         is_path=True,
     )
     size: int = setting(128, "side of the training crops", bounds=SIZE_RANGE)
-    photo: int = setting(
-        1000,
-        "longer side of the photos that crops are part of",
-        bounds=SIZE_RANGE,
-    )
-    shrink: int = setting(
+    subsample: int = setting(
         3,
         "training photos are taken at one to this many times their size, and shrunk without a "
         "filter",
@@ -120,6 +115,7 @@ class DemoireConfig(RunConfig):
         "as in training/fit.py; those of a list take turns",
         example="[screen_photo, phone_at_phone]",
     )
+    shrink: Any = setting(lambda: [1.0, 3.0], SHRINK_HELP, example="[1,3]")
     model: str = setting("esdnet", "one of moireaug.defenses.demoire.NETWORKS")
     weights: str | None = setting(
         None, "a file of moireaug.defenses.demoire.save to start from", is_path=True

@@ -41,7 +41,7 @@ SLIDER_LIMITS: dict[str, tuple[float, float]] = {
     "lens.olpf": (0.0, 2.0),
     "sensor.pitch": (0.4, 6.0),
     "sensor.shrink": (0.0, 8.0),
-    "sensor.pixels": (320.0, 8320.0),
+    "sensor.pixels": (640.0, 8000.0),
     "sensor.scale": (0.5, 12.0),
     "sensor.fill": (0.05, 1.0),
     "sensor.gain": (0.1, 10.0),
@@ -70,7 +70,8 @@ CHOICES: dict[str, tuple[Any, ...]] = {
 }
 # fields that exclude each other: a scene that states the first has no control of the second
 ALTERNATIVES = {"panel.width": "panel.scale", "sensor.pitch": "sensor.scale"}
-WIDTH_STEP_PIXELS = 2.0
+BINNED_ONLY = ("sensor.shrink", "sensor.pixels", "sensor.crop_x", "sensor.crop_y")
+STEPS = {"panel.width": 2.0, "sensor.pixels": 2.0}  # unless 100 to 1000 positions will do
 
 
 class Control(NamedTuple):
@@ -104,7 +105,10 @@ class Control(NamedTuple):
         return 2 if self.kind == "range" else 1
 
     def applies_to(self, scene: Scene) -> bool:
-        """Return whether a scene has this control: all but one of each two in `ALTERNATIVES`."""
+        """Return whether a scene has this control: all but one of each two in `ALTERNATIVES`, and
+        those of crops in scenes that can be of crops."""
+        if self.name in BINNED_ONLY:
+            return scene.is_binned
         for stated, other in ALTERNATIVES.items():
             if self.name in (stated, other):
                 part, field = stated.split(".")
@@ -151,10 +155,7 @@ def _control(part: str, field: dataclasses.Field[Any], description: str) -> Cont
     allowed = field.metadata
     low, high = SLIDER_LIMITS[name] if name in SLIDER_LIMITS else (allowed["low"], allowed["high"])
     step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # 100 to 1000 positions
-    if name == "panel.width":
-        step = WIDTH_STEP_PIXELS
-    if name == "sensor.pixels":
-        step = 16.0
+    step = STEPS.get(name, step)
     kind = "range" if "low" in allowed else "number"
     return Control(part, field.name, kind, description, low, high, step)
 
@@ -183,7 +184,8 @@ def values_of(scene: Scene) -> list[Any]:
 
 
 def scene_of(values: Sequence[Any], like: Scene) -> Scene:
-    """Return the scene that the values of all controls describe; the inverse of `values_of`.
+    """Return the scene that the values of all controls describe; the inverse of `values_of`. A
+    shrink makes crops of a scene that states width and pitch, see `Scene.with_shrink`.
 
     Args:
         like: a scene with the same controls, such as the preset that they started from.
@@ -197,4 +199,8 @@ def scene_of(values: Sequence[Any], like: Scene) -> Scene:
         own_values, remaining = remaining[: control.value_count], remaining[control.value_count :]
         if control.applies_to(like):
             parts_values[control.part][control.field] = control.value(own_values)
-    return Scene.from_dict(parts_values)
+    if not parts_values["panel"].get("width") or not parts_values["sensor"].get("pitch"):
+        return Scene.from_dict(parts_values)
+    shrink = parts_values["sensor"].pop("shrink")
+    whole = Scene.from_dict(parts_values)
+    return whole.with_shrink(shrink) if shrink else whole

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import shutil
+import statistics
 import sys
 import time
 from collections.abc import Iterable, Iterator
@@ -15,9 +16,14 @@ from tqdm import tqdm
 
 from moireaug.files import unfinished
 from moireaug.synthesis import Pairs
+from moireaug.synthesis.pairs import make_pair
+from moireaug.synthesis.twins import SEEN_CODES
 from training.pairs.files import FORMATS, EncodedPair, EncodedPairs
 from training.pairs.schema import Config
 from training.pairs.sets import PairSet, Share
+from training.system.messages import count_text
+
+SAMPLE = 16  # pairs whose moiré is told before the work begins
 
 
 def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
@@ -26,6 +32,7 @@ def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
     total = sum(len(pair_set.pairs(number)) for number in missing)
     if not total:
         return
+    print(moire_of_sample(pairs, min(total, SAMPLE)))
     skipped: set[str] = set()
     start = time.perf_counter()
     encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality)
@@ -40,6 +47,20 @@ def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
     if skipped:
         print(f"{len(skipped)} pictures were skipped, see above; others were drawn instead.")
     print(f"{total} pairs in {seconds:.1f} s: {total / seconds:.1f} pairs per second.")
+
+
+def moire_of_sample(pairs: Pairs, n: int) -> str:
+    """Measure the moiré of the first pairs of a set, with or without twins; return a sentence."""
+    moire: list[float] = []
+    pictures = pairs.pictures.subset(range(len(pairs.pictures)))  # which names its own skipped ones
+    for k in range(n):
+        pair = make_pair(k, pictures, pairs.scene, pairs.size, twin=True, seed=pairs.seed)
+        moire.append(pair.moire or 0.0)  # there is a twin
+    seen = sum(one > SEEN_CODES for one in moire) / n
+    return (
+        f"Moiré of the first {count_text(n, 'pair')}, photo minus the same without: median "
+        f"{statistics.median(moire):.2g} codes RMS, {100 * seen:.0f} % above {SEEN_CODES:g}."
+    )
 
 
 def loader(encoded: EncodedPairs, numbers: Iterable[int], workers: int) -> DataLoader:

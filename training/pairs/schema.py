@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from omegaconf import MISSING
 
+from training.config.schema import SHRINK_HELP
 from training.config.settings import setting
 from training.pairs.files import FORMATS, SUFFIXES
 
@@ -20,6 +22,7 @@ class Config:
     scene: str = setting(
         "screen_photo", "a preset's name, or a YAML file of a scene or a list of them"
     )
+    shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
     size: int = setting(512, "side of the crops, in pixels")
     twin: bool = setting(False, "whether to add the same shot without moiré")
     format: str = setting("webdataset", "of the files", choices=tuple(FORMATS))

@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+from moireaug.synthesis.twins import SEEN_CODES
+
 DASH = "–"
 UNITS = ("%", "points", "s", "min", "h")
 
@@ -57,6 +59,23 @@ def eps_with_unit(row: Mapping[str, Any]) -> str:
 def distinct(counts: Iterable[Any]) -> str:
     """Return the different ones of some counts, joined by slashes; those not known are left out."""
     return " / ".join(dict.fromkeys(str(count) for count in counts if count is not None))
+
+
+def moire_text(cells: Iterable[Mapping[str, Any]]) -> str:
+    """Return how much moiré the photos of some cells have, in words, from their `moire` and
+    `moire_seen`; "" where none was measured."""
+    known = [cell for cell in cells if finite(cell.get("moire")) is not None]
+    if not known:
+        return ""
+    median = _span(f"{cell['moire']:.2g}" for cell in known)
+    seen = _span(f"{100 * cell['moire_seen']:.0f}" for cell in known)
+    return f"median {median} codes RMS, {seen} % of photos above {SEEN_CODES:g}"
+
+
+def _span(figures: Iterable[str]) -> str:
+    """Return the least and the greatest of some figures, or the one that there is."""
+    ends = sorted(set(figures), key=float)
+    return ends[0] if len(ends) == 1 else f"{ends[0]} to {ends[-1]}"
 
 
 def number(value: Any, digits: int = 1) -> str:

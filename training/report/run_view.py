@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from moireaug.evaluation.frame import MEASURES
-from training.report.numbers import Rate, distinct
+from moireaug.evaluation.frame import MEASURES, MOIRE_MEASURES
+from training.report.numbers import Rate, distinct, moire_text
 from training.report.page import name_of, title_of
 from training.report.plots import Series
 from training.runs.metrics import PlainMetrics, RunMetrics, TrainCost
@@ -39,6 +39,7 @@ def run_view(metrics: RunMetrics) -> dict[str, Any]:
         "main": main,
         "noise": [row for row in rows if row["psnr"] is not None],
         "visibility": _visibility(sides),
+        "moire": moire_text(rows),
         "has_lpips": any(row["lpips"] is not None for row in rows),
         "clean": metrics.clean_accuracy,
         "clean_theirs": baseline.clean_accuracy if baseline else None,
@@ -70,7 +71,7 @@ def _rows(metrics: RunMetrics, sides: Sides) -> list[Row]:
                 name: Rate(own[name], *own[f"{name}_interval"]) for name in ("accuracy", "success")
             }
         name, is_attack = line["name"], not line["control"]
-        row = dict.fromkeys(MEASURES) | {"headline": False, "gain": None} | line
+        row = dict.fromkeys((*MEASURES, *MOIRE_MEASURES)) | {"headline": False, "gain": None} | line
         if metrics.baseline:
             row["gain"] = Rate(metrics.gain[name], *metrics.gain_interval[name])
         row |= {"title": title_of(name, "ladder"), "sides": rates, "attack": is_attack}

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from moireaug.evaluation.tables import Table
-from training.report.numbers import Rate, distinct
+from training.report.numbers import Rate, distinct, moire_text
 from training.report.page import name_of, render, title_of
 from training.runs.metrics import SuiteMetrics
 
@@ -82,6 +82,7 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
         "facts": table.facts,
         "empty": table.empty,
         "noise": noise,
+        "moire": moire_text(cells.values()),
         "has_lpips": lines["lpips"].notna().any(),
         "has_paper": lines["paper"].notna().any(),
         "has_controls": lines["column"].isin(CONTROL_COLUMNS).any(),

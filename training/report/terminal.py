@@ -93,7 +93,9 @@ def run_parts(metrics: RunMetrics) -> list[Part]:
     """Return the ladder as a table: accuracy of the baseline and of this model, and the gain; for
     attacks also how far the noise moves the photo."""
     run = run_view(metrics)
-    facts = [short(name, 18) for name in (metrics.data, metrics.model, metrics.scene_name)]
+    scene, *shrink = metrics.scene_name.split(", shrink ")  # which is not cut
+    facts = [short(name, 18) for name in (metrics.data, metrics.model, scene)]
+    facts += [f"shrink {text}" for text in shrink]
     facts += [f"n = {run['main']['n']}", "accuracy in %, eps in 1/255"]
     controls = [row for row in run["rows"] if not row["attack"]]
     heads = ["", "eps", "codes", "dB"]
@@ -105,9 +107,15 @@ def run_parts(metrics: RunMetrics) -> list[Part]:
         Grid([heads, *lines], rule=len(controls)),
         "codes, dB: largest change of a code of 255, and PSNR, by the noise against "
         + short(run["name"], NAME_WIDTH),
+        *_moire(run["moire"]),
         *_training(run),
         *_unanswered(run),
     ]
+
+
+def _moire(text: str) -> list[str]:
+    """Return a line on the moiré of photos, if any was measured."""
+    return [f"moiré, photo minus the same without: {text}"] if text else []
 
 
 def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
@@ -160,6 +168,7 @@ def suite_parts(metrics: SuiteMetrics, suite: dict[str, Any]) -> list[Part]:
         if parts:
             parts.append("")
         parts.append(Grid(rows, title=f"{title_of(table['name'], 'tables')}: fooled, %"))
+        parts += _moire(table["moire"])
     for text in _unanswered(suite):
         parts += ["", text]
     if metrics.trust:

@@ -14,8 +14,8 @@ from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
 from moireaug.argument_checks import one_of
-from moireaug.mixtures import as_scenes
 from training.config.data_sets import DATA, Data
+from training.config.scenes import scene_of
 from training.config.schema import Config, as_config
 from training.data.splits import Splits
 from training.models.classifiers import OWN_MODELS, as_model, model_names
@@ -128,7 +128,7 @@ def read_config(path: Path) -> Config:
         if cfg.model not in OWN_MODELS:
             one_of("model", cfg.model, model_names())
         config: Config = as_config(cfg)
-        as_scenes(config.scene)
+        scene_of(config)
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
         raise ValueError(

@@ -165,13 +165,16 @@ def _enlarged(scene: Scene, alpha: float) -> Scene:
     """Return a scene that shows the image `alpha` times as large.
 
     Where `panel.width` is given, that width counts as alpha = 2 and is scaled by alpha / 2; the
-    sensor stays. Otherwise an image pixel becomes `alpha` panel pixels wide, at the middle of the
-    range of `panel.scale`, and the sensor's scale grows alike, so that a panel pixel stays as many
-    sensor pixels wide.
+    sensor stays. So is the `sensor.shrink` of a crop, and a panel pixel stays as many sensor pixels
+    wide. Otherwise an image pixel becomes `alpha` panel pixels wide, at the middle of the range of
+    `panel.scale`, and the sensor's scale grows alike, so that a panel pixel stays as wide, too.
     """
     low, high = bounds(scene.panel.width)
     if high:
         return with_values(scene, {"panel.width": (low * alpha / 2, high * alpha / 2)})
+    if scene.is_crop:
+        low, high = bounds(scene.sensor.shrink)
+        return with_values(scene, {"sensor.shrink": (low * alpha / 2, high * alpha / 2)})
     low, high = bounds(scene.panel.scale)
     factor = alpha / ((low + high) / 2)
     scales = {"panel.scale": (low * factor, high * factor)}

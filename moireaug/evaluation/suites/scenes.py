@@ -10,7 +10,7 @@ from moireaug.evaluation.suites.threat_scenes import (
     threat_scene,
 )
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, undefended_row
-from moireaug.mixtures import Mixture, scenes_of
+from moireaug.mixtures import as_scenes, scenes_of
 from moireaug.scene.presets import PRESETS
 from moireaug.scenes import Scene, preset_name
 
@@ -25,7 +25,7 @@ def threat(config: SuiteConfig) -> Table:
         photos, plain = [], []
         for angle in ANGLES:
             place = f"{row}, {angle}"
-            scene = threat_scene(display, camera, angle)
+            scene = as_scenes(threat_scene(display, camera, angle), config.shrink)
             photos.append(Photo().at(place, scene))
             plain.append(PhotoWithoutMoire().at(place, scene))
             cells.append(Cell(row, f"angle_{angle}", (photos[-1],)))
@@ -39,15 +39,21 @@ def threat(config: SuiteConfig) -> Table:
     return Table("threat", tuple(cells), pictures=tuple(pictures))
 
 
-def other_scenes(scene: Scene | Mixture) -> dict[str, Scene]:
+def other_scenes(config: SuiteConfig) -> dict[str, Scene]:
     """Return the presets that are another scene and bring the photo back to the image's frame: one
     that leaves the image turned, as the paper's does, changes the task as well as adding moiré."""
-    others = {}
+    own = scenes_of(config.scene)
+    return {name: scene for name, scene in _registered_presets(config).items() if scene not in own}
+
+
+def _registered_presets(config: SuiteConfig) -> dict[str, Scene]:
+    """Return the presets in the image's frame, of crops where the images are crops."""
+    presets = {}
     for name in PRESETS:
         preset = Scene.preset(name)
-        if preset.develop.registered and preset not in scenes_of(scene):
-            others[name] = preset
-    return others
+        if preset.develop.registered:
+            (presets[name],) = scenes_of(as_scenes(preset, config.shrink))
+    return presets
 
 
 def unseen(config: SuiteConfig) -> Table:
@@ -55,9 +61,10 @@ def unseen(config: SuiteConfig) -> Table:
     moiré."""
     columns: dict[str, Condition] = {"no_moire": PhotoWithoutMoire(), "moire": Photo()}
     cells = undefended_row(OWN_SCENE_ROW, columns)
-    for name, scene in other_scenes(config.scene).items():
+    for name, scene in other_scenes(config).items():
         cells += undefended_row(name, {key: c.at(name, scene) for key, c in columns.items()})
     pictures = [cell.place for cell in cells if cell.column == "moire"]
-    names = [preset_name(one) for one in scenes_of(config.scene)]
+    known = {scene: name for name, scene in _registered_presets(config).items()}
+    names = [known.get(one) or preset_name(one) for one in scenes_of(config.scene)]
     own_names = " or ".join(names) if all(names) else ""
     return Table("unseen", tuple(cells), pictures=tuple(pictures), facts={"own": own_names})

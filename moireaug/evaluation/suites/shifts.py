@@ -18,16 +18,17 @@ UNATTACKED_COLUMN, ATTACKED_COLUMN = "unattacked", "attacked"
 JPEG_QUALITY = 60  # of a photo saved as a JPEG file
 
 
-def shifted_scenes(own_scene: Scene | Mixture) -> dict[str, Scene | Mixture]:
+def shifted_scenes(config: SuiteConfig) -> dict[str, Scene | Mixture]:
     """Return the own scene, every other preset in the image's frame, and the own scene's photos as
     JPEG files and in the camera's frame, unless they already are."""
+    own_scene = config.scene
     changed = {
         f"photo_jpeg_{JPEG_QUALITY}": map_scenes(own_scene, _saved_as_jpeg),
         "camera_frame": map_scenes(
             own_scene, partial(with_values, values={"develop.registered": False})
         ),
     }
-    scenes = {OWN_SCENE_ROW: own_scene, **other_scenes(own_scene)}
+    scenes = {OWN_SCENE_ROW: own_scene, **other_scenes(config)}
     return scenes | {name: scene for name, scene in changed.items() if scene != own_scene}
 
 
@@ -42,7 +43,7 @@ def shifts(config: SuiteConfig) -> Table:
     there is an attacker, attacked at the middle eps."""
     eps, steps = config.middle, config.steps
     cells: list[Cell] = []
-    for name, scene in shifted_scenes(config.scene).items():
+    for name, scene in shifted_scenes(config).items():
         photo: Condition = Photo()
         attacked: Condition = MoireAttacker(eps=eps, steps=steps)
         if name != OWN_SCENE_ROW:  # other suites share the own scene's conditions

@@ -47,6 +47,21 @@ def test_controls_show_every_preset_and_give_it_back():
                 assert own[0] in control.choices
 
 
+def test_a_shrink_makes_crops_of_a_preset():
+    preset = Scene.preset("screen_photo")
+    values, at = values_of(preset), 0
+    for control in CONTROLS:
+        if control.name == "sensor.shrink":
+            values[at : at + 2] = [3.0, 1.0]
+        at += control.value_count
+    crops = scene_of(values, preset)
+    assert crops == preset.with_shrink((1, 3))
+    written = scene_code.differences(crops, "screen_photo")
+    assert Scene.from_dict(written) == crops and set(written) == {"preset", "panel", "sensor"}
+    shrink = next(control for control in CONTROLS if control.name == "sensor.shrink")
+    assert shrink.applies_to(preset) and not shrink.applies_to(Scene.preset("paper"))
+
+
 def test_limits_of_sliders_lie_within_what_is_allowed():
     allowed = {}
     for part, cls in PARTS.items():

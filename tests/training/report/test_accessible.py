@@ -133,6 +133,7 @@ def suite_page(folder, metrics, pictures):
         bound="codes", success=0.5, low=0.3, high=0.7, seconds=1.0, outcomes="", paper=0.4
     )
     frame = frame.assign(psnr=30.0, ssim=0.9, ciede2000=1.0, largest=0.1, lpips=0.2)
+    frame = frame.assign(moire=4.1, moire_seen=0.9)
     shown = suite_metrics(suite="paper", trust=CHECKS, trust_n=9)
     report.write_suite(folder, shown, tables, frame, {"success": pictures})
     return (folder / "report.html").read_text("utf-8")

@@ -86,6 +86,7 @@ def test_the_tables_say_what_they_show(measured):
     assert worst["verdict"]["attack"] == cell_of(lines, "eps_4", "worst")["success"]
     assert len(view["paragraphs"]) == 2  # one of each table
     told = render("suite.md.j2", suite=view, metrics=metrics)
+    assert "without subpixels: median" in told and "codes RMS" in told
     assert "| own scene |" in told and ", screen_photo;" in told and "nan" not in told
 
 

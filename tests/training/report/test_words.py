@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from training import report
-from training.report.numbers import duration, points, tied
+from training.report.numbers import duration, moire_text, points, tied
 from training.report.page import environment, title_of
 from training.report.run_view import run_view
 from training.report.terminal import plain
@@ -42,6 +42,21 @@ def test_images_without_an_answer_are_told(metrics):
     metrics.reattack[0]["undecided"] = 3
     last = plain(report.run_parts(metrics)).splitlines()[-1]
     assert "NaN or infinite" in last and "3 of 200 (moire_at, clean image)" in last
+
+
+def test_how_much_moire_photos_have_is_told(metrics, tmp_path):
+    before = plain(report.run_parts(metrics))
+    metrics.reattack[2] |= {"moire": 7.123, "moire_seen": 0.943}
+    told = "moiré, photo minus the same without: median 7.1 codes RMS, 94 % of photos above 2"
+    lines = plain(report.run_parts(metrics)).splitlines()
+    assert told in lines and "moiré, photo" not in before
+    report.write_run(tmp_path / "report.html", metrics, [])
+    assert "median 7.1 codes RMS" in (tmp_path / "report.html").read_text("utf-8")
+    cells = [{"moire": moire, "moire_seen": seen} for moire, seen in ((0.04, 0.0), (12.0, 1.0))]
+    assert moire_text([*cells, {"moire": None}, {}]).startswith("median 0.04 to 12 codes RMS, 0 to")
+    assert moire_text([{}]) == ""
+    crops = replace(metrics, scene_name=f"{'dashcam_at_led_sign, ' * 2}, shrink 1 to 3")
+    assert ", dashcam_at_led_si…, shrink 1 to 3, n = 200" in plain(report.run_parts(crops))
 
 
 @pytest.mark.parametrize("interval", [[-0.01, 0.05], [0.0, 0.04], [-0.03, 0.0]])
