@@ -37,7 +37,8 @@ def extreme_jacobians(
     """Return d(x, y) / d(u, v), image pixels per photo pixel, (N, 2, 2) float64, for the angles and
     lenses that a scene allows at this zoom.
 
-    They are taken at the picture's centre and corners, or of crops at the photo's. Corners outside
+    They are taken at the picture's centre and corners, or of crops at those of the part of the
+    photo that they see. Corners outside
     the circle through the photo's corners are also taken where the line to its centre meets it.
 
     Args:
@@ -45,24 +46,36 @@ def extreme_jacobians(
         magnified: multiply by `camera_pose`'s magnification; the product does not depend on zoom.
     """
     shapes = PHOTO_SHAPES + STRIP_SHAPES if with_strips else PHOTO_SHAPES
+    seen = None
     if scene.is_crop:
-        shapes = CROPS_PHOTO_SHAPES
+        shapes, seen = (
+            CROPS_PHOTO_SHAPES,
+            (bounds(scene.sensor.crop_x), bounds(scene.sensor.crop_y)),
+        )
     scale = scene.sensor.scale
-    return _extreme_jacobians(scene.view, scene.lens, scale, zoom, shapes, magnified, scene.is_crop)
+    return _extreme_jacobians(scene.view, scene.lens, scale, zoom, shapes, magnified, seen)
 
 
 @functools.lru_cache(maxsize=64)
 def _extreme_jacobians(
-    v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool, crops: bool
+    v: View,
+    lens: Lens,
+    scale: float,
+    zoom: float,
+    shapes: tuple,
+    magnified: bool,
+    seen: tuple | None,
 ) -> Tensor:
     view, k1, k2 = _poses(v, lens, zoom, bounds(v.fov)[1])
     jacobians = []
     for size in shapes:
         h, w = size
         m = homography(view, k1, k2, size, scale)
-        picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **FLOAT64_ON_CPU)
+        (left, right), (top, bottom) = seen or ((0, 1), (0, 1))
+        corners = [(w * x, h * y) for x, y in itertools.product((left, right), (top, bottom))]
+        picture = torch.tensor([*corners, (w / 2, h / 2)], **FLOAT64_ON_CPU)
         points = picture.expand(len(m), -1, -1)
-        if not crops:
+        if seen is None:
             points = image_to_photo(points, m, size, (k1, k2))
         points = torch.cat([points, _in_the_photo(points, size)], 1)
         local = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))

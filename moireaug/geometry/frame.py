@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from moireaug.scene.sensor import SHORTER_SIDE
+
 # a ray that meets the screen a thousand times as far away as its centre, or farther, counts as past
 # the horizon
 MIN_RAY_DEPTH = 1e-3
-SHORTER_SIDE = 3 / 4  # of a sensor, over its longer one
 
 Number = float | Tensor  # a number, or one per image, (B,) float64
 FrameSize = tuple[Any, Any]  # height and width, a `Number` each

@@ -84,7 +84,13 @@ OLED = replace(LIT_LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
 DIAMONDS = replace(OLED, layout="pentile_diamond")
 
 PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.4, 0.6), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
-PHONE_SENSOR = Sensor(crosstalk=(0.15, 0.3), gain=(1.5, 3.0), read_noise=(0.002, 0.008))
+PHONE_SENSOR = Sensor(
+    crosstalk=(0.15, 0.3),
+    gain=(1.5, 3.0),
+    read_noise=(0.002, 0.008),
+    crop_x=(0.2, 0.8),  # screens are not in a photo's corners
+    crop_y=(0.2, 0.8),
+)
 DARK_SENSOR = replace(PHONE_SENSOR, gain=(2.0, 5.0), read_noise=(0.008, 0.03))
 PHONE_PHOTO = Develop(
     linear_light=True,
@@ -200,7 +206,7 @@ PRESETS: dict[str, SceneRecord] = {
         lens=Lens(k1=(0.0, 0.06), blur=(0.3, 0.6), motion_x=(-0.3, 0.3), motion_y=(-0.2, 0.2)),
         sensor=replace(
             PHONE_SENSOR,
-            shrink=(1.0, 3.0),
+            shrink=1.0,
             pixels=2560.0,
             gain=(3.0, 6.0),
             read_noise=(0.003, 0.012),
@@ -232,7 +238,9 @@ PRESETS: dict[str, SceneRecord] = {
             glare=(0.05, 0.3),
             glare_y=(-0.5, -0.3),
         ),
-        view=replace(BY_HAND, yaw=(-30.0, 30.0), pitch=(-10.0, 30.0), roll=(-15.0, 15.0)),
+        view=replace(
+            BY_HAND, yaw=(-30.0, 30.0), pitch=(-10.0, 30.0), roll=(-15.0, 15.0), fov=(20.0, 40.0)
+        ),
         lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.6, 2.05), gain=(1.5, 4.0)),
         develop=SAVED_TWICE,

@@ -6,8 +6,9 @@ import json
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
-from moireaug.scene.fields import bounds, check_number, varies
+from moireaug.scene.fields import Range, bounds, check_number, varies
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
+from moireaug.scene.sensor import SHORTER_SIDE
 
 _PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata
 MIN_PANEL_SCALE, MAX_PANEL_SCALE = _PANEL_SCALE["low"], _PANEL_SCALE["high"]
@@ -122,9 +123,10 @@ class SceneRecord:
 
     def octave(self, size: tuple[int, int]) -> int:
         """Return the exponent of the greatest power of 2 not above a picture's longer side, by
-        which scenes with `Panel.width` are planned; 0 for others, which do not differ by size."""
+        which crops and scenes with `Panel.width` are planned; 0 for others, which do not differ by
+        size."""
         octave = 0
-        if bounds(self.panel.width)[1]:
+        if bounds(self.panel.width)[1] or self.is_crop:
             # compared, so that torch.compile, to which a size may be a symbol, guards the result
             while max(size) >= 2 ** (octave + 1):
                 octave += 1
@@ -164,13 +166,25 @@ class SceneRecord:
                 f"Panel.width must be at least {least:g} panel pixels for pictures of {size[0]} x "
                 f"{size[1]}; got {self.panel.width!r}. Raise it, or make the pictures smaller."
             )
-        parts["panel"] = replace(self.panel, width=0.0, scale=scales)
+        parts |= {"panel": replace(self.panel, width=0.0, scale=scales), "sensor": self.sensor}
         reading, pitch = "binned" if self.is_binned else "full", self.sensor.pitch
         if self.is_crop:
             parts["view"] = replace(self.view, fit=False)
             pitch = pitch or self._pitches_of_thing(scales, size)
-        parts["sensor"] = replace(self.sensor, reading=reading, pitch=pitch)
+            across, down = (
+                self._extent_of_crops(place, size)
+                for place in (self.sensor.crop_x, self.sensor.crop_y)
+            )
+            parts["sensor"] = replace(self.sensor, crop_x=across, crop_y=down)
+        parts["sensor"] = replace(parts["sensor"], reading=reading, pitch=pitch)
         return SizedScene(**parts)
+
+    def _extent_of_crops(self, place: Range, size: tuple[int, int]) -> Range:
+        """Return the part of the photo, from 0 at one edge to 1 at the other, that crops see."""
+        most = 2.0 ** (self.octave(size) + 1) * bounds(self.sensor.shrink)[1] / self.sensor.pixels
+        low, high = bounds(place)
+        side = min(1.0, most / SHORTER_SIDE)  # of a crop, over that of its photo, at most
+        return low * (1 - side), high + (1 - high) * side
 
     def _pitches_of_thing(
         self, scales: tuple[float, float], size: tuple[int, int]
@@ -268,7 +282,9 @@ class SceneRecord:
 @dataclass(frozen=True, kw_only=True)
 class SizedScene(SceneRecord):
     """The scene that effects judge, for pictures of one octave of sizes: `Panel.width`, if given,
-    is replaced by a range of `Panel.scale`, and `Sensor.reading` by "binned" or "full"."""
+    is replaced by a range of `Panel.scale`, and `Sensor.reading` by "binned" or "full". Of crops,
+    `Sensor.pitch` is given, too, `Panel.scale` follows, and `Sensor.crop_x` and `crop_y` are the
+    part of the photo that they see."""
 
 
 def _with_lists(value: Any) -> Any:

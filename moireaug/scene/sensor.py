@@ -19,6 +19,7 @@ from moireaug.scene.fields import (
 EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "supersample:8")
 CFAS = ("rggb", "none")
 READINGS = ("auto", "full", "binned")
+SHORTER_SIDE = 3 / 4  # of a sensor, over its longer one
 MAX_POINTS_PER_SIDE = 256  # of a photo pixel: more would take minutes
 
 

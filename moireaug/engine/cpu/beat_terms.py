@@ -13,7 +13,7 @@ import numpy as np
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.compiling import inner, loop
-from moireaug.engine.cpu.limits import MAX_BEAT_NODES, MAX_BEAT_TERMS
+from moireaug.engine.cpu.limits import MAX_BEAT_AMPLITUDES, MAX_BEAT_NODES, MAX_BEAT_TERMS
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
 
@@ -50,7 +50,8 @@ def can_follow_beats(sites, camera, b, i, budget):
     table, steps_per_cycle = transfer_of(grid, camera)
     amplitude = max_amplitudes(grid, b.strength[i], table, steps_per_cycle, camera)
     across, down = node_counts(grid, amplitude, sites, camera, budget)
-    few = len(candidate_terms(grid, amplitude, budget.beat_amplitude)) < MAX_BEAT_TERMS
+    terms = len(candidate_terms(grid, amplitude, budget.beat_amplitude))
+    few = terms < MAX_BEAT_TERMS and terms * across * down <= MAX_BEAT_AMPLITUDES
     return few and max(across, down) <= MAX_BEAT_NODES
 
 

@@ -3,7 +3,8 @@
 # Limits of views and panels; the reference exposes what is beyond them.
 MAX_NODES = 65  # of amplitudes and tap weights, along each axis of the photo
 MAX_BEAT_NODES = 192  # along each axis of the photo
-MAX_BEAT_TERMS = 1024
+MAX_BEAT_TERMS = 4096
+MAX_BEAT_AMPLITUDES = 2**25  # of all terms at all nodes
 MAX_PANEL_PIXELS_PER_SENSOR_PIXEL = 16  # up to which building the panel pays off
 MAX_SMALL_PANEL_PIXELS = 2**20  # which are never too many
 # Limits of memory; with fewer phases than the budget asks for, weights are less exact.
