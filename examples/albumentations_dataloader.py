@@ -77,9 +77,8 @@ def main() -> None:
         rate = len(boxes) / (time.perf_counter() - began)
         widths = boxes[:, 2] - boxes[:, 0]
         widths = widths[widths < args.size]  # of the photographed ones
-        share = f"{len(widths) / len(boxes):.0%} photographed"
-        print(f"epoch {epoch}: {share}, their screens {widths.mean():.2f} px wide")
-        print(f"         {rate:.0f} images per second")
+        share, width = f"{len(widths) / len(boxes):.0%} photographed", f"{widths.mean():.2f} px"
+        print(f"epoch {epoch}: {share}, their screens {width} wide; {rate:.0f} images per second")
 
 
 if __name__ == "__main__":

@@ -78,7 +78,7 @@ def a_scene(*, sensor, **parts):
         else:
             width = tuple(max(end, 900.0) for end in bounds(parts["panel"].width))
             parts["panel"] = dataclasses.replace(parts["panel"], width=width)
-        zoom = tuple(min(max(end, 0.01), 50.0) for end in bounds(parts["view"].zoom))
+        zoom = tuple(min(max(end, 0.1), 50.0) for end in bounds(parts["view"].zoom))
         parts["view"] = dataclasses.replace(parts["view"], zoom=zoom)
         stated = True
     if stated and sensor.reading == "full":

@@ -2,6 +2,7 @@
 
 # Limits of views and panels; the reference exposes what is beyond them.
 MAX_NODES = 65  # of amplitudes and tap weights, along each axis of the photo
+MAX_STEP = 1e4  # panel pixels from one pixel to the next: a crop may lie beyond the horizon
 MAX_BEAT_NODES = 192  # along each axis of the photo
 MAX_BEAT_TERMS = 4096
 MAX_BEAT_AMPLITUDES = 2**25  # of all terms at all nodes

@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.engine.cpu import footprint, harmonics, optics, tap_weights
 from moireaug.engine.cpu.compiling import fill, inner, loop, part
-from moireaug.engine.cpu.limits import MAX_NODES, PASSED_CYCLES_PER_BLUR
+from moireaug.engine.cpu.limits import MAX_NODES, MAX_STEP, PASSED_CYCLES_PER_BLUR
 from moireaug.engine.cpu.records import Nodes
 from moireaug.engine.cpu.view import jacobian
 from moireaug.exposure.footprint import MIN_BLUR_VARIANCE
@@ -146,11 +146,30 @@ def _narrowed(rows, cols, camera, blur_camera, cell, widths, added_variance):
 
 
 @loop
+def _largest_step(rows, cols, camera):
+    """Return the most panel pixels that a pixel spans along an axis, at a few places of the
+    photo."""
+    most = 0.0
+    for i in range(BLUR_SAMPLES):
+        for j in range(BLUR_SAMPLES):
+            u, v = sample(cols, j, BLUR_SAMPLES), sample(rows, i, BLUR_SAMPLES)
+            xu, xv, yu, yv = jacobian(u, v, camera)
+            most = max(most, abs(xu), abs(xv), abs(yu), abs(yv))
+    return most
+
+
+@loop
 def can_follow_view(camera, blur_camera, cell, widths, added_variance, sites, dark_around, budget):
     """Return whether the kernels can follow a view: not one near the horizon, nor, if
     `dark_around`, one from so far away that a pixel sees more cells than its taps. Arguments as in
     `nodes_of` and `panel.fill_panel`."""
     rows, cols = sites.rows, sites.cols
+    # not a comparison that NaN passes
+    if (
+        not max(_largest_step(rows, cols, camera), _largest_step(rows, cols, blur_camera))
+        < MAX_STEP
+    ):
+        return False
     if dark_around and _narrowed(rows, cols, camera, blur_camera, cell, widths, added_variance):
         return False
     count, most = counts(rows, cols, camera, blur_camera, cell, budget), 0

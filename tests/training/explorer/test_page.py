@@ -70,9 +70,10 @@ def test_a_refusal_is_a_sentence_and_leaves_the_rest(tmp_path):
 
 def test_a_preset_has_the_controls_of_what_it_states():
     settings = ("grey screen", None, 0)
+    of_crops = [f"sensor.{name}" for name in ("shrink", "pixels", "crop_x", "crop_y")]
     for name, hidden in (
-        ("screen_photo", {"panel.scale", "sensor.scale"}),
-        ("paper", {"panel.width", "sensor.pitch"}),
+        ("screen_photo", {"panel.scale", "sensor.scale", *of_crops}),
+        ("paper", {"panel.width", "sensor.pitch", *of_crops}),
     ):
         values = widgets.preset_updates(name)[: len(VALUES)]
         groups = widgets.preset_updates(name)[len(VALUES) :]
