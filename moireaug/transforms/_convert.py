@@ -24,10 +24,11 @@ from moireaug.scenes import Scene, Shot, preset_name
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
 
 NO_MOIRE_MESSAGE = (
-    "images of {} x {} pixels are taken for whole photos of {}, nine of ten of which show {:.1f} "
-    "codes of moiré or less: shrinking a photo averages it away. If yours are parts of larger "
-    "photos, say so: shrink=(1, 3), sensor pixels per image pixel."
+    "images of {} x {} pixels are taken for whole photos of {}: half of them show {:.1f} codes of "
+    "moiré or less, nine of ten {:.1f}, because shrinking a photo averages it away. If yours are "
+    "parts of larger photos, say so: shrink=(1, 3), sensor pixels per image pixel."
 )
+MIN_MEDIAN_MOIRE = 0.2  # codes, below which half of the photos are taken to have none
 logger = logging.getLogger("moireaug")
 _asked: set[tuple[Scene | Mixture, tuple[int, ...]]] = set()
 EDGE_POINTS = 17  # along each edge of a box: the arc of a bent edge is found to a 256th of its rise
@@ -61,7 +62,8 @@ def planned_scenes(
 
 def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
     """Log once, for each scene and octave of sizes, that nine of ten photos of `size` (height,
-    width) will have less than a code of moiré, and what to do. torch.compile leaves it out."""
+    width) will have less than a code of moiré, or half of them none, and what to do. torch.compile
+    leaves it out."""
     if torch.compiler.is_compiling():
         return
     scenes = scenes_of(scene)
@@ -69,10 +71,12 @@ def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
     if (scene, octaves) in _asked:
         return
     _asked.add((scene, octaves))
-    moire = [one.plan(size).moire for one in scenes if one.shows_pattern]
-    if moire and all(one is not None and one.high < 1 for one in moire):
-        highest = max(one.high for one in moire if one is not None)
-        logger.warning(NO_MOIRE_MESSAGE.format(*size, describe(scene), highest))
+    every = [one.plan(size).moire for one in scenes if one.shows_pattern]
+    moire = [one for one in every if one is not None]
+    if moire and len(moire) == len(every):
+        median, high = max(one.median for one in moire), max(one.high for one in moire)
+        if high < 1 or median < MIN_MEDIAN_MOIRE:
+            logger.warning(NO_MOIRE_MESSAGE.format(*size, describe(scene), median, high))
 
 
 def at_size(shot: AnyShot, size: tuple[int, int]) -> AnyShot:
