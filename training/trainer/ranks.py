@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import re
 import signal
@@ -86,6 +87,9 @@ def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
         logger.addHandler(logging.NullHandler())
         logger.propagate = False
     with tempfile.TemporaryDirectory(prefix="ranks-") as folder:
+        # PyTorch waits longer for lost processes before 2.12, which cannot be told
+        told = {field.name for field in dataclasses.fields(LaunchConfig)}
+        grace: Any = {"shutdown_timeout": GRACE_SECONDS} if "shutdown_timeout" in told else {}
         config = LaunchConfig(
             min_nodes=1,
             max_nodes=1,
@@ -96,7 +100,7 @@ def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
             rdzv_endpoint="127.0.0.1:0",
             local_addr="127.0.0.1",
             logs_specs=DefaultLogsSpecs(folder),
-            shutdown_timeout=GRACE_SECONDS,
+            **grace,
         )
         try:
             elastic_launch(config, _run_rank)(count, job, *args)
