@@ -8,7 +8,7 @@ VENV := .venv/bin
 .PHONY: fit test docs clean
 
 fit: .venv/installed
-	$(VENV)/python training/fit.py recipe=moire_at 'scene=[dashcam_at_led_sign,screen_photo]' 'shrink=[1,3]' data.train=7000
+	$(VENV)/python training/fit.py recipe=moire_at 'scene=[dashcam_at_led_sign,phone_at_laptop]' 'shrink=[1,3]' data.train=7000
 
 test: .venv/installed-all
 	$(VENV)/ruff check .
