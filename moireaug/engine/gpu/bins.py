@@ -85,7 +85,8 @@ class Bin(NamedTuple):
             `Beats.start` on. u, v: float64, where they lie, in photo pixels about the whole photo's
             centre.
         step_x, step_y: float32, panel pixels per sensor pixel along u and v.
-        first, second: float32, their two sides along u and v, in sensor pixels.
+        first, second: float32, their two sides along u and v, in sensor pixels. window: those in
+            which the picture is seen; see `bin_geometry.Bins`.
     """
 
     image: Any
@@ -97,6 +98,7 @@ class Bin(NamedTuple):
     step_y: Any
     first: Any
     second: Any
+    window: Any
 
 
 @triton.jit
@@ -122,15 +124,16 @@ def bins_at(u, v, image, batch, variant: tl.constexpr):
     xu, xv, yu, yv = jacobian(u, v, sensor)
     scale, enlargement = tl.load(sensor + ALPHA), tl.load(batch.beats.enlargement + image)
     none = 0.0 * xu
-    if variant.sampled:
-        first, second = (none + 1.0, none), (none, none + 1.0)
-    elif variant.rectified:
+    if variant.rectified:
         by = scale.to(tl.float32) * enlargement / (xu * yv - xv * yu)
         first, second = (by * yv, -by * yu), (-by * xv, by * xu)
     else:
         first = none + load32(sensor, SCALE_U) * enlargement, none
         second = none, none + load32(sensor, SCALE_V) * enlargement
-    return Bin(image, x * scale, y * scale, u, v, (xu, xv), (yu, yv), first, second)
+    window = first, second
+    if variant.sampled:
+        first, second = (none + 1.0, none), (none, none + 1.0)
+    return Bin(image, x * scale, y * scale, u, v, (xu, xv), (yu, yv), first, second, window)
 
 
 @triton.jit
@@ -145,8 +148,8 @@ def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, varian
     ratio = tl.load(batch.beats.ratio + bins.image)
     by_u, by_v = step[0] * (1.0 / ratio), step[1] * (1.0 / ratio)
     blur_camera = picture.blur_cameras + bins.image * CAMERA_FIELDS
-    one = tl.abs(along((by_u, by_v), bins.first))
-    other = tl.abs(along((by_u, by_v), bins.second))
+    one = tl.abs(along((by_u, by_v), bins.window[0]))
+    other = tl.abs(along((by_u, by_v), bins.window[1]))
     short, hold = tl.minimum(one, other), tl.load(picture.added_variance + index)
     blur = blur_variance(by_u, by_v, blur_camera)
     variance = short * short / 12.0 + blur + hold + MIN_BLUR_VARIANCE
