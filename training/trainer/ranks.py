@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import inspect
 import logging
 import re
 import signal
@@ -88,7 +88,7 @@ def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
         logger.propagate = False
     with tempfile.TemporaryDirectory(prefix="ranks-") as folder:
         # PyTorch waits longer for lost processes before 2.12, which cannot be told
-        told = {field.name for field in dataclasses.fields(LaunchConfig)}
+        told = inspect.signature(LaunchConfig).parameters
         grace: Any = {"shutdown_timeout": GRACE_SECONDS} if "shutdown_timeout" in told else {}
         config = LaunchConfig(
             min_nodes=1,
