@@ -13,7 +13,12 @@ import numpy as np
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.compiling import inner, loop
-from moireaug.engine.cpu.limits import MAX_BEAT_AMPLITUDES, MAX_BEAT_NODES, MAX_BEAT_TERMS
+from moireaug.engine.cpu.limits import (
+    MAX_BEAT_AMPLITUDES,
+    MAX_BEAT_NODES,
+    MAX_BEAT_TERMS,
+    MAX_FREQUENCY_RANGE,
+)
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
 
@@ -137,7 +142,7 @@ def candidate_terms(grid, amplitude, least):
             continue
         _fill_ranges(ranges, grid, h)
         (low_u, high_u), (low_v, high_v) = ranges[0], ranges[1]
-        if max(high_u - low_u, high_v - low_v) > MAX_BEAT_TERMS / 2:
+        if max(high_u - low_u, high_v - low_v) > MAX_FREQUENCY_RANGE:
             return np.zeros((MAX_BEAT_TERMS, 3), np.int64)
         least_transfer = least / max(amplitude[h], 1e-30)
         for m_u in range(math.floor(2 * low_u) - 1, math.floor(2 * high_u) + 3):

@@ -6,6 +6,7 @@ MAX_STEP = 1e4  # panel pixels from one pixel to the next: a crop may lie beyond
 MAX_BEAT_NODES = 192  # along each axis of the photo
 MAX_BEAT_TERMS = 4096
 MAX_BEAT_AMPLITUDES = 2**25  # of all terms at all nodes
+MAX_FREQUENCY_RANGE = 512.0  # of a harmonic over the photo, cycles per sensor pixel
 MAX_PANEL_PIXELS_PER_SENSOR_PIXEL = 16  # up to which building the panel pays off
 MAX_SMALL_PANEL_PIXELS = 2**20  # which are never too many
 # Limits of memory; with fewer phases than the budget asks for, weights are less exact.

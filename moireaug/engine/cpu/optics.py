@@ -42,8 +42,11 @@ def transfer_table(camera, most, steps):
 
 @inner
 def look_up(table, f):
-    """Return the value of a table of an even, smooth function at f >= 0, in the table's steps."""
-    i = int(f)
+    """Return the value of a table of an even, smooth function at f >= 0, in the table's steps; past
+    its end, what it ends with: between the places where frequencies were sampled, some are
+    higher."""
+    f = min(f, len(table) - 2.0)
+    i = min(int(f), len(table) - 2)
     a, b, g = table[i], table[i + 1], f - i
     # a parabola through two neighbours, of the mean curvature at both
     before, after = table[abs(i - 1)], table[min(i + 2, len(table) - 1)]
