@@ -8,7 +8,7 @@ from typing import Any
 
 from moireaug.scene.fields import Range, bounds, check_number, varies
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
-from moireaug.scene.sensor import SHORTER_SIDE
+from moireaug.scene.sensor import MIN_PITCH, SHORTER_SIDE
 
 _PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata
 MIN_PANEL_SCALE, MAX_PANEL_SCALE = _PANEL_SCALE["low"], _PANEL_SCALE["high"]
@@ -200,7 +200,7 @@ class SceneRecord:
                 f"give pictures of {size[0]} x {size[1]} up to {high:g} sensor pixels per panel "
                 f"pixel, where {most:g} are allowed. Raise Panel.width."
             )
-        return low, high
+        return max(low, MIN_PITCH), max(high, MIN_PITCH)
 
     def _check_scales(self) -> None:
         """Refuse crops that state one or three of what determines one another: ValueError."""

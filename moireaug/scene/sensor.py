@@ -19,6 +19,7 @@ from moireaug.scene.fields import (
 EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "supersample:8")
 CFAS = ("rggb", "none")
 READINGS = ("auto", "full", "binned")
+MIN_PITCH = 1e-3  # sensor pixels per panel pixel
 SHORTER_SIDE = 3 / 4  # of a sensor, over its longer one
 MAX_POINTS_PER_SIDE = 256  # of a photo pixel: more would take minutes
 
@@ -92,7 +93,7 @@ class Sensor(Part):
         super().__post_init__()
         self._check_scale()
         check_off_or_on("Sensor.shutter", self.shutter, 0.0, "no flicker")
-        check_stated_once("Sensor.pitch", self.pitch, 1e-3, "Sensor.scale", self.scale)
+        check_stated_once("Sensor.pitch", self.pitch, MIN_PITCH, "Sensor.scale", self.scale)
         check_stated_once("Sensor.shrink", self.shrink, 0.1, "Sensor.scale", self.scale)
         pixels = check_number("Sensor.pixels", self.pixels, 16.0, 1e5, "sensor pixels")
         object.__setattr__(self, "pixels", pixels)
