@@ -29,7 +29,7 @@ SCENES = ("screen_photo", "dashcam_at_led_sign")
 EPS = 4 / 255
 N_SIGNS, SIDE = 48, 48
 N_TRAINING, EPOCHS = 2000, 8
-STEPS = 15
+ATTACK_STEPS = 15
 # effects after which the change of the codes is printed
 STAGES = ("balance", "colour_matrix", "tone_curve", "sharpen")
 
@@ -101,7 +101,7 @@ def attacked(
     """Return the share of images that are right under the Moiré Attack, the largest change of a
     code, of 255, and the PSNR in dB of its noise in the photo, means over the images."""
     shot = scene.sample(len(images), images.shape[-2:], torch.Generator().manual_seed(0))
-    attack = attacks.MoireAttack(model, scene=scene, eps=eps, steps=STEPS, bound=bound)
+    attack = attacks.MoireAttack(model, scene=scene, eps=eps, steps=ATTACK_STEPS, bound=bound)
     result, photos = attack(images, labels, shot=shot), capture(images, shot)
     right = 1 - result.success.float().mean().item()
     largest = (result.images - photos).abs().amax((1, 2, 3)).mean().item()

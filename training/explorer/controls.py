@@ -71,7 +71,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
 # fields that exclude each other: a scene that states the first has no control of the second
 ALTERNATIVES = {"panel.width": "panel.scale", "sensor.pitch": "sensor.scale"}
 BINNED_ONLY = ("sensor.shrink", "sensor.pixels", "sensor.crop_x", "sensor.crop_y")
-STEPS = {"panel.width": 2.0, "sensor.pixels": 2.0}  # unless 100 to 1000 positions will do
+SLIDER_STEPS = {"panel.width": 2.0, "sensor.pixels": 2.0}  # unless 100 to 1000 positions will do
 
 
 class Control(NamedTuple):
@@ -155,7 +155,7 @@ def _control(part: str, field: dataclasses.Field[Any], description: str) -> Cont
     allowed = field.metadata
     low, high = SLIDER_LIMITS[name] if name in SLIDER_LIMITS else (allowed["low"], allowed["high"])
     step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # 100 to 1000 positions
-    step = STEPS.get(name, step)
+    step = SLIDER_STEPS.get(name, step)
     kind = "range" if "low" in allowed else "number"
     return Control(part, field.name, kind, description, low, high, step)
 
