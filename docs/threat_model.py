@@ -14,9 +14,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from moireaug import Develop, Panel, Scene, Sensor, attacks, capture, expose, pipeline
+from moireaug import Develop, Panel, Scene, Sensor, attacks, capture, expose
 from moireaug.attacks.bounds import BOUNDS, bound_on_reading
-from moireaug.effects.srgb import codes_of_light
+from moireaug.camera import pipeline
+from moireaug.camera.effects.srgb import codes_of_light
 from moireaug.evaluation.visibility import psnr
 from training.data import signs
 

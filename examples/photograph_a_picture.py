@@ -20,7 +20,7 @@ from torchvision.transforms.v2.functional import to_dtype, to_image
 from torchvision.utils import save_image
 
 from moireaug import capture
-from moireaug.image_files import read_picture
+from moireaug.common.image_files import read_picture
 from moireaug.mixtures import as_scenes, sample_one
 from moireaug.synthesis import without_moire
 

@@ -3,11 +3,10 @@
 import importlib
 from typing import Any
 
-import moireaug.operators  # noqa: F401  for graphs of torch.compile
 from moireaug.capture import capture, develop, expose
-from moireaug.plan import Plan
 from moireaug.scene.layout import Layout
 from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
+from moireaug.scene.plan import Plan
 from moireaug.scenes import Scene, Shot
 
 __version__ = "0.2.0.dev0"

@@ -14,14 +14,14 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from moireaug import pipeline
+from moireaug.camera import pipeline
+from moireaug.common.image_checks import check_images
+from moireaug.common.numeric import as_float, as_single
 from moireaug.engine import dispatch
 from moireaug.engine.program import program_of_call
-from moireaug.image_checks import check_images
-from moireaug.mixed_shot import MixedShot
-from moireaug.numeric import as_float, as_single
-from moireaug.shot import ShotRecord
-from moireaug.shot_checks import (
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_checks import (
     check_batch,
     check_noise,
     check_noise_shape,
@@ -39,7 +39,7 @@ def capture(
     Args:
         image: (B, 3, H, W) float in [0, 1], sRGB codes. Values a little outside, by rounding,
             overshoot or noise, are clipped, with gradient 1 in [0, 1] and 0 outside;
-            `moireaug.image_checks` says how much is allowed.
+            `moireaug.common.image_checks` says how much is allowed.
         shot: one draw for B images of this size, from a scene or a mixture of scenes.
         noise: the attacker's delta, a tensor of shape `shot.raw_shape()`, in raw units; added to
             the raw reading, in its dtype and on its device. Of a mixture, also a list of one tensor

@@ -9,9 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from moireaug.draws import check_size, numbers_needed, random_numbers
-from moireaug.mixed_shot import MixedShot
-from moireaug.plan import Plan
+from moireaug.scene.draws import check_size, numbers_needed, random_numbers
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.plan import Plan
 from moireaug.scene.presets import MIXTURES
 from moireaug.scene.record import NOMINAL_SIZE
 from moireaug.scenes import Scene, Shot, as_scene

@@ -9,24 +9,25 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import one_of
-from moireaug.capture import capture
-from moireaug.draws import (
+from moireaug.camera.pipeline import make_plan
+from moireaug.capture import capture, develop, reading_of
+from moireaug.common.argument_checks import one_of
+from moireaug.common.image_checks import check_shape
+from moireaug.engine import operators
+from moireaug.scene.by_name import part_from_dict, parts_with
+from moireaug.scene.draws import (
     check_size,
     draw_numbers,
     numbers_from_dict,
     numbers_needed,
     random_numbers,
 )
-from moireaug.image_checks import check_shape
-from moireaug.pipeline import make_plan
-from moireaug.plan import Moire, Plan
-from moireaug.scene.by_name import part_from_dict, parts_with
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
+from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.record import NOMINAL_SIZE, SceneRecord
-from moireaug.shot import ShotRecord
+from moireaug.scene.shot import ShotRecord
 
 UNPLANNED_MESSAGE = (
     "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
@@ -315,3 +316,6 @@ def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
     raise TypeError(
         f"scene must be a Scene, a preset's name or a dict; got {type(scene).__name__}."
     )
+
+
+operators.implement(reading_of, develop, Scene.from_dict)  # for graphs of torch.compile

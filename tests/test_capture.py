@@ -11,8 +11,8 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture, develop, expose
 from moireaug.engine import reference
-from moireaug.geometry.lattice import SampledPixels
 from moireaug.scene.by_name import with_values
+from moireaug.scene.geometry.lattice import SampledPixels
 from moireaug.scene.presets import PRESETS
 
 GOLDEN = np.load(Path(__file__).parent / "data" / "official_ma_golden.npz")

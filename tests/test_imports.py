@@ -9,20 +9,13 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 # from the ground up: a file imports those of its own floor and of floors before it
 LIBRARY = (
-    ("numeric", "files", "extras", "networks", "module_state", "weights", "progress"),
-    ("argument_checks",),
+    ("common",),
     ("scene",),
-    ("panel", "geometry", "exposure.base"),
-    ("plan",),
-    ("shot", "mixed_shot", "draws"),
-    ("image_checks", "shot_checks"),
-    ("exposure",),
-    ("effects",),
-    ("pipeline",),
+    ("camera",),
     ("engine",),
     ("capture",),
     ("scenes",),
-    ("operators", "mixtures", "image_files", "warm_up"),
+    ("mixtures", "warm_up"),
     ("synthesis",),
     ("attacks", "defenses"),
     ("transforms",),

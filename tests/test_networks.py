@@ -9,9 +9,9 @@ import torch
 from torch import nn
 
 from moireaug import Scene, attacks, evaluation, transforms
+from moireaug.common.networks import device_of, in_evaluation_mode, networks_of
 from moireaug.defenses import Defended, Rejecting
 from moireaug.defenses.demoire import Demoire
-from moireaug.networks import device_of, in_evaluation_mode, networks_of
 
 SCENE = Scene()
 IMAGES, LABELS = torch.rand(4, 3, 16, 16), torch.arange(4)

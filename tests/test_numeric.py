@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 
-from moireaug.numeric import clip, clip_straight_through, per_image, saturate, sinc
+from moireaug.common.numeric import clip, clip_straight_through, per_image, saturate, sinc
 
 
 def test_black_and_white_pixels_are_attackable_and_a_full_well_is_not():

@@ -8,11 +8,12 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
-from moireaug.effects.binned_statistics import pixels_per_value
+from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, capture, expose
+from moireaug.camera import pipeline
+from moireaug.camera.effects.binned_statistics import pixels_per_value
+from moireaug.camera.exposure import extreme_harmonics
+from moireaug.camera.exposure.bin_geometry import pixels_on_photo
 from moireaug.engine import switch
-from moireaug.exposure import extreme_harmonics
-from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
 from tests.engine.readings import assert_equal, readings

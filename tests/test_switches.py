@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from moireaug import Scene, extras
+from moireaug import Scene
+from moireaug.common import extras
 from moireaug.engine import backends, program
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -7,7 +7,7 @@ import os
 # does not notice, but two that share them keep each other waiting: each takes twice as long.
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
-from moireaug.extras import drop_missing_backend, require
+from moireaug.common.extras import drop_missing_backend, require
 
 require("train", "training")
 drop_missing_backend()

@@ -35,7 +35,7 @@ import pandas as pd
 import yaml
 
 from moireaug import Scene
-from moireaug.files import shown, write_bytes, write_text
+from moireaug.common.files import shown, write_bytes, write_text
 from moireaug.synthesis.pairs import check_aligned
 from training.calibration import fit
 from training.calibration.compare import (

@@ -17,7 +17,7 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 import argparse
 from collections.abc import Sequence
 
-from moireaug.extras import require
+from moireaug.common.extras import require
 from training.system.messages import prepare_output
 
 

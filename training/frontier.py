@@ -21,7 +21,7 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 
 from collections.abc import Sequence
 
-from moireaug.files import write_bytes, write_text
+from moireaug.common.files import write_bytes, write_text
 from training.comparison.frame import read, read_csv
 from training.comparison.plot import draw
 from training.comparison.summaries import RecipeSummary, summarise

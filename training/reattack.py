@@ -32,7 +32,7 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 from moireaug.evaluation import GROUPS, SUITES
 from training.attack.protocol import attack, attack_run
 from training.attack.results import publish, publish_suite, run_metrics

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from moireaug.files import remove
+from moireaug.common.files import remove
 from moireaug.synthesis import Pairs
 from training.config import scenes
 from training.config.plain import parse, report_errors

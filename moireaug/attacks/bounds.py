@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.effects.srgb import codes_of_light, light_of_codes
+from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.scenes import Scene
 
 BOUNDS = ("codes", "light")  # what eps counts

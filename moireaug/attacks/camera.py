@@ -14,10 +14,10 @@ from moireaug.attacks.bounds import Bound
 from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.attacks.problem import Point, Problem
 from moireaug.capture import expose, photo_of_reading
-from moireaug.numeric import clip
-from moireaug.plan import Plan
+from moireaug.common.numeric import clip
+from moireaug.scene.plan import Plan
+from moireaug.scene.shot import ShotRecord
 from moireaug.scenes import Shot
-from moireaug.shot import ShotRecord
 
 Stage = Callable[[Tensor, ShotRecord], Tensor]
 

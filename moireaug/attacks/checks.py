@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import check_positive, is_finite
 from moireaug.attacks.answers import has_prediction
+from moireaug.common.argument_checks import check_positive, is_finite
 
 
 class NoAnswerError(ValueError):

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from moireaug.argument_checks import check_callable, check_count, check_positive
 from moireaug.attacks.answers import has_prediction, is_success, predicted
 from moireaug.attacks.checks import check_differentiable, check_goals
 from moireaug.attacks.foreign import NamesForeignArguments
@@ -18,9 +17,10 @@ from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
-from moireaug.image_checks import check_images
-from moireaug.mixed_shot import MixedShot
-from moireaug.numeric import choose
+from moireaug.common.argument_checks import check_callable, check_count, check_positive
+from moireaug.common.image_checks import check_images
+from moireaug.common.numeric import choose
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
 TANH_LIMIT = 1 - 1e-6  # a pixel's largest |tanh(w)|: black and white would lie at infinity

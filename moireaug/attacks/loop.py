@@ -12,7 +12,6 @@ from typing import TypeVar
 import torch
 from torch import Tensor, nn
 
-from moireaug.argument_checks import check_callable, check_count, one_of
 from moireaug.attacks.answers import is_success, predicted
 from moireaug.attacks.checks import check_differentiable, check_eps, check_goals, check_sizes
 from moireaug.attacks.foreign import NamesForeignArguments
@@ -22,9 +21,10 @@ from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.search import Search, Step
-from moireaug.image_checks import check_images
-from moireaug.mixed_shot import MixedShot
-from moireaug.numeric import as_single
+from moireaug.common.argument_checks import check_callable, check_count, one_of
+from moireaug.common.image_checks import check_images
+from moireaug.common.numeric import as_single
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
 R = TypeVar("R")

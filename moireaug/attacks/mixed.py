@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.result import Result
-from moireaug.mixed_shot import MixedShot, in_order
+from moireaug.scene.mixed_shot import MixedShot, in_order
 
 
 def join_results(

@@ -16,7 +16,7 @@ from moireaug.attacks.checks import (
     keep_undefined,
     watched_copy,
 )
-from moireaug.networks import first_weight, in_evaluation_mode, networks_of
+from moireaug.common.networks import first_weight, in_evaluation_mode, networks_of
 
 # messages of torch where weights and images differ in precision or device, or in channels
 TYPE_MISMATCH = r"same dtype|type .* should be the same|expected scalar type"

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import check_count, one_of
 from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
 from moireaug.attacks.checks import check_goals
@@ -17,11 +16,12 @@ from moireaug.attacks.loop import Attack
 from moireaug.attacks.mixed import join_results
 from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.search import Search
-from moireaug.image_checks import check_images
-from moireaug.mixed_shot import MixedShot, in_order
+from moireaug.common.argument_checks import check_count, one_of
+from moireaug.common.image_checks import check_images
 from moireaug.mixtures import Mixture, as_scenes, scenes_of
+from moireaug.scene.mixed_shot import MixedShot, in_order
+from moireaug.scene.shot_checks import check_batch
 from moireaug.scenes import Scene, Shot
-from moireaug.shot_checks import check_batch
 
 R = TypeVar("R")
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import check_count
 from moireaug.attacks.answers import is_same_answer
 from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.foreign import NamesForeignArguments
@@ -15,7 +14,8 @@ from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest_wrong_classes
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
-from moireaug.mixed_shot import MixedShot
+from moireaug.common.argument_checks import check_count
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
 

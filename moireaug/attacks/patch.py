@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import is_finite
 from moireaug.attacks.pixel import PGD, PixelProblem, refuse_shot
 from moireaug.attacks.problem import Point
-from moireaug.mixed_shot import MixedShot
-from moireaug.numeric import clip
+from moireaug.common.argument_checks import is_finite
+from moireaug.common.numeric import clip
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
 

@@ -8,11 +8,11 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from moireaug.argument_checks import check_callable, one_of
 from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.checks import watched_copy
+from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.capture import capture, develop, expose
-from moireaug.effects.srgb import codes_of_light, light_of_codes
+from moireaug.common.argument_checks import check_callable, one_of
 from moireaug.scenes import Shot
 
 # the camera from each place of the noise to the photo

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.problem import Point, Problem
-from moireaug.mixed_shot import MixedShot
-from moireaug.numeric import clip
+from moireaug.common.numeric import clip
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 from moireaug.scene.by_name import values_of, with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from moireaug.mixed_shot import MixedShot
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
 

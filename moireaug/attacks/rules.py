@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.bounds import Box
-from moireaug.numeric import choose, per_image
+from moireaug.common.numeric import choose, per_image
 
 MOMENTUM_DECAY = 1.0  # mu of Dong et al. (2018)
 # share of an APGD step that is new; the rest repeats the step before: Croce & Hein (2020)

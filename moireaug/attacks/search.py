@@ -14,7 +14,7 @@ from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.losses import attack_margin, mean_cross_entropy
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.problem import Point, Problem
-from moireaug.numeric import choose
+from moireaug.common.numeric import choose
 
 
 class Step(NamedTuple):

@@ -13,7 +13,7 @@ from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point
 from moireaug.attacks.search import Search, Step
-from moireaug.numeric import as_single, choose
+from moireaug.common.numeric import as_single, choose
 
 FIRST_WINDOW_SHARE = 0.8  # of the planes' area, as in AutoAttack
 # queries of 10,000 after which that share is halved: Andriushchenko et al. (2020), section 4.1 and

@@ -11,7 +11,7 @@ that rejects what a detector flags is `Rejecting`.
 from collections.abc import Callable
 from functools import partial
 
-from moireaug.extras import require
+from moireaug.common.extras import require
 
 require("eval", "moireaug.defenses")
 

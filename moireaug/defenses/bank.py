@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import check_whole
-from moireaug.files import write_bytes
-from moireaug.image_checks import check_images
-from moireaug.progress import progress_bar
+from moireaug.common.argument_checks import check_whole
+from moireaug.common.files import write_bytes
+from moireaug.common.image_checks import check_images
+from moireaug.common.progress import progress_bar
 
 
 def check_patches(patch: int, overlap: int) -> None:

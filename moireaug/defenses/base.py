@@ -8,7 +8,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from moireaug.image_checks import check_images
+from moireaug.common.image_checks import check_images
 
 
 class Defence(ABC):

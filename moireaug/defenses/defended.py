@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from moireaug.argument_checks import check_callable, check_whole
+from moireaug.common.argument_checks import check_callable, check_whole
+from moireaug.common.image_checks import check_images
 from moireaug.defenses.base import Defence, output_of
-from moireaug.image_checks import check_images
 
 
 @dataclass(frozen=True)

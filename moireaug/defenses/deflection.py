@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import check_real, check_whole
+from moireaug.common.argument_checks import check_real, check_whole
 from moireaug.defenses.base import Defence, straight_through
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import check_real, check_whole
+from moireaug.camera.effects.jpeg import jpeg
+from moireaug.common.argument_checks import check_real, check_whole
+from moireaug.common.image_checks import check_images
+from moireaug.common.numeric import clip, mirrored_indices
 from moireaug.defenses.base import Defence, straight_through
-from moireaug.effects.jpeg import jpeg
-from moireaug.image_checks import check_images
-from moireaug.numeric import clip, mirrored_indices
 
 MIN_MEAN = 1 / 255  # to which `Gain` raises a lower mean, so that black stays black
 
@@ -24,7 +24,7 @@ class JPEG(Defence):
     Args:
         quality: 1 to 100. The paper takes 20, 40, 60 and 80.
 
-    Backward: kornia's differentiable JPEG, see `moireaug.effects.jpeg.jpeg`.
+    Backward: kornia's differentiable JPEG, see `moireaug.camera.effects.jpeg.jpeg`.
 
     Raises:
         TypeError, ValueError: another quality.

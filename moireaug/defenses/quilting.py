@@ -11,9 +11,9 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from moireaug.common.numeric import mirrored_indices
 from moireaug.defenses.bank import check_patches, draw_bank
 from moireaug.defenses.base import Defence, straight_through
-from moireaug.numeric import mirrored_indices
 
 # patches of the image and of the bank at once, whose products stay in the cache
 QUERIES_PER_BLOCK, PATCHES_PER_BLOCK = 1024, 2048

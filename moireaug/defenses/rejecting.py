@@ -8,7 +8,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from moireaug.argument_checks import check_callable, check_real
+from moireaug.common.argument_checks import check_callable, check_real
 
 
 class Rejecting(nn.Module):

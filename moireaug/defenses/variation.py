@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from moireaug.argument_checks import check_real, check_whole
+from moireaug.common.argument_checks import check_real, check_whole
 from moireaug.defenses.base import Defence, straight_through
 
 # weight of the constraint d = grad z, relative to the data term: the fastest of those tried at

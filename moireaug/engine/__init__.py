@@ -4,8 +4,8 @@ reference.
 It runs on the CPU and on GPUs, on float32, half precision (computed in float32) and uint8, for the
 exposures "spectral", "mean" and "point". `expose` is differentiable in the image, `develop` in the
 raw reading, and both in the shot's numbers, by central differences (`differences`); a point
-exposure has no slope in them. The reference, `moireaug.pipeline`, does the rest. `explain(scene)`
-says which one a scene gets. `reference()` turns the engine off.
+exposure has no slope in them. The reference, `moireaug.camera.pipeline`, does the rest.
+`explain(scene)` says which one a scene gets. `reference()` turns the engine off.
 
 A call is decided by `program`, from the table in `backends`; `dispatch` has lower/ make records
 of its shot, and the kernels of cpu/ or gpu/ fill its photo. Importing this package imports neither

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from moireaug.common.numeric import is_batched
 from moireaug.engine.differences import ShotDifferences
-from moireaug.numeric import is_batched
 
 
 class Stage(NamedTuple):

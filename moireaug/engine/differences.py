@@ -12,7 +12,7 @@ from torch import Tensor
 
 from moireaug.engine.lower.rows import changed_rows, rows_of
 from moireaug.engine.shot_steps import moved_shot, step_ends
-from moireaug.shot import ShotRecord
+from moireaug.scene.shot import ShotRecord
 
 MAX_PIXELS_AT_ONCE = 2**19  # of the values that are moved together
 # How many times as exact as a photo's the results are of which differences are taken: what hardly

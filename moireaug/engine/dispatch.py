@@ -11,15 +11,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug import pipeline
-from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
+from moireaug.camera import pipeline
+from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
+from moireaug.common.numeric import as_float
 from moireaug.engine import autograd, torch_operators, trial
 from moireaug.engine.differences import ShotDifferences, without_gradient
 from moireaug.engine.program import Program
-from moireaug.mixed_shot import in_order
-from moireaug.numeric import as_float
+from moireaug.scene.mixed_shot import in_order
 from moireaug.scene.record import SceneRecord
-from moireaug.shot import ShotRecord
+from moireaug.scene.shot import ShotRecord
 
 # scenes of which it was said that the reference computes some of their photos
 _reported: set[SceneRecord] = set()
@@ -32,8 +32,8 @@ MAX_EXPOSE_SHIFT, MAX_DEVELOP_SHIFT = 0.002, 0.03
 
 
 def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
-    """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
-    does for float32; differentiable in float32 images."""
+    """Return the readings of images (B, 3, H, W), float32 or uint8, as
+    `moireaug.camera.pipeline.expose` does for float32; differentiable in float32 images."""
     if torch.compiler.is_compiling():
         return torch_operators.operator_reading(light, shot)
     # with the first photo: importing the package would take a tenth longer
@@ -82,8 +82,8 @@ def engine_reading(light: Tensor, shot: ShotRecord, program: Program) -> Tensor:
 
 
 def engine_photo(raw: Tensor, shot: ShotRecord, program: Program) -> Tensor:
-    """Return the photos of readings, as `moireaug.pipeline.develop` does; differentiable in the
-    readings."""
+    """Return the photos of readings, as `moireaug.camera.pipeline.develop` does; differentiable in
+    the readings."""
     if torch.compiler.is_compiling():
         return torch_operators.operator_photo(raw, shot)
     from moireaug.engine.lower.development import lower_development

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from moireaug.geometry.frame import MIN_RAY_DEPTH
+from moireaug.scene.geometry.frame import MIN_RAY_DEPTH
 
 
 def panel_jacobian(u: Any, v: Any, c: Any) -> tuple[Any, Any, Any, Any]:

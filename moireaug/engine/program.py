@@ -8,12 +8,12 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from moireaug import pipeline
+from moireaug.camera import pipeline
+from moireaug.common.numeric import may_be_dual
 from moireaug.engine.backends import BACKENDS, Backend, backend_of, why_no_kernels
-from moireaug.numeric import may_be_dual
-from moireaug.plan import Plan
+from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
-from moireaug.shot import ShotRecord
+from moireaug.scene.shot import ShotRecord
 
 ENGINE_EXPOSURES = ("spectral", "mean", "point")
 ENGINE_DTYPES = (torch.float32, torch.uint8)

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from moireaug.effects.flicker import light_of_rows
-from moireaug.geometry import grids
-from moireaug.geometry.frame import planar
+from moireaug.camera.effects.flicker import light_of_rows
 from moireaug.scene.by_name import limits, values_of, with_values
 from moireaug.scene.fields import bounds
-from moireaug.shot import ShotRecord
+from moireaug.scene.geometry import grids
+from moireaug.scene.geometry.frame import planar
+from moireaug.scene.shot import ShotRecord
 
 MAX_RELATIVE_STEP = 1e-3  # of a number, or of half its range if that is more
 LEAST_SIZE = 0.1  # that a number counts as: float32 would not carry the change by a smaller step

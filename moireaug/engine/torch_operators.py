@@ -1,5 +1,5 @@
 """The stages as operators, which a graph of torch.compile calls as they are. What they do is in
-`moireaug.operators`."""
+`moireaug.engine.operators`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from moireaug import pipeline
+from moireaug.camera import pipeline
 from moireaug.engine import autograd
-from moireaug.shot import ShotRecord
+from moireaug.scene.shot import ShotRecord
 
 # a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and its size, whole size and
 # corner, a pair each

@@ -11,10 +11,10 @@ from types import ModuleType
 import torch
 from torch import Tensor
 
+from moireaug.common.numeric import as_float
 from moireaug.engine import autograd
 from moireaug.engine.autograd import Stage
 from moireaug.engine.backends import Backend
-from moireaug.numeric import as_float
 
 MAX_RMS = 1e-3  # of photos and readings, in [0, 1]; kernels and reference differ by 1e-4 at most
 _agreements: dict[tuple[str, torch.dtype, torch.device, bool], bool] = {}

@@ -2,7 +2,7 @@
 
 # ruff: noqa: E402  # a missing extra is named before it is imported
 
-from moireaug.extras import drop_missing_backend, require
+from moireaug.common.extras import drop_missing_backend, require
 
 require("eval", "moireaug.evaluation")
 drop_missing_backend()

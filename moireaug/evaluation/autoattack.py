@@ -15,9 +15,9 @@ from torch import Tensor
 from moireaug.attacks import MultiTargeted, SquareMoire
 from moireaug.attacks.losses import attack_margin
 from moireaug.attacks.model import attacked_logits, class_count, evaluating, repeats_answers
+from moireaug.common.numeric import choose
 from moireaug.evaluation.attackers import Attacker, attack_shot
 from moireaug.evaluation.conditions import EvalBatch
-from moireaug.numeric import choose
 
 QUERIES_PER_STEP = 50  # of Square, for each step of the others: AutoAttack takes 5,000 and 100
 

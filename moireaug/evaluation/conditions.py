@@ -19,8 +19,8 @@ from torch import Tensor, nn
 
 from moireaug.attacks.bounds import bound_on_reading
 from moireaug.capture import capture, develop, expose
+from moireaug.common.numeric import clip
 from moireaug.mixtures import Mixture
-from moireaug.numeric import clip
 from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.twins import moire_codes, without_moire
 

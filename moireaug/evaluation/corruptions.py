@@ -11,9 +11,9 @@ from kornia.enhance import adjust_contrast_with_mean_subtraction
 from kornia.filters import gaussian_blur2d
 from torch import Tensor
 
-from moireaug.effects.jpeg import jpeg
+from moireaug.camera.effects.jpeg import jpeg
+from moireaug.common.numeric import clip
 from moireaug.evaluation.conditions import Condition, EvalBatch
-from moireaug.numeric import clip
 
 
 def gaussian_noise(images: Tensor, sigma: float, generator: torch.Generator) -> Tensor:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.draws import mix_seeds
-from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture
+from moireaug.scene.draws import mix_seeds
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Scene, Shot
 
 # streams of random numbers, by their purpose

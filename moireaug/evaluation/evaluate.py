@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 import torch
 
-from moireaug.argument_checks import check_callable, check_count, one_of
 from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.model import class_count
+from moireaug.common.argument_checks import check_callable, check_count, one_of
+from moireaug.common.networks import device_of
 from moireaug.defenses import Defence
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import ImageTransform, Model
@@ -28,7 +29,6 @@ from moireaug.evaluation.suites import OPTION_SUITES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, Table, paper_defences
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
-from moireaug.networks import device_of
 from moireaug.scenes import Scene
 
 N_TO_TELL_CHANCE = 20  # clean images, below which guessing cannot be told from a model

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.argument_checks import check_count
 from moireaug.attacks.checks import as_tensor, check_labels
-from moireaug.image_checks import check_images
+from moireaug.common.argument_checks import check_count
+from moireaug.common.image_checks import check_images
 
 Batch = tuple[Tensor, Tensor]  # images and labels
 

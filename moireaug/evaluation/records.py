@@ -23,7 +23,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from torch import Tensor
 
-from moireaug.files import write_bytes
+from moireaug.common.files import write_bytes
 
 Record = dict[str, Any]
 KEY_VERSION = 9  # raise it when the same settings would give other figures

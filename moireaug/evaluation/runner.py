@@ -11,10 +11,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from moireaug.argument_checks import one_of
 from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
+from moireaug.common.argument_checks import one_of
+from moireaug.common.networks import device_of
+from moireaug.common.progress import progress_bar
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.draws import BatchDraws, restored_generators
 from moireaug.evaluation.identity import identity_of
@@ -25,8 +27,6 @@ from moireaug.evaluation.records import Record, Records
 from moireaug.evaluation.scene_batches import SceneBatches
 from moireaug.evaluation.tables import Table
 from moireaug.mixtures import Mixture
-from moireaug.networks import device_of
-from moireaug.progress import progress_bar
 from moireaug.scenes import Scene
 
 CLEAN = Clean()

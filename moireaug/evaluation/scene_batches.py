@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug.evaluation.conditions import Condition, EvalBatch
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.memory import within_memory
-from moireaug.mixed_shot import in_order
+from moireaug.scene.mixed_shot import in_order
 
 
 @dataclass(frozen=True)

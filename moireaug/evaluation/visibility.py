@@ -12,7 +12,7 @@ from kornia.metrics import ssim as ssim_map
 from skimage.color import deltaE_ciede2000, rgb2lab
 from torch import Tensor, nn
 
-from moireaug.weights import float32_on_cpu, read_state_dict
+from moireaug.common.weights import float32_on_cpu, read_state_dict
 
 # torchvision's name of each network that LPIPS has linear heads for, to torchmetrics' name of it,
 # and the least side of an image that passes all of its layers

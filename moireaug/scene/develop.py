@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 from moireaug.scene.fields import Part, Range, check_off_or_on, ranged
 
 DEMOSAIC_NAMES = ("bilinear", "malvar")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 from moireaug.scene.subpixel import Subpixel, in_smallest_cell, is_overlapping
 
 RED, GREEN, BLUE = 0, 1, 2

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from numbers import Integral
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 from moireaug.scene.fields import (
     Part,
     Range,
@@ -45,8 +45,8 @@ class Sensor(Part):
         reading: "full", a value for each sensor pixel; or "binned", for each photo pixel the mean
             of each colour's sensor pixels in it, interpolated bilinearly: the same photo, at a
             price that does not depend on the number of sensor pixels; see
-            `moireaug.exposure.alias_transfer`. "auto" is binned where `Panel.width`, `pitch` or
-            `shrink` is given. Of more than 1024 harmonics the weakest are left out, as the plan
+            `moireaug.camera.exposure.alias_transfer`. "auto" is binned where `Panel.width`, `pitch`
+            or `shrink` is given. Of more than 1024 harmonics the weakest are left out, as the plan
             then says.
         cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
         crosstalk: share of its light that a colour filter receives from its neighbours in the

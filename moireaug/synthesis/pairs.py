@@ -17,8 +17,8 @@ import torch
 from torch import Tensor
 from torch.utils.data import IterableDataset, get_worker_info
 
-from moireaug.argument_checks import check_whole
 from moireaug.capture import capture
+from moireaug.common.argument_checks import check_whole
 from moireaug.mixtures import Mixture, as_scenes, sample_one, scenes_of
 from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.pictures import Pictures, Source

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from PIL import Image
 
-from moireaug.image_files import read_picture
+from moireaug.common.image_files import read_picture
 
 # of a picture's file, in every command; .jfif is what browsers name a JPEG
 SUFFIXES = (".jpg", ".jpeg", ".jfif", ".png", ".ppm", ".bmp", ".pgm", ".tif", ".tiff", ".webp")

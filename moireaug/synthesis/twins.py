@@ -8,8 +8,8 @@ import functools
 from torch import Tensor
 
 from moireaug.scene.by_name import with_values
+from moireaug.scene.shot_checks import check_is_shot
 from moireaug.scenes import Scene, Shot
-from moireaug.shot_checks import check_is_shot
 
 SEEN_CODES = 2.0  # of moiré, RMS: less is hard to see in a photo
 

@@ -13,11 +13,11 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.capture import photo_of
-from moireaug.image_checks import channels_last_hint, check_images, check_shape
-from moireaug.mixed_shot import MixedShot
+from moireaug.common.image_checks import channels_last_hint, check_images, check_shape
+from moireaug.common.networks import first_weight, in_evaluation_mode
+from moireaug.common.numeric import as_float, luma
 from moireaug.mixtures import Mixture, as_scenes, scenes_of
-from moireaug.networks import first_weight, in_evaluation_mode
-from moireaug.numeric import as_float, luma
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.presets import MIXTURES
 from moireaug.scenes import Scene, Shot, preset_name
 
@@ -203,7 +203,7 @@ def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = No
     Args:
         images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned
             as the photo's luma; uint8, or floating point in [0, 1], where values a little
-            outside are clipped, see `moireaug.image_checks`. Not modified.
+            outside are clipped, see `moireaug.common.image_checks`. Not modified.
         shot: one draw for B images of this size, of a scene or a mixture.
         noise: an attacker's, on the raw reading; see `capture`.
 

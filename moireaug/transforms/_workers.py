@@ -10,7 +10,7 @@ import torch
 from albumentations.core.composition import BaseCompose
 from albumentations.core.transforms_interface import BasicTransform
 
-from moireaug.networks import reachable
+from moireaug.common.networks import reachable
 
 SEED_STRIDE = 0x9E3779B1  # odd, so that seeds of different transforms and workers differ
 DATA_TYPES = (str, bytes, int, float, type(None), np.ndarray, np.generic, torch.Tensor)
@@ -25,11 +25,11 @@ def seed_worker(worker_id: int) -> None:
     first. The seeds follow torch's: distinct per worker, epoch and transform, the same after
     `torch.manual_seed`.
 
-    A transform is found where the data set leads to it as `moireaug.networks.reachable` says: by
-    attributes, lists, tuples and dicts of at most 1,000 entries, bound methods, partial functions,
-    and the closures, defaults and globals of functions. It is not found in a slot, a class, a set
-    or a `collate_fn`, nor where a function makes it: seed such a transform in a `worker_init_fn` of
-    your own.
+    A transform is found where the data set leads to it as `moireaug.common.networks.reachable`
+    says: by attributes, lists, tuples and dicts of at most 1,000 entries, bound methods, partial
+    functions, and the closures, defaults and globals of functions. It is not found in a slot, a
+    class, a set or a `collate_fn`, nor where a function makes it: seed such a transform in a
+    `worker_init_fn` of your own.
 
     Raises:
         ValueError: no transform is found.

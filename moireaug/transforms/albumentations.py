@@ -18,8 +18,8 @@ import torch
 from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack
+from moireaug.common.networks import device_of
 from moireaug.mixtures import sample_one, scenes_of
-from moireaug.networks import device_of
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._albumentations_base import SampledTransform, torch_generator
 from moireaug.transforms._arrays import (
@@ -74,10 +74,10 @@ class RandomMoire(SampledTransform):
 
     Images are (H, W, 3), or (H, W) and (H, W, 1) for grey, which is shown as grey RGB and returned
     as luma; uint8, or any float in [0, 1], so use it before `A.Normalize`. Values that resizing,
-    blur or noise left a little outside are clipped, see `moireaug.image_checks`. Shape and dtype
-    are kept; float64, which `image / 255.` is, is computed in float32. The pictures of `images` and
-    the slices of a volume share one shot, as the frames of a video do, and differ only in sensor
-    noise; the first is the photo that it would be as `image`.
+    blur or noise left a little outside are clipped, see `moireaug.common.image_checks`. Shape and
+    dtype are kept; float64, which `image / 255.` is, is computed in float32. The pictures of
+    `images` and the slices of a volume share one shot, as the frames of a video do, and differ only
+    in sensor noise; the first is the photo that it would be as `image`.
 
     Masks, bboxes and keypoints stay untouched, unless the scene leaves the photo in the camera's
     frame (`Develop(registered=False)` with a pose or a lens); then they move with the picture:

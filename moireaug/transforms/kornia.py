@@ -9,9 +9,9 @@ import torch
 from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
-from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture, scenes_of
 from moireaug.scene.by_name import values_of
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._convert import (
     check_format,
@@ -44,9 +44,9 @@ class RandomMoire(IntensityAugmentationBase2D):
 
     Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned
     as luma; floating point in [0, 1], so use it before `Normalize`. Values that resizing, blur or
-    noise left a little outside are clipped, see `moireaug.image_checks`. Dtype and device are kept;
-    float64 is computed in float32. Differentiable in the images. Only the chosen images are
-    computed; the others are returned unchanged. `torch.compile(fullgraph=True)` computes all of
+    noise left a little outside are clipped, see `moireaug.common.image_checks`. Dtype and device
+    are kept; float64 is computed in float32. Differentiable in the images. Only the chosen images
+    are computed; the others are returned unchanged. `torch.compile(fullgraph=True)` computes all of
     them, and checks no values.
 
     Convention: an intensity augmentation: masks, boxes and key points stay as they are,

@@ -15,9 +15,9 @@ from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
 
-from moireaug.mixed_shot import MixedShot
+from moireaug.common.numeric import as_dtype
 from moireaug.mixtures import shot_of_one
-from moireaug.numeric import as_dtype
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._convert import (
     check_format,
@@ -57,9 +57,9 @@ class RandomMoire(v2.Transform):
     Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H,
     W) and PIL images of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB
     and returned as luma; uint8 or floating point in [0, 1], so use it before `v2.Normalize`. Values
-    that resizing, blur or noise left a little outside are clipped, see `moireaug.image_checks`.
-    Type, shape, dtype, device and memory layout are kept; float64 is computed in float32. Inputs
-    are never modified.
+    that resizing, blur or noise left a little outside are clipped, see
+    `moireaug.common.image_checks`. Type, shape, dtype, device and memory layout are kept; float64
+    is computed in float32. Inputs are never modified.
 
     A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is
     one scene: its frames share the shot and differ only in sensor noise. Images of one sample share

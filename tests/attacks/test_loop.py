@@ -8,7 +8,7 @@ from torch import nn
 
 from moireaug import Lens, Panel, Scene, Sensor, attacks, capture, expose
 from moireaug.attacks import PGD, MoireAttack, Normalized
-from moireaug.numeric import clip
+from moireaug.common.numeric import clip
 from moireaug.transforms import AdversarialMoire
 from tests.attacks.common import EPS, METHODS, SCENE, attack_by, counting, predicted
 

@@ -9,7 +9,8 @@ from hydra import initialize
 
 from benchmarks import accuracy_vs_time, effects_cost, measure, panels, sass, speed, training_steps
 from benchmarks.rows import Row
-from moireaug import Lens, Panel, Scene, Sensor, View, expose, image_files
+from moireaug import Lens, Panel, Scene, Sensor, View, expose
+from moireaug.common import image_files
 from moireaug.scene.by_name import with_values
 from training.data import image_sets
 

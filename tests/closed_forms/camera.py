@@ -10,9 +10,9 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
-from moireaug.effects.demosaic import DEMOSAICS, demosaic_bilinear, demosaic_malvar
-from moireaug.geometry import grids
-from moireaug.geometry.lattice import pack, unpack
+from moireaug.camera.effects.demosaic import DEMOSAICS, demosaic_bilinear, demosaic_malvar
+from moireaug.scene.geometry import grids
+from moireaug.scene.geometry.lattice import pack, unpack
 from moireaug.scene.view import POSES
 from tests.closed_forms.common import CLOSE, COLOUR, EVEN, read, sinc
 

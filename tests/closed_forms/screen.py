@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose
-from moireaug.geometry import grids
-from moireaug.geometry.lattice import CFA
+from moireaug.scene.geometry import grids
+from moireaug.scene.geometry.lattice import CFA
 from moireaug.scene.layout import LAYOUTS
 from tests.closed_forms.common import CELL, CLOSE, EVEN, read, sinc
 

@@ -13,7 +13,7 @@ import torch
 
 pytest.register_assert_rewrite("tests.closed_forms.screen", "tests.closed_forms.camera")
 
-from moireaug.geometry.lattice import pack
+from moireaug.scene.geometry.lattice import pack
 from tests.closed_forms import camera, screen
 
 FUNCTIONS = vars(screen) | vars(camera)
@@ -91,17 +91,27 @@ def resized_first(effects):
     return (*others[:before], *resize, *others[before:])
 
 
-TRANSFER = "moireaug.exposure.optics.Optics.transfer"
-COEFFICIENT = "moireaug.exposure.full.coefficient"
-INVERSE_LENS = "moireaug.geometry.grids.inverse_radial_factor"
-RESIZE, GAIN = "moireaug.effects.resize.resize", "moireaug.effects.sensor.Gain.__call__"
-QUANTISE = "moireaug.effects.sensor.quantise"
-ROTATION = "moireaug.geometry.homography._rotation_columns"
-FOOTPRINT = "moireaug.exposure.footprint.Footprint.of"
-SHARES = "moireaug.exposure.sight.tap_weights"
-PREFILTER = "moireaug.effects.prefilter.blur_by_pyramid"
-DEMOSAICS, FLICKER = "moireaug.effects.demosaic.DEMOSAICS", "moireaug.effects.flicker.flicker"
-FALLOFF, NOISE = "moireaug.effects.vignetting.falloff", "moireaug.effects.sensor.add_noise"
+CAMERA = "moireaug.camera"
+TRANSFER = f"{CAMERA}.exposure.optics.Optics.transfer"
+COEFFICIENT = f"{CAMERA}.exposure.full.coefficient"
+INVERSE_LENS = "moireaug.scene.geometry.grids.inverse_radial_factor"
+RESIZE, GAIN = (
+    f"{CAMERA}.effects.resize.resize",
+    f"{CAMERA}.effects.sensor.Gain.__call__",
+)
+QUANTISE = f"{CAMERA}.effects.sensor.quantise"
+ROTATION = "moireaug.scene.geometry.homography._rotation_columns"
+FOOTPRINT = f"{CAMERA}.exposure.footprint.Footprint.of"
+SHARES = f"{CAMERA}.exposure.sight.tap_weights"
+PREFILTER = f"{CAMERA}.effects.prefilter.blur_by_pyramid"
+DEMOSAICS, FLICKER = (
+    f"{CAMERA}.effects.demosaic.DEMOSAICS",
+    f"{CAMERA}.effects.flicker.flicker",
+)
+FALLOFF, NOISE = (
+    f"{CAMERA}.effects.vignetting.falloff",
+    f"{CAMERA}.effects.sensor.add_noise",
+)
 BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_alias, TRANSFER, argument("self", optics("blur", 0))),
     (screen.check_alias, TRANSFER, argument("self", optics("olpf", 0.99))),
@@ -110,19 +120,27 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_alias, ROTATION, argument("roll", torch.neg)),
     (screen.check_whole_pitches, TRANSFER, argument("self", optics("fill", 0.99))),
     (screen.check_whole_pitches, FOOTPRINT, argument("optics", optics("fill", 0.99))),
-    (screen.check_mean_light, "moireaug.exposure.full.mean_light", argument("width", torch.sqrt)),
+    (
+        screen.check_mean_light,
+        f"{CAMERA}.exposure.full.mean_light",
+        argument("width", torch.sqrt),
+    ),
     (screen.check_mean_light, COEFFICIENT, argument("width", torch.sqrt)),
     (screen.check_mean_light, SHARES, argument("width", times(0.999))),
-    (screen.check_mean_light, "moireaug.exposure.sampled.emits", argument("width", torch.square)),
+    (
+        screen.check_mean_light,
+        f"{CAMERA}.exposure.sampled.emits",
+        argument("width", torch.square),
+    ),
     (screen.check_box, FOOTPRINT, argument("optics", optics("fill", 0.999))),
     (screen.check_box, SHARES, argument("offset", times(0.999))),
-    (screen.check_point, "moireaug.exposure.sampled._raster", argument("at", times(1.01))),
+    (screen.check_point, f"{CAMERA}.exposure.sampled._raster", argument("at", times(1.01))),
     (screen.check_supersampling, TRANSFER, argument("self", optics("blur", 0.5))),
     (screen.check_supersampling, FOOTPRINT, argument("optics", optics("fill", 0.8))),
     (screen.check_held_picture, SHARES, argument("footprint", wide)),
     (screen.check_checkerboard_from_afar, PREFILTER, instead(lambda image, *_: image)),
     (screen.check_checkerboard_from_afar, PREFILTER, argument("variance", times(0.01))),
-    (camera.check_round_trip, "moireaug.geometry.distortion.NEWTON_STEPS", instead(1)),
+    (camera.check_round_trip, "moireaug.scene.geometry.distortion.NEWTON_STEPS", instead(1)),
     (camera.check_round_trip, INVERSE_LENS, argument("k2", times(1.01))),
     (camera.check_bands, FLICKER, argument("readout", times(2))),
     (camera.check_bands, FLICKER, argument("shutter", times(1.01))),
@@ -134,14 +152,18 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (camera.check_demosaic, DEMOSAICS, every(instead(nearest))),
     (camera.check_mosaic_to_photo, DEMOSAICS, every(instead(nearest))),
     (camera.check_mosaic_to_photo, RESIZE, instead(one_of_each_window)),
-    (camera.check_resize_of_codes, "moireaug.pipeline.DEVELOP", resized_first),
+    (camera.check_resize_of_codes, f"{CAMERA}.pipeline.DEVELOP", resized_first),
     (camera.check_resize_of_codes, RESIZE, argument("how", lambda how: "area")),
-    (camera.check_gain, "moireaug.effects.sensor.clip", instead(lambda raw: raw)),
+    (camera.check_gain, f"{CAMERA}.effects.sensor.clip", instead(lambda raw: raw)),
     (camera.check_gain, GAIN, instead(lambda self, raw, shot: raw)),
     (camera.check_bits, QUANTISE, argument("bits", lambda n: n + 1)),
     (camera.check_bits, QUANTISE, instead(without_gradient)),
-    (camera.check_balance, "moireaug.effects.tone.balance", argument("red", times(1.01))),
-    (camera.check_balance, "moireaug.effects.srgb.light_of_codes", instead(lambda x: x**2.2)),
+    (camera.check_balance, f"{CAMERA}.effects.tone.balance", argument("red", times(1.01))),
+    (
+        camera.check_balance,
+        f"{CAMERA}.effects.srgb.light_of_codes",
+        instead(lambda x: x**2.2),
+    ),
     (camera.check_noise_variance, NOISE, argument("raw", times(1.01))),
     (camera.check_noise_variance, NOISE, argument("photons", times(1.05))),
     (camera.check_noise_variance, NOISE, argument("read", times(1.05))),

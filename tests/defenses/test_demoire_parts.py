@@ -7,9 +7,9 @@ import torch
 import torchvision
 from torch import nn
 
+from moireaug.common.numeric import luma
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import fhde2net, layers, losses, mddm, mopnet
-from moireaug.numeric import luma
 from tests.defaults import DTYPES, defaults
 
 

@@ -8,8 +8,8 @@ import torch
 from PIL import Image
 from scipy.ndimage import median_filter
 
+from moireaug.camera.effects.jpeg import jpeg
 from moireaug.defenses import JPEG, BitDepth, Gain, Median, restore_mean
-from moireaug.effects.jpeg import jpeg
 
 DTYPES = [torch.float32, torch.float64]
 

@@ -2,9 +2,10 @@
 
 import torch
 
-from moireaug import expose, pipeline
+from moireaug import expose
+from moireaug.camera import pipeline
+from moireaug.camera.exposure.bin_geometry import pixels_on_photo
 from moireaug.engine import program
-from moireaug.exposure.bin_geometry import pixels_on_photo
 
 RMS, MOST = 1e-4, 1 / 512
 

@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug import Scene, pipeline
+from moireaug import Scene
+from moireaug.camera import pipeline
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.budget import MAX_TOLERANCE, MIN_TOLERANCE, ErrorBudget
 from moireaug.engine.lower.exposure import lower_exposure

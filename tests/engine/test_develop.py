@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Scene, Sensor, View, develop, pipeline
+from moireaug import Develop, Lens, Scene, Sensor, View, develop
+from moireaug.camera import pipeline
 from moireaug.engine import program
 from moireaug.scene.by_name import with_values
 

@@ -8,10 +8,10 @@ import torch.nn.functional as F
 
 from moireaug import Scene, capture, develop, engine, expose
 from moireaug.engine import differences, dispatch, program, shot_steps
-from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import as_scenes
 from moireaug.scene.by_name import values_of, with_values
 from moireaug.scene.fields import bounds
+from moireaug.scene.mixed_shot import MixedShot
 
 MAX_ERROR = 0.05
 LEAST_SHARE = 0.01  # of the greatest derivative, each by its field's range

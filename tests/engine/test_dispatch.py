@@ -9,8 +9,9 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 
-from moireaug import Scene, Sensor, View, capture, develop, expose, pipeline
-from moireaug.effects.base import Effect, called
+from moireaug import Scene, Sensor, View, capture, develop, expose
+from moireaug.camera import pipeline
+from moireaug.camera.effects.base import Effect, called
 from moireaug.engine import dispatch, explain, program, reference, switch, trial
 from moireaug.engine.backends import BACKENDS
 from moireaug.scene.by_name import with_values

@@ -6,9 +6,10 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug import Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
+from moireaug import Layout, Lens, Panel, Scene, Sensor, View, expose
+from moireaug.camera import pipeline
+from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.capture import reading_of
-from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine import program
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.exposure import lower_exposure

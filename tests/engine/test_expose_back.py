@@ -5,12 +5,13 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
+from moireaug.camera import pipeline
+from moireaug.camera.exposure.bin_geometry import pixels_on_photo
 from moireaug.engine import program, reference
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.budget import ErrorBudget
 from moireaug.engine.lower.exposure import lower_exposure
-from moireaug.exposure.bin_geometry import pixels_on_photo
 from moireaug.scene.presets import PRESETS
 from tests.engine import scenes, test_point
 

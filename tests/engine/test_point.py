@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug import Develop, Panel, Scene, Sensor, View, expose, pipeline
+from moireaug import Develop, Panel, Scene, Sensor, View, expose
+from moireaug.camera import pipeline
 from moireaug.engine import program
 
 POINT = Sensor(scale=3.0, exposure="point")

@@ -5,7 +5,7 @@ import pytest
 import torch
 from numba import njit
 
-from moireaug.effects.random_numbers import keys, normal
+from moireaug.camera.effects.random_numbers import keys, normal
 from moireaug.engine.cpu.compiling import FAST_MATH
 from moireaug.engine.cpu.random_numbers import normal_row
 

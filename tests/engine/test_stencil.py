@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose
+from moireaug.camera import pipeline
 from moireaug.engine import program
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.exposure import lower_exposure

@@ -6,8 +6,8 @@ import numba
 import numpy as np
 import pytest
 
+from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
 from moireaug.engine.cpu import tap_weights
-from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
 
 RADIUS, TAPS = 2, 8
 PHASES = np.array([48, 512])

@@ -12,9 +12,9 @@ from torch.utils.data import DataLoader, TensorDataset
 from moireaug import evaluation
 from moireaug.attacks import MoireAttack
 from moireaug.defenses import JPEG, Defended, TotalVariation
-from moireaug.draws import mix_seeds
 from moireaug.evaluation import SuiteConfig, Table, evaluate, rates, tables_of
 from moireaug.evaluation.tables import paper_defences
+from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
 from tests.attacks.common import counting
 from tests.evaluation.haze import frame_of

@@ -5,13 +5,13 @@ import torch
 
 from moireaug import Scene, capture
 from moireaug.attacks import MoireAttack
-from moireaug.draws import mix_seeds
 from moireaug.evaluation import SUITES, SuiteConfig, evaluate, rates, tables_of
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
 from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.suites.scenes import other_scenes
 from moireaug.evaluation.visibility import visibility
 from moireaug.mixtures import as_scenes
+from moireaug.scene.draws import mix_seeds
 from moireaug.synthesis import without_moire
 from tests.evaluation.haze import CONDITIONS, EPS, ran, results, table_of
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import moireaug
-from moireaug import extras
+from moireaug.common import extras
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
-from moireaug.image_files import read_picture, size_of
+from moireaug.common.image_files import read_picture, size_of
 from training.config.data_sets import Data
 from training.data.load import load
 

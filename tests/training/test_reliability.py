@@ -14,7 +14,7 @@ import pytest
 import torch
 from lightning.pytorch.callbacks import ModelCheckpoint
 
-from moireaug import files
+from moireaug.common import files
 from tests.conftest import THREADS
 from tests.training.forked import Command
 from tests.training.small import BRIEF, NO_DATA, TINY, configured, epoch, inside, same, train, wait

@@ -5,8 +5,8 @@ import pytest
 import torch
 from PIL import Image, ImageOps
 
+from moireaug.common.image_files import read_picture, size_of
 from moireaug.defenses import demoire
-from moireaug.image_files import read_picture, size_of
 from moireaug.synthesis import Pairs
 from training.data.image_sets import UprightFolder
 from training.data.real_pairs import PairFiles, read_codes, read_pairs, require_one_size

@@ -8,8 +8,8 @@ import pytest
 import torch
 import torchvision
 
-from moireaug import extras
 from moireaug.attacks import Normalized
+from moireaug.common import extras
 from training.models import classifiers as models
 from training.models.small_resnet import SmallResNet
 

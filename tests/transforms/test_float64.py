@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from moireaug import Scene, capture, pipeline
+from moireaug import Scene, capture
+from moireaug.camera import pipeline
 from moireaug.transforms import AdversarialMoire, RandomMoire
 from moireaug.transforms import albumentations as for_arrays
 from moireaug.transforms import kornia as for_batches

@@ -103,7 +103,7 @@ def test_the_memory_layout_is_kept(p):
 # after each statement, what must not be there yet; an indented one runs in a fork of its own
 IMPORTS = """
 import moireaug  # torchvision albumentations
-import moireaug.effects.denoise  # cv2
+import moireaug.camera.effects.denoise  # cv2
     moireaug.transforms.albumentations.RandomMoire()  # torchvision
 moireaug.transforms.kornia.RandomMoire  # torchvision albumentations
 moireaug.transforms.RandomMoire()  # albumentations

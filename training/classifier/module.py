@@ -12,8 +12,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug.attacks import NoAnswerError, predicted
-from moireaug.draws import mix_seeds
 from moireaug.mixtures import Mixture
+from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
 from training.classifier.adversaries import MIN_STRONG_STEPS, TrainingAdversary, strengthen
 from training.classifier.tuning import make_optimizer, tuning_of

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import lightning as L
 
-from moireaug.draws import mix_seeds
-from moireaug.files import write_text
+from moireaug.common.files import write_text
+from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes
 from training.classifier.guard import Guard
 from training.classifier.module import Classifier

@@ -13,7 +13,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 from training.config.compose import INDENTED, purpose, recipe_files
 from training.config.data_sets import DATA
 from training.config.overrides import literal

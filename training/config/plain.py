@@ -12,7 +12,7 @@ import yaml
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 from training.config.compose import help_text
 from training.config.settings import check, settings_of
 from training.system.messages import is_expected, prepare_output, sentence

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 from omegaconf import MISSING
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 
 Schema = TypeVar("Schema")
 

@@ -14,7 +14,7 @@ from torch.utils.data import Dataset
 from torchvision.datasets import CIFAR10, CIFAR100, GTSRB, ImageFolder
 from torchvision.transforms import v2
 
-from moireaug.image_files import read_picture
+from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.config.data_sets import Data
 from training.data.splits import ImageSet, has_parts

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.files import shown
-from moireaug.image_files import read_picture, size_of
+from moireaug.common.files import shown
+from moireaug.common.image_files import read_picture, size_of
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.photographs.registration import register
 from training.system.files import read_table

@@ -26,10 +26,10 @@ from PIL import Image
 from torch import Tensor
 from tqdm import tqdm
 
+from moireaug.common.files import write_bytes
+from moireaug.common.image_files import read_picture
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
-from moireaug.files import write_bytes
-from moireaug.image_files import read_picture
 from moireaug.synthesis.pictures import Pictures
 from training.config.plain import parse, report_errors
 from training.config.settings import setting

@@ -21,10 +21,10 @@ from typing import Any
 import hydra
 from omegaconf import DictConfig
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
+from moireaug.common.files import write_text
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire.losses import NETWORKS_WITHOUT_FEATURES
-from moireaug.files import write_text
 from moireaug.scenes import as_scene
 from moireaug.synthesis.pairs import check_aligned
 from training.config import commands, scenes

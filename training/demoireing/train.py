@@ -9,9 +9,9 @@ from typing import Any
 import lightning as L
 from lightning.pytorch.callbacks import EMAWeightAveraging
 
+from moireaug.common.files import write_text
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
-from moireaug.files import write_text
 from training.data.batches import require_even
 from training.demoireing.batches import PairBatches
 from training.demoireing.module import MAX_GRADIENT_NORM, Demoireing

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from moireaug import image_files
+from moireaug.camera.effects.base import WithinExposure
+from moireaug.camera.pipeline import DEVELOP, EXPOSE
 from moireaug.capture import capture
-from moireaug.effects.base import WithinExposure
-from moireaug.pipeline import DEVELOP, EXPOSE
+from moireaug.common import image_files
 from moireaug.scenes import Scene, Shot
 from training.data import signs
 

@@ -11,8 +11,8 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks import Normalized
-from moireaug.networks import in_evaluation_mode
-from moireaug.weights import read_state_dict
+from moireaug.common.networks import in_evaluation_mode
+from moireaug.common.weights import read_state_dict
 from training.models.small_convnet import AttentionConvNet
 from training.models.small_resnet import SmallResNet
 
@@ -40,7 +40,7 @@ def as_model(
     Args:
         name: name among `OWN_MODELS`, or any torchvision classifier.
         num_classes: number of logits.
-        weights: file that `moireaug.weights.read_state_dict` reads, or name of torchvision
+        weights: file that `moireaug.common.weights.read_state_dict` reads, or name of torchvision
             weights such as "IMAGENET1K_V1" or "DEFAULT". Of weights for another number of classes,
             the head is left out and stays freshly initialised.
         whole: whether to refuse weights for another number of classes: a model with a fresh head

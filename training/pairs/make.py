@@ -14,7 +14,7 @@ from pathlib import Path
 from torch.utils.data import DataLoader
 from tqdm import tqdm
 
-from moireaug.files import unfinished
+from moireaug.common.files import unfinished
 from moireaug.synthesis import Pairs
 from moireaug.synthesis.pairs import make_pair
 from moireaug.synthesis.twins import SEEN_CODES

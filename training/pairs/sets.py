@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from moireaug.files import write_text
+from moireaug.common.files import write_text
 from training.system.files import read_json
 from training.system.locks import locked
 

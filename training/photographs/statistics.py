@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from moireaug.image_checks import check_images
+from moireaug.common.image_checks import check_images
 from training.photographs import spectra
 from training.photographs.tone import ColourMap, levels, psnr
 

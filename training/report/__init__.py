@@ -8,8 +8,8 @@ from typing import Any
 
 import pandas as pd
 
+from moireaug.common.files import write_text
 from moireaug.evaluation.tables import Table
-from moireaug.files import write_text
 from training.report import page, plots
 from training.report.run_view import run_view
 from training.report.suite_view import suite_view

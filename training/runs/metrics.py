@@ -11,7 +11,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, TypeVar
 
-from moireaug.files import write_text
+from moireaug.common.files import write_text
 from training.system.files import read_json, read_metrics
 
 VERSION = 2  # of the records

@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from omegaconf import OmegaConf
 
-from moireaug.files import write_text
+from moireaug.common.files import write_text
 from training.config.schema import RECIPES, Adversary, Config, RunConfig, as_config
 from training.runs.identity import (
     fingerprint_of,

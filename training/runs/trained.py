@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 from training.config.data_sets import DATA, Data
 from training.config.scenes import scene_of
 from training.config.schema import Config, as_config

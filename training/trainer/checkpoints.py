@@ -12,7 +12,7 @@ import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.callbacks import ModelCheckpoint
 
-from moireaug.files import write_bytes
+from moireaug.common.files import write_bytes
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):

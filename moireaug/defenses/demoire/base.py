@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 
 from torch import Tensor, nn
 
-from moireaug.argument_checks import check_real
+from moireaug.common.argument_checks import check_real
+from moireaug.common.image_checks import check_shape
+from moireaug.common.numeric import mirrored_indices
 from moireaug.defenses.base import straight_through
-from moireaug.image_checks import check_shape
-from moireaug.numeric import mirrored_indices
 
 MAX_WIDTH = 4.0
 

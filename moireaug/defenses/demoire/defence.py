@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from moireaug.argument_checks import check_callable
+from moireaug.common.argument_checks import check_callable
+from moireaug.common.networks import first_weight
 from moireaug.defenses.base import Defence, output_of
-from moireaug.networks import first_weight
 
 
 @dataclass(frozen=True)

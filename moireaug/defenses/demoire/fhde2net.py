@@ -8,9 +8,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from moireaug.common.numeric import LUMA_WEIGHTS
 from moireaug.defenses.demoire.base import DemoireNet, scaled
 from moireaug.defenses.demoire.layers import Residual, UNet, conv, resized
-from moireaug.numeric import LUMA_WEIGHTS
 
 GLOBAL_CHANNELS = (52, 104, 208, 416)  # channels of the levels of GDN, and of LRN
 FUSION_CHANNELS = (36, 72, 144, 288)  # of FRN

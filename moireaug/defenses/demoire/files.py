@@ -9,15 +9,15 @@ from typing import Any
 
 import torch
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
+from moireaug.common.files import write_bytes
+from moireaug.common.weights import float32_on_cpu, read_weights
 from moireaug.defenses.demoire.amnet import AMNet
 from moireaug.defenses.demoire.base import DemoireNet
 from moireaug.defenses.demoire.esdnet import ESDNet
 from moireaug.defenses.demoire.fhde2net import FHDe2Net
 from moireaug.defenses.demoire.mddm import MDDM
 from moireaug.defenses.demoire.mopnet import MopNet
-from moireaug.files import write_bytes
-from moireaug.weights import float32_on_cpu, read_weights
 
 NETWORKS: dict[str, type[DemoireNet]] = {
     "mopnet": MopNet,

@@ -14,9 +14,9 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug.attacks.model import Normalized
+from moireaug.common.weights import read_state_dict
 from moireaug.defenses.demoire.layers import resized
 from moireaug.defenses.demoire.mopnet import sobel
-from moireaug.weights import read_state_dict
 
 FEATURE_DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
 DEFAULT_FEATURE_DEPTH = 16  # up to the ReLU after conv3_3

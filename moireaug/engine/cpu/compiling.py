@@ -31,18 +31,18 @@ WAITING_MESSAGE = (
 PACKAGE = KERNELS.parents[1]
 # files outside this folder whose numbers and records are compiled into kernels
 CONSTANT_SOURCES = (
-    "effects/binned_statistics.py",
-    "effects/detail.py",
-    "effects/random_numbers.py",
-    "effects/sensor.py",
+    "camera/effects/binned_statistics.py",
+    "camera/effects/detail.py",
+    "camera/effects/random_numbers.py",
+    "camera/effects/sensor.py",
     "engine/jacobian.py",
     "engine/lower/budget.py",
     "engine/lower/development_records.py",
     "engine/lower/exposure_records.py",
-    "exposure/footprint.py",
-    "exposure/displayed.py",
-    "geometry/distortion.py",
-    "geometry/frame.py",
+    "camera/exposure/footprint.py",
+    "camera/exposure/displayed.py",
+    "scene/geometry/distortion.py",
+    "scene/geometry/frame.py",
     "scene/lens.py",
     "scene/record.py",
 )

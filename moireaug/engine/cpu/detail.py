@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.effects.detail import MIN_SIGMA
+from moireaug.camera.effects.detail import MIN_SIGMA
 from moireaug.engine.cpu.compiling import copy, fill, inlined, inner, loop
 from moireaug.engine.cpu.limits import GAUSSIAN_REACH_SIGMAS
 from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum, padded_width

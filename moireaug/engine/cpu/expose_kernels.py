@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from moireaug.camera.exposure.displayed import EDGE_PIXELS
 from moireaug.engine.cpu import beat_terms, beats, panel, picture, point, stencil
 from moireaug.engine.cpu.binned import expose_binned_image
 from moireaug.engine.cpu.compiling import kernel, loop, part
@@ -23,7 +24,6 @@ from moireaug.engine.cpu.records import (
     Readout,
 )
 from moireaug.engine.lower.exposure_records import Camera, Cell, Sites
-from moireaug.exposure.displayed import EDGE_PIXELS
 
 
 @loop

@@ -1,5 +1,5 @@
 """How far a sensor pixel's view of the panel spreads, a box and a Gaussian along each axis, and the
-light that it gets from a subpixel; see `moireaug.exposure.footprint`."""
+light that it gets from a subpixel; see `moireaug.camera.exposure.footprint`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.camera.exposure.footprint import MIN_BLUR_VARIANCE, TAIL_SIGMAS
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.normal import integral
 from moireaug.engine.cpu.view import jacobian
-from moireaug.exposure.footprint import MIN_BLUR_VARIANCE, TAIL_SIGMAS
 
 
 class SubpixelSize(NamedTuple):

@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 
+from moireaug.camera.exposure.footprint import MIN_BLUR_VARIANCE
 from moireaug.engine.cpu import footprint, harmonics, optics, tap_weights
 from moireaug.engine.cpu.compiling import fill, inner, loop, part
 from moireaug.engine.cpu.limits import MAX_NODES, MAX_STEP, PASSED_CYCLES_PER_BLUR
 from moireaug.engine.cpu.records import Nodes
 from moireaug.engine.cpu.view import jacobian
-from moireaug.exposure.footprint import MIN_BLUR_VARIANCE
 
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
 BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken

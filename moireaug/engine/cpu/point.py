@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.camera.exposure.displayed import EDGE_PIXELS
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
 from moireaug.engine.cpu.panel import shrink
 from moireaug.engine.cpu.sensor import attenuate, read, reflect
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import look
-from moireaug.exposure.displayed import EDGE_PIXELS
 
 MIN_LIGHT = 1e-12  # that a weighted mean is divided by
 ZERO = np.float32(0)

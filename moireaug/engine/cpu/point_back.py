@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from moireaug.camera.exposure.displayed import EDGE_PIXELS
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
 from moireaug.engine.cpu.panel_back import shrink_back
 from moireaug.engine.cpu.point import locate_points, see, shown_pixels, work_of_points
 from moireaug.engine.cpu.sensor import attenuate, read_back
-from moireaug.exposure.displayed import EDGE_PIXELS
 
 ZERO, ONE = np.float32(0), np.float32(1)
 ONE32 = np.int32(1)

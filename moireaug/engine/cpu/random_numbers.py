@@ -1,10 +1,10 @@
-"""The numbers of `moireaug.effects.random_numbers`, a row at a time."""
+"""The numbers of `moireaug.camera.effects.random_numbers`, a row at a time."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from moireaug.effects.random_numbers import (
+from moireaug.camera.effects.random_numbers import (
     INTERVALS,
     MIX_FACTORS,
     PLACES_PER_INTERVAL,

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from moireaug.effects.binned_statistics import MIN_VARIANCE
-from moireaug.effects.sensor import DARK_LEVEL
+from moireaug.camera.effects.binned_statistics import MIN_VARIANCE
+from moireaug.camera.effects.sensor import DARK_LEVEL
 from moireaug.engine.cpu.compiling import copy, fill, inner
 from moireaug.engine.cpu.limits import UNCLIPPED_SIGMAS
 from moireaug.engine.cpu.normal import integral, normal

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
 from moireaug.engine.cpu.compiling import fill, inner, loop, part
 from moireaug.engine.cpu.footprint import SubpixelSize, fill_blurs, light_from
 from moireaug.engine.cpu.nodes import bracket, counts, node_line
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import BinStencil
 from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
 
 ZERO = np.float32(0)
 FUSED_TAPS = 3  # along each axis, of which no sum is kept in memory

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
 from moireaug.engine.cpu.compiling import fill, inner, loop
 from moireaug.engine.cpu.footprint import SubpixelSize, fill_blurs, light_from
 from moireaug.engine.cpu.harmonics import cubic_weights
@@ -18,7 +19,6 @@ from moireaug.engine.cpu.limits import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
 from moireaug.engine.cpu.normal import TAIL_END_SIGMAS, integrals
 from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.exposure.footprint import NEAREST_GUARD_SHARE
 
 PHASE_MULTIPLE = 16  # of which the number of phases is a multiple
 

@@ -7,8 +7,8 @@ import math
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.jacobian import panel_jacobian
-from moireaug.geometry.distortion import NEWTON_STEPS
-from moireaug.geometry.frame import MIN_RAY_DEPTH
+from moireaug.scene.geometry.distortion import NEWTON_STEPS
+from moireaug.scene.geometry.frame import MIN_RAY_DEPTH
 from moireaug.scene.lens import MIN_LENS_SLOPE
 
 _panel_jacobian = inner(panel_jacobian)

@@ -1,5 +1,5 @@
 """What bins read of the panel's pattern: its harmonics behind the optics, each seen as its aliases;
-see `moireaug.exposure.alias_transfer`.
+see `moireaug.camera.exposure.alias_transfer`.
 
 Phases are fractions of a cycle in units of 2^-32, uint32: each bin's are found in float64 once, and
 an order times a fraction wraps by itself, without loss.

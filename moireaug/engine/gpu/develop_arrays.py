@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from moireaug.effects.detail import MIN_SIGMA
+from moireaug.camera.effects.detail import MIN_SIGMA
 from moireaug.engine.gpu.arrays import upload
 from moireaug.engine.gpu.demosaic import Tap, taps_of
 from moireaug.engine.lower.development_records import (

@@ -1,5 +1,5 @@
 """The shares of a sensor pixel's view that fall on the panel's cells around it, along one axis, as
-in `moireaug.exposure.footprint`; float32.
+in `moireaug.camera.exposure.footprint`; float32.
 
 A view is a box convolved with a Gaussian. What of it lies beyond a point is the mean, over the box,
 of the normal distribution function: a ramp, and a tail around each end of the box. So computed, a
@@ -16,9 +16,9 @@ import triton
 import triton.language as tl
 from numpy.polynomial import Polynomial
 
+from moireaug.camera.exposure import footprint as reference
 from moireaug.engine.gpu.optics import FILL, MIN_EXPONENT, blur_variance
 from moireaug.engine.gpu.view import load32
-from moireaug.exposure import footprint as reference
 
 MIN_BLUR_VARIANCE = tl.constexpr(reference.MIN_BLUR_VARIANCE)
 TAIL_SIGMAS = tl.constexpr(reference.TAIL_SIGMAS)

@@ -10,8 +10,8 @@ import torch
 
 from moireaug.engine.jacobian import panel_jacobian
 from moireaug.engine.lower.exposure_records import Camera
-from moireaug.geometry.distortion import inverse_radial_factor
-from moireaug.geometry.frame import MIN_RAY_DEPTH
+from moireaug.scene.geometry.distortion import inverse_radial_factor
+from moireaug.scene.geometry.frame import MIN_RAY_DEPTH
 
 Arrays = tuple[np.ndarray, ...]
 

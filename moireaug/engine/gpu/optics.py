@@ -9,9 +9,9 @@ import triton
 import triton.language as tl
 from numpy.polynomial import Polynomial
 
+from moireaug.camera.exposure import footprint
 from moireaug.engine.gpu.arrays import camera_field
 from moireaug.engine.gpu.view import load32
-from moireaug.exposure import footprint
 
 FILL, BLUR, OLPF = camera_field("fill"), camera_field("blur"), camera_field("olpf")
 MOTION_X, MOTION_Y = camera_field("motion_x"), camera_field("motion_y")

@@ -16,11 +16,11 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from moireaug.camera.exposure.displayed import EDGE_PIXELS
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS, camera_field
 from moireaug.engine.gpu.tile import block
 from moireaug.engine.gpu.view import ALPHA, load32
 from moireaug.engine.lower.exposure_records import Camera, Exposure
-from moireaug.exposure.displayed import EDGE_PIXELS
 
 LEAD = tl.constexpr(EDGE_PIXELS)
 BLOCK = 256  # pixels of a program

@@ -1,4 +1,4 @@
-"""The numbers of `moireaug.effects.random_numbers`, bit for bit."""
+"""The numbers of `moireaug.camera.effects.random_numbers`, bit for bit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.effects import random_numbers as numbers
+from moireaug.camera.effects import random_numbers as numbers
 
 FIRST_FACTOR = tl.constexpr(numbers.MIX_FACTORS[0])
 SECOND_FACTOR = tl.constexpr(numbers.MIX_FACTORS[1])

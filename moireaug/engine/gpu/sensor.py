@@ -10,7 +10,7 @@ import math
 import triton
 import triton.language as tl
 
-from moireaug.effects import binned_statistics, sensor
+from moireaug.camera.effects import binned_statistics, sensor
 from moireaug.engine.gpu.arrays import camera_field
 from moireaug.engine.gpu.optics import MIN_EXPONENT
 from moireaug.engine.gpu.random_numbers import normal

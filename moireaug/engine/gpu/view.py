@@ -11,8 +11,8 @@ import triton
 import triton.language as tl
 
 from moireaug.engine.gpu.arrays import camera_field
-from moireaug.geometry import distortion, grids
 from moireaug.scene import lens
+from moireaug.scene.geometry import distortion, grids
 
 H00, H01, H02 = camera_field("h00"), camera_field("h01"), camera_field("h02")
 H10, H11, H12 = camera_field("h10"), camera_field("h11"), camera_field("h12")

@@ -7,7 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from moireaug.effects.binned_statistics import pixels_per_value
+from moireaug.camera.effects.binned_statistics import pixels_per_value
+from moireaug.camera.exposure.bin_content import Content, content_of
+from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
+from moireaug.camera.panel.fourier import amplitudes_of
 from moireaug.engine.lower import pose
 from moireaug.engine.lower.cameras import camera_fields, lower_cameras
 from moireaug.engine.lower.cell import cell_of_whole_pixels, mean_light_of
@@ -18,12 +21,9 @@ from moireaug.engine.lower.numbers import (
     panel_scale_of,
     sensor_scale_of,
 )
-from moireaug.exposure.bin_content import Content, content_of
-from moireaug.exposure.bin_geometry import clamped_photo_points, enlargement
-from moireaug.geometry import grids
-from moireaug.geometry.frame import Frame
-from moireaug.panel.fourier import amplitudes_of
-from moireaug.shot import ShotRecord
+from moireaug.scene.geometry import grids
+from moireaug.scene.geometry.frame import Frame
+from moireaug.scene.shot import ShotRecord
 
 BORDER_POINTS = 9  # along each axis, where the rows are taken that a part of a photo sees
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from moireaug.engine.lower.exposure_records import Camera
 from moireaug.engine.lower.numbers import distortion_of
-from moireaug.geometry.frame import Frame
-from moireaug.shot import ShotRecord
+from moireaug.scene.geometry.frame import Frame
+from moireaug.scene.shot import ShotRecord
 
 HOMOGRAPHY_FIELDS = [f"h{row}{column}" for row in range(3) for column in range(3)]
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from moireaug.camera.panel.fourier import emitting_share, mean_light
 from moireaug.engine.lower.exposure_records import Cell
-from moireaug.panel.fourier import emitting_share, mean_light
-from moireaug.shot import ShotRecord
+from moireaug.scene.shot import ShotRecord
 
 
 def lower_cell(

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from moireaug.effects.demosaic import DEMOSAICS
-from moireaug.effects.detail import kernel_sigma, kernel_size, max_photo_sigma
-from moireaug.effects.tone import colour_matrix
+from moireaug.camera.effects.demosaic import DEMOSAICS
+from moireaug.camera.effects.detail import kernel_sigma, kernel_size, max_photo_sigma
+from moireaug.camera.effects.tone import colour_matrix
 from moireaug.engine.lower.development_records import (
     Codes,
     Detail,
@@ -27,9 +27,9 @@ from moireaug.engine.lower.numbers import (
     number_table,
 )
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
-from moireaug.geometry.lattice import SampledPixels
+from moireaug.scene.geometry.lattice import SampledPixels
 from moireaug.scene.record import SceneRecord
-from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_rows_and_columns
+from moireaug.scene.shot import DEMOSAIC_REACH, ShotRecord, sampled_rows_and_columns
 
 
 class _LastDevelopment(NamedTuple):

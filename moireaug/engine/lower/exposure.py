@@ -9,19 +9,19 @@ import math
 import numpy as np
 import torch
 
-from moireaug.effects import prefilter, random_numbers
-from moireaug.effects.flicker import light_of_rows
+from moireaug.camera.effects import prefilter, random_numbers
+from moireaug.camera.effects.flicker import light_of_rows
+from moireaug.camera.exposure.filters import filters_of
 from moireaug.engine.lower.binned import binned_view
 from moireaug.engine.lower.budget import ErrorBudget
 from moireaug.engine.lower.cell import mean_light_of
 from moireaug.engine.lower.exposure_records import Camera, Exposure, PanelView, Sites
 from moireaug.engine.lower.full import cameras_and_cell, full_view, point_view
 from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, homography_of, numbers_of
-from moireaug.exposure.filters import filters_of
-from moireaug.geometry.lattice import CFA
 from moireaug.scene.fields import bounds
+from moireaug.scene.geometry.lattice import CFA
 from moireaug.scene.record import SceneRecord
-from moireaug.shot import ShotRecord, sampled_rows_and_columns
+from moireaug.scene.shot import ShotRecord, sampled_rows_and_columns
 
 BANDS_PER_CHANGE = 64  # of a row's light by its mean
 MIN_BANDS_PER_ROW, MAX_BANDS_PER_ROW = 16, 64

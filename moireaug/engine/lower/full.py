@@ -6,6 +6,7 @@ import functools
 
 import numpy as np
 
+from moireaug.camera.panel.fourier import emitting_share, own_orders
 from moireaug.engine.lower import pose
 from moireaug.engine.lower.cameras import camera_fields, lower_cameras
 from moireaug.engine.lower.cell import (
@@ -16,11 +17,10 @@ from moireaug.engine.lower.cell import (
 )
 from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
 from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, panel_scale_of
-from moireaug.exposure.base import ExposureMethod
-from moireaug.panel.fourier import emitting_share, own_orders
+from moireaug.scene.exposure_method import ExposureMethod
 from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot import ShotRecord
 from moireaug.scene.subpixel import Subpixel
-from moireaug.shot import ShotRecord
 
 
 def cameras_and_cell(

@@ -6,10 +6,10 @@ import numpy as np
 import torch
 
 from moireaug.engine.lower import pose
-from moireaug.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
-from moireaug.geometry.homography import camera_pose
 from moireaug.scene.fields import bounds
-from moireaug.shot import ShotRecord
+from moireaug.scene.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
+from moireaug.scene.geometry.homography import camera_pose
+from moireaug.scene.shot import ShotRecord
 
 MAX_CACHED_SCENES = 64  # scenes and sizes whose tables are cached
 

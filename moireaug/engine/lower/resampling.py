@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.effects.resize import area_weights
+from moireaug.camera.effects.resize import area_weights
 from moireaug.engine.lower.development_records import Resize
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from moireaug.argument_checks import one_of
+from moireaug.common.argument_checks import one_of
 from moireaug.evaluation.suites.adaptive import adaptive
 from moireaug.evaluation.suites.appearance import appearance
 from moireaug.evaluation.suites.demoireing import demoireing

@@ -7,13 +7,13 @@ from torch import Tensor
 
 from moireaug.attacks import LOSSES, evaluating
 from moireaug.attacks.model import attacked_logits, repeats_answers
+from moireaug.common.numeric import as_single
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, SquareAttacker
 from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, eps_row
-from moireaug.numeric import as_single
 
 LONGER_FACTOR = 2  # times as many steps
 MODEL_COLUMN = "model"  # the column of the attacked model

@@ -8,7 +8,8 @@ import torch
 
 pytest.importorskip("triton")
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View
+from moireaug.camera import pipeline
 from moireaug.engine.gpu import binned
 from moireaug.engine.lower.exposure import lower_exposure
 from tests.engine.readings import assert_equal

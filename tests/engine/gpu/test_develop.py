@@ -5,7 +5,8 @@ import pytest
 import torch
 
 pytest.importorskip("triton")
-from moireaug import Develop, Scene, Sensor, View, pipeline
+from moireaug import Develop, Scene, Sensor, View
+from moireaug.camera import pipeline
 from moireaug.engine.gpu import develop as gpu
 from moireaug.engine.gpu import tile, tone
 from moireaug.engine.lower.development import lower_development

@@ -8,15 +8,16 @@ pytest.importorskip("triton")
 import triton
 import triton.language as tl
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, pipeline
-from moireaug.effects import random_numbers
-from moireaug.effects.binned_statistics import expected_clip
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View
+from moireaug.camera import pipeline
+from moireaug.camera.effects import random_numbers
+from moireaug.camera.effects.binned_statistics import expected_clip
+from moireaug.camera.exposure.displayed import EDGE_PIXELS, shrink
 from moireaug.engine.dispatch import DECODING
 from moireaug.engine.gpu import panel, sensor
 from moireaug.engine.gpu import random_numbers as gpu_random_numbers
 from moireaug.engine.gpu.arrays import NOTHING, upload
 from moireaug.engine.lower.exposure import lower_exposure
-from moireaug.exposure.displayed import EDGE_PIXELS, shrink
 
 CPU = torch.device("cpu")
 N = 64

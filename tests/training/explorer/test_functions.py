@@ -13,8 +13,8 @@ from PIL import Image
 from torch import nn
 
 from moireaug import Layout, Panel, Scene, capture
-from moireaug.effects.base import WithinExposure
-from moireaug.pipeline import EXPOSE
+from moireaug.camera.effects.base import WithinExposure
+from moireaug.camera.pipeline import EXPOSE
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS, Lens
 from moireaug.scene.presets import PRESETS

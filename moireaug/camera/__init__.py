@@ -1,0 +1,1 @@
+"""The camera as a reference: every effect in plain PyTorch, in the order of the light."""

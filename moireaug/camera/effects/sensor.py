@@ -1,0 +1,138 @@
+"""The sensor after the exposure: gain, noise, saturation, quantisation."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from moireaug.camera.effects import random_numbers  # noqa: F401  # defines torch.ops.moireaug.normal
+from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
+from moireaug.camera.effects.binned_statistics import (
+    expected_clip,
+    lost_variances,
+    pixels_per_value,
+)
+from moireaug.camera.effects.srgb import in_codes
+from moireaug.camera.exposure.extreme_light import max_glare, modulation_depth
+from moireaug.common.numeric import clip, per_image, saturate
+from moireaug.scene.fields import bounds, deviation
+from moireaug.scene.record import SizedScene
+from moireaug.scene.shot import ShotRecord
+
+DARK_LEVEL = 1e-4  # of full scale, below which photon noise falls no further: dark current
+NOISE_SIGMAS = 6  # how far noise reaches, in standard deviations
+
+
+class Gain(Effect):
+    """Amplifies the reading."""
+
+    name = "gain"
+
+    def verdict(self, scene: SizedScene) -> Verdict:
+        gain = scene.sensor.gain
+        return verdict_of(deviation(gain, 1), scene, f"raw times {format_range(gain)}", "gain is 1")
+
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
+        return raw * per_image(shot.sensor.gain, raw)
+
+
+class Noise(Effect):
+    """Photon noise, which grows with the square root of the reading, and read noise."""
+
+    name = "noise"
+
+    def verdict(self, scene: SizedScene) -> Verdict:
+        sensor = scene.sensor
+        read, photons = bounds(sensor.read_noise)[1], bounds(sensor.shot_noise)[1]
+        why = f"standard deviation {format_range(sensor.read_noise)}"
+        if photons:
+            why += f", and {format_range(sensor.shot_noise)} times the root of the reading"
+        change = NOISE_SIGMAS * (read**2 + photons**2) ** 0.5
+        return verdict_of(in_codes(change, scene), scene, why, "read_noise and shot_noise are 0")
+
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
+        read, photons = shot.sensor.read_noise, shot.sensor.shot_noise
+        if shot.scene.is_binned:
+            root = pixels_per_value(shot, shot.bin_scale).sqrt()
+            read, photons = read / root, photons / root
+        return add_noise(raw, read, photons, shot.seed)
+
+
+class ClipReading(Effect):
+    """Clips the reading to [0, 1] before an attacker's noise, so that small noise has an effect.
+
+    Of a binned reading each sensor pixel was clipped: it gets the mean of the clipped pixels, given
+    their variance.
+    """
+
+    name = "clip_reading"
+    is_listed = False
+
+    def verdict(self, scene: SizedScene) -> Verdict:
+        if Saturate().verdict(scene).called or Noise().verdict(scene).called:
+            return called("a reading can leave [0, 1], and ends there")
+        return left_out("no reading leaves [0, 1]")
+
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
+        if not shot.scene.is_binned:
+            return clip(raw)
+        read, photons, pattern = (t.to(raw.dtype) for t in lost_variances(shot))
+        pattern = pattern[:, :, None, None]
+        if raw.shape[1] == 4:
+            pattern = pattern[:, [0, 1, 1, 2]]
+        noise = read + photons * raw.clamp(min=DARK_LEVEL)
+        return expected_clip(raw, noise, raw.square() * pattern)
+
+
+class Saturate(Effect):
+    """Saturates the reading at a full well, 1, after an attacker's noise."""
+
+    name = "saturate"
+
+    def verdict(self, scene: SizedScene) -> Verdict:
+        brightest = 1 + modulation_depth(scene) + max_glare(scene)  # of a white screen's light
+        if bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance:
+            return called("the reading can exceed a full well")
+        return left_out("no reading exceeds a full well")
+
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
+        return saturate(raw)
+
+
+class Bits(Effect):
+    """Rounds the reading to the converter's levels."""
+
+    name = "bits"
+
+    def verdict(self, scene: SizedScene) -> Verdict:
+        bits = scene.sensor.bits
+        if bits is None or scene.is_binned:
+            return left_out("a mean is not rounded" if bits else "the reading is not rounded")
+        step = 1 / (2**bits - 1)
+        return verdict_of(in_codes(step / 2, scene), scene, f"{bits} bits", "")
+
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
+        bits = shot.scene.sensor.bits
+        return raw if bits is None else quantise(raw, bits)
+
+
+def add_noise(raw: Tensor, read: Tensor, photons: Tensor, seeds: Tensor) -> Tensor:
+    """Add Gaussian noise of variance `read^2 + photons^2 * raw` to `raw` (B, C, h, w), one stream
+    per seed (B,) int64.
+
+    Photon noise is Poisson noise in its Gaussian limit; a full well of N electrons has
+    `photons = N^-1/2`. Its variance stops falling at `raw = DARK_LEVEL`. Differentiable in raw,
+    read and photons. Replays bit for bit on any device.
+    """
+    noise = torch.ops.moireaug.normal(raw.shape[1:], seeds).to(raw.dtype)
+    read, photons = per_image(read, raw), per_image(photons, raw)
+    variance = read.square() + photons.square() * raw.clamp(min=DARK_LEVEL)
+    some = variance > 0  # the root has no slope at 0
+    return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
+
+
+def quantise(raw: Tensor, bits: int) -> Tensor:
+    """Round to the `2^bits` levels of a converter whose ends are 0 and 1; the gradient passes
+    straight through."""
+    levels = 2**bits - 1
+    return raw + (torch.round(raw.detach().clamp(0, 1) * levels) / levels - raw.detach())

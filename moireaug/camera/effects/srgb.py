@@ -1,0 +1,73 @@
+"""sRGB codes to light, and light to codes."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from moireaug.camera.effects.base import Effect, Verdict, called, left_out
+from moireaug.common.numeric import clip
+from moireaug.scene.record import SizedScene
+from moireaug.scene.shot import ShotRecord
+
+SLOPE_AT_BLACK = 12.92  # codes per light: the slope of sRGB at black
+CODE_KNEE, LIGHT_KNEE = 0.04045, 0.0031308  # where the curve leaves its straight part
+
+
+def in_codes(light: float, scene: SizedScene) -> float:
+    """Return the most by which a change of light can change a code: sRGB is steepest at black."""
+    return light * SLOPE_AT_BLACK if scene.develop.linear_light else light
+
+
+def light_of_codes(codes: Tensor) -> Tensor:
+    """Return the light of sRGB codes of any shape: straight at and below black, and continued above
+    white. Differentiable."""
+    power = ((codes + 0.055).clamp(min=0) / 1.055) ** 2.4
+    return torch.where(codes > CODE_KNEE, power, codes / SLOPE_AT_BLACK)
+
+
+def codes_of_light(light: Tensor) -> Tensor:
+    """Return the sRGB codes of light of any shape, the inverse of `light_of_codes`."""
+    power = 1.055 * light.clamp(min=LIGHT_KNEE) ** (1 / 2.4) - 0.055
+    return torch.where(light > LIGHT_KNEE, power, SLOPE_AT_BLACK * light)
+
+
+class Decode(Effect):
+    """Turns the panel's codes into light."""
+
+    name = "decode"
+
+    def verdict(self, scene: SizedScene) -> Verdict:
+        if scene.develop.linear_light:
+            return called("sRGB codes to light")
+        return left_out("linear_light is off")
+
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
+        return light_of_codes(light)
+
+
+class Encode(Effect):
+    """Turns light into the camera's codes; the straight part of the curve continues below 0."""
+
+    name = "encode"
+
+    def verdict(self, scene: SizedScene) -> Verdict:
+        if scene.develop.linear_light:
+            return called("light to sRGB codes")
+        return left_out("linear_light is off")
+
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
+        return codes_of_light(light)
+
+
+class Clip(Effect):
+    """Clips codes to [0, 1], whatever noise an attacker adds."""
+
+    name = "clip"
+    is_listed = False
+
+    def verdict(self, scene: SizedScene) -> Verdict:
+        return called("codes end at 0 and 1")
+
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
+        return clip(light)

@@ -1,0 +1,148 @@
+"""The harmonics that a scene's panel can show in a reading, in any view that its ranges allow."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+
+import torch
+from torch import Tensor
+
+from moireaug.camera.exposure.extreme_light import modulation_depth
+from moireaug.camera.exposure.extreme_scales import (
+    largest_panel_steps,
+    least_side,
+    panel_scale_ratio,
+)
+from moireaug.camera.exposure.extreme_views import FLOAT64_ON_CPU, range_points
+from moireaug.camera.panel.fourier import coefficient, own_orders
+from moireaug.scene.by_name import with_values
+from moireaug.scene.fields import bounds
+from moireaug.scene.record import SizedScene
+
+HIGHEST_ORDER = 32  # highest harmonic per panel pixel that is ever summed
+
+
+def harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
+    """Return the harmonics whose contrast at the sensor can exceed the tolerance, strongest first;
+    see `_harmonics`."""
+    if bounds(scene.sensor.pitch)[1]:  # however large the picture is shown
+        scene = with_values(scene, {"panel.scale": 1.0})
+    return _harmonics(scene)
+
+
+@functools.lru_cache(maxsize=64)
+def _harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
+    """Return the harmonics whose contrast in the raw reading can exceed the tolerance, strongest
+    first.
+
+    The sinc of the aperture is bounded by its envelope, because its zeros move with the view; so is
+    the cosine of a low-pass filter.
+    """
+    px, py = scene.panel.cell.period
+    k, l = _orders(px, py)
+    amplitude = 2 * bounds(scene.sensor.gain)[1] * _strongest(scene, k, l)
+    step = largest_panel_steps(scene)
+
+    # cycles per sensor pixel, at least, in any view; along one axis no less than this over sqrt 2
+    least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)
+    most = (
+        amplitude * _through_aperture(scene, least / 2**0.5) * _through_lens(scene, least.square())
+    )
+    possible = most > scene.tolerance
+    k, l, amplitude = k[possible], l[possible], amplitude[possible]
+    if not len(k):
+        return []
+
+    # (K, N, 2), along both axes in each view
+    frequency = (k / px)[:, None, None] * step[:, 0] + (l / py)[:, None, None] * step[:, 1]
+    passed = _through_aperture(scene, frequency).prod(-1)
+    passed *= _through_lens(scene, frequency.square().sum(-1))
+    contrast = amplitude * passed.amax(1)
+    strong = []
+    for k_, l_, strength in zip(k.tolist(), l.tolist(), contrast.tolist(), strict=True):
+        if strength > scene.tolerance:
+            strong.append(((int(k_), int(l_)), strength))
+    return sorted(strong, key=lambda item: -item[1])
+
+
+@functools.lru_cache(maxsize=64)
+def harmonics_in_bins(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
+    """Return those harmonics whose contrast can exceed the tolerance in a binned reading, strongest
+    first: as their slowest alias can be in any view, at any scale, in the smallest bin. Where the
+    screen's light can exceed a full well, all are kept: pixels that saturate before they are
+    averaged turn contrast into a change of the mean."""
+    if bounds(scene.sensor.gain)[1] * (1 + modulation_depth(scene)) > 1:
+        return harmonics(scene)
+    layout, step = scene.panel.cell, largest_panel_steps(scene)
+    ratio = panel_scale_ratio(scene)
+    s = least_side(scene, bounds(scene.panel.scale)[0])
+    apart = 0.5 if scene.is_binned_bayer else 1.0
+    strong = []
+    for (k, l), strength in harmonics(scene):
+        frequency = step[:, 0] * (k / layout.period[0]) + step[:, 1] * (l / layout.period[1])
+        any_scale = torch.cat([frequency, frequency * ratio])
+        ends = zip(any_scale.amin(0).tolist(), any_scale.amax(0).tolist(), strict=True)
+        alias = [_slowest_alias(least, most, apart) for least, most in ends]
+        # a bin's side may lie along the alias, and the other across it; or both along an axis
+        along_sides = [math.hypot(*alias)] if scene.is_rectified else alias
+        transfer = math.prod(_max_transfer(frequency, s) for frequency in along_sides)
+        if strength * transfer > scene.tolerance:
+            strong.append(((k, l), strength * transfer))
+    return sorted(strong, key=lambda item: -item[1])
+
+
+def _slowest_alias(low: float, high: float, apart: float) -> float:
+    """Return the least frequency along one axis of the aliases, which lie `apart`, of frequencies
+    from `low` to `high`."""
+    if high - low >= apart:  # an alias of one of them stands still
+        return 0.0
+    slowest = 1.0
+    for m in range(math.floor(low / apart), math.floor(high / apart) + 2):
+        least, most = low - m * apart, high - m * apart
+        slowest = min(slowest, 0.0 if least <= 0 <= most else min(abs(least), abs(most)))
+    return slowest
+
+
+def _max_transfer(frequency: float, s: float) -> float:
+    """Return the greatest transfer of the mean over s sensor pixels at a frequency, by the envelope
+    of sinc(s g)."""
+    return min(1.0, 1 / (math.pi * max(s, 1.0) * frequency)) if frequency else 1.0
+
+
+def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
+    """Return k and l of every harmonic of a cell but the mean, one of each conjugate pair."""
+    k = torch.arange(HIGHEST_ORDER * px + 1, **FLOAT64_ON_CPU)
+    l = torch.arange(-HIGHEST_ORDER * py, HIGHEST_ORDER * py + 1, **FLOAT64_ON_CPU)
+    k, l = torch.meshgrid(k, l, indexing="ij")
+    counted = (k > 0) | (l > 0)
+    return k[counted], l[counted]
+
+
+def _strongest(scene: SizedScene, k: Tensor, l: Tensor) -> Tensor:
+    """Return how strong each of a layout's harmonics can be, in its strongest colour."""
+    panel, layout = scene.panel, scene.panel.cell
+    lit = range_points(panel.lit, points=9)
+    along = range_points(panel.lit_x, points=5), range_points(panel.lit_y, points=5)
+    emitting = torch.tensor(list(itertools.product(lit, *along)), **FLOAT64_ON_CPU)
+    width = (emitting[:, 0].sqrt() * emitting[:, 1])[None]
+    height = (emitting[:, 0].sqrt() * emitting[:, 2])[None]
+    strongest = torch.zeros(3, len(k), **FLOAT64_ON_CPU)
+    for subpixel in layout.all():
+        own_k, own_l, has = own_orders(subpixel, layout, k, l)
+        c = coefficient(subpixel, own_k[:, None], own_l[:, None], width, height)
+        strongest[subpixel.channel] += c.abs().amax(1) * has
+    return strongest.amax(0)
+
+
+def _through_aperture(scene: SizedScene, frequency: Tensor) -> Tensor:
+    """Bound the sinc of the smallest aperture along one axis; frequency in cycles per sensor
+    pixel."""
+    fill = bounds(scene.sensor.fill)[0]
+    return 1 / (math.pi * fill * frequency.abs()).clamp(min=1.0)
+
+
+def _through_lens(scene: SizedScene, squared: Tensor) -> Tensor:
+    """Return the transfer of the sharpest lens at this squared frequency."""
+    return torch.exp(-2 * math.pi**2 * bounds(scene.lens.blur)[0] ** 2 * squared)

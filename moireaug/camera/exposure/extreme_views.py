@@ -1,0 +1,116 @@
+"""The extremes of the views that a scene's ranges allow."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from moireaug.scene.fields import Range, bounds
+from moireaug.scene.geometry.grids import image_to_photo, jacobian
+from moireaug.scene.geometry.homography import camera_pose, homography
+from moireaug.scene.parts import Lens, View
+from moireaug.scene.record import SizedScene
+
+# height and width; bounds for these hold for most images
+PHOTO_SHAPES = ((256, 256), (192, 256), (256, 192))
+STRIP_SHAPES = ((16, 256), (256, 16))  # perspective is strongest along a long strip
+CROPS_PHOTO_SHAPES = ((192, 256), (256, 256), (256, 192))
+# a scene's plan depends neither on torch's default dtype nor on its default device
+FLOAT64_ON_CPU: dict[str, Any] = {"dtype": torch.float64, "device": "cpu"}
+
+
+def range_points(value: Range, *inner: float, points: int = 2) -> list[float]:
+    """Return a range's ends, evenly spread points between them, and those of `inner` that lie
+    between."""
+    low, high = bounds(value)
+    even = [low + (high - low) * i / (points - 1) for i in range(points)]
+    return sorted({*even, *(m for m in inner if low < m < high)})
+
+
+def extreme_jacobians(
+    scene: SizedScene, zoom: float, *, with_strips: bool, magnified: bool = False
+) -> Tensor:
+    """Return d(x, y) / d(u, v), image pixels per photo pixel, (N, 2, 2) float64, for the angles and
+    lenses that a scene allows at this zoom.
+
+    They are taken at the picture's centre and corners, or of crops at those of the part of the
+    photo that they see. Corners outside
+    the circle through the photo's corners are also taken where the line to its centre meets it.
+
+    Args:
+        with_strips: include photos that are long strips.
+        magnified: multiply by `camera_pose`'s magnification; the product does not depend on zoom.
+    """
+    shapes = PHOTO_SHAPES + STRIP_SHAPES if with_strips else PHOTO_SHAPES
+    seen = None
+    if scene.is_crop:
+        shapes, seen = (
+            CROPS_PHOTO_SHAPES,
+            (bounds(scene.sensor.crop_x), bounds(scene.sensor.crop_y)),
+        )
+    scale = scene.sensor.scale
+    return _extreme_jacobians(scene.view, scene.lens, scale, zoom, shapes, magnified, seen)
+
+
+@functools.lru_cache(maxsize=64)
+def _extreme_jacobians(
+    v: View,
+    lens: Lens,
+    scale: float,
+    zoom: float,
+    shapes: tuple,
+    magnified: bool,
+    seen: tuple | None,
+) -> Tensor:
+    view, k1, k2 = _poses(v, lens, zoom, bounds(v.fov)[1])
+    jacobians = []
+    for size in shapes:
+        h, w = size
+        m = homography(view, k1, k2, size, scale)
+        (left, right), (top, bottom) = seen or ((0, 1), (0, 1))
+        corners = [(w * x, h * y) for x, y in itertools.product((left, right), (top, bottom))]
+        picture = torch.tensor([*corners, (w / 2, h / 2)], **FLOAT64_ON_CPU)
+        points = picture.expand(len(m), -1, -1)
+        if seen is None:
+            points = image_to_photo(points, m, size, (k1, k2))
+        points = torch.cat([points, _in_the_photo(points, size)], 1)
+        local = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
+        if magnified:
+            local = local * camera_pose(view, k1, k2, size)[1][:, None, None, None, None]
+        jacobians.append(local.flatten(0, 2))
+    return torch.cat(jacobians).unique(dim=0)
+
+
+@functools.lru_cache(maxsize=64)
+def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
+    """Return the least and the greatest photo pixels that an image pixel takes, see
+    `homography.camera_pose`, for the angles and lenses that a scene allows at this zoom."""
+    every = []
+    for fov in bounds(v.fov):
+        view, k1, k2 = _poses(v, lens, zoom, fov)
+        every += [camera_pose(view, k1, k2, size)[1] for size in PHOTO_SHAPES]
+    return float(torch.cat(every).min()), float(torch.cat(every).max())
+
+
+def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[View, Tensor, Tensor]:
+    """Return a drawn View of the angles that a scene allows, k1 and k2, (N,) each."""
+    turns = [range_points(a, 0.0) for a in (v.yaw, v.pitch)]
+    rolls = range_points(v.roll, 0.0, 90.0, -90.0, points=9)
+    poses = itertools.product(*turns, rolls, range_points(lens.k1), range_points(lens.k2))
+    yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), **FLOAT64_ON_CPU).T
+    fields = {k: torch.zeros_like(yaw) for k in v.ranged}
+    fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
+    fields |= {"fov": torch.full_like(yaw, fov), "zoom": torch.full_like(yaw, zoom)}
+    return v.drawn(fields), k1, k2
+
+
+def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:
+    """Return photo points (B, N, 2), those farther from its centre than its corners moved towards
+    it until they are as far."""
+    centre = points.new_tensor([size[1] / 2, size[0] / 2])
+    radius = (points - centre).norm(dim=-1, keepdim=True) / centre.norm()
+    return torch.where(radius > 1, centre + (points - centre) / radius, points)

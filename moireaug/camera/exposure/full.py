@@ -1,0 +1,183 @@
+"""Panel light integrated over the aperture: the content of the panel pixels it covers, times the
+share that their subpixels fill. Spectral and box sum over subpixels and differ in that share alone;
+mean takes the content of whole panel pixels, and their mean share."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+
+import torch
+from torch import Tensor
+
+from moireaug.camera.exposure.closed_form import ClosedForm, in_bands
+from moireaug.camera.exposure.filters import filter_cell_seen, through_filters
+from moireaug.camera.exposure.optics import Optics, optics_of
+from moireaug.camera.exposure.screen import Screen
+from moireaug.camera.exposure.sight import (
+    WHOLE_PIXEL,
+    AxisShares,
+    AxisView,
+    Sight,
+    axis_shares,
+    axis_views,
+    covered_share,
+    look_at_panel,
+    panel_pixels,
+    panel_steps,
+)
+from moireaug.camera.panel.fourier import coefficient, emitting_share, mean_light, own_orders
+from moireaug.scene.geometry import grids
+from moireaug.scene.geometry.lattice import CFA, Site, pattern_period
+from moireaug.scene.shot import ShotRecord
+from moireaug.scene.subpixel import Subpixel
+
+
+class FullReading(ClosedForm):
+    """A value for each sensor pixel, in closed form.
+
+    Args:
+        taps: see `ExposureMethod`.
+        in_float64: compute shares in float64, which an aperture much smaller than the panel's
+            cell needs.
+    """
+
+    def __init__(self, taps: int, *, in_float64: bool) -> None:
+        super().__init__(taps)
+        self.in_float64 = in_float64
+
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
+        cfa, screen = filter_cell_seen(shot), Screen(light, shot, self.taps)
+        rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
+        inverse = torch.linalg.inv(shot.matrix())
+        period, planes = pattern_period(cfa), []
+        for site in CFA[cfa]:
+            down, across = rows[site.row :: period], cols[site.column :: period]
+            planes.append(self._read_site(site, down, across, inverse, screen, shot))
+        return through_filters(torch.cat(planes, 1), shot)
+
+    def _read_site(
+        self,
+        site: Site,
+        rows: Tensor,
+        cols: Tensor,
+        inverse: Tensor,
+        screen: Screen,
+        shot: ShotRecord,
+    ) -> Tensor:
+        """Return the colours that one site of the filter cell sees at photo coordinates
+        rows x cols: (B, channels, h, w).
+
+        `inverse` is the homography (B, 3, 3) from ideal photo to image coordinates.
+        """
+        dtype = torch.float64 if self.in_float64 else screen.light.dtype
+
+        def reading_of(band: Tensor) -> Tensor:
+            sight = look_at_panel(band, cols, inverse, dtype, shot)
+            colours = [self.read(screen, channel, sight, shot) for channel in site.channels]
+            return torch.stack(colours, 1)
+
+        elements_per_row = len(cols) * max(self.taps**2, len(self.harmonics))
+        return in_bands(reading_of, rows, elements_per_row, screen.light, shot)
+
+    @abstractmethod
+    def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
+        """Return the sensor pixels' readings of one channel: (B, h, w)."""
+
+    def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:
+        matrix = shot.matrix()
+        ideal = grids.image_to_photo(points, matrix, shot.size, None)
+        # a lens hardly changes how much a view spreads
+        step = panel_steps(ideal, torch.linalg.inv(matrix), None, shot)
+        return axis_views(shot.scene, step, optics_of(shot)), shot.panel_scale[:, None, None]
+
+
+class BySubpixel(FullReading):
+    """An exposure that sums over a channel's subpixels: the panel pixels around, times the share of
+    the view that the subpixels fill."""
+
+    def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
+        layout = shot.scene.panel.cell
+        total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
+        lit = emitting_share(shot.panel)
+        for subpixel in layout.of(channel):
+            x, y = (axis_shares(axis, subpixel, lit, sight, shot, screen) for axis in (0, 1))
+            through = self.transmission(x, y, subpixel, sight, shot)
+            total = total + panel_pixels(screen, channel, x, y, subpixel) * through
+        return total
+
+    @abstractmethod
+    def transmission(
+        self, x: AxisShares, y: AxisShares, subpixel: Subpixel, sight: Sight, shot: ShotRecord
+    ) -> Tensor:
+        """Return the share of the view that the subpixels fill, (B, h, w)."""
+
+
+class Spectral(BySubpixel):
+    """The panel's harmonics, each weighted by its modulation transfer: exact in the aperture, the
+    lens and the view's local scale.
+
+    Args:
+        harmonics: (k, l) in cycles per cell of the layout, conjugates and (0, 0) left out.
+    """
+
+    name = "spectral"
+    reason = "harmonics by their modulation transfer"
+    sums_harmonics = True
+
+    def __init__(
+        self, taps: int, harmonics: tuple[tuple[int, int], ...], *, in_float64: bool
+    ) -> None:
+        super().__init__(taps, in_float64=in_float64)
+        self.harmonics = harmonics
+
+    def transmission(
+        self, x: AxisShares, y: AxisShares, subpixel: Subpixel, sight: Sight, shot: ShotRecord
+    ) -> Tensor:
+        dtype, layout = x.share.dtype, shot.scene.panel.cell
+        optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
+        width, height = (t.to(dtype)[:, None, None] for t in emitting_share(shot.panel))
+        orders = []
+        for pair in self.harmonics:
+            own_k, own_l, has = own_orders(subpixel, layout, *pair)
+            if has:
+                orders.append((own_k, own_l))
+        k, l = x.cells.new_tensor(orders).reshape(-1, 2, 1, 1, 1).unbind(1)
+        cycles = k * x.cells + l * y.cells  # (harmonics, B, h, w)
+        # drop whole cycles before the cast, so that the phase stays precise far from the origin
+        phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
+        k, l = k.to(dtype), l.to(dtype)
+        across, down = (sight.step[..., axis, :].to(dtype) for axis in (0, 1))
+        across, down = across / subpixel.period[0], down / subpixel.period[1]
+        fu = k * across[..., 0] + l * down[..., 0]
+        fv = k * across[..., 1] + l * down[..., 1]
+        amplitude = 2 * coefficient(subpixel, k, l, width, height) * optics.transfer(fu, fv)
+        mean = coefficient(subpixel, 0, 0, width, height)
+        return mean + (amplitude * torch.cos(phase)).sum(0)
+
+
+class Box(BySubpixel):
+    """The overlap of aperture and subpixels along x and along y: exact for an upright view. For
+    screens magnified so much that a series would need too many harmonics."""
+
+    name = "box"
+    reason = "the overlap of subpixel and aperture"
+
+    def transmission(
+        self, x: AxisShares, y: AxisShares, subpixel: Subpixel, sight: Sight, shot: ShotRecord
+    ) -> Tensor:
+        return covered_share(x) * covered_share(y)
+
+
+class Mean(FullReading):
+    """The panel's mean light alone, so no moiré: the control of every experiment."""
+
+    name = "mean"
+    reason = "the panel's mean light alone, so no moiré"
+
+    def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
+        layout = shot.scene.panel.cell
+        shares = mean_light(layout, *emitting_share(shot.panel)).to(screen.light.dtype)
+        one = torch.ones_like(shot.panel.lit)
+        x, y = (axis_shares(axis, WHOLE_PIXEL, (one, one), sight, shot, screen) for axis in (0, 1))
+        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * shares[:, channel, None, None]

@@ -1,0 +1,1 @@
+"""What every room uses: checks, numbers, files, networks."""

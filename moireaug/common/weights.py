@@ -1,0 +1,116 @@
+"""Files of weights, read as data."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from moireaug.common.extras import require
+
+SAFETENSORS = ".safetensors"
+# keys of the state_dict in checkpoints; averaged weights last, where there are no others
+STATE_DICT_KEYS = ["state_dict", "model_state_dict", "model"]
+STATE_DICT_KEYS += ["state_dict_ema", "ema_state_dict", "model_ema"]
+# prefixes of names by DataParallel, AveragedModel, a LightningModule and torch.compile
+WRAPPER_PREFIXES = ("module.", "model.", "_orig_mod.")
+
+
+def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Tensor]:
+    """Return the state_dict that a file holds, alone or in a checkpoint, with the names of the bare
+    model.
+
+    A wrapper's prefix is taken off the names, and the wrapper's own tensors, such as a counter or
+    the buffers of metrics, are left out: a model with layers called "module" or "model" next to
+    others cannot be read.
+
+    Args, Raises: as `read_weights`; ValueError also for a file without a state_dict.
+    """
+    content = read_weights(path, subject, advice)
+    candidates = [content]
+    if isinstance(content, Mapping):
+        candidates += [content.get(name) for name in STATE_DICT_KEYS]
+    for candidate in candidates:
+        if _is_state_dict(candidate):
+            return _without_wrappers(dict(candidate))
+    names = ", ".join(map(repr, STATE_DICT_KEYS))
+    raise ValueError(
+        f"{subject}: the weights file {str(path)!r} holds something other than a state_dict (a "
+        f"mapping of names to tensors), alone or as its {names}. {advice}"
+    )
+
+
+def read_weights(path: str | Path, subject: str, advice: str) -> Any:
+    """Return the content of a file of weights, on the CPU; no code in it is run.
+
+    Args:
+        path: a file of `torch.save`, or of safetensors with that suffix.
+        subject: purpose of the weights, with which errors begin.
+        advice: sentence on the file to pass, with which errors end.
+
+    Raises:
+        ValueError: the file is missing, damaged or holds more than tensors, or the package
+            safetensors is needed and not installed.
+    """
+    if not Path(path).is_file():
+        raise ValueError(f"{subject}: there is no weights file {str(path)!r}. {advice}")
+    try:
+        return _content(path)
+    except ModuleNotFoundError as error:
+        raise ValueError(f"{subject}: {error}. {advice}") from error
+    except Exception as error:  # which one depends on the damaged byte
+        raise ValueError(
+            f"{subject}: the weights file {str(path)!r} could not be read "
+            f"({type(error).__name__}): it is damaged, or holds more than tensors. Fetch it again, "
+            f"or save it again. {advice}"
+        ) from error
+
+
+def _content(path: str | Path) -> Any:
+    if Path(path).suffix.lower() == SAFETENSORS:
+        require("safetensors", f"the weights file {str(path)!r}")
+        from safetensors.torch import load_file
+
+        return load_file(path)
+    # the settings that torchvision's own training scripts keep beside the weights: a record without
+    # code
+    with torch.serialization.safe_globals([argparse.Namespace]):
+        return torch.load(path, map_location="cpu", weights_only=True)
+
+
+def _is_state_dict(content: Any) -> bool:
+    """Return whether a content is a mapping of names to tensors, one or more."""
+    if not isinstance(content, Mapping) or not content:
+        return False
+    return all(isinstance(name, str) and isinstance(content[name], Tensor) for name in content)
+
+
+def _without_wrappers(state: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Return the part of a state_dict that is the wrapped model's, with the model's names."""
+    while prefix := next(
+        (p for p in WRAPPER_PREFIXES if any(name.startswith(p) for name in state)), None
+    ):
+        wrapped = {}
+        for name, value in state.items():
+            if name.startswith(prefix):
+                wrapped[name.removeprefix(prefix)] = value
+        state = wrapped
+    return state
+
+
+@contextlib.contextmanager
+def float32_on_cpu() -> Iterator[None]:
+    """Make modules in float32 on the CPU, to be filled from a file: half precision, torch's default
+    dtype within a step of Lightning's "bf16-true", would round what the file holds."""
+    default = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float32)
+    try:
+        with torch.device("cpu"):
+            yield
+    finally:
+        torch.set_default_dtype(default)

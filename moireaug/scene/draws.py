@@ -1,0 +1,222 @@
+"""The draw from a scene: one number for each image and ranged field."""
+
+from __future__ import annotations
+
+import functools
+import operator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from numbers import Integral
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from moireaug.common.argument_checks import one_of
+from moireaug.scene.by_name import values_of
+from moireaug.scene.fields import bounds, check_number
+from moireaug.scene.parts import PARTS
+from moireaug.scene.record import SceneRecord
+
+MAX_CACHED_SCENES = 64
+ANGLES = ("view.yaw", "view.pitch", "view.roll")
+
+
+class Draws(ABC):
+    """Numbers drawn for a batch, a row for each image; indexed like the batch."""
+
+    seed: Tensor
+
+    @abstractmethod
+    def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
+        """Return the same draws with `f` of each of their tensors (B,)."""
+
+    def __len__(self) -> int:
+        return len(self.seed)
+
+    @property
+    def device(self) -> torch.device:
+        return self.seed.device
+
+    def to(self, device: torch.device | str) -> Self:
+        """Return the same draws on another device."""
+        return (
+            self if torch.device(device) == self.device else self.map_rows(lambda t: t.to(device))
+        )
+
+    def __getitem__(self, rows: Any) -> Self:
+        """Return some rows: of a slice, a mask, an index tensor or list, or one integer (a batch of
+        one)."""
+        if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
+            rows = [int(rows)]
+        return self.map_rows(lambda t: t[rows])
+
+    def repeat(self, n: int) -> Self:
+        """Return the whole batch n times, one after another."""
+        return self if n == 1 else self.map_rows(lambda t: t.repeat(n))
+
+
+def random_numbers(n: int, count: int, generator: torch.Generator | None) -> Tensor:
+    """Return numbers in [0, 1) to draw from, `count` for each of `n` images: (n, count) float64, on
+    the CPU.
+
+    Raises:
+        ValueError: an n that is no integer >= 0, or a generator that is not on the CPU.
+        TypeError: a generator that is not a torch.Generator.
+    """
+    if isinstance(n, bool) or not isinstance(n, Integral) or n < 0:
+        raise ValueError(f"a shot needs a whole number n >= 0 of images; got n = {n!r}.")
+    if not (generator is None or isinstance(generator, torch.Generator)):
+        raise TypeError(
+            f"generator must be a torch.Generator or None; got {generator!r}. For a seed, pass "
+            "torch.Generator().manual_seed(seed)."
+        )
+    if generator is not None and generator.device.type != "cpu":
+        raise ValueError(
+            f"shots are drawn on the CPU, whatever device the images are on; got a generator on "
+            f"{generator.device}. Pass torch.Generator().manual_seed(seed)."
+        )
+    return torch.rand(int(n), count, dtype=torch.float64, device="cpu", generator=generator)
+
+
+class DrawTable(NamedTuple):
+    """How the ranged fields of a scene are drawn.
+
+    Args:
+        names: names of the fields, such as "view.yaw", in the order in which they are drawn.
+        low: (fields, 1) float64, low ends of all fields.
+        ranges: (ranges,) int64, indices of the fields that are not fixed.
+        width: (ranges, 1) float64, widths of these.
+    """
+
+    names: tuple[str, ...]
+    low: np.ndarray
+    ranges: np.ndarray
+    width: np.ndarray
+
+
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
+def draw_table(scene: SceneRecord) -> DrawTable:
+    """Return the DrawTable of a scene."""
+    fields = values_of(scene)
+    lows, ranges, widths = [], [], []
+    for i, (name, value) in enumerate(fields.items()):
+        low, high = bounds(value)
+        lows.append(low)
+        if scene.is_drawn(name):
+            ranges.append(i)
+            widths.append(high - low)
+    low_column, width_column = (np.array(ends, np.float64)[:, None] for ends in (lows, widths))
+    return DrawTable(tuple(fields), low_column, np.array(ranges, np.int64), width_column)
+
+
+def numbers_needed(scene: SceneRecord) -> int:
+    """Return how many random numbers a shot takes: one for each range, and one for the seed."""
+    return len(draw_table(scene).ranges) + 1
+
+
+def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tensor]:
+    """Return the ranged fields by name, such as "view.yaw", (n,) float64 each, and seeds, (n,)
+    int64, from uniform numbers `u` (n, numbers_needed(scene)): 0 is the low end of a range, 1 the
+    high end; the last column gives the seeds.
+
+    Only ranges take random numbers: the value of a fixed field does not change the others' draws.
+    """
+    table = draw_table(scene)
+    values = table.low.repeat(len(u), 1)
+    values[table.ranges] += table.width * u[:, :-1].mT.numpy()
+    numbers = {}
+    for name, row in zip(table.names, values, strict=True):
+        numbers[name] = torch.from_numpy(row.copy())  # else pickled with the whole table
+    if scene.view.pose == "released":
+        for angle in ANGLES:
+            numbers[angle] = numbers[angle].floor()  # the released code turns by whole degrees
+    return numbers, (u[:, -1] * 2**53).to(torch.int64)
+
+
+def check_drawn(numbers: Mapping[str, Any], seed: Any) -> None:
+    """Refuse fields and seeds of a shot that are not tensors of one number per image, with a
+    ValueError."""
+    if not isinstance(seed, Tensor) or seed.dtype != torch.int64 or seed.ndim != 1:
+        got = f"{tuple(seed.shape)} {seed.dtype}" if isinstance(seed, Tensor) else repr(seed)
+        raise ValueError(f"a shot's seed must be (B,) int64; got {got}.")
+    n = len(seed)
+    for name, values in numbers.items():
+        if not isinstance(values, Tensor) or values.shape != (n,):
+            got = str(tuple(values.shape)) if isinstance(values, Tensor) else repr(values)
+            raise ValueError(
+                "a shot's fields must be tensors of one number per image, here of shape "
+                f"({n},); got {got} as shot.{name}."
+            )
+
+
+def numbers_from_dict(
+    scene: SceneRecord, values: Mapping[str, Any]
+) -> tuple[dict[str, Tensor], Tensor]:
+    """Return the fields and seeds of a shot, as `draw_numbers` does, from its dict's plain values.
+
+    Raises:
+        ValueError, TypeError: an unknown field, fields of different lengths, a number that no scene
+            may have, or a seed that is not in whole numbers.
+    """
+    seed = values["seed"]
+    _check_seed(seed)
+    numbers = {}
+    for part in PARTS:
+        for name, given in _numbers_of(part, values[part], scene, len(seed)).items():
+            numbers[f"{part}.{name}"] = torch.tensor(given, dtype=torch.float64, device="cpu")
+    return numbers, torch.tensor(seed, dtype=torch.int64, device="cpu")
+
+
+def _check_seed(seed: Any) -> None:
+    if not isinstance(seed, list | tuple) or not all(
+        isinstance(s, Integral) and not isinstance(s, bool) for s in seed
+    ):
+        raise ValueError(f"a shot's seed must be a list of whole numbers; got {seed!r}.")
+    if not all(-(2**63) <= s < 2**63 for s in seed):
+        raise ValueError(f"a shot's seed must lie in [-2**63, 2**63), 64 bits; got {seed!r}.")
+
+
+def _numbers_of(part: str, given: Any, scene: SceneRecord, n: int) -> dict[str, list[float]]:
+    """Return the drawn fields of one part of a shot's dict, checked."""
+    if not isinstance(given, Mapping):
+        raise TypeError(f"a shot's {part} must be a mapping of its fields; got {given!r}.")
+    wanted = getattr(scene, part).ranged
+    for name in given:
+        one_of(f"a field of a shot's {part}", name, wanted)
+    checked = {}
+    for name in wanted:
+        numbers, allowed = given.get(name), PARTS[part].__dataclass_fields__[name].metadata
+        if not isinstance(numbers, list | tuple) or len(numbers) != n:
+            raise ValueError(
+                f"a shot's {part}.{name} must hold {n} numbers, one per image of its seed list."
+            )
+        checked[name] = [check_number(f"a shot's {part}.{name}", x, **allowed) for x in numbers]
+    return checked
+
+
+def check_size(size: Any) -> tuple[int, int]:
+    """Return a size (height, width) in integers.
+
+    Raises:
+        ValueError: anything but two whole numbers of at least 1.
+    """
+    try:
+        h, w = (operator.index(side) for side in size)
+    except (TypeError, ValueError):  # no pair, or no integers
+        h, w = 0, 0
+    if h < 1 or w < 1:
+        raise ValueError(
+            "a shot needs a size (height, width) of at least 1 x 1 pixels, in whole numbers; got "
+            f"{size!r}."
+        )
+    return h, w
+
+
+def mix_seeds(*parts: int) -> int:
+    """Return one seed from several integers, the same on every machine."""
+    seed = 0
+    for part in parts:
+        seed = (seed * 1_000_003 + part + 12_289) % (2**63 - 1)
+    return seed

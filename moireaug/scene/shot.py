@@ -1,0 +1,334 @@
+"""One draw from a scene for a batch of images, as data."""
+
+from __future__ import annotations
+
+import dataclasses
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Self
+
+import torch
+from torch import Tensor
+
+from moireaug.common.numeric import as_dtype
+from moireaug.scene.by_name import by_part, parts_with, values_of
+from moireaug.scene.draws import Draws, check_drawn
+from moireaug.scene.fields import bounds
+from moireaug.scene.geometry import grids
+from moireaug.scene.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
+from moireaug.scene.geometry.homography import camera_pose, homography
+from moireaug.scene.geometry.lattice import (
+    CFA,
+    SampledPixels,
+    binned_pixels,
+    pattern_period,
+    sampled_pixels,
+)
+from moireaug.scene.plan import Plan
+from moireaug.scene.record import SceneRecord
+
+# sensor pixels to each side from which a colour is demosaiced
+DEMOSAIC_REACH = {"bilinear": 1, "malvar": 2}
+
+
+def check_tensor(name: str, values: object) -> Tensor:
+    """Return values that are a tensor; refuse others with a TypeError."""
+    if not isinstance(values, Tensor):
+        raise TypeError(
+            f"{name} must be a torch.Tensor; got {type(values).__name__}. Convert it with "
+            "torch.as_tensor."
+        )
+    return values
+
+
+def sampled_rows_and_columns(
+    scene: SceneRecord, size: tuple[int, int]
+) -> tuple[SampledPixels, SampledPixels]:
+    """Return which sensor rows and columns a photo of `size` (height, width) reads; of a binned
+    reading, its cells."""
+    if scene.is_binned:
+        rows, cols = (binned_pixels(n) for n in size)
+        return rows, cols
+    sensor, develop = scene.sensor, scene.develop
+    reach = DEMOSAIC_REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
+    # denoisers and filters need every pixel of the sensor
+    filtered = any(any(bounds(value)) for value in (develop.chroma_blur, develop.sharpen))
+    resize = "all" if develop.denoise or filtered else develop.resize
+    rows, cols = (sampled_pixels(n, sensor.scale, resize, reach) for n in size)
+    return rows, cols
+
+
+class Whole(NamedTuple):
+    """The image of which another is a part: its height and width, and the row and column at which
+    the part begins."""
+
+    size: tuple[int, int]
+    corner: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ShotRecord(Draws):
+    """The five parts with each ranged field a `(B,)` float64 tensor, scene, image size, and the
+    plan of that scene at that size; users hold a `Shot`, which makes the plan.
+
+    part_of: the larger image of whose photo this is the shot of a part, if any; see `crop`.
+    """
+
+    scene: SceneRecord
+    size: tuple[int, int]
+    # a Panel, View, Lens, Sensor and Develop, whose annotations are those of a scene's
+    panel: Any
+    view: Any
+    lens: Any
+    sensor: Any
+    develop: Any
+    seed: Tensor
+    part_of: Whole | None = None
+    plan: Plan = field(init=False, repr=False)
+    _numbers: dict[str, Tensor] = field(init=False, repr=False)  # which a photo asks for often
+
+    def __post_init__(self) -> None:
+        """Check the drawn numbers, bring those of another dtype to float64, differentiably, and the
+        size to a tuple."""
+        object.__setattr__(self, "size", tuple(self.size))
+        if self.scene.is_crop and self.view.fit:  # which is not read: its screen goes on
+            object.__setattr__(self, "view", self.view.drawn({"fit": False}))
+        numbers = values_of(self)
+        check_drawn(numbers, self.seed)
+        changed = {}
+        for name, values in numbers.items():
+            if values.dtype != torch.float64:
+                changed[name] = values.double()
+        if changed:
+            numbers |= changed
+            for name, part in parts_with(self, numbers).items():
+                object.__setattr__(self, name, part)
+        object.__setattr__(self, "_numbers", numbers)
+
+    def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
+        numbers = {name: f(values) for name, values in self.numbers().items()}
+        return dataclasses.replace(self, **parts_with(self, numbers), seed=f(self.seed))
+
+    @property
+    def requires_grad(self) -> bool:
+        """Whether any drawn number requires a gradient."""
+        return any(values.requires_grad for values in self.numbers().values())
+
+    @property
+    def panel_scale(self) -> Tensor:
+        """Panel pixels per image pixel, (B,) float64: `Panel.scale`, or from `Panel.width`, or of a
+        crop from `Sensor.shrink` and `Sensor.pitch`."""
+        if bounds(self.scene.panel.width)[1]:
+            return self.panel.width / max(self.whole_size)
+        if self.scene.is_crop:
+            return self.sensor.shrink * self.view.zoom / self.sensor.pitch
+        return self.panel.scale
+
+    @property
+    def sensor_scale(self) -> Tensor:
+        """Sensor pixels per photo pixel along each axis, (B,) float64: `Sensor.shrink` or `scale`,
+        or from `Sensor.pitch`, which holds in the middle of the picture before it is turned."""
+        if self.scene.is_crop:
+            return self.sensor.shrink
+        if not bounds(self.scene.sensor.pitch)[1]:
+            return torch.full_like(self.panel.scale, self.scene.sensor.scale)
+        return self.sensor.pitch * self.panel_scale / self._magnification()
+
+    @property
+    def bin_scale(self) -> Tensor:
+        """Sensor pixels along each side of a binned reading's bins, (B,) float64: `sensor_scale`,
+        or of bins in the image's frame the root of their area in the middle of the picture."""
+        scale = self.sensor_scale
+        if not self.scene.is_rectified:
+            return scale
+        yaw, pitch = torch.deg2rad(self.view.yaw), torch.deg2rad(self.view.pitch)
+        return scale * self._magnification() * (torch.cos(yaw) * torch.cos(pitch)).sqrt()
+
+    def _magnification(self) -> Tensor:
+        """Return how many photo pixels an image pixel takes; see `homography.camera_pose`."""
+        if self.scene.is_crop:
+            return self.view.zoom
+        return self._pose()[1]
+
+    def _pose(self) -> tuple[Tensor, Tensor]:
+        return camera_pose(self.view, self.lens.k1, self.lens.k2, self._photo_size())
+
+    def _photo_size(self) -> FrameSize:
+        """Return height and width of the whole photo, numbers or (B,) each."""
+        if self.scene.is_crop:
+            return size_of_crops_photo(
+                self.scene.sensor.pixels, self.sensor.shrink, self.whole_size
+            )
+        return self.whole_size
+
+    @property
+    def frame(self) -> Frame:
+        """The photo that the image is, or is a part of."""
+        (height, width), (top, left) = self.whole_size, self.corner
+        if not self.scene.is_crop:
+            return Frame(height, width, top, left, top, left)
+        place = self.sensor.crop_x, self.sensor.crop_y
+        lens = self.distortion or (torch.zeros_like(place[0]), torch.zeros_like(place[0]))
+        whole = frame_of_crop(self._photo_size(), self.whole_size, place, self._pose()[0], lens)
+        return whole.part(top, left)
+
+    @property
+    def whole_size(self) -> tuple[int, int]:
+        """Height and width of the image, or of the larger one of which it is a part."""
+        return self.size if self.part_of is None else self.part_of.size
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Row and column at which the image begins in the larger one of which it is a part."""
+        return (0, 0) if self.part_of is None else self.part_of.corner
+
+    @property
+    def is_dark_around(self) -> bool:
+        """Whether photos show the dark around the picture."""
+        return self.scene.is_dark_around and self.part_of is None
+
+    @property
+    def panel_corner(self) -> Tensor:
+        """Where on the panel the image's corner lies, x and y in panel pixels, (B, 2) float64."""
+        alpha, frame = self.panel_scale, self.frame
+        top, left = self.corner
+        if not bounds(self.scene.panel.width)[1] and self.scene.is_crop:
+            return torch.stack((alpha * frame.image_left, alpha * frame.image_top), -1)
+        return torch.stack((alpha * left, alpha * top), -1)
+
+    def crop(self, top: int, left: int, height: int, width: int) -> Self:
+        """Return the shot of a part of the image: the rows from `top` and the columns from `left`
+        of the photo, which has the perspective, lens, vignetting and phase of the pattern that the
+        whole photo has there.
+
+        `capture(images[:, :, top : top + height, left : left + width], shot.crop(...))` equals that
+        part of `capture(images, shot)`, but near its edges, past which the part's outermost pixels
+        are repeated, and for the sensor noise and JPEG blocks. Photos in the camera's frame show
+        there what their part of the image holds.
+
+        Raises:
+            TypeError: anything but whole numbers.
+            ValueError: a part that the image does not hold, or a shot of a full reading.
+        """
+        top, left, height, width = (operator.index(n) for n in (top, left, height, width))
+        h, w = self.size
+        rows_fit = 0 <= top < top + height <= h
+        if not (rows_fit and 0 <= left < left + width <= w):
+            raise ValueError(
+                f"a part must lie within the image of {h} x {w} pixels; got {height} x {width} "
+                f"from row {top} and column {left} on."
+            )
+        if not self.scene.is_binned:
+            raise ValueError(
+                "a part needs a binned reading, whose scene states Panel.width, Sensor.pitch or "
+                "Sensor.shrink; this shot's is full. Capture the image, and cut the photo."
+            )
+        whole = Whole(self.whole_size, (self.corner[0] + top, self.corner[1] + left))
+        return dataclasses.replace(self, size=(height, width), part_of=whole)
+
+    @property
+    def distortion(self) -> tuple[Tensor, Tensor] | None:
+        """(k1, k2), (B,) each, if the plan has lens distortion, else None."""
+        if "lens" not in self.plan:
+            return None
+        return self.lens.k1, self.lens.k2
+
+    def matrix(self) -> Tensor:
+        """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
+        Differentiable in every View field that the scene's pose reads."""
+        scale = self.scene.sensor.scale
+        return homography(self.view, self.lens.k1, self.lens.k2, self._photo_size(), scale)
+
+    def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
+        """Return which sensor rows and columns this photo reads."""
+        return sampled_rows_and_columns(self.scene, self.size)
+
+    def raw_shape(self) -> tuple[int, int, int, int]:
+        """Return the shape of the raw reading and of the attacker's noise: four Bayer planes
+        (B, 4, h / 2, w / 2), or three colours (B, 3, h, w); of a binned reading, four planes or
+        three colours of the photo's size."""
+        rows, cols = self.sampled_pixels()
+        planes = sum(len(site.channels) for site in CFA[self.scene.filter_cell])
+        step = pattern_period(self.scene.filter_cell)
+        return len(self), planes, len(rows.index) // step, len(cols.index) // step
+
+    @property
+    def moves(self) -> bool:
+        """Whether points move from image to photo; see `SceneRecord.moves`."""
+        return self.scene.moves
+
+    def to_photo(self, points: Tensor) -> Tensor:
+        """Return where points (B, N, 2) of the image, x then y in pixels, lie in the photo's own
+        frame.
+
+        For a registered scene that frame is the image's, and points are returned unchanged.
+        Integer points are rounded.
+
+        Raises:
+            TypeError: points that are not a tensor.
+            ValueError: points of another shape, or of another number of images.
+        """
+        check_tensor("points", points)
+        if points.ndim != 3 or points.shape[-1] != 2 or len(points) != len(self):
+            raise ValueError(
+                f"points must have the shape ({len(self)}, N, 2), x and y of N points in each "
+                f"image of the shot; got {tuple(points.shape)}."
+            )
+        if not self.moves:
+            return points
+        shot = self.to(points.device)
+        frame = shot.frame
+        image_points = points.double() + frame.image_corner(points)
+        moved = grids.image_to_photo(image_points, shot.matrix(), frame.size, shot.distortion)
+        return as_dtype(moved - frame.photo_corner(moved), points.dtype)
+
+    def to_photo_mask(self, mask: Tensor) -> Tensor:
+        """Return a mask (B, C, H, W) of the image, of any dtype, in the photo's own frame: nearest
+        pixel, 0 off the image.
+
+        Raises:
+            TypeError: a mask that is not a tensor.
+            ValueError: a mask of another shape, or of another number or size of images.
+        """
+        check_tensor("a mask", mask)
+        if mask.ndim != 4 or len(mask) != len(self) or tuple(mask.shape[-2:]) != self.size:
+            raise ValueError(
+                f"a mask must have the shape ({len(self)}, C, {self.size[0]}, {self.size[1]}) of "
+                f"the shot's images; got {tuple(mask.shape)}."
+            )
+        if not self.moves:
+            return mask
+        h, w = self.size
+        shot = self.to(mask.device)
+        frame, centres = shot.frame, grids.pixel_centres(self.size, mask.device)
+        image_points = grids.photo_to_image(
+            centres + frame.photo_corner(centres),
+            torch.linalg.inv(shot.matrix()),
+            frame.size,
+            shot.distortion,
+        )
+        x, y = (image_points - frame.image_corner(image_points)).unbind(-1)
+        on = (x >= 0) & (x < w) & (y >= 0) & (y < h)
+        flat = torch.where(on, y.floor() * w + x.floor(), 0).long()[:, None].flatten(2)
+        taken = mask.flatten(2).gather(2, flat.expand(-1, mask.shape[1], -1)).reshape(mask.shape)
+        return torch.where(on[:, None], taken, torch.zeros_like(taken))
+
+    def numbers(self) -> dict[str, Tensor]:
+        """Return the drawn numbers, (B,) each, by name, such as "view.yaw"."""
+        return dict(self._numbers)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return exact plain numbers and lists; `Shot.from_dict` is the inverse."""
+        return {
+            "scene": self.scene.to_dict(),
+            "size": list(self.size),
+            **self._part_to_dict(),
+            "seed": self.seed.tolist(),
+            **by_part({name: values.tolist() for name, values in self.numbers().items()}),
+        }
+
+    def _part_to_dict(self) -> dict[str, Any]:
+        if self.part_of is None:
+            return {}
+        return {"part_of": {"size": list(self.part_of.size), "corner": list(self.part_of.corner)}}

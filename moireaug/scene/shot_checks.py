@@ -1,0 +1,160 @@
+"""Checks of shots, and of readings and noise that belong to one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from moireaug.common.numeric import is_transformed
+from moireaug.scene.by_name import limits
+from moireaug.scene.lens import MIN_LENS_SLOPE, least_lens_slope
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.shot import ShotRecord, check_tensor
+
+
+def check_shot(shape: Sequence[int], shot: ShotRecord) -> None:
+    """Refuse a batch of the shape (B, 3, H, W) that a shot was not drawn for, and a shot with a
+    number that no scene may have.
+
+    Raises:
+        TypeError: not a shot.
+        ValueError: another number or size of images, or such a number.
+    """
+    check_is_shot(shot)
+    check_batch(shape, shot)
+    _check_numbers(shot)
+
+
+def check_batch(shape: Sequence[int], shot: ShotRecord | MixedShot) -> None:
+    """Refuse a batch of the shape (B, 3, H, W), of another number or size of images than a shot's,
+    with a ValueError."""
+    n, (count, _, h, w) = len(shot), shape
+    if n != count or shot.size != (h, w):
+        raise ValueError(
+            f"the shot was drawn for {n} images of {shot.size[0]} x {shot.size[1]}; got "
+            f"{count} of {h} x {w}. Draw one with "
+            "scene.sample(len(images), images.shape[-2:])."
+        )
+
+
+def check_is_shot(shot: object) -> None:
+    """Refuse anything but a shot of one scene, with a TypeError."""
+    if isinstance(shot, MixedShot):
+        raise TypeError(
+            "a shot must be of one scene here; got the draw of a mixture. Go through its scenes "
+            "by shot.by_scene()."
+        )
+    if not isinstance(shot, ShotRecord):
+        raise TypeError(
+            f"a shot must be a Shot; got a {type(shot).__name__}. Draw one with "
+            "scene.sample(len(images), images.shape[-2:])."
+        )
+
+
+def _check_numbers(shot: ShotRecord) -> None:
+    """Refuse a shot with a number that no scene may have: the engine's kernels would look up out of
+    bounds. Numbers that torch.compile or torch.func hides pass."""
+    if is_transformed():
+        return
+    numbers = shot.numbers()
+    table = torch.stack(list(numbers.values())).detach()
+    low, high = torch.from_numpy(limits()).to(table.device)
+    if not table.clamp(low, high).equal(table):  # nor is NaN equal to itself
+        _refuse_numbers(numbers)
+    _check_lens(shot.lens.k1.detach(), shot.lens.k2.detach())
+
+
+def _refuse_numbers(numbers: dict[str, Tensor]) -> None:
+    """Name the first field of which a number lies out of bounds."""
+    ends = limits()[..., 0].tolist()
+    for (name, values), least, greatest in zip(numbers.items(), *ends, strict=True):
+        if not ((values >= least) & (values <= greatest)).all():
+            raise ValueError(
+                f"a shot's numbers must be finite, and shot.{name} lie in [{least:g}, "
+                f"{greatest:g}]; got {values.tolist()}."
+            )
+
+
+def _check_lens(k1: Tensor, k2: Tensor) -> None:
+    """Refuse, as `Lens` does, a distortion that folds the photo onto itself."""
+    if ((3 * k1).abs() + (5 * k2).abs() < 1 - MIN_LENS_SLOPE).all():
+        return  # no slope can be as small
+    for a, b in zip(k1.tolist(), k2.tolist(), strict=True):
+        if least_lens_slope(a, b) <= MIN_LENS_SLOPE:
+            raise ValueError(
+                f"shot.lens.k1 = {a:g} and k2 = {b:g} fold the photo onto itself before its "
+                "corners. Bring them closer to 0."
+            )
+
+
+def check_rows_of_noise(noise: object, shot: MixedShot) -> None:
+    """Refuse noise of a mixture that is no tensor, nor a list of one tensor for each image.
+
+    Raises:
+        TypeError, ValueError: with what was got and what is allowed.
+    """
+    if isinstance(noise, Tensor):
+        count = len(noise) if noise.ndim else 0
+    elif isinstance(noise, (list, tuple)) and all(isinstance(row, Tensor) for row in noise):
+        count = len(noise)
+    else:
+        raise TypeError(
+            "noise of a mixture must be a torch.Tensor or a list of one for each image; got "
+            f"{type(noise).__name__}."
+        )
+    if count != len(shot):
+        raise ValueError(f"noise must be of the {len(shot)} images of the shot; got {count} rows.")
+
+
+def check_noise(noise: object, raw: Tensor) -> Tensor:
+    """Return noise that is a floating point tensor of the raw reading's shape, and finite.
+
+    Raises:
+        TypeError: not a tensor, or not floating point.
+        ValueError: another shape, NaN or infinity.
+    """
+    noise = check_tensor("noise", noise)
+    if not noise.is_floating_point():
+        raise TypeError(
+            f"noise must be a floating point tensor, in raw units; got a tensor of {noise.dtype}."
+        )
+    check_noise_shape("noise", noise, raw.shape)
+    if not is_transformed() and not noise.isfinite().all():
+        raise ValueError(
+            "noise must be finite; got NaN or infinity. Look for it in the attack's gradients."
+        )
+    return noise
+
+
+def check_noise_shape(name: str, noise: Tensor, shape: tuple[int, ...]) -> None:
+    """Refuse, with a ValueError, noise that has not the shape of a raw reading."""
+    if noise.shape != shape:
+        raise ValueError(
+            f"{name} must have the raw reading's shape {tuple(shape)}, see Shot.raw_shape(); "
+            f"got {tuple(noise.shape)}."
+        )
+
+
+def check_raw(raw: Tensor, shot: ShotRecord) -> None:
+    """Refuse a raw reading that is not floating point, or not of the shape `shot.raw_shape()`, and
+    a shot with a number that no scene may have.
+
+    Raises:
+        TypeError: not a floating point tensor, or not a shot.
+        ValueError: another shape, or such a number.
+    """
+    check_is_shot(shot)
+    if not isinstance(raw, Tensor) or not raw.is_floating_point():
+        got = f"a tensor of {raw.dtype}" if isinstance(raw, Tensor) else f"a {type(raw).__name__}"
+        raise TypeError(
+            f"raw must be a floating point tensor; got {got}. expose(images, shot) returns one."
+        )
+    expected = shot.raw_shape()
+    if tuple(raw.shape) != expected:
+        raise ValueError(
+            f"raw must have the shape {expected} of this shot's reading, see Shot.raw_shape(); got "
+            f"{tuple(raw.shape)}. To develop some rows, index both: develop(raw[rows], shot[rows])."
+        )
+    _check_numbers(shot)
