@@ -25,6 +25,7 @@ from benchmarks import measure
 from moireaug.evaluation import Cell, Table, images_frame, rates
 from moireaug.evaluation.attackers import Attacker, MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import APGDTAttacker, SquareAttacker
+from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.loader import Batches
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
@@ -62,12 +63,12 @@ def measure_run(
     found = []
     # the first attack of a process pays for loading and caches
     warm = Table("warm-up", (Cell("MA", "1", (attackers(1)["MA"],)),))
-    for _ in Runner(model, batches, scene, Records(), seed=0).run(jobs_of([warm]), [0]):
+    for _ in Runner(model, batches, EvalSetup(scene), Records()).run(jobs_of([warm]), [0]):
         pass
     for steps in settings["steps"]:
         cells = [Cell(name, str(steps), (attack,)) for name, attack in attackers(steps).items()]
         table = Table("budget", tuple(cells))
-        runner = Runner(model, batches, scene, Records(), seed=0)
+        runner = Runner(model, batches, EvalSetup(scene), Records())
         for _ in runner.run(jobs_of([table]), range(len(batches))):
             pass
         lines = rates(images_frame([table], runner, range(len(batches))))

@@ -20,13 +20,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import pandas as pd
 
 from benchmarks import measure
-from moireaug.evaluation import SUITES
 from training.attack.protocol import SuiteAttack
 from training.attack.subject import subject_of_run
 from training.attack.suites import fabric_of, suite_config
 from training.config.overrides import merge_run_settings
 from training.config.schema import Reattack, ReattackConfig
 from training.runs import trained
+from training.suites import SUITES
 
 SLOW = {"adaptive": 3, "standard": 6}  # images of slow suites
 FULL: dict[str, Any] = {"n": 16, "steps": 20, "suites": tuple(SUITES)}

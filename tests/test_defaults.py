@@ -20,7 +20,6 @@ from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, attacks, c
 from moireaug.defenses import DEFENSES, Quilting, restore_mean
 from moireaug.engine import switch
 from moireaug.evaluation import evaluate
-from moireaug.evaluation.corruptions import CORRUPTIONS
 from moireaug.evaluation.visibility import visibility
 from moireaug.scene.presets import PRESETS
 from moireaug.synthesis.pairs import make_pair
@@ -33,6 +32,7 @@ from training.data import signs, splits
 from training.demoireing.tiles import tiled
 from training.models import classifiers as models
 from training.photographs.statistics import measure
+from training.suites.corruptions import CORRUPTIONS
 
 SIZE = (16, 20)
 IMAGES = torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(1))

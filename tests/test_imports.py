@@ -22,7 +22,7 @@ LIBRARY = (
     ("evaluation",),
 )
 APPLICATION = (
-    ("system",),
+    ("system", "suites"),
     ("config",),
     ("data", "models", "photographs"),
     ("runs",),

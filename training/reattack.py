@@ -33,7 +33,6 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from moireaug.common.argument_checks import one_of
-from moireaug.evaluation import GROUPS, SUITES
 from training.attack.protocol import attack, attack_run
 from training.attack.results import publish, publish_suite, run_metrics
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
@@ -46,6 +45,7 @@ from training.runs.metrics import Metrics, PlainMetrics, RunMetrics
 from training.runs.reuse import read_baseline_of
 from training.runs.run import Run, locked_folder
 from training.runs.trained import TrainedRun, read, read_training_cost
+from training.suites import GROUPS, SUITES
 from training.system.processes import join_launch
 from training.trainer.ranks import run_job
 

@@ -15,17 +15,17 @@ from moireaug.attacks.model import class_count
 from moireaug.common.argument_checks import check_callable, check_count, one_of
 from moireaug.common.networks import device_of
 from moireaug.defenses import Defence
-from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import ImageTransform, Model
 from moireaug.evaluation.draws import restored_generators
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity_of, require_identity
 from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.loader import Batch, collect_batches
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import CLEAN, Runner, jobs_of, show_progress
 from moireaug.evaluation.statistics import wilson
-from moireaug.evaluation.suites import OPTION_SUITES, check_used, tables_of
+from moireaug.evaluation.suites import OPTION_SUITES, Suite, check_used, suite_name, tables_of
 from moireaug.evaluation.tables import SuiteConfig, Table, paper_defences
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
@@ -37,7 +37,7 @@ N_TO_TELL_CHANCE = 20  # clean images, below which guessing cannot be told from 
 def evaluate(
     model: Model,
     loader: Iterable[Batch],
-    suite: str = "ladder",
+    suite: str | Suite = "ladder",
     scene: Scene | str | dict | list | tuple = "screen_photo",
     *,
     eps: float | Sequence[float] | None = None,
@@ -47,7 +47,6 @@ def evaluate(
     seed: int = 0,
     targets: Mapping[str, Model] | None = None,
     defences: Mapping[str, ImageTransform] | None = None,
-    networks: Mapping[str, ImageTransform] | None = None,
     folder: str | Path | None = None,
     identity: str | bytes | None = None,
     lpips: str | Path | None = None,
@@ -64,30 +63,25 @@ def evaluate(
             restored. Put a normalisation inside: `attacks.Normalized(model, mean, std)`.
         loader: batches of (images, labels), as a DataLoader yields them; uint8 images are divided
             by 255. Its order must not change where `folder` is given.
-        suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
+        suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`; or a function of an
+            `evaluation.SuiteConfig` that returns an `evaluation.Table`, or a list of them.
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
             photographed in one of them, the same for all conditions. One shot is drawn per image.
-        eps: bounds of the noise, in [0, 1] units: ladder, full_ladder, success, mean_normalised,
-            budget and standard attack at each, the others at the middle one, of two at the greater.
-            None is 2, 4 and 8/255, or the suite's own: those that the paper prints, or 4 and 8/255
-            for standard. worst_case always has these two; threat and unseen attack nothing.
+        eps: bounds of the noise, in [0, 1] units: ladder, full_ladder and standard attack at each,
+            the others at the middle one, of two at the greater. None is 2, 4 and 8/255, or 4 and
+            8/255 for standard. worst_case always has these two; unseen attacks nothing.
         bound: what the eps of noise on a raw reading counts: "codes" or "light", as of
             `attacks.MoireAttack`. Of attacks on pixels, it always counts codes.
         steps: gradient steps of every attack.
         n: number of images; None is all.
         seed: of shots, targets and random starts.
-        targets: name to model, for the suites "transfer", "trust" and "paper".
-        defences: name to defence, in addition to the paper's, or replacing the one of that name.
-            jpeg, mean_normalised and noise_position have rows for the paper's alone; defences and
-            adaptive have one for every new name, but not for each of the paper's.
-        networks: name to demoiréing network, for "demoireing" and "paper": from `demoire.load`, or
-            any callable from images to images. "mopnet", "mddm", "fhde2net" and "amnet" are shown
-            with the paper's figures.
+        targets: name to model, for the suite "trust".
+        defences: name to defence, in addition to the paper's, or replacing the one of that name:
+            adaptive has a row for every new name, but not for each of the paper's.
         folder: where records are kept as they come, so that the same call resumes where it stopped;
             None keeps them in memory. Their keys hold pixels, weights and plain settings: model,
-            targets, defences and networks must be Modules or defences of `defenses`; anything else
-            states its identity, a text to change whenever its answers change, in an attribute
-            `identity`.
+            targets and defences must be Modules or defences of `defenses`; anything else states
+            its identity, a text to change whenever its answers change, in an attribute `identity`.
         identity: such a text for the model, in addition to its weights.
         lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16, with
             which the LPIPS of every attack is measured; None does not measure it.
@@ -109,7 +103,7 @@ def evaluate(
             identified; an lpips file of another network.
     """
     models = {"model": model, **(targets or {})}
-    transforms = {**(defences or {}), **(networks or {})}
+    transforms = dict(defences or {})
     for name, one in models.items():
         check_callable(name, one)
     for name, one in transforms.items():
@@ -127,17 +121,12 @@ def evaluate(
         eps=eps,
         steps=steps,
         targets=targets or {},
-        defences=paper_defences() | dict(defences or {}),
-        networks={name: Demoire(network) for name, network in (networks or {}).items()},
+        defences=paper_defences() | transforms,
     )
     batches = collect_batches(loader, n)
     tables = tables_of(suite, config)
-    options: dict[str, object] = {"eps": eps, "targets": targets, "defences": defences}
-    options |= {"networks": networks, "lpips": lpips}
-    for option, value in options.items():
-        if value:
-            check_used(suite, option, OPTION_SUITES[option])
-    _check_defence_names(suite, tables, config, defences or {})
+    _check_options(suite, eps=eps, targets=targets, defences=defences, lpips=lpips)
+    _check_defence_names(suite_name(suite), tables, config, transforms)
     lpips_network = None
     if lpips is not None:
         lpips_network = LPIPS(lpips)
@@ -150,21 +139,14 @@ def evaluate(
         n_classes = class_count(model, images, labels)
     records = Records() if folder is None else RecordFolder(Path(folder))
     with records:
-        runner = Runner(
-            model,
-            batches,
-            config.scene,
-            records,
-            seed=seed,
-            bound=bound,
-            model_identity=identity_of(model, identity),
-            lpips=lpips_network,
-        )
+        setup = EvalSetup(config.scene, seed, bound, lpips_network)
+        runner = Runner(model, batches, setup, records, identity_of(model, identity))
         jobs = jobs_of(tables)
         indices = range(len(batches))
         done = runner.run(jobs, indices)
         right, n_seen, n_batches = 0, 0, 0
-        for job in show_progress(done, len(jobs) * len(batches), suite, enabled=progress):
+        total = len(jobs) * len(batches)
+        for job in show_progress(done, total, suite_name(suite), enabled=progress):
             if job.condition is CLEAN and n_seen < N_TO_TELL_CHANCE:
                 record = runner.record(CLEAN, UNDEFENDED, n_batches)
                 right += int(np.equal(record["predicted"], record["labels"]).sum())
@@ -196,14 +178,21 @@ def _check_devices(model: Model, parts: Mapping[str, Model]) -> None:
                 )
 
 
+def _check_options(suite: str | Suite, **options: object) -> None:
+    """Refuse options that a suite of the library has no use for: ValueError."""
+    for option, value in options.items():
+        if value and isinstance(suite, str):
+            check_used(suite, option, OPTION_SUITES[option])
+
+
 def _check_defence_names(
     suite: str, tables: Sequence[Table], config: SuiteConfig, names: Iterable[str]
 ) -> None:
     """Refuse the name of a defence that stands in no table: ValueError."""
     judged = {id(cell.judge.defence) for table in tables for cell in table.cells}
     known = [name for name, defence in config.defences.items() if id(defence) in judged]
-    advice = "Use one of these names, or suite=defences or adaptive."
-    if suite in ("defences", "adaptive"):
+    advice = "Use one of these names, or suite=adaptive."
+    if suite == "adaptive":
         advice = "Give yours another name, and it gets a row."
     for name in names:
         if name not in known:
@@ -219,5 +208,5 @@ def _require_identities(model: Model, stated: str | bytes | None, config: SuiteC
         require_identity("the model", model)
     elif not isinstance(stated, (str, bytes)) or not stated:
         raise TypeError(f"identity must be a text that identifies the model; got {stated!r}.")
-    for name, part in {**config.targets, **config.defences, **config.networks}.items():
+    for name, part in {**config.targets, **config.defences}.items():
         require_identity(name, part)

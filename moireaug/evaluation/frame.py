@@ -85,7 +85,7 @@ def _condition_frame(
         "condition": condition.name,
         "control": condition.control,
         "eps": condition.eps,
-        "bound": condition.eps_unit(runner.bound),
+        "bound": condition.eps_unit(runner.setup.bound),
         "steps": getattr(condition, "steps", 0),
         "targeted": condition.targeted,
         "judge": judge.name,

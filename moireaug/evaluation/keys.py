@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor, nn
 
+from moireaug.attacks.bounds import BOUNDS
+from moireaug.common.argument_checks import one_of
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.identity import identity_of
 from moireaug.evaluation.judges import Judge
@@ -16,34 +19,46 @@ from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
 
 
+@dataclass(frozen=True)
+class EvalSetup:
+    """The settings that all conditions of an evaluation share.
+
+    Args:
+        scene: scene, or mixture of scenes, of which one shot is drawn per image; conditions may
+            have their own.
+        seed: seed of shots, targets, random starts and randomised judges, see `BatchDraws`.
+        bound: what the eps of noise on a reading counts: "codes" or "light".
+        lpips: `visibility.LPIPS` to measure every attack with, or None. Records with and without
+            it have different keys.
+    """
+
+    scene: Scene | Mixture
+    seed: int = 0
+    bound: str = "codes"
+    lpips: nn.Module | None = None
+
+    def __post_init__(self) -> None:
+        one_of("bound", self.bound, BOUNDS)
+
+    def scene_of(self, condition: Condition) -> Scene | Mixture:
+        """Return the scene of a condition's photos."""
+        return self.scene if condition.scene is None else condition.scene
+
+
 class RecordKeys:
     """The keys of the records of one model.
 
     Args:
         model_identity: identity of the model.
         batches: test images.
-        scene: scene, or mixture of scenes, of conditions without one of their own.
-        seed: seed of the evaluation.
-        bound: what the eps of noise on a reading counts.
-        lpips: network that attacks are measured with, or None. Records with and without it have
-            different keys.
+        setup: settings of the evaluation.
     """
 
-    def __init__(
-        self,
-        model_identity: str,
-        batches: Batches,
-        scene: Scene | Mixture,
-        seed: int,
-        bound: str,
-        lpips: nn.Module | None,
-    ) -> None:
+    def __init__(self, model_identity: str, batches: Batches, setup: EvalSetup) -> None:
         self.model_identity = model_identity
         self.batches = batches
-        self.scene = scene
-        self.seed = seed
-        self.bound = bound
-        self._lpips_identity = None if lpips is None else identity_of(lpips)
+        self.setup = setup
+        self._lpips_identity = None if setup.lpips is None else identity_of(setup.lpips)
         self._batch_digests: dict[int, str] = {}
 
     def key(self, condition: Condition, judge: Judge, index: int) -> str:
@@ -60,13 +75,12 @@ class RecordKeys:
         self._batch_digests[index] = sha256.hexdigest()[:16]
 
     def _condition_fields(self, condition: Condition) -> dict[str, Any]:
-        scene = self.scene if condition.scene is None else condition.scene
         fields = {
             "model": self.model_identity,
-            "scene": scene.to_dict(),
+            "scene": self.setup.scene_of(condition).to_dict(),
             "condition": condition.settings() | {"name": condition.name},
-            "seed": self.seed,
-            "bound": condition.eps_unit(self.bound),
+            "seed": self.setup.seed,
+            "bound": condition.eps_unit(self.setup.bound),
         }
         if self._lpips_identity is not None and not condition.control:
             fields["lpips"] = self._lpips_identity

@@ -9,25 +9,21 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
-from moireaug.common.argument_checks import one_of
 from moireaug.common.networks import device_of
 from moireaug.common.progress import progress_bar
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.draws import BatchDraws, restored_generators
 from moireaug.evaluation.identity import identity_of
 from moireaug.evaluation.judges import UNDEFENDED, Judge
-from moireaug.evaluation.keys import RecordKeys
+from moireaug.evaluation.keys import EvalSetup, RecordKeys
 from moireaug.evaluation.loader import Batches
 from moireaug.evaluation.records import Record, Records
 from moireaug.evaluation.scene_batches import SceneBatches
 from moireaug.evaluation.tables import Table
-from moireaug.mixtures import Mixture
-from moireaug.scenes import Scene
 
 CLEAN = Clean()
 
@@ -90,36 +86,26 @@ class Runner:
     Args:
         model: function of [0, 1] images that returns logits; its state is restored.
         batches: test images.
-        scene: scene, or mixture of scenes, of which one shot is drawn per image.
+        setup: settings that all conditions share.
         records: finished records, looked up before anything is computed.
-        seed: seed of shots, targets, random starts and randomised judges, see `BatchDraws`.
-        bound: what the eps of noise on a reading counts: "codes" or "light".
         model_identity: identity of the model in records; None is its `identity_of`.
-        lpips: `visibility.LPIPS` to measure every attack with, or None.
     """
 
     def __init__(
         self,
         model: Model,
         batches: Batches,
-        scene: Scene | Mixture,
+        setup: EvalSetup,
         records: Records,
-        *,
-        seed: int = 0,
-        bound: str = "codes",
         model_identity: str | None = None,
-        lpips: nn.Module | None = None,
     ) -> None:
         self.model = model
         self.batches = batches
-        self.scene = scene
+        self.setup = setup
         self.records = records
-        self.seed = seed
-        self.bound = one_of("bound", bound, BOUNDS)
         self.model_identity = identity_of(model) if model_identity is None else model_identity
-        self.lpips = lpips
         self.device = device_of(model)
-        self.keys = RecordKeys(self.model_identity, batches, scene, seed, bound, lpips)
+        self.keys = RecordKeys(self.model_identity, batches, setup)
 
     def run(self, jobs: Sequence[Job], indices: Iterable[int]) -> Iterator[Job]:
         """Run jobs on the batches of these indices; yields each job when it is done on one batch.
@@ -165,7 +151,7 @@ class Runner:
         return pending
 
     def _batch(self, index: int, images: Tensor, labels: Tensor) -> _Batch:
-        draws = BatchDraws(self.seed, index)
+        draws = BatchDraws(self.setup.seed, index)
         with restored_generators(images.device):
             classes = class_count(self.model, images, labels)
         return _Batch(index, images, labels, draws.targets(labels, classes), draws)
@@ -173,8 +159,8 @@ class Runner:
     def _scene_batches(self, condition: Condition, batch: _Batch) -> SceneBatches:
         """Return the images with their shots, a batch for each scene of a mixture."""
         generator = batch.draws.condition_generator(condition.name)
-        scene = self.scene if condition.scene is None else condition.scene
         all_rows, batches = [], []
+        scene = self.setup.scene_of(condition)
         for rows, shot in batch.draws.shots(scene, batch.images):
             goals = batch.labels[rows], batch.targets[rows]
             batches.append(
@@ -184,8 +170,8 @@ class Runner:
                     *goals,
                     shot,
                     generator,
-                    lpips=self.lpips,
-                    bound=self.bound,
+                    lpips=self.setup.lpips,
+                    bound=self.setup.bound,
                 )
             )
             all_rows.append(rows)
@@ -211,7 +197,7 @@ class Runner:
                     "model": self.model_identity,
                     "condition": condition.name,
                     "settings": condition.settings(),
-                    "bound": condition.eps_unit(self.bound),
+                    "bound": condition.eps_unit(self.setup.bound),
                     "judge": judge.name,
                     "batch": batch.index,
                     "labels": batch.labels.tolist(),

@@ -44,8 +44,6 @@ class Table:
         pictures: (row, column) of each cell whose pictures a report shows.
         empty: reason of each row without figures.
         facts: further values for its note.
-        published: whether the paper prints figures of these cells; where a table has one bound,
-            they are at eps 4/255.
     """
 
     name: str
@@ -53,7 +51,6 @@ class Table:
     pictures: tuple[tuple[str, str], ...] = ()
     empty: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, Any] = field(default_factory=dict)
-    published: bool = True
 
     @property
     def rows(self) -> list[str]:
@@ -95,6 +92,16 @@ def check_bounds(bounds: object) -> None:
         check_eps(value)
 
 
+def check_names(names: Sequence[str]) -> None:
+    """Refuse names of targets and defences that are reserved, or given twice: ValueError."""
+    for name in names:
+        if name in RESERVED_NAMES or names.count(name) > 1:
+            raise ValueError(
+                f"{name!r} cannot name a target or a defence: it names another already, or is one "
+                f"of {', '.join(RESERVED_NAMES)}. Choose another."
+            )
+
+
 @dataclass(frozen=True, kw_only=True)
 class SuiteConfig:
     """The settings of a suite's tables.
@@ -109,8 +116,6 @@ class SuiteConfig:
         steps: gradient steps of every attack.
         targets: name to model for transfer; None where its weights are missing.
         defences: name to defence: by default the paper's.
-        networks: name to demoiréing network, as a defence.
-        without: name of a missing defence to the reason.
 
     Raises:
         ValueError: bounds that are none, repeated or not in [0, 1], or names that are taken.
@@ -122,8 +127,6 @@ class SuiteConfig:
     steps: int = 20
     targets: Mapping[str, Model | None] = field(default_factory=dict)
     defences: Mapping[str, ImageTransform] = field(default_factory=lambda: paper_defences())
-    networks: Mapping[str, ImageTransform] = field(default_factory=dict)
-    without: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scene", as_scenes(self.scene, self.shrink))
@@ -132,13 +135,7 @@ class SuiteConfig:
             object.__setattr__(self, "eps", tuple(map(_exact, self.eps)))
             if len(set(self.eps)) < len(self.eps):
                 raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
-        names = [*self.targets, *self.defences, *self.networks]
-        for name in names:
-            if name in RESERVED_NAMES or names.count(name) > 1:
-                raise ValueError(
-                    f"{name!r} cannot name a target, defence or network: it names another "
-                    f"already, or is one of {', '.join(RESERVED_NAMES)}. Choose another."
-                )
+        check_names([*self.targets, *self.defences])
 
     @property
     def middle(self) -> float:

@@ -7,6 +7,7 @@ from moireaug.evaluation import Cell, Table, images_frame
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.conditions import Photo, RandomNoise
 from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.tables import cross
@@ -51,7 +52,8 @@ def ran(known, tables=TABLE, indices=None, seed=3, records=None, scene=SCENE):
     """The runner that has run one or more tables on a model and its batches, by default on all."""
     model, batches = known
     tables = [tables] if isinstance(tables, Table) else tables
-    runner = Runner(model, batches, scene, Kept() if records is None else records, seed=seed)
+    setup = EvalSetup(scene, seed)
+    runner = Runner(model, batches, setup, Kept() if records is None else records)
     for _ in runner.run(jobs_of(tables), range(len(batches)) if indices is None else indices):
         pass
     return runner

@@ -10,6 +10,7 @@ from moireaug.attacks.bounds import bound_on_reading
 from moireaug.evaluation import evaluate, rates
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
 from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Runner
 from tests.evaluation.haze import CONDITIONS, EPS, SCENE
@@ -19,7 +20,7 @@ def test_keys_of_noise_on_a_reading_have_its_bound_and_others_are_shared(known):
     model, batches = known
     keys = {}
     for bound in ("codes", "light"):
-        runner = Runner(model, batches, SCENE, Records(), bound=bound)
+        runner = Runner(model, batches, EvalSetup(SCENE, bound=bound), Records())
         for index, batch in enumerate(batches):
             runner.keys.hash_batch(index, *batch)
         keys[bound] = {name: runner.key(c, UNDEFENDED, 0) for name, c in CONDITIONS.items()}

@@ -13,7 +13,9 @@ from moireaug import evaluation
 from moireaug.attacks import MoireAttack
 from moireaug.defenses import JPEG, Defended, TotalVariation
 from moireaug.evaluation import SuiteConfig, Table, evaluate, rates, tables_of
-from moireaug.evaluation.tables import paper_defences
+from moireaug.evaluation.attackers import MoireAttacker
+from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.tables import cross, paper_defences
 from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
 from tests.attacks.common import counting
@@ -69,15 +71,11 @@ def test_generators_arrays_and_bytes_are_taken(known):
     assert found["image"].nunique() == 11 and found["predicted"].equals(same["predicted"])
 
 
-@pytest.mark.parametrize(
-    ("suite", "bounds"),
-    [("success", (2, 4, 6, 8)), ("budget", (4, 8, 16, 32)), ("standard", (4, 8))],
-)
-def test_a_suite_attacks_at_the_bounds_asked_for(suite, bounds):
+def test_a_suite_attacks_at_the_bounds_asked_for():
     config = SuiteConfig(scene=SCENE, steps=1)
-    (usual,) = tables_of(suite, config)
-    (asked,) = tables_of(suite, dataclasses.replace(config, eps=(8 / 255, 1 / 255)))
-    assert usual.rows == [f"eps_{eps}" for eps in bounds] and asked.rows == ["eps_1", "eps_8"]
+    (usual,) = tables_of("standard", config)
+    (asked,) = tables_of("standard", dataclasses.replace(config, eps=(8 / 255, 1 / 255)))
+    assert usual.rows == ["eps_4", "eps_8"] and asked.rows == ["eps_1", "eps_8"]
     for table in (usual, asked):
         for cell in table.cells:
             attacked = [one for one in cell.conditions if not one.control]
@@ -87,9 +85,23 @@ def test_a_suite_attacks_at_the_bounds_asked_for(suite, bounds):
 
 def test_a_defence_stands_beside_the_papers():
     defences = paper_defences() | {"jpeg_75": JPEG(75)}
-    for suite in ("defences", "adaptive"):
-        (table,) = tables_of(suite, SuiteConfig(scene=SCENE, defences=defences))
-        assert "jpeg_75" in table.rows and "jpeg_80" not in table.rows
+    (table,) = tables_of("adaptive", SuiteConfig(scene=SCENE, defences=defences))
+    assert "jpeg_75" in table.rows and "jpeg_80" not in table.rows
+
+
+def test_a_suite_of_ones_own(known):
+    """With the options that the library's suites are asked for by name."""
+
+    def transfer_to_itself(config):
+        itself = Judge("itself", model=config.targets["itself"])
+        attacker = MoireAttacker(eps=config.middle, steps=config.steps)
+        rows = {"attacked": UNDEFENDED, "itself": itself}
+        return Table("transfer_to_itself", tuple(cross(rows, {"ma": attacker})))
+
+    settings = {"suite": transfer_to_itself, "eps": 8 / 255, "steps": 1, "progress": False}
+    lines = rates(evaluate(*known, **settings, targets={"itself": known[0]})).set_index("row")
+    assert lines["eps"].tolist() == [8 / 255] * 2
+    assert lines["outcomes"]["attacked"] == lines["outcomes"]["itself"]
 
 
 def test_labels_and_classes_are_checked_before_the_first_attack(known):

@@ -7,6 +7,7 @@ from torch import nn
 
 from moireaug.defenses import JPEG, Compose
 from moireaug.evaluation import evaluate
+from moireaug.evaluation.suites.ladder import ladder
 from tests.attacks.common import refusal
 
 IMAGES, ONE = torch.rand(2, 3, 8, 8), torch.zeros(1).long()
@@ -30,31 +31,31 @@ REFUSED = [
         "nothing tells mine, a function",
     ),
     (
-        {"targets": {"other": unknown}, "folder": "out", "suite": "transfer"},
+        {"targets": {"other": unknown}, "folder": "out", "suite": "trust"},
         "nothing tells other, a function",
     ),
     ({"identity": 3, "folder": "out"}, "identity must be a text that .* the model; got 3"),
     ({"identity": "", "folder": "out"}, "identity must be a text"),
-    ({"targets": {"other": nn.Identity()}}, "targets= is for suite=transfer or trust"),
+    ({"targets": {"other": nn.Identity()}}, "targets= is for suite=trust"),
     ({"targets": {"other": 3}}, "other must be a function or a torch module"),
-    ({"targets": {"model": nn.Identity()}}, "'model' cannot name a target, defence or network"),
+    ({"targets": {"model": nn.Identity()}}, "'model' cannot name a target or a defence"),
     (
-        {"targets": {"other": ELSEWHERE}, "suite": "transfer"},
+        {"targets": {"other": ELSEWHERE}, "suite": "trust"},
         r"other is on meta, the model on cpu: pass other.to\('cpu'\)",
     ),
     ({"defences": {"mine": unknown}}, "defences= is for suite=.*suite=ladder has no use"),
     (
-        {"defences": {"mine": unknown}, "suite": "noise_position"},
-        "suite=noise_position has no row for a defence 'mine', but for jpeg_20, jpeg_40. Use",
+        {"defences": {"mine": unknown}, "suite": ladder},
+        "suite=ladder has no row for a defence 'mine', but for . Use one",
     ),
     (
         {"defences": {"bits_4": unknown}, "suite": "adaptive"},
         "suite=adaptive has no row for a defence 'bits_4', .* Give yours another name, and it",
     ),
-    ({"defences": {"mine": JPEG}, "suite": "defences"}, "mine must be a function .* to images"),
+    ({"defences": {"mine": JPEG}, "suite": "adaptive"}, "mine must be a function .* to images"),
     ({"defences": {"d": Compose((ELSEWHERE,))}}, "d is on meta, the model on cpu"),
-    ({"networks": {"jpeg_60": unknown}}, "'jpeg_60' cannot name a target, defence or network"),
-    ({"networks": {"mine": unknown}}, "networks= is for suite=demoireing or paper"),
+    ({"suite": lambda config: 3}, r"suite must return a moireaug.evaluation.Table, .*; got 3"),
+    ({"suite": 3}, "suite must be one of 'ladder', .*; got 3"),
     ({"eps": 0.1, "suite": "unseen"}, "eps= is for suite=ladder.*suite=unseen has no use"),
     ({"eps": 0.1, "suite": "recipes"}, "suite=recipes has no use for it"),
     ({"lpips": "alexnet.pth", "suite": "unseen"}, "lpips= is for .*suite=unseen has no use"),

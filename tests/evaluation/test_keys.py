@@ -17,6 +17,7 @@ from moireaug.defenses import JPEG, Compose, Defended, PixelDeflection, Quilting
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.identity import identity_of, require_identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner
 from tests.evaluation.haze import CONDITIONS, EPS, SCENE, ran, table_of
@@ -239,7 +240,7 @@ def test_a_key_changes_with_model_scene_pixels_and_judge(known):
     model, batches = known
 
     def key(model=model, batches=batches, scene=SCENE, seed=3, judge=UNDEFENDED):
-        runner = Runner(model, batches, scene, Records(), seed=seed)
+        runner = Runner(model, batches, EvalSetup(scene, seed), Records())
         return runner.key(CONDITIONS["ma"], judge, 0)
 
     assert key() == key(copy.deepcopy(model))

@@ -8,6 +8,7 @@ import torchvision
 from torchmetrics.functional.image import lpips as published
 
 from moireaug.evaluation import SuiteConfig, evaluate, rates
+from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.suites.ladder import ladder
@@ -115,7 +116,9 @@ def test_an_evaluation_measures_every_attack_and_no_control(known, weights):
 
 def test_records_without_it_are_others(known, measure):
     scene = Scene.preset("screen_photo")
-    runners = [Runner(*known, scene, Records(), lpips=given) for given in (None, measure)]
+    runners = [
+        Runner(*known, EvalSetup(scene, lpips=given), Records()) for given in (None, measure)
+    ]
     differing = []
     for condition, (judge,) in jobs_of([ladder(SuiteConfig(scene=scene, eps=(4 / 255,), steps=1))]):
         keys = {runner.key(condition, judge, 0) for runner in runners}

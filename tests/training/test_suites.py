@@ -7,8 +7,7 @@ import warnings
 
 import pytest
 
-from moireaug.evaluation import GROUPS, SuiteConfig
-from moireaug.evaluation.suites import scenes
+from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.suites.scenes import other_scenes
 from tests.training.tiny_suites import cells, configured, folder_of, records_of, suite
 from training.attack import protocol as attacking
@@ -18,6 +17,7 @@ from training.data.load import load
 from training.models import classifiers as models
 from training.report.published import read_published
 from training.report.suite_view import CONTROL_COLUMNS
+from training.suites import GROUPS, threat_scenes
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -28,8 +28,10 @@ def whole(weights, tmp_path_factory):
     display and two cameras alone: (its metrics, its folder)."""
     runs = tmp_path_factory.mktemp("runs")
     with warnings.catch_warnings(action="ignore"), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenes, "DISPLAY_CAMERA_PAIRS", scenes.DISPLAY_CAMERA_PAIRS[:2])
-        patch.setattr(scenes, "DISPLAYS", list(scenes.DISPLAYS)[:1])
+        pairs = threat_scenes.DISPLAY_CAMERA_PAIRS[:2]
+        patch.setattr(threat_scenes, "DISPLAY_CAMERA_PAIRS", pairs)
+        display, _ = pairs[0]
+        patch.setattr(threat_scenes, "DISPLAYS", {display: threat_scenes.DISPLAYS[display]})
         targets = f"targets={{small_resnet: {weights}, resnet34: null}}"
         found = suite("paper", weights, runs, targets, "reattack.n=3")
     return found, folder_of(runs, "paper", 3)

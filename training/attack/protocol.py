@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import pandas as pd
 from torch import nn
 
-from moireaug.evaluation import SuiteConfig, Table, tables_of
+from moireaug.evaluation import Table
 from moireaug.evaluation.frame import images_frame, rates
+from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of, show_progress
 from moireaug.evaluation.suites.trust import trust
@@ -27,6 +28,8 @@ from training.data.eval_batches import EvalBatches
 from training.data.splits import Splits
 from training.report.published import with_paper
 from training.runs.trained import TrainedRun
+from training.suites import tables_of
+from training.suites.config import PaperConfig
 from training.system import machine
 
 MAX_CHECKED_IMAGES = 96  # images that the checks look at, in whole batches
@@ -50,11 +53,11 @@ class Protocol(NamedTuple):
     lpips: LPIPS | None = None
     shrink: Any = None
 
-    def config(self) -> SuiteConfig:
+    def config(self) -> PaperConfig:
         """Return the configuration of suites, without targets and further defences."""
         settings = self.settings
         eps = None if settings.eps is None else tuple(settings.eps)
-        return SuiteConfig(scene=self.scene, shrink=self.shrink, eps=eps, steps=settings.steps)
+        return PaperConfig(scene=self.scene, shrink=self.shrink, eps=eps, steps=settings.steps)
 
     @property
     def checked_batches(self) -> range:
@@ -108,7 +111,7 @@ class SuiteAttack:
         suite: str,
         protocol: Protocol,
         records: Path,
-        config: SuiteConfig | None = None,
+        config: PaperConfig | None = None,
         *,
         check: bool = True,
     ) -> None:
@@ -124,15 +127,8 @@ class SuiteAttack:
         model = model.to(protocol.batches.device).eval()
         settings = protocol.settings
         self.records = RecordFolder(records)
-        self.runner = Runner(
-            model,
-            protocol.batches,
-            protocol.scene,
-            self.records,
-            seed=settings.seed,
-            bound=settings.bound,
-            lpips=protocol.lpips,
-        )
+        setup = EvalSetup(protocol.scene, settings.seed, settings.bound, protocol.lpips)
+        self.runner = Runner(model, protocol.batches, setup, self.records)
         self.seconds: dict[str, float] = {}
 
     def run(self, title: str, rank: int = 0, world: int = 1) -> None:
@@ -163,7 +159,7 @@ class SuiteAttack:
         self.records.read()
         require_all_records(self.runner, self.phases.values())
         images = images_frame(self.tables, self.runner, self.all_batches)
-        cells = with_paper(rates(images), self.tables)
+        cells = with_paper(rates(images), self.config.middle)
         check_metrics: Metrics = {}
         if self.check:
             trust_images = images_frame([self.trust_table], self.runner, self.checked_batches)

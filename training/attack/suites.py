@@ -19,10 +19,8 @@ from torch.utils.data import Subset
 
 from moireaug.defenses import Quilting, demoire
 from moireaug.defenses.demoire import Demoire
-from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import ImageTransform
 from moireaug.evaluation.identity import require_identity
-from moireaug.evaluation.suites import OPTION_SUITES
 from training.attack.protocol import AttackResult, SuiteAttack
 from training.attack.subject import Subject
 from training.config.data_sets import Data
@@ -31,6 +29,8 @@ from training.data.splits import Splits
 from training.models.classifiers import as_model, model_names
 from training.runs.identity import fingerprint_of, result_settings
 from training.runs.trained import read
+from training.suites import OPTION_SUITES
+from training.suites.config import PaperConfig
 
 if TYPE_CHECKING:
     from lightning import Fabric
@@ -75,7 +75,7 @@ def fabric_of(trainer: Trainer) -> Fabric:
     return fabric
 
 
-def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> SuiteConfig:
+def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> PaperConfig:
     """Return the configuration of the suite that these settings name.
 
     Raises:

@@ -8,12 +8,11 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from moireaug.evaluation.suites import OPTION_SUITES, check_used
+from moireaug.evaluation.suites import check_used
 from training.config.data_sets import DATA, DEFAULT_DATA, EPOCHS
 from training.config.schema import RECIPES, Config, ReattackConfig, Trainer, as_config
 from training.config.settings import Facts, settings_of, value_of, with_values
-
-DEMOIRE_SUITES = ("defences", "demoireing", "paper")  # suites that have a use for demoire=
+from training.suites import OPTION_SUITES
 
 
 def check(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
@@ -42,10 +41,8 @@ def check(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
             )
         if key == "reattack.eps" and cfg.reattack.eps is not None:
             check_used(cfg.suite, key, OPTION_SUITES["eps"])
-        if top in ("targets", "networks", "lpips") and getattr(cfg, top) is not None:
+        if top in ("targets", "networks", "demoire", "lpips") and getattr(cfg, top) is not None:
             check_used(cfg.suite, top, OPTION_SUITES[top])
-        if top == "demoire" and cfg.demoire is not None:
-            check_used(cfg.suite, top, DEMOIRE_SUITES)
         if top == "trainer" and _has_no_effect(
             key.removeprefix("trainer."), cfg.trainer, cfg.suite
         ):

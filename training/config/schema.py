@@ -188,7 +188,10 @@ class ReattackConfig(Config):
         "a run's folder; its own settings hold, except for those on the command line",
         is_path=True,
     )
-    suite: str = setting("ladder", "ladder, standard, …: docs/evaluation.md, Suites")
+    suite: str = setting(
+        "ladder",
+        "ladder, standard, …: docs/evaluation.md, Suites; the paper's are in training/suites",
+    )
     targets: Any = setting(
         None,
         "suite=transfer, trust or paper: name to a file of weights or a run's folder",

@@ -1,4 +1,4 @@
-"""Suites: the tables that answer a question, each a short definition.
+"""Suites: functions that lay out the tables which answer a question.
 
 Rows and columns are laid out so that the controls stand beside the attack that they control: the
 same shots without noise, and with noise of random sign.
@@ -10,71 +10,31 @@ from collections.abc import Callable, Sequence
 
 from moireaug.common.argument_checks import one_of
 from moireaug.evaluation.suites.adaptive import adaptive
-from moireaug.evaluation.suites.appearance import appearance
-from moireaug.evaluation.suites.demoireing import demoireing
 from moireaug.evaluation.suites.ensembles import standard, worst_case
 from moireaug.evaluation.suites.ladder import full_ladder, ladder
-from moireaug.evaluation.suites.paper import (
-    budget,
-    defences,
-    factors,
-    jpeg,
-    mean_normalised,
-    noise_position,
-    success,
-    transfer,
-)
-from moireaug.evaluation.suites.scenes import threat, unseen
-from moireaug.evaluation.suites.shifts import shifts
+from moireaug.evaluation.suites.scenes import unseen
 from moireaug.evaluation.suites.trust import trust
 from moireaug.evaluation.tables import SuiteConfig, Table
+
+Suite = Callable[[SuiteConfig], Table | Sequence[Table]]
 
 SUITES: dict[str, Callable[[SuiteConfig], Table]] = {
     "ladder": ladder,
     "full_ladder": full_ladder,
-    "success": success,
-    "mean_normalised": mean_normalised,
-    "jpeg": jpeg,
-    "defences": defences,
-    "demoireing": demoireing,
-    "transfer": transfer,
-    "budget": budget,
-    "factors": factors,
-    "noise_position": noise_position,
-    "appearance": appearance,
-    "threat": threat,
     "adaptive": adaptive,
     "standard": standard,
     "worst_case": worst_case,
     "unseen": unseen,
-    "shifts": shifts,
     "trust": trust,
 }
-GROUPS: dict[str, tuple[str, ...]] = {
-    "paper": (
-        "success",
-        "mean_normalised",
-        "jpeg",
-        "defences",
-        "demoireing",
-        "transfer",
-        "budget",
-        "factors",
-        "noise_position",
-        "appearance",
-        "threat",
-        "adaptive",
-    ),
-    "recipes": ("worst_case", "unseen"),
-}
-ATTACK_FREE_SUITES = ("threat", "unseen")
+GROUPS: dict[str, tuple[str, ...]] = {"recipes": ("worst_case", "unseen")}
+ATTACKING_SUITES = tuple(name for name in (*SUITES, *GROUPS) if name != "unseen")
 # options that only some suites use, and those suites
 OPTION_SUITES: dict[str, tuple[str, ...]] = {
-    "eps": (*(name for name in SUITES if name not in (*ATTACK_FREE_SUITES, "worst_case")), "paper"),
-    "targets": ("transfer", "trust", "paper"),
-    "defences": ("mean_normalised", "jpeg", "defences", "noise_position", "adaptive", "paper"),
-    "networks": ("demoireing", "paper"),
-    "lpips": tuple(name for name in (*SUITES, *GROUPS) if name not in ATTACK_FREE_SUITES),
+    "eps": tuple(name for name in ATTACKING_SUITES if name not in ("worst_case", "recipes")),
+    "targets": ("trust",),
+    "defences": ("adaptive",),
+    "lpips": ATTACKING_SUITES,
 }
 
 
@@ -87,11 +47,30 @@ def check_used(suite: str, option: str, suites: Sequence[str]) -> None:
         )
 
 
-def tables_of(suite: str, config: SuiteConfig) -> list[Table]:
+def tables_of(suite: str | Suite, config: SuiteConfig) -> list[Table]:
     """Return the tables of a suite, or of a group of them.
 
+    Args:
+        suite: a key of `SUITES` or `GROUPS`, or a function of the config that returns a table, or
+            several.
+        config: settings of the tables.
+
     Raises:
-        ValueError: an unknown suite; the message lists the known ones.
+        ValueError: an unknown name; the message lists the known ones.
+        TypeError: a function that returns anything but tables.
     """
+    if callable(suite):
+        made = suite(config)
+        tables = [made] if isinstance(made, Table) else made
+        if not isinstance(tables, Sequence) or not all(isinstance(one, Table) for one in tables):
+            raise TypeError(
+                f"suite must return a moireaug.evaluation.Table, or a list of them; got {made!r}."
+            )
+        return list(tables)
     one_of("suite", suite, (*SUITES, *GROUPS))
     return [SUITES[name](config) for name in GROUPS.get(suite, (suite,))]
+
+
+def suite_name(suite: str | Suite) -> str:
+    """Return the name of a suite in messages."""
+    return suite if isinstance(suite, str) else getattr(suite, "__name__", type(suite).__name__)

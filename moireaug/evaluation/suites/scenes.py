@@ -1,42 +1,14 @@
-"""Natural moiré of displays and cameras, and of scenes that a model was not trained in."""
+"""Natural moiré of scenes that a model was not trained in."""
 
 from __future__ import annotations
 
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
-from moireaug.evaluation.suites.threat_scenes import (
-    ANGLES,
-    DISPLAY_CAMERA_PAIRS,
-    DISPLAYS,
-    threat_scene,
-)
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, undefended_row
+from moireaug.evaluation.tables import SuiteConfig, Table, undefended_row
 from moireaug.mixtures import as_scenes, scenes_of
 from moireaug.scene.presets import PRESETS
 from moireaug.scenes import Scene, preset_name
 
 OWN_SCENE_ROW = "own_scene"
-
-
-def threat(config: SuiteConfig) -> Table:
-    """Paper, section 3.1 and figure 3: displays x cameras x angles."""
-    cells: list[Cell] = []
-    for display, camera in DISPLAY_CAMERA_PAIRS:
-        row = f"{display}, {camera}"
-        photos, plain = [], []
-        for angle in ANGLES:
-            place = f"{row}, {angle}"
-            scene = as_scenes(threat_scene(display, camera, angle), config.shrink)
-            photos.append(Photo().at(place, scene))
-            plain.append(PhotoWithoutMoire().at(place, scene))
-            cells.append(Cell(row, f"angle_{angle}", (photos[-1],)))
-        cells.append(Cell(row, "all", tuple(photos)))
-        cells.append(Cell(row, "all_no_moire", tuple(plain)))
-    pictures = []
-    for display in DISPLAYS:
-        pictures.append((f"{display}, {DISPLAY_CAMERA_PAIRS[0][1]}", "angle_90"))
-    for angle in ANGLES:
-        pictures.append((", ".join(DISPLAY_CAMERA_PAIRS[-1]), f"angle_{angle}"))
-    return Table("threat", tuple(cells), pictures=tuple(pictures))
 
 
 def other_scenes(config: SuiteConfig) -> dict[str, Scene]:

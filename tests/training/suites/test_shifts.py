@@ -9,11 +9,13 @@ import pytest
 import torch
 from PIL import Image
 
-from moireaug.evaluation import SuiteConfig, tables_of
+from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import EvalBatch
-from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
+from moireaug.evaluation.suites.ladder import ladder
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.scenes import Scene
+from training.suites.corruptions import CORRUPTIONS, Corrupted
+from training.suites.shifts import shifts
 
 SCENE = Scene.preset("screen_photo")
 AMOUNTS = [(name, amount) for name, (_, amounts) in CORRUPTIONS.items() for amount in amounts]
@@ -86,7 +88,7 @@ def test_jpeg_is_the_codecs_file():
 
 
 def test_rows_are_scenes_photos_the_image_and_its_corruptions():
-    (table,) = tables_of("shifts", SuiteConfig(scene=SCENE))
+    table = shifts(SuiteConfig(scene=SCENE))
     corruptions = [f"{name}_{amount:g}" for name, amount in AMOUNTS]
     names = other_scenes(SuiteConfig(scene=SCENE))
     others = [OWN_SCENE_ROW, *names, "photo_jpeg_60", "camera_frame"]
@@ -95,17 +97,17 @@ def test_rows_are_scenes_photos_the_image_and_its_corruptions():
         attacked = table.cell(row, "attacked")
         assert (attacked is None) == (row in corruptions)
     (own,) = table.cell(OWN_SCENE_ROW, "attacked").conditions
-    (ladder,) = tables_of("ladder", SuiteConfig(scene=SCENE))
-    assert own.settings() == ladder.cell("ma_4", "answer").conditions[0].settings()
+    rung = ladder(SuiteConfig(scene=SCENE)).cell("ma_4", "answer")
+    assert own.settings() == rung.conditions[0].settings()
 
 
 def test_photos_that_are_so_anyhow_are_not_asked_for_again():
-    (whole,) = tables_of("shifts", SuiteConfig(scene=SCENE))
+    whole = shifts(SuiteConfig(scene=SCENE))
     for change, missing in (
         ({"jpeg": 80.0}, "photo_jpeg_60"),
         ({"registered": False}, "camera_frame"),
     ):
         develop = dataclasses.replace(SCENE.develop, **change)
         scene = dataclasses.replace(SCENE, develop=develop)
-        (table,) = tables_of("shifts", SuiteConfig(scene=scene))
+        table = shifts(SuiteConfig(scene=scene))
         assert missing not in table.rows and missing in whole.rows

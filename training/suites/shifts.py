@@ -7,12 +7,12 @@ from functools import partial
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.conditions import Clean, Condition, Photo, in_255ths
-from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 from moireaug.mixtures import Mixture, map_scenes
 from moireaug.scene.by_name import with_values
 from moireaug.scenes import Scene
+from training.suites.corruptions import CORRUPTIONS, Corrupted
 
 UNATTACKED_COLUMN, ATTACKED_COLUMN = "unattacked", "attacked"
 JPEG_QUALITY = 60  # of a photo saved as a JPEG file

@@ -22,6 +22,7 @@ from moireaug.mixtures import map_scenes, scenes_of
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scenes import Scene
+from training.suites.config import PaperConfig
 
 PAPER_EPS = (2 / 255, 4 / 255, 6 / 255, 8 / 255)
 BUDGET_EPS = (4 / 255, 8 / 255, 16 / 255, 32 / 255)
@@ -40,11 +41,6 @@ def paper_attacks(config: SuiteConfig) -> dict[str, Condition]:
         bound = 0.0 if name == "cw" else eps
         attackers[name] = PixelAttacker(attack=name, eps=bound, steps=steps, until_fooled=False)
     return attackers
-
-
-def is_published(config: SuiteConfig) -> bool:
-    """Return whether the bound is the one that the paper compares at, 4/255."""
-    return in_255ths(config.middle) == "4"
 
 
 def success(config: SuiteConfig) -> Table:
@@ -93,7 +89,7 @@ def jpeg(config: SuiteConfig) -> Table:
     return dataclasses.replace(table, pictures=pictures)
 
 
-def defences(config: SuiteConfig) -> Table:
+def defences(config: PaperConfig) -> Table:
     """Paper, table 4: the attacks after other input transformations."""
     judges = {"undefended": UNDEFENDED}
     for name in config.defences:
@@ -119,7 +115,7 @@ def _attacks_table(
 ) -> Table:
     """Lay out the paper's attacks, and their controls, before each judge."""
     cells = cross(judges, controls(config.middle) | paper_attacks(config))
-    return Table(name, tuple(cells), empty=empty, published=is_published(config))
+    return Table(name, tuple(cells), empty=empty)
 
 
 def budget(config: SuiteConfig) -> Table:
@@ -197,4 +193,4 @@ def noise_position(config: SuiteConfig) -> Table:
     judges = {"undefended": UNDEFENDED}
     for quality in (20, 40):
         judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    return Table("noise_position", tuple(cross(judges, columns)), published=is_published(config))
+    return Table("noise_position", tuple(cross(judges, columns)))

@@ -6,15 +6,16 @@ from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import APGDAttacker
 from moireaug.evaluation.conditions import Condition, controls
 from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
-from moireaug.evaluation.suites.paper import is_published, paper_attacks
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, worst_of
+from moireaug.evaluation.tables import Cell, Table, cross, worst_of
+from training.suites.config import PaperConfig
+from training.suites.paper import paper_attacks
 
 PAPER_NETWORKS = ("mopnet", "mddm", "fhde2net", "amnet")
 LARGER_EPS = 8 / 255  # the paper's other bound
 MISSING_WEIGHTS = "no weights were given"
 
 
-def demoireing(config: SuiteConfig) -> Table:
+def demoireing(config: PaperConfig) -> Table:
     """Paper, table 5: the attacks after demoiréing networks. The attackers know of none of them,
     except APGD, which goes through each network's own gradient."""
     judges: dict[str, Judge] = {"undefended": UNDEFENDED}
@@ -34,5 +35,4 @@ def demoireing(config: SuiteConfig) -> Table:
         tuple(cells),
         pictures=tuple(("undefended", column) for column in columns),
         empty=missing,
-        published=is_published(config),
     )

@@ -20,6 +20,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table
+from moireaug.mixtures import as_scenes
 from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
 from moireaug.scenes import Scene
 
@@ -85,3 +88,25 @@ def threat_scene(display: str, camera: str, angle: float) -> Scene:
         sensor=Sensor(pitch=pitch(display, camera), gain=screen.gain, read_noise=0.005),
         develop=Develop(linear_light=True),
     )
+
+
+def threat(config: SuiteConfig) -> Table:
+    """Paper, section 3.1 and figure 3: displays x cameras x angles."""
+    cells: list[Cell] = []
+    for display, camera in DISPLAY_CAMERA_PAIRS:
+        row = f"{display}, {camera}"
+        photos, plain = [], []
+        for angle in ANGLES:
+            place = f"{row}, {angle}"
+            scene = as_scenes(threat_scene(display, camera, angle), config.shrink)
+            photos.append(Photo().at(place, scene))
+            plain.append(PhotoWithoutMoire().at(place, scene))
+            cells.append(Cell(row, f"angle_{angle}", (photos[-1],)))
+        cells.append(Cell(row, "all", tuple(photos)))
+        cells.append(Cell(row, "all_no_moire", tuple(plain)))
+    pictures = []
+    for display in DISPLAYS:
+        pictures.append((f"{display}, {DISPLAY_CAMERA_PAIRS[0][1]}", "angle_90"))
+    for angle in ANGLES:
+        pictures.append((", ".join(DISPLAY_CAMERA_PAIRS[-1]), f"angle_{angle}"))
+    return Table("threat", tuple(cells), pictures=tuple(pictures))

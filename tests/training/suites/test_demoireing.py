@@ -6,8 +6,11 @@ from torchvision.transforms.functional import gaussian_blur
 
 from moireaug import Scene
 from moireaug.defenses.demoire import Demoire
-from moireaug.evaluation import SuiteConfig, evaluate, rates, tables_of
+from moireaug.evaluation import rates
 from tests.evaluation.haze import cell_of, frame_of
+from training.report.published import ONE_BOUND_TABLES, with_paper
+from training.suites.config import PaperConfig
+from training.suites.demoireing import demoireing
 
 SCENE = Scene.preset("screen_photo")
 
@@ -29,8 +32,8 @@ NETWORKS = {"mddm": nn.Identity(), "smooth": smooth, "grey": grey}
 def measured(known):
     """(table, rates) of three networks before the small model, 8 images."""
     networks = {name: Demoire(network) for name, network in NETWORKS.items()}
-    config = SuiteConfig(scene=SCENE, eps=(12 / 255,), steps=4, networks=networks)
-    (table,) = tables_of("demoireing", config)
+    config = PaperConfig(scene=SCENE, eps=(12 / 255,), steps=4, networks=networks)
+    table = demoireing(config)
     return table, rates(frame_of((known[0], known[1][:1]), table))
 
 
@@ -49,9 +52,16 @@ def test_an_identity_is_no_defence(measured):
             assert found[0]["outcomes"] == found[1]["outcomes"], column
 
 
-def test_the_papers_figures_are_of_its_own_bound():
-    (other,) = tables_of("demoireing", SuiteConfig(scene=SCENE, eps=(2 / 255,)))
-    assert not other.published
+def test_the_papers_figures_are_of_its_own_bound(measured):
+    _, lines = measured
+    assert with_paper(lines, 4 / 255)["paper"].notna().any()
+    assert with_paper(lines, 2 / 255)["paper"].isna().all()
+    assert "demoireing" in ONE_BOUND_TABLES
+
+
+def test_a_networks_name_is_free():
+    with pytest.raises(ValueError, match="'jpeg_60' cannot name a target or a defence"):
+        PaperConfig(scene=SCENE, networks={"jpeg_60": smooth})
 
 
 def test_who_knows_of_the_network_goes_through_it(measured):
@@ -61,10 +71,3 @@ def test_who_knows_of_the_network_goes_through_it(measured):
     assert cell_of(lines, "smooth", "worst")["success"] >= knows["success"]
     grey = lines[lines["row"] == "grey"]
     assert grey["outcomes"].nunique() == 1  # nobody comes through it, and nothing is left to see
-
-
-def test_any_callable_is_a_network_to_evaluate(known):
-    settings = {"suite": "demoireing", "scene": SCENE, "steps": 1, "n": 2, "progress": False}
-    frame = evaluate(*known, **settings, networks={"mine": lambda images: images + 0.3})
-    own = frame[frame["row"] == "mine"]
-    assert set(own["judge"]) == {"mine"} and (own.groupby("column")["image"].count() == 2).all()
