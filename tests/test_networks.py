@@ -109,12 +109,17 @@ class Listed(nn.Module):
 GLOBAL = nn.Sequential(nn.AdaptiveAvgPool2d(4), nn.Flatten(), nn.Linear(48, 5))
 
 
-def named(x):
-    return _inner(x)
+def by_name(x):
+    return GLOBAL(x)
 
 
-def _inner(x):
-    return torch.stack([GLOBAL(part) for part in x.split(1)])
+@torch.no_grad()
+def decorated(x):
+    return GLOBAL(x)
+
+
+def by_another_function(x):
+    return by_name(x)
 
 
 CALLABLES = {
@@ -132,7 +137,7 @@ CALLABLES = {
 
 
 def test_a_network_that_a_function_names_is_found():
-    assert networks_of(named) == [GLOBAL]
+    assert networks_of(by_name) == networks_of(decorated) == [GLOBAL]
     assert networks_of(lambda x: x.mean((2, 3))) == []
 
 
@@ -148,6 +153,7 @@ def test_what_is_not_followed_keeps_its_mode():
         assert net.training
     with in_evaluation_mode(lambda x: looked_up["net"](x)):
         assert net.training
+    assert networks_of(by_another_function) == []
 
 
 def evaluated(model):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import sysconfig
+import inspect
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from types import CodeType, FunctionType, MethodType, ModuleType
+from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
 import torch
@@ -17,8 +17,6 @@ from torch import nn
 from moireaug.common.module_state import MODULE_TABLES, ModuleState, restore_states
 
 MAX_COLLECTION_LENGTH = 1000  # of a list or dict; a longer one holds data
-OWN_PACKAGE = __name__.partition(".")[0]
-STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 
 # modules that are lent: how many blocks hold each, and the mode and state that the last of them
 # restores
@@ -44,9 +42,10 @@ def in_evaluation_mode(model: object) -> Iterator[None]:
     Args:
         model: a module, or any callable. The modes that change are those of its networks as
             `networks_of` finds them. Others keep theirs, such as a network in a slot, in a class,
-            in an object that cannot be called, or one that is loaded when the code runs: call its
-            `eval()` yourself. A module that refuses a change of mode, as exported graphs do, and a
-            `forward` that changes modes itself cannot be protected.
+            in an object that cannot be called, in a function that another calls by its name, or one
+            that is loaded when the code runs: call its `eval()` yourself. A module that refuses a
+            change of mode, as exported graphs do, and a `forward` that changes modes itself cannot
+            be protected.
     """
     modules = _parents_first(networks_of(model))
     with _lock:
@@ -148,9 +147,11 @@ def _can_hold_networks(part: Any) -> bool:
 def reachable(root: object, is_searched: Callable[[Any], bool]) -> Iterator[Any]:
     """Yield an object and what it leads to, each part once, always in the same order: the
     attributes of an object and the submodules of a module, the entries of lists, tuples and dicts
-    of at most 1,000, the object of a bound method, the function and arguments of a partial one, and
-    the closure, the defaults and, outside installed packages, the globals that its code names, of a
-    function.
+    of at most 1,000, the object of a bound method, the function and arguments of a partial one,
+    and the closure, the defaults and the globals that a function's own code names.
+
+    What a slot, a class, a set or a call holds is not seen, nor what only functions name that a
+    function calls, or, before Python 3.12, its comprehensions.
 
     Args:
         is_searched: function of a part that returns whether to search it, too.
@@ -177,9 +178,17 @@ def _parts_of(owner: Any) -> list[Any]:
     if isinstance(owner, MethodType):
         return [owner.__self__, *_attributes_of(owner.__self__)]
     if isinstance(owner, FunctionType):
-        defaults = [*(owner.__defaults__ or ()), *(owner.__kwdefaults__ or {}).values()]
-        return [*_enclosed_values(owner), *defaults, *_globals_of(owner)]
+        return _variables_of(owner)
     return _attributes_of(owner)
+
+
+def _variables_of(function: FunctionType) -> list[Any]:
+    """Return the closure and the defaults of a function, and its globals but for functions, which
+    lead everywhere."""
+    variables = inspect.getclosurevars(function)
+    values = [*variables.nonlocals.values(), *(function.__defaults__ or ())]
+    values += (function.__kwdefaults__ or {}).values()
+    return values + [v for v in variables.globals.values() if not isinstance(v, FunctionType)]
 
 
 def _attributes_of(owner: Any) -> list[Any]:
@@ -192,29 +201,6 @@ def _attributes_of(owner: Any) -> list[Any]:
         return list(attributes.values())
     others = [attributes[name] for name in attributes if name not in MODULE_TABLES]
     return [*owner.children(), *others]
-
-
-def _enclosed_values(function: FunctionType) -> list[Any]:
-    """Return the values of a function's closure, without the cells that are still empty."""
-    values = []
-    for cell in function.__closure__ or ():
-        with contextlib.suppress(ValueError):
-            values.append(cell.cell_contents)
-    return values
-
-
-def _globals_of(function: FunctionType) -> list[Any]:
-    """Return the globals that a function's code, or that of a function in it, names; none of an
-    installed package, which lead everywhere."""
-    codes = [function.__code__]
-    file, package = codes[0].co_filename, str(function.__module__).partition(".")[0]
-    if package == OWN_PACKAGE or "-packages" in file or file.startswith(STANDARD_LIBRARY):
-        return []
-    names: dict[str, None] = {}
-    for code in codes:  # which grows
-        names |= dict.fromkeys(code.co_names)
-        codes += [inner for inner in code.co_consts if isinstance(inner, CodeType)]
-    return [function.__globals__[name] for name in names if name in function.__globals__]
 
 
 def device_of(model: object) -> torch.device | None:

@@ -28,8 +28,8 @@ def seed_worker(worker_id: int) -> None:
     A transform is found where the data set leads to it as `moireaug.common.networks.reachable`
     says: by attributes, lists, tuples and dicts of at most 1,000 entries, bound methods, partial
     functions, and the closures, defaults and globals of functions. It is not found in a slot, a
-    class, a set or a `collate_fn`, nor where a function makes it: seed such a transform in a
-    `worker_init_fn` of your own.
+    class, a set or a `collate_fn`, nor where a function makes it or calls another one by its name:
+    seed such a transform in a `worker_init_fn` of your own.
 
     Raises:
         ValueError: no transform is found.

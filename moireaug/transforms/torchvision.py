@@ -31,7 +31,13 @@ from moireaug.transforms._convert import (
     with_rows,
 )
 
-IMAGE_TYPES = (PIL.Image.Image, tv_tensors.Image, Video, v2._utils.is_pure_tensor)
+
+def is_pure_tensor(value: object) -> bool:
+    """Return whether a value is a tensor that torchvision has given no other meaning."""
+    return isinstance(value, Tensor) and not isinstance(value, tv_tensors.TVTensor)
+
+
+IMAGE_TYPES = (PIL.Image.Image, tv_tensors.Image, Video, is_pure_tensor)
 ANNOTATION_TYPES = (BoundingBoxes, Mask, KeyPoints)
 UPRIGHT_BOX_FORMATS = (BoundingBoxFormat.XYXY, BoundingBoxFormat.XYWH, BoundingBoxFormat.CXCYWH)
 PIL_MODES = ("RGB", "L", "RGBA", "LA")
