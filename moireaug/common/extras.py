@@ -11,13 +11,15 @@ import sys
 
 # the modules that the package needs from each extra of pyproject.toml
 MODULES = {
+    "albumentations": ("albumentations",),
+    "opencv": ("cv2",),
     "eval": ("pandas", "pywt", "skimage", "torchmetrics", "tqdm"),
     "train": ("cma", "hydra", "jinja2", "lightning", "matplotlib", "omegaconf", "yaml"),
     "explore": ("gradio",),
     "safetensors": ("safetensors",),
 }
 # the extras that each extra needs to work at all
-INCLUDED = {"eval": (), "train": ("eval",), "explore": ("eval", "train"), "safetensors": ()}
+INCLUDED = {"train": ("eval", "opencv"), "explore": ("eval", "opencv", "train")}
 
 
 # how an extra is installed: there is no published package yet
@@ -55,7 +57,7 @@ def require(extra: str, subject: str) -> None:
         ModuleNotFoundError: names the missing modules and the command that installs them.
     """
     missing = []
-    for name in (extra, *INCLUDED[extra]):
+    for name in (extra, *INCLUDED.get(extra, ())):
         for module in MODULES[name]:
             if importlib.util.find_spec(module) is None:
                 missing.append(module)

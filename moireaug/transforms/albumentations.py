@@ -1,6 +1,8 @@
 """The albumentations transforms: RandomMoire and AdversarialMoire for numpy images in an
 `albumentations.Compose`, of albumentations or of AlbumentationsX 2.0 to 2.5."""
 
+# ruff: noqa: E402  # a missing extra is named before it is imported
+
 from __future__ import annotations
 
 import itertools
@@ -8,6 +10,10 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
+
+from moireaug.common.extras import require
+
+require("albumentations", "moireaug.transforms.albumentations")
 
 # albumentations asks a server for its newest version when it is imported, which hangs where there
 # is no network

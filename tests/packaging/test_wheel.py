@@ -28,25 +28,29 @@ build_meta.build_wheel("dist")
 build_meta.build_sdist("dist")
 """
 # distribution to the module that it installs, where the two differ, and the other way round
-MODULES = {"opencv-python-headless": "cv2", "pillow": "PIL"}
+MODULES = {"pillow": "PIL"}
 DISTRIBUTIONS = {"skimage": "scikit-image", "pywt": "PyWavelets", "yaml": "pyyaml"}
-DISTRIBUTIONS |= {"hydra": "hydra-core", "omegaconf": "hydra-core"}
+DISTRIBUTIONS |= {"cv2": "opencv-python-headless", "hydra": "hydra-core", "omegaconf": "hydra-core"}
 COMPILER = "llvmlite"  # numba's
 ASKS = re.compile(r"\brequire\(\s*\"\w+\"")  # for an extra, before anything of it is imported
+# which transforms/albumentations.py alone imports, once it has asked
+BEHIND = ("_albumentations_base.py", "_workers.py")
 
 # what is printed by each: the version, the photo and where it was found; and a missing extra
 CORE = """
 import sys, torch, moireaug, moireaug.attacks, moireaug.transforms, moireaug.synthesis.pairs
-scene = moireaug.Scene.preset("screen_photo")
-shot = scene.sample(1, (16, 16))
-photo = moireaug.capture(torch.rand(1, 3, 16, 16), shot)
+photo = moireaug.transforms.RandomMoire("screen_photo", p=1)(torch.rand(1, 3, 16, 16))
 print(moireaug.__version__, tuple(photo.shape), moireaug.__file__)
 sys.path.append(sys.argv[3])
-for name in ("moireaug.evaluation", "moireaug.defenses", "training"):
+for name in sys.argv[4].split(","):
     try:
         __import__(name)
     except ModuleNotFoundError as error:
         print(error)
+try:
+    moireaug.Scene(develop=moireaug.Develop(denoise="nlm")).capture(torch.rand(1, 3, 16, 16))
+except ModuleNotFoundError as error:
+    print(error)
 """
 
 
@@ -109,9 +113,11 @@ def test_the_source_distribution_holds_the_commands_and_their_recipes(distributi
 def test_the_core_works_without_any_extra(wheel, tmp_path):
     wheel.extractall(tmp_path)
     core = ",".join(names(PROJECT["dependencies"]))
+    needed = {"moireaug.evaluation": "eval", "moireaug.defenses": "eval", "training": "train"}
+    needed["moireaug.transforms.albumentations"] = "albumentations"
     script = Path(__file__).with_name("core_alone.py")
     done = subprocess.run(
-        [sys.executable, str(script), core, CORE, str(ROOT)],
+        [sys.executable, str(script), core, CORE, str(ROOT), ",".join(needed)],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(tmp_path), "MOIREAUG_ENGINE": "off"},
         capture_output=True,
@@ -121,7 +127,7 @@ def test_the_core_works_without_any_extra(wheel, tmp_path):
     assert done.returncode == 0, done.stderr
     photo, *missing = done.stdout.splitlines()
     assert photo == f"{moireaug.__version__} (1, 3, 16, 16) {tmp_path / 'moireaug/__init__.py'}"
-    needed = {"moireaug.evaluation": "eval", "moireaug.defenses": "eval", "training": "train"}
+    needed["the denoiser 'nlm'"] = "opencv"
     for said, (package, extra) in zip(missing, needed.items(), strict=True):
         assert said.startswith(f"{package} needs "), said
         assert said.endswith(f"in a clone of the repository: pip install '.[{extra}]'")
@@ -143,16 +149,16 @@ def test_no_core_module_imports_an_extras_dependency():
     for name in names(PROJECT["dependencies"]):
         allowed.add(MODULES.get(name, name))
     asking = []
-    for part in sorted((ROOT / "moireaug").iterdir()):
-        modules = [part] if part.suffix == ".py" else list(part.rglob("*.py"))
-        if any(ASKS.search(path.read_text("utf-8")) for path in modules):
-            asking.append(part.name)
-            continue
-        for path in modules:
+    for path in sorted((ROOT / "moireaug").rglob("*.py")):
+        room = path.relative_to(ROOT / "moireaug").parts[0]
+        asked = [path, ROOT / "moireaug" / room / "__init__.py"]
+        if any(one.is_file() and ASKS.search(one.read_text("utf-8")) for one in asked):
+            asking.append(room)
+        elif path.name not in BEHIND:
             # PyTorch brings Triton where there may be a GPU; nothing else imports those files
             ours = {"triton"} if path.parent == ROOT / "moireaug" / "engine" / "gpu" else set()
             assert not imported(path) - allowed - ours, path
-    assert {"evaluation", "defenses"} <= set(asking)
+    assert {"evaluation", "defenses", "transforms", "camera"} <= set(asking)
 
 
 def test_what_is_missing_is_named_with_its_extra(monkeypatch):
@@ -167,7 +173,8 @@ def test_nothing_is_asked_for_where_everything_is_installed(monkeypatch):
     asked = []
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: asked.append(name) or object())
     assert extras.require("train", "training") is None
-    assert set(asked) == {*extras.MODULES["train"], *extras.MODULES["eval"]}
+    needed = ("train", "eval", "opencv")
+    assert set(asked) == {module for extra in needed for module in extras.MODULES[extra]}
 
 
 def test_every_module_asked_for_is_in_its_extra():

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, left_out
 from moireaug.camera.effects.codes import check_only_backward, from_codes, to_codes
+from moireaug.common.extras import require
 from moireaug.scene.record import SizedScene
 from moireaug.scene.shot import ShotRecord
 
@@ -52,6 +53,7 @@ def nlm(photo: Tensor) -> Tensor:
     Raises:
         NotImplementedError: a forward derivative is asked for.
         ValueError: a photo that holds NaN.
+        ModuleNotFoundError: OpenCV is not installed.
     """
     check_only_backward(photo, "the denoiser 'nlm'")
     return _nlm(photo)
@@ -74,7 +76,8 @@ DENOISERS: dict[str, Callable[[Tensor], Tensor]] = {"nlm": nlm, "bilateral": bil
 # a custom operator, since torch.compile cannot trace it
 @torch.library.custom_op("moireaug::nlm", mutates_args=())
 def _nlm(photo: Tensor) -> Tensor:
-    import cv2  # imported here, since most scenes do not need it
+    require("opencv", "the denoiser 'nlm'")
+    import cv2
 
     def denoised(codes):
         bgr = cv2.fastNlMeansDenoisingColored(cv2.cvtColor(codes, cv2.COLOR_RGB2BGR))
