@@ -50,7 +50,7 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished(path) as beside, beside.open("wb") as file:
+        with atomic_replacement(path) as beside, beside.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
@@ -59,7 +59,7 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
 
 
 @contextlib.contextmanager
-def unfinished(path: Path, mark: str = "") -> Iterator[Path]:
+def atomic_replacement(path: Path, mark: str = "") -> Iterator[Path]:
     """Yield a hidden path beside `path`, for a file or a folder that takes its place when the block
     ends, and is removed if the block fails.
 

@@ -14,8 +14,8 @@ from torch import Tensor
 from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
 from moireaug.attacks.result import Result
 from moireaug.capture import capture
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Condition, EvalBatch, in_255ths
-from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.visibility import visibility
 
 EVERY_STEP = "in_every_step"  # in the name of an attacker that goes on once an image is fooled
@@ -28,8 +28,8 @@ class Attacker(Condition):
     Args:
         eps: bound of the noise, in [0, 1] units.
         steps: number of gradient steps, or of queries.
-        known_judge: judge whose defence is attacked, with the defence's own approximate gradient
-            (BPDA) and by expectation over its draws where it is randomised (EOT).
+        known_classifier: classifier whose defence is attacked, with the defence's own approximate
+            gradient (BPDA) and by expectation over its draws where it is randomised (EOT).
     """
 
     control: ClassVar[bool] = False
@@ -37,13 +37,13 @@ class Attacker(Condition):
 
     eps: float
     steps: int
-    known_judge: Judge = UNDEFENDED
+    known_classifier: Classifier = UNDEFENDED
 
     @property
     def base_name(self) -> str:
         words = self.name_words()
-        if self.known_judge.defence is not None:
-            words += ["through", self.known_judge.name]
+        if self.known_classifier.defence is not None:
+            words += ["through", self.known_classifier.name]
         return "_".join(words)
 
     def name_words(self) -> list[str]:
@@ -62,10 +62,10 @@ class Attacker(Condition):
     def n_splits(self) -> int:
         """Number of splits of a batch that are attacked in turn: an expectation over n draws takes
         n times the images, and no step shall hold more than a batch."""
-        return self.known_judge.draws
+        return self.known_classifier.draws
 
     def show(self, batch: EvalBatch) -> Tensor:
-        model = self.known_judge.defended(batch.model, batch.max_images)
+        model = self.known_classifier.defended(batch.model, batch.max_images)
         batch = dataclasses.replace(batch, model=model)
         size = -(-len(batch.images) // self.n_splits)
         images = []
@@ -101,13 +101,13 @@ class Attacker(Condition):
 
 @dataclass(frozen=True, kw_only=True)
 class MoireAttacker(Attacker):
-    """The Moiré Attack on the very shot that is judged.
+    """The Moiré Attack on the very shot of the photo that is classified.
 
     Args:
         variant: word that the name of a special attacker adds.
         rule, loss, restarts, noise_at, optimise: as of `attacks.MoireAttack`.
-        until_fooled: the same; False where other judges see the noise, or where it is measured at
-            its strongest.
+        until_fooled: the same; False where other classifiers see the noise, or where it is measured
+            at its strongest.
     """
 
     kind = "ma"
@@ -150,7 +150,7 @@ class MoireAttacker(Attacker):
 @dataclass(frozen=True, kw_only=True)
 class PoseUnknownAttacker(Attacker):
     """The Moiré Attack by expectation over other draws of the scene, shown on the shot that is
-    judged, of which no step knows: there it takes the same part of each value's own bound.
+    classified, of which no step knows: there it takes the same part of each value's own bound.
 
     Args:
         shots: number of draws in each step.
@@ -161,7 +161,7 @@ class PoseUnknownAttacker(Attacker):
 
     @property
     def n_splits(self) -> int:
-        return self.shots * self.known_judge.draws
+        return self.shots * self.known_classifier.draws
 
     def perturb(self, batch: EvalBatch) -> Tensor:
         attack = self.moire_attack(batch, eot=self.shots)

@@ -26,6 +26,8 @@ from moireaug.synthesis.twins import moire_codes, without_moire
 
 Model = nn.Module | Callable[[Tensor], Tensor]
 ImageTransform = Callable[[Tensor], Tensor]
+# names of fields that were others when the first records were written
+NAMES_IN_RECORDS = {"known_classifier": "known_judge"}
 
 
 @dataclass(frozen=True)
@@ -109,13 +111,14 @@ class Condition(ABC):
         return ""
 
     def settings(self) -> dict[str, Any]:
-        """Return all settings of this condition but its scene, as plain values; of a judge, its
-        identity."""
+        """Return all settings of this condition but its scene, as plain values; of a classifier,
+        its identity."""
         settings: dict[str, Any] = {"kind": self.kind}
         for field in dataclasses.fields(self):
             if field.name != "scene":
                 value = getattr(self, field.name)
-                settings[field.name] = getattr(value, "identity", value)
+                name = NAMES_IN_RECORDS.get(field.name, field.name)
+                settings[name] = getattr(value, "identity", value)
         return settings
 
     def at(self, scene_name: str, scene: Scene | Mixture) -> Condition:
@@ -145,7 +148,7 @@ class Dimmed(Condition):
         return clip(batch.images * ratio)
 
 
-class Rotated(Condition):
+class BrightPhotoWithoutMoire(Condition):
     """The photo without moiré, as bright as its image: a gain brings white back to white."""
 
     kind = "rotated"

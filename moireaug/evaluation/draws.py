@@ -1,5 +1,5 @@
 """The random numbers of an evaluation. They depend only on its seed, on a batch's index and on the
-names of condition and judge, so that any process, now or later, draws the same."""
+names of condition and classifier, so that any process, now or later, draws the same."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Scene, Shot
 
 # streams of random numbers, by their purpose
-SHOT_STREAM, TARGET_STREAM, CONDITION_STREAM, SHOW_STREAM, JUDGE_STREAM = range(5)
+SHOT_STREAM, TARGET_STREAM, CONDITION_STREAM, SHOW_STREAM, ANSWER_STREAM = range(5)
 
 
 @contextlib.contextmanager
@@ -64,9 +64,9 @@ class BatchDraws:
         """Seed torch's global generators for the images of a condition."""
         torch.manual_seed(self._seed(SHOW_STREAM, condition))
 
-    def seed_judging(self, condition: str, judge: str) -> None:
-        """Seed torch's global generators for a judge's answers to them."""
-        torch.manual_seed(self._seed(JUDGE_STREAM, condition, judge))
+    def seed_answers(self, condition: str, classifier: str) -> None:
+        """Seed torch's global generators for a classifier's answers to them."""
+        torch.manual_seed(self._seed(ANSWER_STREAM, condition, classifier))
 
     def _generator(self, stream: int, *names: str) -> torch.Generator:
         return torch.Generator().manual_seed(self._seed(stream, *names))

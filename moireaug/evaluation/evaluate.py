@@ -15,11 +15,11 @@ from moireaug.attacks.model import class_count
 from moireaug.common.argument_checks import check_callable, check_count, one_of
 from moireaug.common.networks import device_of
 from moireaug.defenses import Defence
+from moireaug.evaluation.classifiers import UNDEFENDED
 from moireaug.evaluation.conditions import ImageTransform, Model
 from moireaug.evaluation.draws import restored_generators
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity_of, require_identity
-from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.loader import Batch, collect_batches
 from moireaug.evaluation.records import RecordFolder, Records
@@ -189,8 +189,8 @@ def _check_defence_names(
     suite: str, tables: Sequence[Table], config: SuiteConfig, names: Iterable[str]
 ) -> None:
     """Refuse the name of a defence that stands in no table: ValueError."""
-    judged = {id(cell.judge.defence) for table in tables for cell in table.cells}
-    known = [name for name, defence in config.defences.items() if id(defence) in judged]
+    shown = {id(cell.classifier.defence) for table in tables for cell in table.cells}
+    known = [name for name, defence in config.defences.items() if id(defence) in shown]
     advice = "Use one of these names, or suite=adaptive."
     if suite == "adaptive":
         advice = "Give yours another name, and it gets a row."

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from moireaug.attacks import REJECTED, UNDECIDED
+from moireaug.evaluation.classifiers import Classifier
 from moireaug.evaluation.conditions import Condition
-from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.tables import Table
@@ -26,9 +26,10 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
     """Return a row for each cell and image.
 
     Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `bound`, what eps counts
-    ("codes", "light" or, without noise, ""), `steps`, `targeted`, `judge`;
+    ("codes", "light" or, without noise, ""), `steps`, `targeted`, `judge`, the name of
+    the classifier;
     `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, whether the attack's
-    goal is reached; `counted`, whether the judge without its defence gets the clean image right;
+    goal is reached; `counted`, whether the model without a defence gets the clean image right;
     `rejected`, whether a model that can do so rejects the image, which is then neither correct nor
     fooled; `undecided`, whether the logits were not finite; `seconds`, the image's share; and
     measures such as `psnr`, of attacks, and `moire`, of photos: their difference from the same
@@ -40,9 +41,9 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
         for cell in table.cells:
             frames = []
             for condition in cell.conditions:
-                key = (condition.name, cell.judge.name)
+                key = (condition.name, cell.classifier.name)
                 if key not in condition_frames:
-                    frame = _condition_frame(condition, cell.judge, runner, indices)
+                    frame = _condition_frame(condition, cell.classifier, runner, indices)
                     condition_frames[key] = frame
                 frames.append(condition_frames[key])
             cell_frame = _worst(frames) if cell.worst else pd.concat(frames, ignore_index=True)
@@ -56,14 +57,14 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
 
 
 def _condition_frame(
-    condition: Condition, judge: Judge, runner: Runner, indices: Sequence[int]
+    condition: Condition, classifier: Classifier, runner: Runner, indices: Sequence[int]
 ) -> pd.DataFrame:
-    """Return one condition before one judge, a row per image."""
+    """Return one condition before one classifier, a row per image."""
     batch_frames = []
     start = 0
     for index in indices:
-        record = runner.record(condition, judge, index)
-        clean = runner.record(CLEAN, judge.base, index)
+        record = runner.record(condition, classifier, index)
+        clean = runner.record(CLEAN, classifier.base, index)
         n = len(record["labels"])
         batch_frame = pd.DataFrame({name: record[f"{name}s"] for name in ("label", "target")})
         batch_frame["predicted"] = record["predicted"]
@@ -88,7 +89,7 @@ def _condition_frame(
         "bound": condition.eps_unit(runner.setup.bound),
         "steps": getattr(condition, "steps", 0),
         "targeted": condition.targeted,
-        "judge": judge.name,
+        "judge": classifier.name,
     }
     return frame.assign(**constants)
 

@@ -10,9 +10,9 @@ from torch import Tensor, nn
 
 from moireaug.attacks.bounds import BOUNDS
 from moireaug.common.argument_checks import one_of
+from moireaug.evaluation.classifiers import Classifier
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.identity import identity_of
-from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.loader import Batches
 from moireaug.evaluation.records import key_of
 from moireaug.mixtures import Mixture
@@ -26,7 +26,7 @@ class EvalSetup:
     Args:
         scene: scene, or mixture of scenes, of which one shot is drawn per image; conditions may
             have their own.
-        seed: seed of shots, targets, random starts and randomised judges, see `BatchDraws`.
+        seed: seed of shots, targets, random starts and randomised classifiers, see `BatchDraws`.
         bound: what the eps of noise on a reading counts: "codes" or "light".
         lpips: `visibility.LPIPS` to measure every attack with, or None. Records with and without
             it have different keys.
@@ -61,12 +61,14 @@ class RecordKeys:
         self._lpips_identity = None if setup.lpips is None else identity_of(setup.lpips)
         self._batch_digests: dict[int, str] = {}
 
-    def key(self, condition: Condition, judge: Judge, index: int) -> str:
-        """Return the key of the record of one condition before one judge on one batch."""
+    def key(self, condition: Condition, classifier: Classifier, index: int) -> str:
+        """Return the key of the record of one condition before one classifier on one batch."""
         if index not in self._batch_digests:  # a batch that another process has done
             self.hash_batch(index, *self.batches[index])
         batch = {"content": self._batch_digests[index], "index": index}
-        return key_of(self._condition_fields(condition) | {"judge": judge.identity, "batch": batch})
+        return key_of(
+            self._condition_fields(condition) | {"judge": classifier.identity, "batch": batch}
+        )
 
     def hash_batch(self, index: int, images: Tensor, labels: Tensor) -> None:
         """Take the content of a batch into its keys."""

@@ -2,7 +2,8 @@
 repeats nothing.
 
 A record's key is a digest of its settings: the model's weights, the batch's pixels and labels, the
-scene, the condition's settings, the judge and the seed. Every suite reuses the records of others.
+scene, the condition's settings, the classifier and the seed. Every suite reuses the records of
+others.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The runner: every condition shown to its judges, batch by batch; each finished piece is a
+"""The runner: every condition shown to its classifiers, batch by batch; each finished piece is a
 record."""
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
 from moireaug.common.networks import device_of
 from moireaug.common.progress import progress_bar
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.draws import BatchDraws, restored_generators
 from moireaug.evaluation.identity import identity_of
-from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.keys import EvalSetup, RecordKeys
 from moireaug.evaluation.loader import Batches
 from moireaug.evaluation.records import Record, Records
@@ -29,10 +29,10 @@ CLEAN = Clean()
 
 
 class Job(NamedTuple):
-    """One condition and all judges that see it."""
+    """One condition and all classifiers that see it."""
 
     condition: Condition
-    judges: tuple[Judge, ...]
+    classifiers: tuple[Classifier, ...]
 
 
 def show_progress(jobs: Iterable[Job], total: int, title: str, *, enabled: bool) -> Iterable[Job]:
@@ -46,13 +46,13 @@ def show_progress(jobs: Iterable[Job], total: int, title: str, *, enabled: bool)
 
 def jobs_of(tables: Iterable[Table]) -> list[Job]:
     """Return the jobs that tables need, each condition once. The clean images come first, before
-    every judge without a defence: success counts the images that it gets right.
+    every classifier without a defence: success counts the images that it gets right.
 
     Raises:
         ValueError: two conditions of one name that differ.
     """
     conditions: dict[str, Condition] = {CLEAN.name: CLEAN}
-    judges: dict[str, dict[str, Judge]] = {CLEAN.name: {UNDEFENDED.name: UNDEFENDED}}
+    classifiers: dict[str, dict[str, Classifier]] = {CLEAN.name: {UNDEFENDED.name: UNDEFENDED}}
     for table in tables:
         for cell in table.cells:
             for condition in cell.conditions:
@@ -62,10 +62,10 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
                         f"two conditions are called {condition.name!r}, and their records would "
                         f"be mixed up: {known!r} and {condition!r}. Give one another name."
                     )
-                judges.setdefault(condition.name, {})[cell.judge.name] = cell.judge
-            base = cell.judge.base
-            judges[CLEAN.name][base.name] = base
-    return [Job(conditions[name], tuple(judges[name].values())) for name in conditions]
+                classifiers.setdefault(condition.name, {})[cell.classifier.name] = cell.classifier
+            base = cell.classifier.base
+            classifiers[CLEAN.name][base.name] = base
+    return [Job(conditions[name], tuple(classifiers[name].values())) for name in conditions]
 
 
 @dataclass(frozen=True)
@@ -120,34 +120,34 @@ class Runner:
             labels = check_labels(labels, len(images), "labels").to(images.device)
             batch = None
             for job in jobs:
-                judges = self._pending_judges(job, index)
-                if judges:
+                classifiers = self._pending_classifiers(job, index)
+                if classifiers:
                     batch = batch or self._batch(index, images, labels)
-                    self.records.append(self._judge(job.condition, judges, batch))
+                    self.records.append(self._classify(job.condition, classifiers, batch))
                 yield job
 
     def missing(self, jobs: Sequence[Job], indices: Iterable[int]) -> int:
         """Return how many records are missing."""
-        return sum(len(self._pending_judges(job, index)) for index in indices for job in jobs)
+        return sum(len(self._pending_classifiers(job, index)) for index in indices for job in jobs)
 
-    def record(self, condition: Condition, judge: Judge, index: int) -> Record:
-        """Return the record of one condition before one judge on one batch."""
-        return self.records[self.key(condition, judge, index)]
+    def record(self, condition: Condition, classifier: Classifier, index: int) -> Record:
+        """Return the record of one condition before one classifier on one batch."""
+        return self.records[self.key(condition, classifier, index)]
 
-    def key(self, condition: Condition, judge: Judge, index: int) -> str:
+    def key(self, condition: Condition, classifier: Classifier, index: int) -> str:
         """Return the key of that record."""
-        return self.keys.key(condition, judge, index)
+        return self.keys.key(condition, classifier, index)
 
     def picture_name(self, condition: Condition) -> str:
         """Return the name of the picture of a condition."""
         return self.key(condition, UNDEFENDED, 0)
 
-    def _pending_judges(self, job: Job, index: int) -> list[Judge]:
-        """Return the judges of a job that have no record of a batch."""
+    def _pending_classifiers(self, job: Job, index: int) -> list[Classifier]:
+        """Return the classifiers of a job that have no record of a batch."""
         pending = []
-        for judge in job.judges:
-            if self.key(job.condition, judge, index) not in self.records:
-                pending.append(judge)
+        for classifier in job.classifiers:
+            if self.key(job.condition, classifier, index) not in self.records:
+                pending.append(classifier)
         return pending
 
     def _batch(self, index: int, images: Tensor, labels: Tensor) -> _Batch:
@@ -177,8 +177,10 @@ class Runner:
             all_rows.append(rows)
         return SceneBatches(all_rows, batches)
 
-    def _judge(self, condition: Condition, judges: Sequence[Judge], batch: _Batch) -> list[Record]:
-        """Show the images of a condition to judges; return a record of each."""
+    def _classify(
+        self, condition: Condition, classifiers: Sequence[Classifier], batch: _Batch
+    ) -> list[Record]:
+        """Show the images of a condition to classifiers; return a record of each."""
         scene_batches, draws = self._scene_batches(condition, batch), batch.draws
         with restored_generators(batch.labels.device), torch.no_grad():
             draws.seed_showing(condition.name)
@@ -187,18 +189,18 @@ class Runner:
             seconds_shown = _seconds_since(start, images.device)
             measures = scene_batches.measure(condition, images)
             records = []
-            for judge in judges:
-                draws.seed_judging(condition.name, judge.name)
+            for classifier in classifiers:
+                draws.seed_answers(condition.name, classifier.name)
                 start = time.perf_counter()
-                predictions = scene_batches.predictions(judge, images)
+                predictions = scene_batches.predictions(classifier, images)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
-                    "key": self.key(condition, judge, batch.index),
+                    "key": self.key(condition, classifier, batch.index),
                     "model": self.model_identity,
                     "condition": condition.name,
                     "settings": condition.settings(),
                     "bound": condition.eps_unit(self.setup.bound),
-                    "judge": judge.name,
+                    "judge": classifier.name,
                     "batch": batch.index,
                     "labels": batch.labels.tolist(),
                     "targets": batch.targets.tolist(),

@@ -8,8 +8,8 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from moireaug.evaluation.classifiers import Classifier
 from moireaug.evaluation.conditions import Condition, EvalBatch
-from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.memory import within_memory
 from moireaug.scene.mixed_shot import in_order
 
@@ -26,11 +26,11 @@ class SceneBatches:
         images = [within_memory(condition.show, batch) for batch in self.batches]
         return in_order(self.rows, images)
 
-    def predictions(self, judge: Judge, images: Tensor) -> Tensor:
-        """Return a judge's predicted classes (B,) of the images of a condition."""
+    def predictions(self, classifier: Classifier, images: Tensor) -> Tensor:
+        """Return a classifier's predicted classes (B,) of the images of a condition."""
         classes = []
         for rows, batch in zip(self.rows, self.batches, strict=True):
-            predict = partial(judge.predictions, images=images[rows])
+            predict = partial(classifier.predictions, images=images[rows])
             classes.append(within_memory(predict, batch))
         return in_order(self.rows, classes)
 

@@ -1,4 +1,4 @@
-"""The tables of an evaluation: the condition and the judge of each cell. Titles are in the
+"""The tables of an evaluation: the condition and the classifier of each cell. Titles are in the
 templates."""
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from typing import Any
 from moireaug.attacks.checks import check_eps
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import Attacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, averaging_classifier
 from moireaug.evaluation.conditions import Condition, ImageTransform, Model, Photo, in_255ths
-from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
 from moireaug.mixtures import Mixture, as_scenes
 from moireaug.scenes import Scene
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A condition before a judge; or several, their images pooled, or, as `worst`, the worst of
-    them for each image."""
+    """A condition before a classifier; or several, their images pooled, or, as `worst`, the worst
+    of them for each image."""
 
     row: str
     column: str
     conditions: tuple[Condition, ...]
-    judge: Judge = UNDEFENDED
+    classifier: Classifier = UNDEFENDED
     worst: bool = False
 
     @property
@@ -43,14 +43,14 @@ class Table:
         cells: cells in the order of their rows and columns; a missing one stays empty.
         pictures: (row, column) of each cell whose pictures a report shows.
         empty: reason of each row without figures.
-        facts: further values for its note.
+        note_values: further values for its note.
     """
 
     name: str
     cells: tuple[Cell, ...]
     pictures: tuple[tuple[str, str], ...] = ()
     empty: Mapping[str, str] = field(default_factory=dict)
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    note_values: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def rows(self) -> list[str]:
@@ -147,9 +147,9 @@ class SuiteConfig:
         """Return the given bounds in order, or `default` where there are none."""
         return default if self.eps is None else tuple(sorted(self.eps))
 
-    def behind(self, name: str, *, averages: bool = False) -> Judge:
+    def behind(self, name: str, *, averages: bool = False) -> Classifier:
         """Return the attacked model behind the defence of that name; with `averages`, by the mean
-        of its draws, see `averaging_judge`.
+        of its draws, see `averaging_classifier`.
 
         Raises:
             ValueError: there is no defence of that name.
@@ -161,7 +161,9 @@ class SuiteConfig:
                 "your own in the braces."
             )
         defence = self.defences[name]
-        return averaging_judge(name, defence) if averages else Judge(name, defence=defence)
+        return (
+            averaging_classifier(name, defence) if averages else Classifier(name, defence=defence)
+        )
 
 
 def _exact(eps: float) -> float:
@@ -176,12 +178,12 @@ def paper_defences() -> dict[str, ImageTransform]:
     return {name: make() for name, make in DEFENSES.items()}
 
 
-def cross(rows: Mapping[str, Judge], columns: Mapping[str, Condition]) -> list[Cell]:
-    """Return a cell of every condition before every judge."""
+def cross(rows: Mapping[str, Classifier], columns: Mapping[str, Condition]) -> list[Cell]:
+    """Return a cell of every condition before every classifier."""
     cells = []
-    for row, judge in rows.items():
+    for row, classifier in rows.items():
         for column, condition in columns.items():
-            cells.append(Cell(row, column, (condition,), judge))
+            cells.append(Cell(row, column, (condition,), classifier))
     return cells
 
 
@@ -196,16 +198,16 @@ def undefended_row(row: str, columns: Mapping[str, Condition]) -> list[Cell]:
 
 
 def worst_of(cells: Iterable[Cell], row: str, eps: float, column: str = "worst") -> Cell:
-    """Return the cell of the worst case: an image counts as right only if its judge gets it right
-    under every condition of these cells that counts, see `is_in_worst_case`."""
+    """Return the cell of the worst case: an image counts as right only if the cells' classifier
+    gets it right under every condition of theirs that counts, see `is_in_worst_case`."""
     conditions: dict[str, Condition] = {}
-    judge = UNDEFENDED
+    classifier = UNDEFENDED
     for cell in cells:
         for condition in cell.conditions:
             if is_in_worst_case(condition, eps):
                 conditions[condition.name] = condition
-                judge = cell.judge
-    return Cell(row, column, tuple(conditions.values()), judge, worst=True)
+                classifier = cell.classifier
+    return Cell(row, column, tuple(conditions.values()), classifier, worst=True)
 
 
 def is_in_worst_case(condition: Condition, eps: float) -> bool:

@@ -1,5 +1,5 @@
 """The checks of an evaluation, which fail where the attack is broken or the model hides its
-gradients; the table that they judge is laid out in `suites/trust.py`.
+gradients; the table that they read is laid out in `suites/trust.py`.
 
 After Carlini et al., "On evaluating adversarial robustness" (2019), and Athalye et al., "Obfuscated
 gradients give a false sense of security" (2018). Success rates are of the images that the model

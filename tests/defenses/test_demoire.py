@@ -8,7 +8,7 @@ from torch import nn
 
 from moireaug.defenses import Compose, Defended, demoire
 from moireaug.defenses.demoire import losses
-from moireaug.evaluation.judges import DEFENCE_DRAWS, averaging_judge
+from moireaug.evaluation.classifiers import DEFENCE_DRAWS, averaging_classifier
 
 NETWORKS = sorted(demoire.NETWORKS)
 # millions of parameters, as published: of the whole network, and of parts of it
@@ -210,5 +210,5 @@ def test_ones_own_network_is_a_defence_too():
 def test_a_randomised_network_is_a_randomised_defence():
     network = small("amnet")
     network.randomised = True
-    assert averaging_judge("noisy", demoire.Demoire(network)).draws == DEFENCE_DRAWS
+    assert averaging_classifier("noisy", demoire.Demoire(network)).draws == DEFENCE_DRAWS
     assert Compose((demoire.Demoire(network),)).randomised

@@ -5,8 +5,8 @@ import torch
 from moireaug import Scene
 from moireaug.evaluation import Cell, Table, images_frame
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Photo, RandomNoise
-from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
@@ -21,7 +21,7 @@ def hazy(images):
     return (images + 0.3 * torch.rand(images.shape)).clamp(0, 1)
 
 
-HAZE = Judge("haze", defence=hazy)
+HAZE = Classifier("haze", defence=hazy)
 CONDITIONS = {
     "moire": Photo(),
     "random": RandomNoise(eps=EPS),
@@ -44,8 +44,8 @@ class Kept(Records):
         self.pictures[name] = shown
 
 
-def table_of(*conditions, judge=UNDEFENDED):
-    return Table("mine", tuple(Cell(c.name, "shown", (c,), judge) for c in conditions))
+def table_of(*conditions, classifier=UNDEFENDED):
+    return Table("mine", tuple(Cell(c.name, "shown", (c,), classifier) for c in conditions))
 
 
 def ran(known, tables=TABLE, indices=None, seed=3, records=None, scene=SCENE):

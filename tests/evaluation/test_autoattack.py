@@ -9,8 +9,8 @@ from moireaug import Scene
 from moireaug.attacks import MoireAttack, MultiTargeted
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.autoattack import APGDAttacker, APGDTAttacker
+from moireaug.evaluation.classifiers import Classifier
 from moireaug.evaluation.conditions import EvalBatch
-from moireaug.evaluation.judges import Judge
 from tests.attacks.common import counting
 
 SCENE = Scene.preset("screen_photo")
@@ -64,8 +64,8 @@ def test_a_model_that_answers_at_random_keeps_the_greater_margin(batch, monkeypa
 
 
 def test_an_attack_through_a_defence_is_another_one(batch):
-    coarse = Judge("coarse", defence=BitDepth(1))
-    through, plain = APGDAttacker(**SETTINGS, known_judge=coarse), APGDAttacker(**SETTINGS)
+    coarse = Classifier("coarse", defence=BitDepth(1))
+    through, plain = APGDAttacker(**SETTINGS, known_classifier=coarse), APGDAttacker(**SETTINGS)
     assert through.name == "apgd_2_through_coarse" and plain.name == "apgd_2"
     assert through.settings()["known_judge"] == coarse.identity != plain.settings()["known_judge"]
     assert not torch.equal(through.show(batch), plain.show(batch))

@@ -8,8 +8,8 @@ import torch
 from moireaug import Scene, expose
 from moireaug.attacks.bounds import bound_on_reading
 from moireaug.evaluation import evaluate, rates
+from moireaug.evaluation.classifiers import UNDEFENDED
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
-from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Runner

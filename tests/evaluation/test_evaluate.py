@@ -14,7 +14,7 @@ from moireaug.attacks import MoireAttack
 from moireaug.defenses import JPEG, Defended, TotalVariation
 from moireaug.evaluation import SuiteConfig, Table, evaluate, rates, tables_of
 from moireaug.evaluation.attackers import MoireAttacker
-from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.tables import cross, paper_defences
 from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
@@ -93,7 +93,7 @@ def test_a_suite_of_ones_own(known):
     """With the options that the library's suites are asked for by name."""
 
     def transfer_to_itself(config):
-        itself = Judge("itself", model=config.targets["itself"])
+        itself = Classifier("itself", model=config.targets["itself"])
         attacker = MoireAttacker(eps=config.middle, steps=config.steps)
         rows = {"attacked": UNDEFENDED, "itself": itself}
         return Table("transfer_to_itself", tuple(cross(rows, {"ma": attacker})))

@@ -15,8 +15,8 @@ from moireaug import Scene
 from moireaug.attacks import Normalized
 from moireaug.defenses import JPEG, Compose, Defended, PixelDeflection, Quilting
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.identity import identity_of, require_identity
-from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner
@@ -34,7 +34,7 @@ CHANGES = {
     "noise_at": "photo",
     "optimise": ("noise", "view"),
     "until_fooled": False,
-    "known_judge": Judge("j", defence=JPEG(60)),
+    "known_classifier": Classifier("j", defence=JPEG(60)),
     "variant": "other",
     "scene": Scene.preset("paper"),
 }
@@ -44,7 +44,7 @@ def test_a_key_changes_with_every_setting(known):
     plain = CONDITIONS["ma"]
     runner = ran(known, table_of(plain), (0,))
     assert runner.key(plain, UNDEFENDED, 0) in runner.records
-    assert runner.key(plain, Judge("other"), 0) not in runner.records
+    assert runner.key(plain, Classifier("other"), 0) not in runner.records
     for setting, value in CHANGES.items():
         changed = dataclasses.replace(plain, **{setting: value})
         assert runner.key(changed, UNDEFENDED, 0) not in runner.records, setting
@@ -55,17 +55,17 @@ def test_a_key_changes_with_every_setting(known):
 def test_a_key_changes_with_the_draws_of_an_expectation():
     attackers = [PoseUnknownAttacker(eps=EPS, steps=2, shots=shots) for shots in (4, 8)]
     for draws in (1, 20):
-        judge = Judge("j", PixelDeflection(), draws=draws)
-        attackers.append(MoireAttacker(eps=EPS, steps=2, known_judge=judge))
+        classifier = Classifier("j", PixelDeflection(), draws=draws)
+        attackers.append(MoireAttacker(eps=EPS, steps=2, known_classifier=classifier))
     assert len({str(attacker.settings()) for attacker in attackers}) == 4
 
 
-def test_a_judge_is_known_by_what_it_holds_and_where():
+def test_a_classifier_is_known_by_what_it_holds_and_where():
     """Not by its name alone."""
     parts = [JPEG(60), JPEG(10), Compose((JPEG(60),)), classifier(0), lambda x: x, lambda x: x + 1]
     assert len({identity_of(part) for part in parts}) == len(parts)
-    keys = {Judge("one", defence=part).identity for part in parts}
-    keys |= {Judge("one", model=part).identity for part in parts}
+    keys = {Classifier("one", defence=part).identity for part in parts}
+    keys |= {Classifier("one", model=part).identity for part in parts}
     assert len(keys) == 2 * len(parts)
 
 
@@ -236,12 +236,12 @@ def test_what_is_computed_once_is_no_part_of_identity():
     assert identity_of(quilting) == before
 
 
-def test_a_key_changes_with_model_scene_pixels_and_judge(known):
+def test_a_key_changes_with_model_scene_pixels_and_classifier(known):
     model, batches = known
 
-    def key(model=model, batches=batches, scene=SCENE, seed=3, judge=UNDEFENDED):
+    def key(model=model, batches=batches, scene=SCENE, seed=3, classifier=UNDEFENDED):
         runner = Runner(model, batches, EvalSetup(scene, seed), Records())
-        return runner.key(CONDITIONS["ma"], judge, 0)
+        return runner.key(CONDITIONS["ma"], classifier, 0)
 
     assert key() == key(copy.deepcopy(model))
     keys = [
@@ -254,7 +254,7 @@ def test_a_key_changes_with_model_scene_pixels_and_judge(known):
         key(torch.relu),
         key(torch.sigmoid),
         key(seed=4),
-        key(judge=Judge("mine", defence=JPEG(20))),
-        key(judge=Judge("mine", defence=JPEG(80))),
+        key(classifier=Classifier("mine", defence=JPEG(20))),
+        key(classifier=Classifier("mine", defence=JPEG(80))),
     ]
     assert len(set(keys)) == len(keys)

@@ -9,8 +9,8 @@ import torch
 from moireaug.defenses import PixelDeflection
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import SquareAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
-from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.memory import within_memory
 from moireaug.evaluation.scene_batches import SceneBatches
 from tests.evaluation.haze import EPS, SCENE
@@ -22,9 +22,11 @@ CONDITIONS = {
     "search": SquareAttacker(eps=EPS, steps=8),
     "pixels": PixelAttacker(attack="pgd", eps=EPS, steps=2),
     "defence": MoireAttacker(
-        eps=EPS, steps=2, known_judge=Judge("dark", defence=lambda x: 0.5 * x)
+        eps=EPS, steps=2, known_classifier=Classifier("dark", defence=lambda x: 0.5 * x)
     ),
-    "deflection": MoireAttacker(eps=EPS, steps=2, known_judge=Judge("d", PixelDeflection(20))),
+    "deflection": MoireAttacker(
+        eps=EPS, steps=2, known_classifier=Classifier("d", PixelDeflection(20))
+    ),
 }
 MAX_IMAGES = 2  # of 6 that fit
 
@@ -51,11 +53,11 @@ def limited(model):
 
 def confined(condition):
     """The same condition, whose defence is on a device that holds few images."""
-    judge = getattr(condition, "known_judge", UNDEFENDED)
-    if judge is UNDEFENDED:
+    classifier = getattr(condition, "known_classifier", UNDEFENDED)
+    if classifier is UNDEFENDED:
         return condition
-    judge = dataclasses.replace(judge, defence=limited(judge.defence))
-    return dataclasses.replace(condition, known_judge=judge)
+    classifier = dataclasses.replace(classifier, defence=limited(classifier.defence))
+    return dataclasses.replace(condition, known_classifier=classifier)
 
 
 def noisy(limit):
@@ -81,16 +83,16 @@ def test_the_images_do_not_depend_on_the_memory(condition, batch):
 def test_nor_do_the_answers(part, batch):
     answers = []
     for limit in (lambda model: model, limited):
-        judge, model = UNDEFENDED, batch.model
+        classifier, model = UNDEFENDED, batch.model
         if part == "model":
             model = limit(model)
         elif part == "target":
-            judge = Judge("target", model=limit(model))
+            classifier = Classifier("target", model=limit(model))
         else:
-            judge = Judge("noisy", noisy(limit), draws=2)
+            classifier = Classifier("noisy", noisy(limit), draws=2)
         whole = SceneBatches([torch.arange(6)], [dataclasses.replace(batch, model=model)])
         torch.manual_seed(0)
-        answers.append(whole.predictions(judge, batch.images))
+        answers.append(whole.predictions(classifier, batch.images))
     assert torch.equal(*answers)
 
 

@@ -11,15 +11,15 @@ from moireaug import Scene
 from moireaug.defenses import Rejecting
 from moireaug.evaluation import Cell, Table, images_frame, rates
 from moireaug.evaluation.attackers import MoireAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, averaging_classifier
 from moireaug.evaluation.conditions import (
+    BrightPhotoWithoutMoire,
     Clean,
     Condition,
     Photo,
     PhotoWithoutMoire,
     RandomNoise,
-    Rotated,
 )
-from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.trust import CleanTwice, PhotoGradient
@@ -60,7 +60,7 @@ def test_any_cut_of_the_work_gives_the_same_figures(known, complete):
     assert results(first) | results(second) == whole
     jobs = jobs_of([TABLE])
     assert first.missing(jobs, (0,)) == 0 and first.missing(jobs, (0, 1)) == 9
-    alone = results(ran(known, table_of(RandomNoise(eps=EPS), judge=HAZE)))
+    alone = results(ran(known, table_of(RandomNoise(eps=EPS), classifier=HAZE)))
     assert alone.items() <= whole.items()
 
 
@@ -80,8 +80,8 @@ def test_what_is_done_is_not_done_again(known):
         calls.append(len(batch.images))
         return batch.images
 
-    judges = {"none": UNDEFENDED, "haze": HAZE}
-    both = Table("mine", tuple(cross(judges, {"mine": Mine(function=show)})))
+    classifiers = {"none": UNDEFENDED, "haze": HAZE}
+    both = Table("mine", tuple(cross(classifiers, {"mine": Mine(function=show)})))
     first = ran(known, both)
     assert calls == [8, 8]
     ran(known, both, records=first.records)
@@ -102,10 +102,10 @@ def contrary(known):
     return model
 
 
-def test_success_is_counted_on_what_the_judge_has_right(known, contrary):
-    stranger = Judge("stranger", model=contrary)
-    judges = {"model": UNDEFENDED, "stranger": stranger, "haze": HAZE}
-    table = Table("mine", tuple(cross(judges, {"moire": Photo()})))
+def test_success_is_counted_on_what_the_classifier_has_right(known, contrary):
+    stranger = Classifier("stranger", model=contrary)
+    classifiers = {"model": UNDEFENDED, "stranger": stranger, "haze": HAZE}
+    table = Table("mine", tuple(cross(classifiers, {"moire": Photo()})))
     runner = ran(known, table)
     asked = {r["judge"] for r in runner.records._records.values() if r["condition"] == "clean"}
     assert asked == {"model", "stranger"}
@@ -122,7 +122,7 @@ def test_success_is_counted_on_what_the_judge_has_right(known, contrary):
 def test_another_model_behind_a_defence_counts_on_itself(known, contrary):
     frames = []
     for defence in (None, lambda x: 1 - x):
-        table = table_of(Photo(), judge=Judge("both", model=contrary, defence=defence))
+        table = table_of(Photo(), classifier=Classifier("both", model=contrary, defence=defence))
         frames.append(frame_of(known, table))
     bare, behind = frames
     assert behind["counted"].equals(bare["counted"]) and 0 < bare["counted"].sum() < 16
@@ -147,9 +147,9 @@ def test_conditions_of_one_scene_share_their_shots(known):
 def test_rotated_is_bright_and_still_turned(known):
     grey = torch.full((2, 3, 32, 32), 0.6)
     batches = [(grey, torch.zeros(2, dtype=torch.long))]
-    table = table_of(Rotated(), PhotoWithoutMoire())
+    table = table_of(BrightPhotoWithoutMoire(), PhotoWithoutMoire())
     runner = ran((known[0], batches), table, (0,), scene=Scene.preset("paper"))
-    rotated = runner.records.pictures[runner.picture_name(Rotated())]
+    rotated = runner.records.pictures[runner.picture_name(BrightPhotoWithoutMoire())]
     plain = runner.records.pictures[runner.picture_name(PhotoWithoutMoire())]
     middle = (..., slice(12, 20), slice(12, 20))
     assert torch.allclose(rotated[middle], grey[middle], atol=1e-5)
@@ -186,10 +186,13 @@ def test_worst_cases_pool_no_unlucky_draws():
         return torch.stack([-level, level], 1)
 
     batches = [(torch.full((16, 3, 8, 8), 0.6), torch.ones(16, dtype=torch.long))]
-    conditions = (Photo(), PhotoWithoutMoire(), RandomNoise(eps=EPS), Rotated())
+    conditions = (Photo(), PhotoWithoutMoire(), RandomNoise(eps=EPS), BrightPhotoWithoutMoire())
     accuracies = []
-    for judge in (Judge("dropping", dropping), averaging_judge("dropping", dropping)):
-        table = Table("mine", (Cell("mine", "worst", conditions, judge, worst=True),))
+    for dropped in (
+        Classifier("dropping", dropping),
+        averaging_classifier("dropping", dropping),
+    ):
+        table = Table("mine", (Cell("mine", "worst", conditions, dropped, worst=True),))
         accuracies += rates(frame_of((bright, batches), table))["accuracy"].tolist()
     assert accuracies[0] < accuracies[1] == 1
 
@@ -209,7 +212,7 @@ def test_two_conditions_of_one_name_are_refused():
     ],
 )
 def test_a_model_or_defence_is_left_as_it_was_found(part, body, known):
-    """It judges in evaluation mode, without gradients, and keeps its statistics."""
+    """It classifies in evaluation mode, without gradients, and keeps its statistics."""
     seen = []
 
     class Spy(nn.Module):
@@ -222,16 +225,16 @@ def test_a_model_or_defence_is_left_as_it_was_found(part, body, known):
     if part == "attacked":
         ran((stranger, known[1]), table_of(Photo()))
     else:
-        ran(known, table_of(Photo(), judge=Judge("stranger", **{part: stranger})))
+        ran(known, table_of(Photo(), classifier=Classifier("stranger", **{part: stranger})))
     assert seen and not any(training or grad for training, grad in seen)
     assert stranger.training
     assert all(torch.equal(v, stranger.state_dict()[k]) for k, v in state.items())
 
 
 def test_no_logits_or_one_get_a_sentence(known):
-    bad = Judge("bad", model=lambda shown: shown)
+    bad = Classifier("bad", model=lambda shown: shown)
     with pytest.raises(ValueError, match=r"must return logits \(B, K\)"):
-        ran(known, table_of(Clean(), judge=bad), (0,))
+        ran(known, table_of(Clean(), classifier=bad), (0,))
     with pytest.raises(ValueError, match="logits of at least two classes; got 1"):
         ran((lambda x: x.mean((1, 2, 3))[:, None], known[1]), indices=(0,))
 
@@ -251,8 +254,8 @@ def test_a_defence_may_work_in_place_and_is_clipped(known):
     kept = [images.clone() for images, _ in batches]
     answers = []
     for defence in (lambda x: (x * 3).clamp(0, 1), lambda x: x.mul_(3)):
-        judge = Judge("defence", defence=defence)
-        runner = ran((model, batches), table_of(Clean(), Photo(), judge=judge), (0,))
+        classifier = Classifier("defence", defence=defence)
+        runner = ran((model, batches), table_of(Clean(), Photo(), classifier=classifier), (0,))
         answers.append([record["predicted"] for record in results(runner).values()])
     assert answers[0] == answers[1]
     assert all(torch.equal(a, b) for a, (b, _) in zip(kept, batches, strict=True))

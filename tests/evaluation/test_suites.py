@@ -10,8 +10,8 @@ from moireaug import Scene
 from moireaug.defenses import JPEG
 from moireaug.evaluation import GROUPS, SUITES, SuiteConfig, Table, images_frame, rates, tables_of
 from moireaug.evaluation.attackers import Attacker, MoireAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
-from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import cross
@@ -137,7 +137,10 @@ def test_unseen_scenes_are_others_in_the_images_frame():
         config = dataclasses.replace(CONFIG, scene=scene)
         assert set(other_scenes(config)) == registered - {name}
         (table,) = tables_of("unseen", config)
-        assert table.rows == [OWN_SCENE_ROW, *other_scenes(config)] and table.facts["own"] == name
+        assert (
+            table.rows == [OWN_SCENE_ROW, *other_scenes(config)]
+            and table.note_values["own"] == name
+        )
     custom = dataclasses.replace(SCENE, view=dataclasses.replace(SCENE.view, roll=1.0))
     assert set(other_scenes(SuiteConfig(scene=custom))) == registered
 
@@ -145,7 +148,7 @@ def test_unseen_scenes_are_others_in_the_images_frame():
 def test_all_scenes_of_a_suite_are_of_crops_where_images_are():
     config = SuiteConfig(scene=["phone_at_phone", "dashcam_at_led_sign"], shrink=(1, 3), steps=1)
     (unseen,) = tables_of("unseen", config)
-    assert unseen.facts["own"] == "phone_at_phone or dashcam_at_led_sign"
+    assert unseen.note_values["own"] == "phone_at_phone or dashcam_at_led_sign"
     assert not {"phone_at_phone", "dashcam_at_led_sign"} & set(unseen.rows)
     conditions = [condition for cell in unseen.cells for condition in cell.conditions]
     shown = [scenes_of(condition.scene) for condition in conditions if condition.scene]
@@ -171,7 +174,7 @@ def test_a_scene_without_a_choice_of_pose_says_so():
     assert "turning" in table.columns  # the panel still varies
     (table,) = tables_of("adaptive", dataclasses.replace(CONFIG, scene=Scene.preset("paper_code")))
     assert "turning" not in table.columns
-    assert table.facts["why_not_turned"].startswith("optimise")
+    assert table.note_values["why_not_turned"].startswith("optimise")
 
 
 def deaf(images):

@@ -120,8 +120,10 @@ def test_records_without_it_are_others(known, measure):
         Runner(*known, EvalSetup(scene, lpips=given), Records()) for given in (None, measure)
     ]
     differing = []
-    for condition, (judge,) in jobs_of([ladder(SuiteConfig(scene=scene, eps=(4 / 255,), steps=1))]):
-        keys = {runner.key(condition, judge, 0) for runner in runners}
+    for condition, (classifier,) in jobs_of(
+        [ladder(SuiteConfig(scene=scene, eps=(4 / 255,), steps=1))]
+    ):
+        keys = {runner.key(condition, classifier, 0) for runner in runners}
         if len(keys) == 2:
             differing.append(condition.name)
     assert differing == ["ma_4", "ma_4_targeted", "pgd_4", "apgd_4"]

@@ -207,7 +207,7 @@ def require_all_records(runner: Runner, phases: Iterable[tuple[list[Job], range]
     missing = total = 0
     for jobs, indices in phases:
         missing += runner.missing(jobs, indices)
-        total += len(indices) * sum(len(job.judges) for job in jobs)
+        total += len(indices) * sum(len(job.classifiers) for job in jobs)
     if missing:
         raise ValueError(
             f"{missing} of {total} records are missing: other processes did not finish, or write "

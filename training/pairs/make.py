@@ -14,7 +14,7 @@ from pathlib import Path
 from torch.utils.data import DataLoader
 from tqdm import tqdm
 
-from moireaug.common.files import unfinished
+from moireaug.common.files import atomic_replacement
 from moireaug.synthesis import Pairs
 from moireaug.synthesis.pairs import make_pair
 from moireaug.synthesis.twins import SEEN_CODES
@@ -99,7 +99,7 @@ def write(path: Path, pairs: Iterable[EncodedPair], format_name: str, share: Sha
         OSError: the disk is full or not writable; says how many MB are free.
     """
     try:
-        with unfinished(path, share.label) as temporary:
+        with atomic_replacement(path, share.label) as temporary:
             FORMATS[format_name].write(temporary, pairs)
     except OSError as error:
         free = shutil.disk_usage(path.parent).free / 1e6

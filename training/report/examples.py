@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from moireaug.attacks import REJECTED, UNDECIDED
+from moireaug.evaluation.classifiers import UNDEFENDED
 from moireaug.evaluation.conditions import Condition, Photo
-from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.tables import Table
 from training.report.page import title_of

@@ -79,7 +79,7 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
         "name": table.name,
         "columns": table.columns,
         "rows": [_row(table, cells, name) for name in table.rows],
-        "facts": table.facts,
+        "note_values": table.note_values,
         "empty": table.empty,
         "noise": noise,
         "moire": moire_text(cells.values()),
@@ -113,7 +113,7 @@ def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
     first, for the attack that it names, or its strongest; None where it lacks the attack, the photo
     or the random noise."""
     row = "eps_4" if "eps_4" in table.rows else table.rows[0]
-    named = table.facts.get("attack")
+    named = table.note_values.get("attack")
     columns = [column for column in (named, *ATTACK_COLUMNS) if column in table.columns]
     if not columns:
         return None

@@ -18,5 +18,5 @@ def appearance(config: SuiteConfig) -> Table:
     }
     cells = undefended_row(eps_row(eps), columns)
     pictures = [cell.place for cell in cells]
-    facts = {"area": Patch.area}
-    return Table("appearance", tuple(cells), pictures=tuple(pictures), facts=facts)
+    note_values = {"area": Patch.area}
+    return Table("appearance", tuple(cells), pictures=tuple(pictures), note_values=note_values)

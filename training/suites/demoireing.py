@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import APGDAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, averaging_classifier
 from moireaug.evaluation.conditions import Condition, controls
-from moireaug.evaluation.judges import UNDEFENDED, Judge, averaging_judge
 from moireaug.evaluation.tables import Cell, Table, cross, worst_of
 from training.suites.config import PaperConfig
 from training.suites.paper import paper_attacks
@@ -18,17 +18,17 @@ MISSING_WEIGHTS = "no weights were given"
 def demoireing(config: PaperConfig) -> Table:
     """Paper, table 5: the attacks after demoiréing networks. The attackers know of none of them,
     except APGD, which goes through each network's own gradient."""
-    judges: dict[str, Judge] = {"undefended": UNDEFENDED}
+    classifiers: dict[str, Classifier] = {"undefended": UNDEFENDED}
     for name, network in config.networks.items():
-        judges[name] = averaging_judge(name, network)
-    missing = {name: MISSING_WEIGHTS for name in PAPER_NETWORKS if name not in judges}
+        classifiers[name] = averaging_classifier(name, network)
+    missing = {name: MISSING_WEIGHTS for name in PAPER_NETWORKS if name not in classifiers}
     eps, steps = config.middle, config.steps
     columns: dict[str, Condition] = controls(eps) | paper_attacks(config)
     columns["ma_8"] = MoireAttacker(eps=LARGER_EPS, steps=steps, until_fooled=False)
-    cells = cross(judges, columns)
-    for name, judge in judges.items():
-        apgd = APGDAttacker(eps=eps, steps=steps, known_judge=judge)
-        cells.append(Cell(name, "adaptive", (apgd,), judge))
+    cells = cross(classifiers, columns)
+    for name, classifier in classifiers.items():
+        apgd = APGDAttacker(eps=eps, steps=steps, known_classifier=classifier)
+        cells.append(Cell(name, "adaptive", (apgd,), classifier))
         cells.append(worst_of([cell for cell in cells if cell.row == name], name, eps))
     return Table(
         "demoireing",

@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from functools import partial
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import (
+    BrightPhotoWithoutMoire,
     Condition,
     Photo,
     PhotoWithoutMoire,
     RandomNoise,
-    Rotated,
     controls,
     in_255ths,
 )
-from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, undefended_row
 from moireaug.mixtures import map_scenes, scenes_of
 from moireaug.scene.by_name import with_values
@@ -48,7 +48,7 @@ def success(config: SuiteConfig) -> Table:
     cells: list[Cell] = []
     for eps in config.bounds(PAPER_EPS):
         columns: dict[str, Condition] = {
-            "rotated": Rotated(),
+            "rotated": BrightPhotoWithoutMoire(),
             "rotated_dim": PhotoWithoutMoire(),
             "moire": Photo(),
             "random": RandomNoise(eps=eps),
@@ -65,9 +65,9 @@ def success(config: SuiteConfig) -> Table:
 def mean_normalised(config: SuiteConfig) -> Table:
     """Paper, table 2: the photo's mean brought to the clean image's; and to a fixed mean, as a
     deployed system can."""
-    judges = {
+    classifiers = {
         "as_it_is": UNDEFENDED,
-        "restored": Judge("restored", restores_mean=True),
+        "restored": Classifier("restored", restores_mean=True),
         "gain": config.behind("gain"),
     }
     columns = controls(config.middle)
@@ -75,46 +75,46 @@ def mean_normalised(config: SuiteConfig) -> Table:
         columns[f"ma_{in_255ths(eps)}"] = MoireAttacker(
             eps=eps, steps=config.steps, until_fooled=False
         )
-    facts = {"codes": in_255ths(config.middle), "attack": f"ma_{in_255ths(config.middle)}"}
-    return Table("mean_normalised", tuple(cross(judges, columns)), facts=facts)
+    note_values = {"codes": in_255ths(config.middle), "attack": f"ma_{in_255ths(config.middle)}"}
+    return Table("mean_normalised", tuple(cross(classifiers, columns)), note_values=note_values)
 
 
 def jpeg(config: SuiteConfig) -> Table:
     """Paper, table 3: the attacks after JPEG."""
-    judges = {"undefended": UNDEFENDED}
+    classifiers = {"undefended": UNDEFENDED}
     for quality in JPEG_QUALITIES:
-        judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    table = _attacks_table("jpeg", config, judges, {})
+        classifiers[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
+    table = _attacks_table("jpeg", config, classifiers, {})
     pictures = tuple(("undefended", column) for column in table.columns)
     return dataclasses.replace(table, pictures=pictures)
 
 
 def defences(config: PaperConfig) -> Table:
     """Paper, table 4: the attacks after other input transformations."""
-    judges = {"undefended": UNDEFENDED}
+    classifiers = {"undefended": UNDEFENDED}
     for name in config.defences:
         if name not in DEFENCES_OF_OTHER_TABLES:
-            judges[name] = config.behind(name)
-    return _attacks_table("defences", config, judges, config.without)
+            classifiers[name] = config.behind(name)
+    return _attacks_table("defences", config, classifiers, config.without)
 
 
 def transfer(config: SuiteConfig) -> Table:
-    """Paper, table 6: the attacks on the model, judged by other models."""
-    judges = {"attacked": UNDEFENDED}
+    """Paper, table 6: the attacks on the model, classified by other models."""
+    classifiers = {"attacked": UNDEFENDED}
     missing = {}
     for name, model in config.targets.items():
         if model is None:
             missing[name] = "weights not at hand"
         else:
-            judges[name] = Judge(name, model=model)
-    return _attacks_table("transfer", config, judges, missing)
+            classifiers[name] = Classifier(name, model=model)
+    return _attacks_table("transfer", config, classifiers, missing)
 
 
 def _attacks_table(
-    name: str, config: SuiteConfig, judges: Mapping[str, Judge], empty: Mapping[str, str]
+    name: str, config: SuiteConfig, classifiers: Mapping[str, Classifier], empty: Mapping[str, str]
 ) -> Table:
-    """Lay out the paper's attacks, and their controls, before each judge."""
-    cells = cross(judges, controls(config.middle) | paper_attacks(config))
+    """Lay out the paper's attacks, and their controls, before each classifier."""
+    cells = cross(classifiers, controls(config.middle) | paper_attacks(config))
     return Table(name, tuple(cells), empty=empty)
 
 
@@ -190,7 +190,7 @@ def noise_position(config: SuiteConfig) -> Table:
         noise_at="photo",
         until_fooled=False,
     )
-    judges = {"undefended": UNDEFENDED}
+    classifiers = {"undefended": UNDEFENDED}
     for quality in (20, 40):
-        judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    return Table("noise_position", tuple(cross(judges, columns)))
+        classifiers[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
+    return Table("noise_position", tuple(cross(classifiers, columns)))

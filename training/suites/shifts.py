@@ -58,4 +58,6 @@ def shifts(config: SuiteConfig) -> Table:
             corrupted = Corrupted(corruption=corruption, amount=amount)
             cells.append(Cell(corrupted.name, UNATTACKED_COLUMN, (corrupted,)))
     pictures = [cell.place for cell in cells if cell.column == UNATTACKED_COLUMN]
-    return Table("shifts", tuple(cells), pictures=tuple(pictures), facts={"codes": in_255ths(eps)})
+    return Table(
+        "shifts", tuple(cells), pictures=tuple(pictures), note_values={"codes": in_255ths(eps)}
+    )

@@ -6,8 +6,8 @@ from __future__ import annotations
 from moireaug.attacks.pose import searched_fields
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, APGDAttacker, SquareAttacker
+from moireaug.evaluation.classifiers import DEFENCE_DRAWS, UNDEFENDED
 from moireaug.evaluation.conditions import Condition, controls
-from moireaug.evaluation.judges import DEFENCE_DRAWS, UNDEFENDED
 from moireaug.evaluation.tables import (
     Cell,
     SuiteConfig,
@@ -34,28 +34,32 @@ def adaptive(config: SuiteConfig) -> Table:
     added = [name for name in config.defences if name not in paper_defences()]
     # quilting is the paper's, once it has its patches
     user_defences = [name for name in added if name != "quilting"]
-    judges = {"undefended": UNDEFENDED}
+    classifiers = {"undefended": UNDEFENDED}
     for name in (*ATTACKED_DEFENCES, *added):
-        judges[name] = config.behind(name, averages=True)
+        classifiers[name] = config.behind(name, averages=True)
     queries = QUERIES_PER_STEP * steps
     cells: list[Cell] = []
     worst_cells: list[Cell] = []  # the last column
-    for row, judge in judges.items():
+    for row, classifier in classifiers.items():
         columns: dict[str, Condition] = controls(eps) | {
             "ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False),
-            "adaptive": APGDAttacker(eps=eps, steps=steps, known_judge=judge),
+            "adaptive": APGDAttacker(eps=eps, steps=steps, known_classifier=classifier),
         }
         if row in user_defences:
-            columns["square"] = SquareAttacker(eps=eps, steps=queries, known_judge=judge)
-        row_cells = cross({row: judge}, columns)
+            columns["square"] = SquareAttacker(eps=eps, steps=queries, known_classifier=classifier)
+        row_cells = cross({row: classifier}, columns)
         cells += row_cells
-        if judge is UNDEFENDED:
+        if classifier is UNDEFENDED:
             cells += undefended_row(row, camera_attackers)
         worst_cells.append(worst_of(row_cells, row, eps))
-    facts = {"why_not_turned": reason, "draws": DEFENCE_DRAWS, "shots": PoseUnknownAttacker.shots}
+    note_values = {
+        "why_not_turned": reason,
+        "draws": DEFENCE_DRAWS,
+        "shots": PoseUnknownAttacker.shots,
+    }
     if user_defences:
-        facts["queries"] = queries
-    return Table("adaptive", (*cells, *worst_cells), facts=facts)
+        note_values["queries"] = queries
+    return Table("adaptive", (*cells, *worst_cells), note_values=note_values)
 
 
 def attackers_of_the_camera(config: SuiteConfig, eps: float) -> tuple[dict[str, Condition], str]:

@@ -31,8 +31,10 @@ def standard(config: SuiteConfig) -> Table:
         row = eps_row(eps)
         row_cells = undefended_row(row, columns | camera_attackers)
         cells += [*row_cells, worst_of(row_cells, row, eps)]
-    facts = {"why_not_turned": reason, "steps": steps, "queries": queries}
-    return Table("standard", tuple(cells), pictures=_first_row_places(cells), facts=facts)
+    note_values = {"why_not_turned": reason, "steps": steps, "queries": queries}
+    return Table(
+        "standard", tuple(cells), pictures=_first_row_places(cells), note_values=note_values
+    )
 
 
 def worst_case(config: SuiteConfig) -> Table:

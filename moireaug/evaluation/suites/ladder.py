@@ -10,13 +10,13 @@ from __future__ import annotations
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import APGDAttacker
 from moireaug.evaluation.conditions import (
+    BrightPhotoWithoutMoire,
     Clean,
     Condition,
     Dimmed,
     Photo,
     PhotoWithoutMoire,
     RandomNoise,
-    Rotated,
     in_255ths,
 )
 from moireaug.evaluation.tables import DEFAULT_EPS, Cell, SuiteConfig, Table, worst_of
@@ -75,12 +75,12 @@ def full_ladder(config: SuiteConfig) -> Table:
     cells = []
     for row, condition in conditions.items():
         if row == "no_moire":
-            cells.append(Cell("rotated", FOOLED_COLUMN, (Rotated(),)))
+            cells.append(Cell("rotated", FOOLED_COLUMN, (BrightPhotoWithoutMoire(),)))
         cells.append(Cell(row, FOOLED_COLUMN, (condition,)))
     cells.append(worst_of(cells, f"worst_case_{size}", eps, FOOLED_COLUMN))
     pictures = _picture_places(eps, FOOLED_COLUMN)
-    facts = {"shots": PoseUnknownAttacker.shots}
-    return Table("full_ladder", tuple(cells), pictures=pictures, facts=facts)
+    note_values = {"shots": PoseUnknownAttacker.shots}
+    return Table("full_ladder", tuple(cells), pictures=pictures, note_values=note_values)
 
 
 def _picture_places(eps: float, column: str) -> tuple[tuple[str, str], ...]:

@@ -39,4 +39,4 @@ def unseen(config: SuiteConfig) -> Table:
     known = {scene: name for name, scene in _registered_presets(config).items()}
     names = [known.get(one) or preset_name(one) for one in scenes_of(config.scene)]
     own_names = " or ".join(names) if all(names) else ""
-    return Table("unseen", tuple(cells), pictures=tuple(pictures), facts={"own": own_names})
+    return Table("unseen", tuple(cells), pictures=tuple(pictures), note_values={"own": own_names})

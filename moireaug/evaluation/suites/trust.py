@@ -1,4 +1,4 @@
-"""The table that the checks of an evaluation judge: see `trust_checks.py`."""
+"""The table that the checks of an evaluation read: see `trust_checks.py`."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from moireaug.common.numeric import as_single
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, SquareAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise
-from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, eps_row
 
 LONGER_FACTOR = 2  # times as many steps
@@ -57,11 +57,11 @@ def growing_eps(config: SuiteConfig) -> list[float]:
 
 
 def trust(config: SuiteConfig) -> Table:
-    """Lay out the table that the checks judge: a row each, other models in their own columns."""
+    """Lay out the table that the checks read: a row each, other models in their own columns."""
     eps, steps = config.middle, config.steps
     longer = f"{LONGER_FACTOR * steps}_steps_and_2_restarts"
-    rounded = Judge("rounded", defence=BitDepth(8))
-    through = MoireAttacker(eps=eps, steps=steps, known_judge=rounded)
+    rounded = Classifier("rounded", defence=BitDepth(8))
+    through = MoireAttacker(eps=eps, steps=steps, known_classifier=rounded)
     cells = [
         Cell("clean", MODEL_COLUMN, (CleanTwice(),)),
         Cell("moire", MODEL_COLUMN, (PhotoGradient(),)),
@@ -79,8 +79,8 @@ def trust(config: SuiteConfig) -> Table:
         cells.append(Cell(eps_row(size), MODEL_COLUMN, (MoireAttacker(eps=size, steps=steps),)))
     for name, model in config.targets.items():
         if model is not None:
-            judge = Judge(name, model=model)
+            classifier = Classifier(name, model=model)
             untruncated = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
-            cells.append(Cell(eps_row(eps), name, (untruncated,), judge))
-            cells.append(Cell("random", name, (RandomNoise(eps=eps),), judge))
+            cells.append(Cell(eps_row(eps), name, (untruncated,), classifier))
+            cells.append(Cell("random", name, (RandomNoise(eps=eps),), classifier))
     return Table("trust", tuple(cells))

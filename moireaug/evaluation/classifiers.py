@@ -1,4 +1,4 @@
-"""Judges: the models that classify the images of a condition."""
+"""Classifiers: the models that classify the images of a condition."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ DEFENCE_DRAWS = 20  # of a randomised defence, as many as AutoAttack's version "
 
 
 @dataclass(frozen=True)
-class Judge:
+class Classifier:
     """The attacked model, the same behind a defence, or another model.
 
     Args:
-        name: name of the judge within an evaluation.
+        name: name of the classifier within an evaluation.
         defence: defence in front of the model.
         model: another model than the attacked one, for transfer.
         restores_mean: whether the mean of the clean image, which only an experimenter knows, is
@@ -39,16 +39,16 @@ class Judge:
     draws: int = 1
 
     @cached_property
-    def base(self) -> Judge:
-        """The judge without its defence; success counts the images that it gets right clean."""
+    def base(self) -> Classifier:
+        """The one without its defence; success counts the images that it gets right clean."""
         if self.model is None:
             return UNDEFENDED
         if self.defence is None and not self.restores_mean:
             return self
-        return Judge(f"{self.name}, undefended", model=self.model)
+        return Classifier(f"{self.name}, undefended", model=self.model)
 
     def defended(self, model: Model, max_images: int | None) -> Model:
-        """Return a model behind the judge's defence, where each takes `max_images` at once."""
+        """Return a model behind the classifier's defence, where each takes `max_images` at once."""
         model = in_parts(model, max_images)
         if self.defence is None:
             return model
@@ -71,8 +71,8 @@ class Judge:
 
     @cached_property
     def identity(self) -> str:
-        """The judge's identity in records: its name, those of its defence and model, and the number
-        of draws."""
+        """The identity in records: the name, those of defence and model, and the number of
+        draws."""
         parts = [self.name]
         for name, part in (("defence", self.defence), ("model", self.model)):
             if part is not None:
@@ -82,12 +82,12 @@ class Judge:
         return "#".join(parts)
 
 
-UNDEFENDED = Judge("model")
+UNDEFENDED = Classifier("model")
 
 
-def averaging_judge(name: str, defence: ImageTransform) -> Judge:
+def averaging_classifier(name: str, defence: ImageTransform) -> Classifier:
     """Return the attacked model behind a defence, by the mean of many draws where it is randomised:
     of single draws, a worst case over several conditions would pick the unlucky ones."""
     if not getattr(defence, "randomised", False):
-        return Judge(name, defence)
-    return Judge(f"{name}_{DEFENCE_DRAWS}_draws", defence, draws=DEFENCE_DRAWS)
+        return Classifier(name, defence)
+    return Classifier(f"{name}_{DEFENCE_DRAWS}_draws", defence, draws=DEFENCE_DRAWS)
