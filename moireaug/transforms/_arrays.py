@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -165,46 +164,3 @@ def pictures_of(data: dict[str, Any]) -> dict[str, list[np.ndarray]]:
         if value is not None:
             pictures[target] = list(value) if depth else [value]
     return pictures
-
-
-def noise_of(
-    target: str, n: int, noise: dict[str, list] | None = None, **params: Any
-) -> torch.Tensor | None:
-    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:]), or
-    None where no attacker is at work.
-
-    Args:
-        noise: of each picture, as nested lists, by target.
-
-    Raises:
-        ValueError: there is no noise for as many pictures of this target.
-    """
-    if noise is None:
-        return None
-    if len(noise.get(target, [])) < n:
-        counts = ", ".join(f"{len(rows)} as {name}" for name, rows in noise.items()) or "none"
-        raise ValueError(
-            f"AdversarialMoire has noise for the pictures that it attacked: {counts}; got {n} as "
-            f"{target}. Pass them to a replay as they were recorded."
-        )
-    return torch.tensor(noise[target][:n], dtype=torch.float32, device="cpu")
-
-
-def label_of(data: dict[str, Any], key: str) -> int:
-    """Return the index of the image's class, which a call passes under a key.
-
-    Raises:
-        ValueError, TypeError: none, or one that is no integer.
-    """
-    if key not in data:
-        raise ValueError(
-            "AdversarialMoire needs the image's class: call the Compose with "
-            f"{key}=<int>, or name another key by label_key; got the keys "
-            f"{', '.join(sorted(data))}."
-        )
-    try:
-        return operator.index(data[key])
-    except TypeError:
-        raise TypeError(
-            f"{key} must be the index of the image's class, an integer; got {data[key]!r}."
-        ) from None

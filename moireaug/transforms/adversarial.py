@@ -30,7 +30,7 @@ from moireaug.transforms._convert import (
     warn_without_moire,
     with_rows,
 )
-from moireaug.transforms.torchvision import ANNOTATION_TYPES, IMAGE_TYPES, wrap
+from moireaug.transforms._leaves import ANNOTATION_TYPES, IMAGE_TYPES, wrap
 
 NO_BATCH_MESSAGE = (
     "a sample must hold one batch of images, a tensor (B, C, H, W), beside its labels; got {}."

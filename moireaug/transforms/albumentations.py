@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from moireaug.common.extras import require
@@ -24,32 +22,24 @@ import torch
 from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack
-from moireaug.common.networks import device_of
 from moireaug.mixtures import sample_one, scenes_of
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._albumentations_base import SampledTransform, torch_generator
+from moireaug.transforms._array_noise import attack_pictures, label_of, noise_of
 from moireaug.transforms._arrays import (
     IMAGE_TARGETS,
     apply_to_all,
     apply_to_one,
-    check_same,
-    label_of,
     move_bboxes,
     move_keypoints,
     move_mask,
-    noise_of,
     pictures_of,
-    planes,
 )
 from moireaug.transforms._convert import (
-    as_float_rgb,
-    as_model_takes,
     at_size,
     check_probability,
     describe,
-    model_of_photos,
     planned_scenes,
-    shot_of_frames,
     warn_without_moire,
 )
 from moireaug.transforms._workers import seed_worker as seed_worker
@@ -267,20 +257,6 @@ class AdversarialMoire(RandomMoire):
         pictures = pictures_of(data)
         if not any(pictures.values()):
             return drawn | {"noise": {}}
-        counts = [len(of_target) for of_target in pictures.values()]
-        images = [planes(picture) for picture in itertools.chain(*pictures.values())]
-        check_same("height and width", (tuple(image.shape[-2:]) for image in images))
-        model = self.attack.model
-        rgb = torch.cat([as_float_rgb(picture) for picture in images]).to(device_of(model))
-        # a colour picture, if there is one
-        example = max(images, key=lambda picture: picture.shape[1])
-        attack = replace(self.attack, model=model_of_photos(model, example.to(rgb.device)))
-        result = attack(
-            as_model_takes(rgb, model),
-            torch.full((len(rgb),), label, device="cpu"),
-            shot=shot_of_frames(self._shot(drawn["shot"]).repeat(len(counts)), counts),
-            generator=generator,
-        )
-        rows = (noise.tolist() for noise in result.noise)
-        noise = {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
+        shot = self._shot(drawn["shot"])
+        noise = attack_pictures(self.attack, pictures, shot, label, generator)
         return drawn | {"noise": noise}

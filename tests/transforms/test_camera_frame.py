@@ -7,7 +7,7 @@ from torchvision.transforms.v2 import functional as F
 
 from moireaug import Develop, Lens, Scene, View
 from moireaug.transforms import RandomMoire
-from moireaug.transforms.torchvision import apply_shot
+from moireaug.transforms._leaves import apply_shot
 from tests.transforms.common import CAMERA, CLEAR, SQUARE, sample_of_leaves, values
 
 

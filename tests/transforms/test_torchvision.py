@@ -13,7 +13,7 @@ from torchvision.transforms.v2 import functional as F
 from moireaug import Panel, Scene, Sensor, capture
 from moireaug.scene.by_name import with_values
 from moireaug.transforms import RandomMoire
-from moireaug.transforms.torchvision import apply_shot
+from moireaug.transforms._leaves import apply_shot
 from tests.transforms.common import CAMERA, FRAMES, REGISTERED, sample_of_leaves, values
 
 DTYPES = (torch.uint8, torch.float16, torch.bfloat16, torch.float32, torch.float64)

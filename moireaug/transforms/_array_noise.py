@@ -1,0 +1,95 @@
+"""An attacker's noise for numpy pictures, as parameters of a call: nested lists by target."""
+
+from __future__ import annotations
+
+import itertools
+import operator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from moireaug.attacks import MoireAttack
+from moireaug.common.networks import device_of
+from moireaug.scenes import Shot
+from moireaug.transforms._arrays import check_same, planes
+from moireaug.transforms._convert import (
+    as_float_rgb,
+    as_model_takes,
+    model_of_photos,
+    shot_of_frames,
+)
+
+
+def attack_pictures(
+    attack: MoireAttack,
+    pictures: dict[str, list[np.ndarray]],
+    shot: Shot,
+    label: int,
+    generator: torch.Generator,
+) -> dict[str, list]:
+    """Return the noise that fools the attack's model most, for each picture of each target.
+
+    Args:
+        pictures: one or more pictures of one height and width, by target.
+        shot: one draw, which all pictures share but for sensor noise.
+        label: index of the pictures' class.
+    """
+    counts = [len(of_target) for of_target in pictures.values()]
+    images = [planes(picture) for picture in itertools.chain(*pictures.values())]
+    check_same("height and width", (tuple(image.shape[-2:]) for image in images))
+    model = attack.model
+    rgb = torch.cat([as_float_rgb(image) for image in images]).to(device_of(model))
+    example = max(images, key=lambda image: image.shape[1])  # a colour picture, if there is one
+    result = replace(attack, model=model_of_photos(model, example.to(rgb.device)))(
+        as_model_takes(rgb, model),
+        torch.full((len(rgb),), label, device="cpu"),
+        shot=shot_of_frames(shot.repeat(len(counts)), counts),
+        generator=generator,
+    )
+    rows = (noise.tolist() for noise in result.noise)
+    return {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
+
+
+def noise_of(
+    target: str, n: int, noise: dict[str, list] | None = None, **params: Any
+) -> torch.Tensor | None:
+    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:]), or
+    None where no attacker is at work.
+
+    Args:
+        noise: of each picture, as nested lists, by target.
+
+    Raises:
+        ValueError: there is no noise for as many pictures of this target.
+    """
+    if noise is None:
+        return None
+    if len(noise.get(target, [])) < n:
+        counts = ", ".join(f"{len(rows)} as {name}" for name, rows in noise.items()) or "none"
+        raise ValueError(
+            f"AdversarialMoire has noise for the pictures that it attacked: {counts}; got {n} as "
+            f"{target}. Pass them to a replay as they were recorded."
+        )
+    return torch.tensor(noise[target][:n], dtype=torch.float32, device="cpu")
+
+
+def label_of(data: dict[str, Any], key: str) -> int:
+    """Return the index of the image's class, which a call passes under a key.
+
+    Raises:
+        ValueError, TypeError: none, or one that is no integer.
+    """
+    if key not in data:
+        raise ValueError(
+            "AdversarialMoire needs the image's class: call the Compose with "
+            f"{key}=<int>, or name another key by label_key; got the keys "
+            f"{', '.join(sorted(data))}."
+        )
+    try:
+        return operator.index(data[key])
+    except TypeError:
+        raise TypeError(
+            f"{key} must be the index of the image's class, an integer; got {data[key]!r}."
+        ) from None
