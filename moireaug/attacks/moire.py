@@ -15,6 +15,7 @@ from moireaug.attacks.checks import check_goals
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.mixed import join_results
 from moireaug.attacks.pose import searched_fields
+from moireaug.attacks.problem import Point
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_count, one_of
 from moireaug.common.image_checks import check_images
@@ -59,6 +60,10 @@ class MoireAttack(Attack):
             shot, a restart at a fresh draw. ("view",) searches for the worst pose without noise. A
             field that no effect of the plan reads keeps its value. All scenes of a mixture must
             allow it.
+        draws: poses drawn at the start of each run, of which the search starts, for each image, at
+            the one of the greatest margin (worst of k: Engstrom et al., 2019). The first is that of
+            the shot. Above 1, it also finds what has no slope, such as a JPEG quality, and needs a
+            part of the scene in `optimise`.
         shrink: images are crops, parts of larger photos with so many sensor pixels per image pixel;
             None leaves the scene as it is. See `Scene.with_shrink`.
         others: see `Attack`.
@@ -75,6 +80,7 @@ class MoireAttack(Attack):
     noise_at: str = "raw"
     bound: str = "codes"
     optimise: tuple[str, ...] = ("noise",)
+    draws: int = 1
     shrink: float | tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -96,6 +102,12 @@ class MoireAttack(Attack):
         object.__setattr__(self, "optimise", tuple(self.optimise))
         for one in scenes_of(as_scenes(self.scene)):
             searched_fields(one, self.optimise)
+        check_count("draws", self.draws, 1, "the poses that a run starts from the worst of")
+        if self.draws > 1 and self.optimise == ("noise",):
+            raise ValueError(
+                f"draws = {self.draws} takes the worst of several poses, and optimise = ('noise',) "
+                "moves none: name a part of the scene, like ('noise', 'view')."
+            )
         if self.rule == "printed" and (self.eot > 1 or self.optimise != ("noise",)):
             raise ValueError(
                 "the rule 'printed' adds to the reading of one shot: it needs eot = 1 and optimise "
@@ -136,6 +148,10 @@ class MoireAttack(Attack):
         else:
             whole = join_results(shot, batch_rows, parts, self.noise_at)
         return whole
+
+    def _start(self, search: Search, restart: int) -> Point:
+        point = super()._start(search, restart)
+        return point if self.draws == 1 else search.worst_pose(point, self.draws)
 
     def problem(
         self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None

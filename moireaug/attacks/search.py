@@ -142,6 +142,25 @@ class Search:
             self.clean_correct = predicted(logits) == self.labels
         return self.clean_correct
 
+    def worst_pose(self, point: Point, draws: int) -> Point:
+        """Return a point whose pose is, for each active image, that of the greatest margin among
+        the point's own and `draws` - 1 random ones."""
+        self.is_right_without_noise()  # at the pose that the problem starts from
+        worst, worst_margins = point, self._pose_margins(point)
+        for _ in range(draws - 1):
+            candidate = point | self.problem.random_pose(self.generator)
+            margins = self._pose_margins(candidate)
+            is_worse = margins > worst_margins
+            worst_margins = torch.maximum(margins, worst_margins)
+            worst = worst | {"pose": choose(is_worse, candidate["pose"], worst["pose"])}
+        return worst
+
+    def _pose_margins(self, point: Point) -> Tensor:
+        """Return the margin (n,) of each active image at a point; of the others, 0."""
+        labels, targets = self.active_goals(self.targets)
+        margins = attack_margin(self.active_logits(point), labels, targets)
+        return self.scatter(margins.view(self.active.views, -1).mean(0))
+
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
         of the active images, and drop fooled images where `drops_fooled`."""
