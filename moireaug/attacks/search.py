@@ -145,7 +145,6 @@ class Search:
     def worst_pose(self, point: Point, draws: int) -> Point:
         """Return a point whose pose is, for each active image, that of the greatest margin among
         the point's own and `draws` - 1 random ones."""
-        self.is_right_without_noise()  # at the pose that the problem starts from
         worst, worst_margins = point, self._pose_margins(point)
         for _ in range(draws - 1):
             candidate = point | self.problem.random_pose(self.generator)
@@ -166,7 +165,7 @@ class Search:
         of the active images, and drop fooled images where `drops_fooled`."""
         labels, targets = self.active_goals(self.targets)
         views = self.active.views
-        if not self.best and views == 1 and not point["noise"].any():
+        if not self.best and views == 1 and self._is_clean(point):
             self.clean_correct = predicted(logits) == self.labels
         margins = attack_margin(logits, labels, targets).view(views, -1).mean(0)
         sizes = logits.amax(1).float().abs().view(views, -1).amax(0) + margins.abs()
@@ -181,6 +180,11 @@ class Search:
         self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
         if self.drops_fooled:
             self.drop_fooled()
+
+    def _is_clean(self, point: Point) -> bool:
+        """Return whether a point has no noise, and the pose that the problem starts from."""
+        has_own_pose = self.problem.pose is None or torch.equal(point["pose"], self.problem.pose)
+        return has_own_pose and not point["noise"].any()
 
     def drop_fooled(self) -> None:
         """Take no further steps for images that are fooled by more than rounding."""
