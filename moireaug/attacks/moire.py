@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import torch
 from torch import Tensor
 
+from moireaug.attacks.answers import predicted
 from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
 from moireaug.attacks.checks import check_goals
 from moireaug.attacks.loop import Attack
+from moireaug.attacks.losses import attack_margin
 from moireaug.attacks.mixed import join_results
+from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.pose import searched_fields
-from moireaug.attacks.problem import Point
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_count, one_of
 from moireaug.common.image_checks import check_images
@@ -60,10 +63,9 @@ class MoireAttack(Attack):
             shot, a restart at a fresh draw. ("view",) searches for the worst pose without noise. A
             field that no effect of the plan reads keeps its value. All scenes of a mixture must
             allow it.
-        draws: poses drawn at the start of each run, of which the search starts, for each image, at
-            the one of the greatest margin (worst of k: Engstrom et al., 2019). The first is that of
-            the shot. Above 1, it also finds what has no slope, such as a JPEG quality, and needs a
-            part of the scene in `optimise`.
+        draws: shots of the scene, of which the one whose photo fools the model most without noise
+            is attacked, image by image (worst of k: Engstrom et al., 2019). The first is `shot`;
+            the others are drawn. A success still counts images that are right in `shot`.
         shrink: images are crops, parts of larger photos with so many sensor pixels per image pixel;
             None leaves the scene as it is. See `Scene.with_shrink`.
         others: see `Attack`.
@@ -102,11 +104,11 @@ class MoireAttack(Attack):
         object.__setattr__(self, "optimise", tuple(self.optimise))
         for one in scenes_of(as_scenes(self.scene)):
             searched_fields(one, self.optimise)
-        check_count("draws", self.draws, 1, "the poses that a run starts from the worst of")
-        if self.draws > 1 and self.optimise == ("noise",):
+        check_count("draws", self.draws, 1, "the shots of which the worst is attacked")
+        if self.draws > 1 and self.eot > 1:
             raise ValueError(
-                f"draws = {self.draws} takes the worst of several poses, and optimise = ('noise',) "
-                "moves none: name a part of the scene, like ('noise', 'view')."
+                f"draws = {self.draws} attacks the worst of several shots, and eot = {self.eot} an "
+                "unknown one: set one of them to 1."
             )
         if self.rule == "printed" and (self.eot > 1 or self.optimise != ("noise",)):
             raise ValueError(
@@ -126,6 +128,8 @@ class MoireAttack(Attack):
         """Search the images of each scene as a batch of their own, and join what `reduce` makes of
         them; see `Attack`. A shot of one scene is attacked in that scene."""
         search = super().attack_batch
+        if self.draws > 1:
+            reduce = functools.partial(_reduce_at_worst_draw, reduce, self.draws)
         scene = as_scenes(self.scene)
         if shot is None and isinstance(scene, Mixture):
             check_images(images)
@@ -149,10 +153,6 @@ class MoireAttack(Attack):
             whole = join_results(shot, batch_rows, parts, self.noise_at)
         return whole
 
-    def _start(self, search: Search, restart: int) -> Point:
-        point = super()._start(search, restart)
-        return point if self.draws == 1 else search.worst_pose(point, self.draws)
-
     def problem(
         self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
     ) -> CameraProblem:
@@ -174,3 +174,27 @@ class MoireAttack(Attack):
         return CameraProblem(
             images, shot, clean, bound, self.noise_at, self.optimise, self.eot, generator
         )
+
+
+def _reduce_at_worst_draw(reduce: Callable[[Search], R], draws: int, search: Search) -> R:
+    """Return what `reduce` makes of a search at each image's worst shot: that of the greatest
+    margin without noise, among its own and `draws` - 1 others."""
+    worst = problem = cast(CameraProblem, search.problem)
+    logits, margins = _natural_margins(search, problem)
+    search.check(logits)
+    search.clean_correct = predicted(logits) == search.labels
+    for _ in range(draws - 1):
+        drawn = problem.drawn_again()
+        drawn_margins = _natural_margins(search, drawn)[1]
+        worst = worst.where(drawn_margins > margins, drawn)
+        margins = torch.maximum(margins, drawn_margins)
+    search.problem = search.active = worst
+    return reduce(search)
+
+
+@torch.no_grad()
+def _natural_margins(search: Search, problem: CameraProblem) -> tuple[Tensor, Tensor]:
+    """Return the model's logits (B, K) of a problem's photos without noise, and their margins."""
+    photos = problem.render(problem.clean_point())
+    logits = attacked_logits(search.model, photos, search.labels)
+    return logits, attack_margin(logits, search.labels, search.targets)

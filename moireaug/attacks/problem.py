@@ -77,15 +77,8 @@ class Problem(ABC):
             noise = torch.empty(self.shape, dtype=torch.float32, device="cpu")
             noise = noise.uniform_(-radius, radius, generator=generator)
             point["noise"] = noise.to(point["noise"])
-        if random_pose:
-            point |= self.random_pose(generator)
+        if self.pose is not None and random_pose:
+            shape, dtype = self.pose.shape, torch.float64
+            fraction = torch.rand(shape, generator=generator, dtype=dtype, device="cpu")
+            point["pose"] = (fraction * 2 - 1).to(self.pose.device)
         return point
-
-    def random_pose(self, generator: torch.Generator | None) -> Point:
-        """Return a uniformly random pose, as the part of a point; nothing where none is
-        searched."""
-        if self.pose is None:
-            return {}
-        shape, dtype = self.pose.shape, torch.float64
-        fraction = torch.rand(shape, generator=generator, dtype=dtype, device="cpu")
-        return {"pose": (fraction * 2 - 1).to(self.pose.device)}

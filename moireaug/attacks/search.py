@@ -142,30 +142,12 @@ class Search:
             self.clean_correct = predicted(logits) == self.labels
         return self.clean_correct
 
-    def worst_pose(self, point: Point, draws: int) -> Point:
-        """Return a point whose pose is, for each active image, that of the greatest margin among
-        the point's own and `draws` - 1 random ones."""
-        worst, worst_margins = point, self._pose_margins(point)
-        for _ in range(draws - 1):
-            candidate = point | self.problem.random_pose(self.generator)
-            margins = self._pose_margins(candidate)
-            is_worse = margins > worst_margins
-            worst_margins = torch.maximum(margins, worst_margins)
-            worst = worst | {"pose": choose(is_worse, candidate["pose"], worst["pose"])}
-        return worst
-
-    def _pose_margins(self, point: Point) -> Tensor:
-        """Return the margin (n,) of each active image at a point; of the others, 0."""
-        labels, targets = self.active_goals(self.targets)
-        margins = attack_margin(self.active_logits(point), labels, targets)
-        return self.scatter(margins.view(self.active.views, -1).mean(0))
-
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
         of the active images, and drop fooled images where `drops_fooled`."""
         labels, targets = self.active_goals(self.targets)
         views = self.active.views
-        if not self.best and views == 1 and self._is_clean(point):
+        if self.clean_correct is None and views == 1 and not self.best and not point["noise"].any():
             self.clean_correct = predicted(logits) == self.labels
         margins = attack_margin(logits, labels, targets).view(views, -1).mean(0)
         sizes = logits.amax(1).float().abs().view(views, -1).amax(0) + margins.abs()
@@ -180,11 +162,6 @@ class Search:
         self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
         if self.drops_fooled:
             self.drop_fooled()
-
-    def _is_clean(self, point: Point) -> bool:
-        """Return whether a point has no noise, and the pose that the problem starts from."""
-        has_own_pose = self.problem.pose is None or torch.equal(point["pose"], self.problem.pose)
-        return has_own_pose and not point["noise"].any()
 
     def drop_fooled(self) -> None:
         """Take no further steps for images that are fooled by more than rounding."""

@@ -31,7 +31,9 @@ def check_classifier(cfg: Config) -> None:
     check_bounds(eps)
     scene, adversary = scene_of(cfg), cfg.adversary
     MoireAttack(nn.Identity(), scene=scene, steps=cfg.reattack.steps)
-    MoireAttack(nn.Identity(), scene=scene, optimise=adversary.optimise, draws=adversary.draws)
+    MoireAttack(
+        nn.Identity(), scene=scene, optimise=tuple(adversary.optimise), draws=adversary.draws
+    )
 
 
 def require_used(cfg: Data) -> None:

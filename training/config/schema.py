@@ -52,7 +52,7 @@ class Adversary:
         "three times the cost of the noise alone",
         example="[noise,view]",
     )
-    draws: int = setting(1, "poses of which it starts at the worst", bounds=(1, 10_000))
+    draws: int = setting(1, "shots of which a moire_attack takes the worst", bounds=(1, 10_000))
     warmup: float = setting(0.0, "share of training over which eps rises from 0", bounds=(0, 1))
 
 
