@@ -119,8 +119,8 @@ def test_the_worst_of_several_draws_is_attacked(scene, model, small):
         natural = model(capture(images, shot))
         assert torch.equal(result.clean_correct, natural.argmax(1) == labels)
     assert torch.allclose(margins[0], attacks.margin(natural, labels), atol=1e-4)
-    assert (margins[1] >= margins[0] - 1e-4).all() and (margins[2] >= margins[1] - 1e-4).all()
-    assert margins[2].mean() > margins[0].mean() + 1e-3
+    assert all((found >= margins[0] - 1e-4).all() for found in margins[1:])
+    assert margins[2].mean() > max(margins[1].mean(), margins[0].mean() + 1e-3)
     numbers = result.shot.numbers()
     assert any(not torch.equal(drawn, numbers[name]) for name, drawn in shot.numbers().items())
     assert not torch.equal(result.shot.seed, shot.seed)
