@@ -148,8 +148,8 @@ def main() -> None:
     table = pd.DataFrame(rows)
     folder = measure.results(args)
     measure.publish(table, folder / "codes.csv")
-    is_published = folder == measure.RESULTS
-    plot(table, measure.RESULTS.parents[1] / "docs/codes.png" if is_published else folder / "codes.png")
+    pictures = measure.ROOT / "docs" if folder == measure.RESULTS else folder
+    plot(table, pictures / "codes.png")
 
 
 if __name__ == "__main__":
