@@ -80,9 +80,11 @@ def read_by_zxing(code: str, photo: np.ndarray) -> bool:
 def read_by_opencv(code: str, photo: np.ndarray) -> bool:
     """Return whether OpenCV reads a code's own text from a photo (H, W, 3) uint8."""
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
-    if code == "QR":
-        return cv2.QRCodeDetector().detectAndDecode(grey)[0] == TEXTS[code]
-    return cv2.barcode.BarcodeDetector().detectAndDecode(grey)[0] == TEXTS[code]
+    detector = cv2.QRCodeDetector() if code == "QR" else cv2.barcode.BarcodeDetector()
+    try:
+        return detector.detectAndDecode(grey)[0] == TEXTS[code]
+    except cv2.error:  # corners of no area, which it has found itself
+        return False
 
 
 READERS = {"zxing-cpp": read_by_zxing, "OpenCV": read_by_opencv}
