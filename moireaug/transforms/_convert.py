@@ -42,7 +42,8 @@ def check_probability(p: float) -> float:
 
 
 def planned_scenes(
-    scene: Scene | str | dict | list | tuple, shrink: float | Sequence[float] | None = None
+    scene: Scene | Mixture | str | dict | list | tuple,
+    shrink: float | Sequence[float] | None = None,
 ) -> Scene | Mixture:
     """Return `as_scenes(scene, shrink)`, planned: a scene that cannot be photographed is refused
     when a transform is made.

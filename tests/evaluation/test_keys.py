@@ -33,6 +33,7 @@ CHANGES = {
     "loss": "margin",
     "noise_at": "photo",
     "optimise": ("noise", "view"),
+    "draws": 3,
     "until_fooled": False,
     "known_classifier": Classifier("j", defence=JPEG(60)),
     "variant": "other",
