@@ -32,7 +32,7 @@ docs: .venv-docs/installed
 	touch $@
 
 .venv/installed-all: .venv/installed
-	@echo "make test: installing every extra but docs, about 2 minutes"
+	@echo "make test: installing every extra, about 2 minutes"
 	$(VENV)/python $(PIP) --editable ".[all]"
 	touch $@
 
