@@ -70,7 +70,7 @@ class Classifier(L.LightningModule):
     ) -> None:
         super().__init__()
         self.model, self.scene, self.seed = model, scene, seed
-        self.settings, self.threat, self.augment = train, adversary, augment
+        self.settings, self.adversary_settings, self.augment = train, adversary, augment
         if train.compile:
             self.model.compile()
         self.adversary = TrainingAdversary(model, scene, adversary)
@@ -107,7 +107,10 @@ class Classifier(L.LightningModule):
     @property
     def has_few_steps(self) -> bool:
         """Return whether the model may learn to defeat only the few steps of its adversary."""
-        return self.threat.kind != "none" and self.threat.steps < MIN_STRONG_STEPS
+        return (
+            self.adversary_settings.kind != "none"
+            and self.adversary_settings.steps < MIN_STRONG_STEPS
+        )
 
     @property
     def is_hardened(self) -> bool:
@@ -116,7 +119,9 @@ class Classifier(L.LightningModule):
     def harden(self, epoch: int) -> None:
         """Attack in three steps from now on: the model has collapsed in `epoch`."""
         self.collapsed_at = epoch
-        self.adversary = TrainingAdversary(self.model, self.scene, strengthen(self.threat))
+        self.adversary = TrainingAdversary(
+            self.model, self.scene, strengthen(self.adversary_settings)
+        )
 
     def on_train_epoch_start(self) -> None:
         self._loss, self._epoch_start = [], time.perf_counter()
@@ -152,8 +157,8 @@ class Classifier(L.LightningModule):
     def _attack_and_photograph(self, images: Tensor, labels: Tensor) -> Tensor:
         """Return the images of a batch with the first ones attacked, the next ones photographed and
         the rest clean; batches are shuffled, so that each part is random."""
-        n = round(self.threat.share * len(images))
-        end = round((self.threat.share + self.threat.natural) * len(images))
+        n = round(self.adversary_settings.share * len(images))
+        end = round((self.adversary_settings.share + self.adversary_settings.natural) * len(images))
         attacked, photos, clean = images[:n], images[n:end], images[end:]
         if len(photos):
             photos = self.adversary.photograph(photos)
@@ -164,9 +169,9 @@ class Classifier(L.LightningModule):
     def _strength(self) -> float:
         """Return the share of eps in force, which rises linearly over `adversary.warmup`."""
         total = self.trainer.estimated_stepping_batches
-        if not self.threat.warmup:
+        if not self.adversary_settings.warmup:
             return 1.0
-        return min(1.0, (self.global_step + 1) / (self.threat.warmup * total))
+        return min(1.0, (self.global_step + 1) / (self.adversary_settings.warmup * total))
 
     def on_validation_epoch_start(self) -> None:
         self._training_seconds = time.perf_counter() - self._epoch_start
@@ -178,7 +183,7 @@ class Classifier(L.LightningModule):
         images, labels = batch
         images = images.float() / 255
         self._hits["clean"].append((predicted(self(images)) == labels).float())
-        if self.threat.kind != "none" or self.threat.natural:
+        if self.adversary_settings.kind != "none" or self.adversary_settings.natural:
             try:
                 perturbed = self.validation_adversary(images, labels)
             except NoAnswerError:  # no answer is wrong, attacked or not
