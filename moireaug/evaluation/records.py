@@ -9,12 +9,11 @@ others.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import io
 import itertools
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -27,15 +26,8 @@ from torch import Tensor
 from moireaug.common.files import write_bytes
 
 Record = dict[str, Any]
-KEY_VERSION = 9  # raise it when the same settings would give other figures
 RECORD_FIELDS = {"key", "labels", "targets", "predicted", "measured", "seconds"}
 N_PICTURES = 4  # images of the first batch that are saved as pictures
-
-
-def key_of(fields: Mapping[str, Any]) -> str:
-    """Return sixteen hex digits that stand for the settings of a record."""
-    text = json.dumps({"version": KEY_VERSION, **fields}, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 class Records:

@@ -7,7 +7,8 @@ import sys
 
 import torch
 
-from moireaug.evaluation.records import RecordFolder, Records, key_of
+from moireaug.evaluation.keys import key_of
+from moireaug.evaluation.records import RecordFolder, Records
 
 RECORD = {"key": "a", "labels": [1], "targets": [0], "predicted": [1]}
 RECORD |= {"measured": {}, "seconds": 0.1, "bound": ""}
