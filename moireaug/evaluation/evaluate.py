@@ -37,7 +37,7 @@ N_TO_TELL_CHANCE = 20  # clean images, below which guessing cannot be told from 
 def evaluate(
     model: Model,
     loader: Iterable[Batch],
-    suite: str | Suite = "ladder",
+    suite: str | Suite[SuiteConfig] = "ladder",
     scene: Scene | str | dict | list | tuple = "screen_photo",
     *,
     eps: float | Sequence[float] | None = None,
@@ -178,7 +178,7 @@ def _check_devices(model: Model, parts: Mapping[str, Model]) -> None:
                 )
 
 
-def _check_options(suite: str | Suite, **options: object) -> None:
+def _check_options(suite: str | Suite[SuiteConfig], **options: object) -> None:
     """Refuse options that a suite of the library has no use for: ValueError."""
     for option, value in options.items():
         if value and isinstance(suite, str):

@@ -57,4 +57,7 @@ def tables_of(suite: str, config: PaperConfig) -> list[Table]:
         ValueError: an unknown suite; the message lists the known ones.
     """
     one_of("suite", suite, (*SUITES, *GROUPS))
-    return [SUITES[name](config) for name in GROUPS.get(suite, (suite,))]
+    tables = []
+    for name in GROUPS.get(suite, (suite,)):
+        tables += library.tables_of(SUITES[name], config)
+    return tables

@@ -7,6 +7,7 @@ same shots without noise, and with noise of random sign.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from moireaug.common.argument_checks import one_of
 from moireaug.evaluation.suites.adaptive import adaptive
@@ -16,7 +17,8 @@ from moireaug.evaluation.suites.scenes import unseen
 from moireaug.evaluation.suites.trust import trust
 from moireaug.evaluation.tables import SuiteConfig, Table
 
-Suite = Callable[[SuiteConfig], Table | Sequence[Table]]
+Config = TypeVar("Config", bound=SuiteConfig)
+Suite = Callable[[Config], Table | Sequence[Table]]
 
 SUITES: dict[str, Callable[[SuiteConfig], Table]] = {
     "ladder": ladder,
@@ -47,7 +49,7 @@ def check_used(suite: str, option: str, suites: Sequence[str]) -> None:
         )
 
 
-def tables_of(suite: str | Suite, config: SuiteConfig) -> list[Table]:
+def tables_of(suite: str | Suite[Config], config: Config) -> list[Table]:
     """Return the tables of a suite, or of a group of them.
 
     Args:
@@ -71,6 +73,6 @@ def tables_of(suite: str | Suite, config: SuiteConfig) -> list[Table]:
     return [SUITES[name](config) for name in GROUPS.get(suite, (suite,))]
 
 
-def suite_name(suite: str | Suite) -> str:
+def suite_name(suite: str | Suite[SuiteConfig]) -> str:
     """Return the name of a suite in messages."""
     return suite if isinstance(suite, str) else getattr(suite, "__name__", type(suite).__name__)
