@@ -11,7 +11,6 @@ from torch import Tensor, nn
 from moireaug.capture import capture
 from moireaug.common.argument_checks import check_positive
 from moireaug.common.image_checks import check_shape
-from moireaug.mixtures import Mixture
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.twins import without_moire
@@ -65,7 +64,7 @@ class ScreenCamera(nn.Module):
 
     def __init__(
         self,
-        scene: Scene | Mixture | str | dict | list | tuple = "screen_photo",
+        scene: Scene | str | dict | list | tuple = "screen_photo",
         *,
         shrink: float | tuple[float, float] | None = None,
         jitter: float = 0.0,
