@@ -143,23 +143,23 @@ def evaluate(
         runner = Runner(model, batches, setup, records, identity_of(model, identity))
         jobs = jobs_of(tables)
         indices = range(len(batches))
-        done = runner.run(jobs, indices)
-        right, n_seen, n_batches = 0, 0, 0
+        finished_jobs = runner.run(jobs, indices)
+        n_right, n_seen, n_batches = 0, 0, 0
         total = len(jobs) * len(batches)
-        for job in show_progress(done, total, suite_name(suite), enabled=progress):
+        for job in show_progress(finished_jobs, total, suite_name(suite), enabled=progress):
             if job.condition is CLEAN and n_seen < N_TO_TELL_CHANCE:
                 record = runner.record(CLEAN, UNDEFENDED, n_batches)
-                right += int(np.equal(record["predicted"], record["labels"]).sum())
+                n_right += int(np.equal(record["predicted"], record["labels"]).sum())
                 n_seen, n_batches = n_seen + len(record["labels"]), n_batches + 1
-                _warn_of_chance(right, n_seen, n_classes)
+                _warn_of_chance(n_right, n_seen, n_classes)
         return images_frame(tables, runner, indices)
 
 
-def _warn_of_chance(right: int, n: int, n_classes: int) -> None:
+def _warn_of_chance(n_right: int, n: int, n_classes: int) -> None:
     """Warn of a model that gets no more of n clean images right than guessing would."""
-    if n >= N_TO_TELL_CHANCE and wilson(right, n)[0] <= 1 / n_classes:
+    if n >= N_TO_TELL_CHANCE and wilson(n_right, n)[0] <= 1 / n_classes:
         warnings.warn(
-            f"the model gets {right} of {n} clean images right, as guessing among {n_classes} "
+            f"the model gets {n_right} of {n} clean images right, as guessing among {n_classes} "
             "classes does. It is given images in [0, 1]: if it was trained on normalised ones, "
             "pass attacks.Normalized(model, mean, std).",
             stacklevel=3,

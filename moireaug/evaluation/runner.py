@@ -56,11 +56,11 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
     for table in tables:
         for cell in table.cells:
             for condition in cell.conditions:
-                known = conditions.setdefault(condition.name, condition)
-                if known.settings() != condition.settings() or known.scene != condition.scene:
+                first = conditions.setdefault(condition.name, condition)
+                if first.settings() != condition.settings() or first.scene != condition.scene:
                     raise ValueError(
                         f"two conditions are called {condition.name!r}, and their records would "
-                        f"be mixed up: {known!r} and {condition!r}. Give one another name."
+                        f"be mixed up: {first!r} and {condition!r}. Give one another name."
                     )
                 classifiers.setdefault(condition.name, {})[cell.classifier.name] = cell.classifier
             base = cell.classifier.base

@@ -100,7 +100,7 @@ class RandomMoire(SampledTransform):
         self.scene = planned_scenes(scene, shrink)
         self._moves = self.scene.moves
         # to know its own scenes by their plain numbers: building one again takes longer than a draw
-        self._known = [(one, one.to_dict()) for one in scenes_of(self.scene)]
+        self._scene_values = [(one, one.to_dict()) for one in scenes_of(self.scene)]
 
     def get_transform_init_args(self) -> dict[str, Any]:
         return {"scene": self.scene.to_dict()}
@@ -120,7 +120,7 @@ class RandomMoire(SampledTransform):
 
     def _shot(self, drawn: dict[str, Any]) -> Shot:
         """Return the Shot of plain numbers, which a replay may have from another transform."""
-        for scene, values in self._known:
+        for scene, values in self._scene_values:
             if drawn.get("scene") == values:
                 return Shot.from_dict({**drawn, "scene": scene})
         return Shot.from_dict(drawn)

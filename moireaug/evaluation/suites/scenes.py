@@ -36,7 +36,7 @@ def unseen(config: SuiteConfig) -> Table:
     for name, scene in other_scenes(config).items():
         cells += undefended_row(name, {key: c.at(name, scene) for key, c in columns.items()})
     pictures = [cell.place for cell in cells if cell.column == "moire"]
-    known = {scene: name for name, scene in _registered_presets(config).items()}
-    names = [known.get(one) or preset_name(one) for one in scenes_of(config.scene)]
+    preset_names = {scene: name for name, scene in _registered_presets(config).items()}
+    names = [preset_names.get(one) or preset_name(one) for one in scenes_of(config.scene)]
     own_names = " or ".join(names) if all(names) else ""
     return Table("unseen", tuple(cells), pictures=tuple(pictures), note_values={"own": own_names})
