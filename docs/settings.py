@@ -54,8 +54,8 @@ def page() -> str:
 def row_of(one: Setting) -> str:
     """Return a setting's row of the table: with its words, as `--help` has the ranges."""
     key = one.key.removesuffix(".name")  # a group is chosen by its own name
-    words = allowed_values(one) if one.facts.choices else ""
-    return f"| `{key}={as_argument(one.default)}` | {one.facts.help}{words} |"
+    words = allowed_values(one) if one.choices else ""
+    return f"| `{key}={as_argument(one.default)}` | {one.help}{words} |"
 
 
 def groups_of(keys: list[str]) -> list[str]:

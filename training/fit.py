@@ -37,8 +37,9 @@ from training.config.schema import RECIPES, Adversary, Config, as_config
 from training.data.load import load, require_training_images
 from training.models.classifiers import require_known
 from training.recipe.phases import complete, plain_runs, report_finished
+from training.runs.identity import Origin
 from training.runs.metrics import RunMetrics
-from training.runs.resume import require_resumable, require_same_data, require_same_weights
+from training.runs.resume import require_resumable, require_same_origin
 from training.runs.run import PLAIN_RECIPES, Run, baseline_of, start_of
 from training.system.processes import is_first
 from training.trainer.ranks import run_job
@@ -55,7 +56,7 @@ def fit(cfg: Config) -> dict[str, Any]:
     check(cfg)
     run = Run(cfg)
     if cfg.resume is not False:
-        require_same_weights(run)
+        require_same_origin(run, Origin.of(cfg.weights))
         if run.stage() == "finished":  # only read, and where nothing can be written too
             return as_dict(report_finished(run))
     with run.locked():
@@ -66,7 +67,7 @@ def fit(cfg: Config) -> dict[str, Any]:
         start_time = time.perf_counter()
         splits = load(cfg.data)
         if cfg.resume is not False:
-            require_same_data(run, splits.files, splits.classes)
+            require_same_origin(run, Origin.of(cfg.weights, splits))
         try_out(run, splits)
         seconds = {"data": time.perf_counter() - start_time}
         start, baseline = plain_runs(run, splits)

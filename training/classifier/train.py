@@ -19,15 +19,16 @@ from training.config.schema import Config, Trainer
 from training.data.batches import Batches, require_even
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side
+from training.runs.identity import Origin
 from training.runs.metrics import TrainCost
 from training.runs.reuse import read_trained
 from training.runs.run import Run, start_of
 from training.system import machine
-from training.system.files import digest, read_checkpoint
+from training.system.files import read_checkpoint
 from training.system.messages import count_text
 from training.system.processes import is_first, say
 from training.trainer import ranks
-from training.trainer.checkpoints import Origin, RunCheckpoint
+from training.trainer.checkpoints import OriginRecord, RunCheckpoint
 from training.trainer.make import make_trainer
 
 
@@ -46,7 +47,7 @@ def try_out(run: Run[Config], splits: Splits) -> None:
         )
     classifier = classifier_of(cfg, splits.num_classes)
     check_side(classifier.model, cfg.model, cfg.data.size)
-    origin = origin_of(cfg.weights, splits)
+    origin = Origin.of(cfg.weights, splits)
     trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, origin)
     require_even(cfg.train.batch_size, trainer.world_size)
     for part in (splits.train, splits.val, splits.test):
@@ -96,9 +97,8 @@ def train_model(
         seed=seed_of_draws(cfg),
         first_epoch=len(history),
     )
-    trainer = trainer_of(
-        cfg.trainer, classifier.tuning, epochs, out, origin_of(cfg.weights, splits)
-    )
+    origin = Origin.of(cfg.weights, splits)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin)
     best_checkpoint, wall_seconds = ranks.fit(trainer, classifier, batches, out)
     # an incomplete last batch is left out of an epoch
     epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
@@ -144,13 +144,6 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
     )
 
 
-def origin_of(weights: str | None, splits: Splits) -> Origin:
-    """Return the origin of checkpoints: their data and their file of weights."""
-    if weights is None or not Path(weights).is_file():  # random, or published by a name
-        return Origin(splits.files, splits.classes)
-    return Origin(splits.files, splits.classes, digest(weights))
-
-
 def seed_of_draws(cfg: Config) -> int:
     """Return the seed of the batches and of all draws in them.
 
@@ -177,7 +170,7 @@ def trainer_of(
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),
         Guard(out / "best.ckpt"),
         RunCheckpoint(out, "last"),
-        origin,
+        OriginRecord(origin),
     ]
     trainer_settings = replace(
         settings, precision=machine.precision(settings.precision, settings.accelerator)

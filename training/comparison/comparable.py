@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from training.config.overrides import literal
+from training.config.command_line import literal
 from training.config.schema import Config
 from training.config.settings import settings_of
 from training.runs.metrics import Metrics, RunMetrics, SuiteMetrics
@@ -81,7 +81,7 @@ def run_settings(metrics: RunMetrics) -> Settings:
     }
     for key, declared in settings_of(Config).items():
         part, _, name = key.partition(".")
-        if part in ("data", "train") and not declared.facts.may_differ:
+        if part in ("data", "train") and not declared.may_differ:
             settings[key] = metrics.config[part][name]
     scene = metrics.scene  # or, of a mixture, a list
     for number, one in enumerate(scene if isinstance(scene, list) else [scene], 1):

@@ -40,7 +40,7 @@ def require_used(cfg: Data) -> None:
     """
     for key, declared in settings_of(Data).items():
         value = getattr(cfg, key)
-        is_used = not declared.facts.only_for or cfg.name in declared.facts.only_for
+        is_used = not declared.only_for or cfg.name in declared.only_for
         if not is_used and value != getattr(DATA[cfg.name], key):
             raise ValueError(
                 f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import inspect
 import itertools
 import re
@@ -11,11 +13,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from hydra import compose, initialize
 from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
 from training.config.data_sets import DATA, DEFAULT_DATA, EPOCHS
-from training.config.schema import RECIPES
+from training.config.schema import RECIPES, Config, as_config
 from training.config.settings import Setting, as_argument, settings_of
 
 HYDRA_FOLDERS = {
@@ -51,7 +55,7 @@ def register(
     for data, epochs in EPOCHS.items():
         store.store(group="epochs", name=data, package="train", node={"epochs": epochs})
     for path in recipe_files():
-        recipe = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
+        recipe = {"recipe": path.stem, **OmegaConf.load(path)}
         store.store(group="recipe", name=path.stem, package="_global_", node=recipe)
     store.store(name=f"{name}_schema", node=schema)
     # the settings of a command line stand above those of a recipe
@@ -62,6 +66,17 @@ def register(
     text = help_text(description, schema, default_groups).replace("$", "$$")  # of string.Template
     help_page = {"help": {"template": text}}
     store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS | help_page})
+
+
+@functools.cache
+def default_config(recipe: str, data: str) -> Config:
+    """Return the settings of a recipe on a data set, as Hydra composes them."""
+    register("default", Config, RECIPE_GROUPS, None)
+    with contextlib.ExitStack() as stack:
+        if not GlobalHydra().is_initialized():  # in a command's own process it is
+            stack.enter_context(initialize(version_base="1.3", config_path=None))
+        config: Config = as_config(compose("default", [f"recipe={recipe}", f"data={data}"]))
+    return config
 
 
 def recipe_files() -> list[Path]:
@@ -86,21 +101,19 @@ def help_text(description: str | None, schema: type, default_groups: Mapping[str
     for one in settings_of(schema).values():
         key = one.key.removesuffix(".name")  # a group is chosen by its own name
         lines.append(f"  {key}={default_groups.get(key, as_argument(one.default))}")
-        if one.facts.help:
-            text = f"{one.facts.help}{allowed_values(one)}"
-            lines += textwrap.wrap(text, **INDENTED)
+        if one.help:
+            lines += textwrap.wrap(f"{one.help}{allowed_values(one)}", **INDENTED)
     return "\n".join(lines)
 
 
 def allowed_values(one: Setting) -> str:
     """Return which values a setting may have, as the end of a sentence; "" for any, for words that
     its help names, and where only a mistake is out of bounds."""
-    facts = one.facts
-    if not set(facts.choices) <= set(re.findall(r"[\w-]+", facts.help)):
-        return f" ({', '.join(facts.choices)})"
-    if facts.bounds is None:
+    if not set(one.choices) <= set(re.findall(r"[\w-]+", one.help)):
+        return f" ({', '.join(one.choices)})"
+    if one.bounds is None:
         return ""
-    low, high = facts.bounds
+    low, high = one.bounds
     if high is None or high >= MIN_FAR_BOUND:
         return f" (at least {low})" if low > 1 else ""
     return f" ({low} to {high})"

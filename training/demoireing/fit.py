@@ -37,7 +37,8 @@ from training.demoireing.pairs import training_scenes
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
 from training.report.terminal import show
-from training.runs.resume import require_resumable, require_same_data
+from training.runs.identity import Origin
+from training.runs.resume import require_resumable, require_same_origin
 from training.runs.run import Run
 from training.system import machine
 from training.system.files import read_metrics
@@ -122,7 +123,7 @@ def complete(run: Run[DemoireConfig]) -> Metrics:
     splits = pictures.load(run.config)
     pictures.require_usable(splits)
     if run.config.resume is not False:
-        require_same_data(run, splits.files)
+        require_same_origin(run, Origin(splits.files))
     if is_first():
         run.prepare()
     network, train = train_network(run, splits)

@@ -18,11 +18,12 @@ from training.demoireing.module import MAX_GRADIENT_NORM, Demoireing
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.starting import start_as_identity
+from training.runs.identity import Origin
 from training.runs.run import Run
 from training.system.files import read_checkpoint
 from training.system.processes import is_first, say
 from training.trainer import ranks
-from training.trainer.checkpoints import Origin, RunCheckpoint
+from training.trainer.checkpoints import OriginRecord, RunCheckpoint
 from training.trainer.make import make_trainer
 
 
@@ -104,7 +105,7 @@ def trainer_of(cfg: DemoireConfig, out: Path, files: str) -> L.Trainer:
         EMAWeightAveraging(decay=cfg.train.ema),
         RunCheckpoint(out, "best", monitor="val_psnr", mode="max"),
         RunCheckpoint(out, "last"),
-        Origin(files),
+        OriginRecord(Origin(files)),
     ]
     epochs = cfg.train.steps // cfg.train.check_every
     return make_trainer(cfg.trainer, epochs, callbacks, MAX_GRADIENT_NORM)

@@ -11,8 +11,9 @@ from training.attack.protocol import attack, attack_run, protocol_of
 from training.attack.results import publish, run_metrics
 from training.config.schema import Config
 from training.data.splits import Splits
+from training.runs.identity import Origin
 from training.runs.metrics import RunMetrics, TrainCost
-from training.runs.resume import damage, data_difference, weights_difference
+from training.runs.resume import damage, origin_difference
 from training.runs.reuse import read_trained
 from training.runs.run import Run, baseline_of, start_of
 from training.system.processes import is_first, say
@@ -53,11 +54,8 @@ def plain_run(
         role: "start" or "baseline", for the messages.
     """
     with run.locked():
-        if reason := (
-            damage(run)
-            or weights_difference(run)
-            or data_difference(run, splits.files, splits.classes)
-        ):
+        origin = Origin.of(run.config.weights, splits)
+        if reason := damage(run) or origin_difference(run, origin):
             say(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
         elif run.stage() in ("trained", "finished") and (metrics := RunMetrics.read(run.folder)):

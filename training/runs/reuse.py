@@ -7,9 +7,8 @@ import shlex
 from dataclasses import replace
 from pathlib import Path
 
-from training.config.overrides import command_line
+from training.config.command_line import command_line
 from training.config.schema import Config
-from training.runs.identity import training_settings
 from training.runs.run import Run, baseline_of
 from training.runs.trained import TrainedRun, read
 from training.system.files import read_metrics
@@ -25,7 +24,7 @@ def read_trained(run: Run[Config]) -> TrainedRun:
     trained = read(run.folder)
     # in another process of this run, the first may still be writing the metrics
     is_complete = not is_first() or read_metrics(trained.folder) is not None
-    if is_complete and training_settings(trained.cfg) == training_settings(run.config):
+    if is_complete and Run(trained.cfg).training_fingerprint == run.training_fingerprint:
         return trained
     raise ValueError(
         f"{trained.folder} no longer holds the run that was trained there for this one: another "
@@ -58,7 +57,7 @@ def read_baseline_of(run: TrainedRun) -> TrainedRun | None:
             f"This trains it again:\n  {command}"
         )
         return None
-    if training_settings(baseline_run.cfg) != training_settings(wanted):
+    if Run(baseline_run.cfg).training_fingerprint != baseline.training_fingerprint:
         print(
             f"note: {folder} was trained with other settings: "
             "no baseline is attacked beside this run."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -12,13 +13,13 @@ from typing import Any, Generic, TypeVar
 from omegaconf import OmegaConf
 
 from moireaug.common.files import write_text
-from training.config.schema import RECIPES, Adversary, Config, RunConfig, as_config
+from training.config.compose import default_config
+from training.config.schema import Config, RunConfig
 from training.runs.identity import (
     fingerprint_of,
     group_of,
     result_settings,
-    training_settings,
-    training_values,
+    training_fingerprint,
 )
 from training.system.files import free_name, make_folder, read_json, read_metrics, read_settings
 from training.system.locks import locked
@@ -47,15 +48,20 @@ class Run(Generic[Settings]):
         cfg = self.config
         return Path(cfg.runs) / group_of(cfg.data, cfg.model) / cfg.recipe / f"seed{cfg.seed}"
 
-    @property
+    @functools.cached_property
     def settings(self) -> dict[str, Any]:
         """Settings that the result depends on, as plain values."""
         return result_settings(self.config)
 
-    @property
+    @functools.cached_property
     def fingerprint(self) -> str:
         """Twelve hex digits that change with any of these settings."""
         return fingerprint_of(self.settings)
+
+    @functools.cached_property
+    def training_fingerprint(self) -> str:
+        """Twelve hex digits that change with any setting that the weights depend on."""
+        return training_fingerprint(asdict(self.config), type(self.config))
 
     def stage(self) -> str:
         """Return how far the run in the folder has come.
@@ -66,7 +72,7 @@ class Run(Generic[Settings]):
         """
         path, metrics = self.folder, read_metrics(self.folder) or {}
         fingerprint = self._training_fingerprint_in_folder()
-        if fingerprint != fingerprint_of(training_settings(self.config)):
+        if fingerprint != self.training_fingerprint:
             holds_a_run = fingerprint or metrics or any(path.glob("*.ckpt"))
             return "other" if holds_a_run else "new"
         if (path / "best.ckpt").is_file() and self.training_cost():
@@ -125,7 +131,7 @@ class Run(Generic[Settings]):
         settings cannot be read."""
         try:
             values = read_settings(self.folder / "config.yaml")
-            return fingerprint_of(training_values(values, type(self.config)))
+            return training_fingerprint(values, type(self.config))
         except FileNotFoundError:
             return None
         except Exception:  # not YAML, or not a run's
@@ -155,12 +161,9 @@ def baseline_of(run: Run[Config]) -> Run[Config] | None:
 
 def _plain_run(cfg: Config, recipe: str) -> Run[Config]:
     """Return the run of a recipe of `PLAIN_RECIPES`, all other settings as in `cfg`."""
-    recipe_settings = OmegaConf.load(RECIPES / f"{recipe}.yaml")
-    no_adversary = {"adversary": asdict(Adversary())}
-    merged = OmegaConf.merge(
-        OmegaConf.structured(cfg), no_adversary, recipe_settings, {"recipe": recipe, "resume": None}
-    )
-    return Run(as_config(merged))
+    plain = default_config(recipe, cfg.data.name)
+    train = replace(cfg.train, init=plain.train.init, length=plain.train.length)
+    return Run(replace(cfg, recipe=recipe, adversary=plain.adversary, train=train, resume=None))
 
 
 @contextlib.contextmanager

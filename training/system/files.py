@@ -4,9 +4,11 @@ written."""
 from __future__ import annotations
 
 import csv
+import functools
 import hashlib
 import itertools
 import json
+import os
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -92,9 +94,15 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         ) from error
 
 
-def digest(path: str | Path) -> str:
-    """Return the SHA-256 of a file's bytes."""
-    with Path(path).open("rb") as file:
+def digest(path: str) -> str:
+    """Return the SHA-256 of a file's bytes, which are read once as long as the file stays."""
+    status = os.stat(path)
+    return _digest(path, status.st_size, status.st_mtime_ns)
+
+
+@functools.cache
+def _digest(path: str, size: int, modified_ns: int) -> str:
+    with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

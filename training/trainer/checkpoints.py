@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.callbacks import ModelCheckpoint
 
 from moireaug.common.files import write_bytes
+from training.runs.identity import Origin
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
@@ -65,24 +66,14 @@ class RunCheckpoint(ModelCheckpoint):
         )
 
 
-class Origin(L.Callback):
-    """Writes its data and its first weights into each checkpoint, so that it is not evaluated on
-    other classes, or resumed on other images or with other weights.
+class OriginRecord(L.Callback):
+    """Writes the origin of a training into each checkpoint, so that it is not evaluated on other
+    classes, or resumed on other images or with other weights."""
 
-    Args:
-        files: fingerprint of the files, as in `Splits`.
-        classes: name of each logit of a classifier.
-        weights: digest of the file of `weights=`; empty where there is none.
-    """
-
-    def __init__(
-        self, files: str, classes: Mapping[int, str] | None = None, weights: str = ""
-    ) -> None:
-        self.files, self.classes, self.weights = files, classes or {}, weights
+    def __init__(self, origin: Origin) -> None:
+        self.origin = origin
 
     def on_save_checkpoint(
         self, trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        checkpoint["classes"] = dict(self.classes)
-        checkpoint["files"] = self.files
-        checkpoint["weights"] = self.weights
+        checkpoint.update(asdict(self.origin))
