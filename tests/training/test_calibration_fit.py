@@ -11,8 +11,13 @@ from tests.training.screens import PLAIN, picture
 from training import calibrate
 from training.calibration import fit as fitting
 from training.calibration import ranges
-from training.calibration.compare import compare_statistics, mean_distance, measure_crops
-from training.calibration.crops import Crops, photograph_crops
+from training.calibration.compare import (
+    Crops,
+    compare_statistics,
+    mean_distance,
+    measure_crops,
+    photograph_crops,
+)
 from training.calibration.fit import fit
 from training.calibration.ranges import SearchedField
 from training.config import scenes

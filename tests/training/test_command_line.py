@@ -8,8 +8,8 @@ import pytest
 
 from tests.training.small import configured
 from training.config.command_line import check_keys, quote_paths
+from training.config.commands import parse
 from training.config.compose import recipe_files
-from training.config.plain import parse
 from training.config.schema import Config, ReattackConfig
 from training.demoireing import clean
 

@@ -23,9 +23,10 @@ from tests.training.small import TINY, configured, inside
 from tests.training.strangers import attack, put
 from training import calibrate, demoire, fit, frontier, synthesise
 from training.attack import subject
-from training.config import commands, plain
+from training.config import commands
 from training.config.schema import Config
 from training.demoireing import fit as demoireing
+from training.recipe import phases
 from training.runs.run import Run
 from training.system import machine, messages, processes
 from training.system.messages import sentence
@@ -186,7 +187,7 @@ def test_a_command_without_a_terminal_works(command, monkeypatch):
     if command == "fit":
         commands.run(work, Config)
     else:
-        plain.parse(["photos=p"], calibrate.Config, calibrate.EXAMPLE, None)
+        commands.parse(["photos=p"], calibrate.Config, calibrate.EXAMPLE, None)
         work()
     messages.complain("error: of nobody's")
     assert worked == [False]
@@ -225,7 +226,7 @@ def test_a_disk_that_takes_nothing_is_found_before_the_work(number, tmp_path, mo
         raise OSError(number, os.strerror(number))
 
     folder = put(tmp_path)
-    for module in (fit, subject):
+    for module in (phases, subject):
         monkeypatch.setattr(module, "load", lambda *args: pytest.fail("time was spent"))
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
     message = rf"cannot be written \({os.strerror(number)}\)"
@@ -279,7 +280,7 @@ def test_a_lack_of_shared_memory_says_what_to_set(error, lacks):
         later.__context__ = error  # as Lightning raises
         assert sentence(later) == sentence(error)
         said = pytest.raises(SystemExit, match="error: the workers ran out of shared memory")
-        with said, plain.report_errors("Interrupted."):
+        with said, commands.report_errors("Interrupted."):
             raise error
 
 

@@ -14,7 +14,7 @@ from training.config.data_sets import Data
 from training.data import image_sets, signs
 from training.data.batches import Batches
 from training.data.load import load, require_training_images
-from training.system.locks import locked
+from training.system.files import locked
 
 
 @pytest.fixture

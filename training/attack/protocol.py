@@ -1,7 +1,5 @@
 """Attack a model with a suite: the protocol, the jobs that are left, and the results."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterable
@@ -155,11 +153,7 @@ class SuiteAttack:
                 self.seconds[phase] = time.perf_counter() - start
 
     def results(self) -> AttackResult:
-        """Return the rates and checks, from the records of all processes.
-
-        Raises:
-            ValueError: records are missing, because another process did not finish.
-        """
+        """Return the rates and checks, from the records of all processes."""
         self.records.read()
         require_all_records(self.runner, self.phases.values())
         images = images_frame(self.tables, self.runner, self.all_batches)
@@ -203,11 +197,7 @@ def attack_run(
 
 
 def require_all_records(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> None:
-    """Check that no records are missing.
-
-    Raises:
-        ValueError: some are; says how many, and what to do.
-    """
+    """Check that no records are missing."""
     missing = total = 0
     for jobs, indices in phases:
         missing += runner.missing(jobs, indices)

@@ -1,7 +1,5 @@
 """A trained classifier to attack: a run's, or one with given weights."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,9 +47,6 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
     Args:
         home: folder of the records and the results: the run's own, or where that cannot be written
             another.
-
-    Raises:
-        ValueError: classes or images that are not the run's; a folder that cannot be written.
     """
     lpips = lpips_of(cfg)
     make_folder(home / "reattack")
@@ -73,11 +68,7 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
 
 
 def subject_of_weights(cfg: ReattackConfig) -> Subject:
-    """Return a named model with given weights.
-
-    Raises:
-        ValueError: no weights, or some that do not fit; images of another size than the model's.
-    """
+    """Return a named model with given weights."""
     if cfg.weights is None:
         raise ValueError(
             "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE "
@@ -99,11 +90,7 @@ def subject_of_weights(cfg: ReattackConfig) -> Subject:
 
 
 def lpips_of(cfg: ReattackConfig) -> LPIPS | None:
-    """Return the network that measures LPIPS; None where no weights are given for it.
-
-    Raises:
-        ValueError: a file of other weights, or images that are too small for them.
-    """
+    """Return the network that measures LPIPS; None where no weights are given for it."""
     if cfg.lpips is None:
         return None
     lpips = LPIPS(cfg.lpips)

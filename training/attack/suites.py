@@ -76,11 +76,7 @@ def fabric_of(trainer: Trainer) -> Fabric:
 
 
 def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> SuiteConfig:
-    """Return the configuration of the suite that these settings name.
-
-    Raises:
-        ValueError: a target or defence that cannot be loaded.
-    """
+    """Return the configuration of the suite that these settings name."""
     splits, protocol = subject.splits, subject.protocol
     targets: Mapping[str, nn.Module | None] = {}
     if cfg.suite in OPTION_SUITES["targets"]:
@@ -116,11 +112,7 @@ def targets_of(
     """Return the models that attacks transfer to, by name.
 
     Those are the given ones, by a file of weights or a run's folder; and with `class_index` the
-    paper's, None where no weights are given.
-
-    Raises:
-        ValueError: a target that is neither a model's name with weights nor a run.
-    """
+    paper's, None where no weights are given."""
     if targets is not None and not isinstance(targets, Mapping):
         raise ValueError(
             f"targets={targets!r} must be names with weights, as in targets='{{resnet18: FILE}}'."
@@ -165,10 +157,6 @@ def networks_of(networks: Any, device: torch.device) -> dict[str, ImageTransform
         networks: folder of files FILE.pt, which name the networks; or a file of weights or a run's
             folder by name.
         device: device of the networks.
-
-    Raises:
-        ValueError: no such file or folder, a file that is damaged or holds no network, or one
-            that is named after a network other than the one it holds.
     """
     places = networks
     if isinstance(networks, str):
@@ -197,11 +185,7 @@ def callable_of(name: str, device: torch.device) -> ImageTransform:
     """Import the callable `package.module:name`, as `python -c` in the working folder would.
 
     The working folder stays the first that is searched: a function may import more once it is
-    called.
-
-    Raises:
-        ValueError: nothing of that name, or nothing that can be called.
-    """
+    called."""
     module, _, attribute = name.partition(":")
     working_folder = os.getcwd()
     if sys.path[0] != working_folder:

@@ -1,13 +1,15 @@
-"""Statistics of real photos beside those of a scene's photos of the same crops."""
+"""Crops of real photos and of a scene's photos of the same originals; their statistics compared."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
+import numpy as np
+import torch
 from torch import Tensor
 
+from moireaug import Scene, capture
+from training.data.real_pairs import ScreenPhoto
 from training.photographs.statistics import STATISTICS, Statistic, compare, measure, span
 from training.report.terminal import Grid, Part
 
@@ -15,6 +17,7 @@ Rows = Sequence[Mapping[str, float]]
 Span = tuple[float, float, float]
 
 BATCH_CROPS = 16  # that are measured at a time
+PHOTO_BATCH_CROPS = 8  # that are photographed at a time
 
 
 @dataclass(frozen=True)
@@ -81,8 +84,7 @@ def mean_distance(table: Sequence[StatisticRow]) -> float:
     10th percentiles, medians and 90th percentiles of all compared statistics.
 
     0.7 is a factor of two. Values near zero count by their difference, see
-    `training.photographs.statistics.compare`.
-    """
+    `training.photographs.statistics.compare`."""
     return fmean(row.distance for row in table if row.distance is not None)
 
 
@@ -132,3 +134,72 @@ def number_text(value: float) -> str:
     if float(rounded) == 0:
         return rounded.lstrip("-")
     return rounded.replace("-", "−")
+
+
+@dataclass(frozen=True, eq=False)
+class Crops:
+    """Crops at the same places of photos and originals.
+
+    Args:
+        photos: (N, 3, S, S) uint8.
+        originals: (N, 3, S, S) uint8 of the originals; None where only photos are known.
+        picture: (N,) int64 index of each crop's picture.
+        names: names of the pictures.
+    """
+
+    photos: Tensor
+    originals: Tensor | None
+    picture: Tensor
+    names: tuple[str, ...]
+
+
+def cut_crops(pictures: Iterable[ScreenPhoto], side: int, each: int, seed: int = 0) -> Crops:
+    """Cut `each` square crops of `side` pixels out of every picture, at random places.
+
+    Args:
+        pictures: photos, all of them with originals, or none.
+        side: side of a crop, in pixels.
+        each: number of crops of a picture.
+        seed: seed of the places.
+    """
+    draw = np.random.default_rng(seed)
+    photos: list[Tensor] = []
+    originals: list[Tensor] = []
+    index: list[int] = []
+    names: list[str] = []
+    for name, photo, original in pictures:
+        height, width = photo.shape[-2:]
+        if min(height, width) < side:
+            raise ValueError(
+                f"{name} is {_size(photo)} pixels, smaller than a crop of {side}: make the crops "
+                "smaller."
+            )
+        for _ in range(each):
+            y = int(draw.integers(0, height - side + 1))
+            x = int(draw.integers(0, width - side + 1))
+            # a view would keep the whole photo
+            photos.append(photo[:, y : y + side, x : x + side].clone())
+            index.append(len(names))
+            if original is not None:
+                originals.append(original[:, y : y + side, x : x + side].clone())
+        names.append(name)
+    both = torch.stack(originals) if originals else None
+    return Crops(torch.stack(photos), both, torch.tensor(index, device="cpu"), tuple(names))
+
+
+def _size(picture: Tensor) -> str:
+    return f"{picture.shape[-1]} x {picture.shape[-2]}"
+
+
+@torch.no_grad()
+def photograph_crops(scene: Scene, originals: Tensor, seed: int = 0) -> Tensor:
+    """Photograph crops (N, 3, S, S) uint8 in a scene; return the photos as 8-bit codes of the same
+    shape, as files hold them."""
+    generator = torch.Generator().manual_seed(seed)
+    height, width = originals.shape[-2:]
+    shot = scene.sample(len(originals), (height, width), generator)
+    photos = []
+    for start in range(0, len(originals), PHOTO_BATCH_CROPS):
+        rows = slice(start, start + PHOTO_BATCH_CROPS)
+        photos.append(capture(originals[rows].float() / 255, shot[rows]))
+    return (255 * torch.cat(photos)).round().clamp(0, 255).to(torch.uint8)

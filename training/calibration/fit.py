@@ -7,8 +7,6 @@ random numbers), so that the distance is a function of the ranges alone. A searc
 too: whether the scene has become better is judged on others.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -18,8 +16,14 @@ import torch
 from torch import Tensor
 
 from moireaug import Scene
-from training.calibration.compare import Rows, compare_statistics, mean_distance, measure_crops
-from training.calibration.crops import Crops, photograph_crops
+from training.calibration.compare import (
+    Crops,
+    Rows,
+    compare_statistics,
+    mean_distance,
+    measure_crops,
+    photograph_crops,
+)
 from training.calibration.ranges import (
     SearchedField,
     decode,
@@ -87,12 +91,7 @@ class FittedScene:
 
 
 def fit(
-    start: Scene,
-    crops: Crops,
-    real: Rows,
-    evaluations: int,
-    seconds: float,
-    seed: int,
+    start: Scene, crops: Crops, real: Rows, evaluations: int, seconds: float, seed: int
 ) -> FittedScene:
     """Search the ranges of a scene, from its own on; Ctrl-C ends the search, and the best so far is
     judged.
@@ -104,9 +103,6 @@ def fit(
         evaluations: greatest number of evaluations.
         seconds: time of the search, which ends with the generation that reaches it.
         seed: seed of the shots that judge. The search and its shots have the next one.
-
-    Raises:
-        ValueError: crops without originals.
 
     Returns:
         The best scene of the search, or `start` where that is no better in other shots.

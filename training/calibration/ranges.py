@@ -1,7 +1,5 @@
 """The fields of a scene that a fit searches, their limits, and the encoding of their ranges."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Adversaries of training by name, and their cost."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from torch import Tensor, nn
@@ -50,12 +48,7 @@ class TrainingAdversary:
 def _attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack | None:
     if cfg.kind == "moire_attack":
         return MoireAttack(
-            model,
-            scene=scene,
-            eps=cfg.eps,
-            bound=cfg.bound,
-            steps=cfg.steps,
-            random_start=1.0,
+            model, scene=scene, eps=cfg.eps, bound=cfg.bound, steps=cfg.steps, random_start=1.0
         )
     if cfg.kind == "pgd":
         return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)

@@ -1,7 +1,5 @@
 """Catastrophic overfitting of few-step adversarial training: detected on validation, undone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

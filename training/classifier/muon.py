@@ -1,7 +1,5 @@
 """Muon: gradient descent whose step of a weight matrix is an orthogonal matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -90,8 +88,7 @@ def orthogonal(matrix: Tensor) -> Tensor:
     Gram matrix, so that all but the first and the last product are square, of the shorter side;
     half precision is computed in float32. The result is longer by sqrt(N / M) where N > M.
 
-    Source: Jordan et al. (2024), who apply the polynomial to the whole matrix.
-    """
+    Source: Jordan et al. (2024), who apply the polynomial to the whole matrix."""
     rows, columns = matrix.shape
     if rows > columns:
         return (rows / columns) ** 0.5 * orthogonal(matrix.mT).mT

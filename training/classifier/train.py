@@ -1,7 +1,5 @@
 """Training of one run: begun, resumed, or read back where it is complete."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -21,25 +19,19 @@ from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side
 from training.runs.identity import Origin
 from training.runs.metrics import TrainCost
-from training.runs.reuse import read_trained
 from training.runs.run import Run, start_of
+from training.runs.trained import read_trained
 from training.system import machine
 from training.system.files import read_checkpoint
 from training.system.messages import count_text
 from training.system.processes import is_first, say
 from training.trainer import ranks
-from training.trainer.checkpoints import OriginRecord, RunCheckpoint
-from training.trainer.make import make_trainer
+from training.trainer.make import OriginRecord, RunCheckpoint, make_trainer
 
 
 def try_out(run: Run[Config], splits: Splits) -> None:
     """Make the model and the trainer once, show the model a picture, and read an image of each
-    part, before any run is moved or any time is spent.
-
-    Raises:
-        ValueError: weights, a trainer's setting, a size of images, of a batch, or data that cannot
-            be used.
-    """
+    part, before any run is moved or any time is spent."""
     cfg = run.config
     if splits.num_classes < 2:
         raise ValueError(
@@ -148,8 +140,7 @@ def seed_of_draws(cfg: Config) -> int:
     """Return the seed of the batches and of all draws in them.
 
     It is far from that of the start, whose epochs would be repeated otherwise: a sampler's order in
-    epoch e is that of seed + e.
-    """
+    epoch e is that of seed + e."""
     return mix_seeds(cfg.seed, int(cfg.train.init == "clean"), 0)
 
 

@@ -1,7 +1,5 @@
 """Defaults of training that depend on its start: random weights, or given ones."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

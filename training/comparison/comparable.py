@@ -1,6 +1,5 @@
-"""Whether runs and their re-attacks can be compared: the settings that they must share."""
-
-from __future__ import annotations
+"""Whether runs and their re-attacks can be compared: the settings that they must share, and what a
+reader should not trust beside them."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -14,6 +13,7 @@ from training.config.schema import Config
 from training.config.settings import settings_of
 from training.runs.metrics import Metrics, RunMetrics, SuiteMetrics
 from training.runs.run import PLAIN_RECIPES
+from training.system.messages import count_text
 
 Settings = dict[str, Any]
 Runs = Mapping[Path, RunMetrics]
@@ -26,9 +26,6 @@ def require_comparable(trained: Runs, attacked: Attacks) -> None:
     Args:
         trained: metrics of the runs, by their folders.
         attacked: metrics of their re-attacks, by the same folders.
-
-    Raises:
-        ValueError: as `require_shared`.
     """
     runs: dict[Path, Settings] = {}
     seeds: dict[str, dict[Path, Settings]] = {}
@@ -52,9 +49,6 @@ def require_shared(settings_by_run: Mapping[Path, Settings], noun: str) -> None:
     Args:
         settings_by_run: settings of each run, by its folder.
         noun: name of the runs in the error message, in the plural.
-
-    Raises:
-        ValueError: one differs from most; names it and the setting that differs.
     """
     rows = []
     for settings in settings_by_run.values():
@@ -140,3 +134,51 @@ def baseline_recipe(metrics: RunMetrics, trained: Iterable[RunMetrics]) -> str |
             if is_shorter or theirs["init"] != ours["init"]:
                 return None
     return "baseline"
+
+
+def caveats(runs: pd.DataFrame, trained: Runs, attacked: Attacks) -> list[str]:
+    """Return the warnings beside a table, each a sentence.
+
+    Args:
+        runs: runs of the table, as in `RunTable`.
+        trained: metrics of all runs, by their folders.
+        attacked: metrics of the re-attacks, by the same folders.
+    """
+    sentences = []
+    machines = set()
+    for folder in attacked:
+        machines |= _machines(trained[folder])
+    if len(machines) > 1:
+        names = "; ".join(sorted(machines))
+        sentences.append(
+            f"The runs were trained in different ways ({names}): do not compare their times."
+        )
+    has_no_baseline = runs["baseline"].isna() & ~runs["recipe"].isin(PLAIN_RECIPES)
+    for recipe in runs["recipe"][has_no_baseline].unique():
+        sentences.append(
+            f"No gain is given for {recipe}: baseline was trained for fewer epochs, or from "
+            "another start. Train it with the same train.epochs and train.init."
+        )
+    for folder, attack in attacked.items():
+        failed = [check["name"] for check in attack.trust or [] if check["verdict"] == "fail"]
+        if failed:
+            sentences.append(f"Checks of the attack failed on {folder}: {'; '.join(failed)}.")
+    return sentences
+
+
+def _machines(metrics: RunMetrics) -> set[str]:
+    """Return the machines, and the precision if one was set, on which a run, its start and its
+    baseline were trained."""
+    settings = ""
+    for name, default in (("devices", 1), ("num_nodes", 1), ("precision", None)):
+        if metrics.config["trainer"][name] != default:
+            settings += f", {name}={metrics.config['trainer'][name]}"
+    machines = set()
+    for run in (metrics, metrics.start, metrics.baseline):
+        if run and run.environment:
+            machine = run.environment["device"]
+            if machine == "cpu":
+                threads = count_text(run.environment["threads"], "thread")
+                machine = f"{run.environment['cpu']}, {threads}"
+            machines.add(machine + settings)
+    return machines

@@ -1,8 +1,6 @@
 """Finished runs and their re-attacks as one frame, a row per run, which is written as CSV and read
 from it; or a sentence that says why there is none."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,11 +9,11 @@ import numpy as np
 import pandas as pd
 
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW
-from training.comparison.caveats import caveats
 from training.comparison.comparable import (
     Attacks,
     Runs,
     baseline_recipe,
+    caveats,
     data_name,
     protocol_settings,
     require_comparable,
@@ -81,12 +79,7 @@ class RunTable(NamedTuple):
 
 def read(root: Path) -> RunTable:
     """Read every finished run of `root`/<recipe>/seed<k>/ that suite `recipes` has attacked in its
-    own scene.
-
-    Raises:
-        ValueError: no run, none attacked, runs or re-attacks that cannot be compared, or an
-            incomplete file.
-    """
+    own scene."""
     try:
         trained, warnings = read_classifiers(root)
         table = _table(root, trained)
@@ -99,11 +92,7 @@ def read(root: Path) -> RunTable:
 
 
 def read_csv(file: Path) -> RunTable:
-    """Read the table that `RunTable.to_csv` wrote, without the outcomes of single images.
-
-    Raises:
-        ValueError: another file, runs that cannot be compared, or a recipe of one seed.
-    """
+    """Read the table that `RunTable.to_csv` wrote, without the outcomes of single images."""
     try:
         runs = pd.read_csv(file)
         if {*RATES, "recipe"} <= {*runs} and "bound" not in runs:
@@ -175,7 +164,7 @@ def _commands(trained: Runs, attacked: Attacks) -> list[str]:
 def _row(metrics: RunMetrics, attack: SuiteMetrics) -> dict[str, Any]:
     row: dict[str, Any] = {"recipe": metrics.recipe, "seed": metrics.seed, "n": attack.n}
     for name, cell in RATES.items():
-        row[name] = _outcomes(attack, *cell)
+        row[name] = _correct(attack, *cell)
     train = _cost(metrics)
     seconds, start_seconds = train.steady_seconds, _start_seconds(train, metrics)
     plain_seconds = None
@@ -205,7 +194,7 @@ def _cost(metrics: RunMetrics | PlainMetrics | None) -> TrainCost:
     return metrics.train
 
 
-def _outcomes(attack: SuiteMetrics, table: str, row: str, column: str) -> np.ndarray:
+def _correct(attack: SuiteMetrics, table: str, row: str, column: str) -> np.ndarray:
     """Return the outcomes of a cell, one per image; over all scenes but the run's own, their mean
     or those of the worst scene."""
     of_other_scenes = row in (MEAN_ROW, WORST_ROW)
@@ -217,5 +206,5 @@ def _outcomes(attack: SuiteMetrics, table: str, row: str, column: str) -> np.nda
     if not scenes:
         raise KeyError(f"{table}, {row}, {column}")
     if row == WORST_ROW:
-        return min(scenes, key=lambda outcomes: float(outcomes.mean()))
+        return min(scenes, key=lambda scene: float(scene.mean()))
     return np.mean(scenes, axis=0)

@@ -1,7 +1,5 @@
 """The plot of robustness against training time: a point for each recipe, with its name."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from typing import Any

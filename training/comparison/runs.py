@@ -1,7 +1,5 @@
 """The runs of a folder and their re-attacks, as metrics."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 
@@ -12,11 +10,7 @@ from training.system.files import read_metrics
 
 def read_classifiers(root: Path) -> tuple[dict[Path, RunMetrics], list[str]]:
     """Return the metrics of the finished classifiers in `root`/<recipe>/seed<k>/, and a sentence on
-    each that is damaged. A demoiréing network has no adversary and no place in the table.
-
-    Raises:
-        ValueError: there are none, or another version wrote one of them.
-    """
+    each that is damaged. A demoiréing network has no adversary and no place in the table."""
     classifiers, warnings = {}, []
     for path in sorted(root.glob("*/seed*/metrics.json")):
         folder = path.parent

@@ -1,7 +1,5 @@
 """The table of recipes: as a page, and for the terminal."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path

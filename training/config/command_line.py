@@ -1,8 +1,6 @@
 """Command lines in Hydra's grammar: paths quoted and settings checked before Hydra reads them, and
 settings written as one."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import textwrap
@@ -35,8 +33,7 @@ def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
     """Return the overrides with paths that Hydra takes as they are, and `~` in them expanded.
 
     Hydra's grammar would read 2024_11 as a number and refuse most punctuation. What is quoted or
-    escaped for it stays, and so does what a sweep takes for several values.
-    """
+    escaped for it stays, and so does what a sweep takes for several values."""
     sweep = not SWEEP_FLAGS.isdisjoint(overrides)
     quoted = []
     for override in overrides:

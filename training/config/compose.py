@@ -1,8 +1,6 @@
 """The configurations that Hydra composes, of settings, data sets and recipes; and the text of
 --help."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import inspect
@@ -27,10 +25,7 @@ HYDRA_FOLDERS = {
     "sweep": {"dir": "${runs}", "subdir": "."},
     "output_subdir": None,
 }
-NO_LOGGING = (
-    {"override hydra/job_logging": "none"},
-    {"override hydra/hydra_logging": "none"},
-)
+NO_LOGGING = ({"override hydra/job_logging": "none"}, {"override hydra/hydra_logging": "none"})
 DATA_GROUPS = ({"data": DEFAULT_DATA},)
 RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean"})
 # of a line of help

@@ -1,7 +1,5 @@
 """The settings of a classifier's data, and the defaults of each data set."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from omegaconf import MISSING
@@ -26,15 +24,11 @@ class Data:
         may_differ=True,
     )
     size: int = setting(
-        64,
-        "side of the images, in pixels; the lens blurs small ones more",
-        bounds=(16, 8192),
+        64, "side of the images, in pixels; the lens blurs small ones more", bounds=(16, 8192)
     )
     train: int | None = setting(None, "training images; null is all there are", bounds=(1, None))
     val: int | None = setting(
-        None,
-        "validation images; null is 10 % of the training images",
-        bounds=(1, None),
+        None, "validation images; null is 10 % of the training images", bounds=(1, None)
     )
     test: int | None = setting(
         None, "test images; null is all there are", bounds=(1, None), tests=True

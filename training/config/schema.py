@@ -3,8 +3,6 @@
 Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -76,13 +74,10 @@ class Train:
         may_differ=True,
     )
     ema: float | None = setting(
-        None,
-        "decay per step of the averaged weights; null: 0.98",
-        bounds=(0, 0.999999),
+        None, "decay per step of the averaged weights; null: 0.98", bounds=(0, 0.999999)
     )
     batch_statistics: bool | None = setting(
-        None,
-        "whether batch normalisation uses those of a batch; null: unless weights= are given",
+        None, "whether batch normalisation uses those of a batch; null: unless weights= are given"
     )
     compile: bool = setting(False, "torch.compile of the model")
 
@@ -131,11 +126,7 @@ class RunConfig:
     recipe: str = setting(MISSING, "a file of recipes/, without .yaml", trains=True)
     seed: int = setting(0, "of the weights and of all draws", bounds=(0, MAX_SEED), trains=True)
     runs: str = setting(
-        "runs",
-        "the folder of all runs",
-        is_path=True,
-        changes_result=False,
-        from_run=False,
+        "runs", "the folder of all runs", is_path=True, changes_result=False, from_run=False
     )
     scene: Any = setting(
         "screen_photo",

@@ -1,8 +1,6 @@
 """How a setting is declared: once, with its default and everything that is known of it; all else is
 derived from the table of these."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os
@@ -93,8 +91,7 @@ def section(schema: Callable[[], Any], **properties: Any) -> Any:
 def settings_of(schema: Any) -> Mapping[str, Setting]:
     """Return the settings of a dataclass and of its sections, by their keys on a command line.
 
-    A field that is named after a keyword of Python with an underscore loses it: in_ is in=.
-    """
+    A field that is named after a keyword of Python with an underscore loses it: in_ is in=."""
     settings: dict[str, Setting] = {}
     types = get_type_hints(schema)
     for one in dataclasses.fields(schema):
@@ -112,10 +109,14 @@ def settings_of(schema: Any) -> Mapping[str, Setting]:
     return settings
 
 
+def field_of(key: str) -> str:
+    """Return the dataclass's field of a key: in_ of in."""
+    return f"{key}_" if iskeyword(key) else key
+
+
 def value_of(cfg: Any, key: str) -> Any:
     """Return the value of a setting in a configuration."""
-    fields = [f"{part}_" if iskeyword(part) else part for part in key.split(".")]
-    return attrgetter(".".join(fields))(cfg)
+    return attrgetter(field_of(key))(cfg)
 
 
 def with_values(cfg: Schema, values: Mapping[str, Any]) -> Schema:
@@ -131,11 +132,7 @@ def with_values(cfg: Schema, values: Mapping[str, Any]) -> Schema:
 def check(cfg: Any) -> None:
     """Refuse numbers out of their bounds, and words that are none of the choices.
 
-    A null is not checked: the types say where it is allowed.
-
-    Raises:
-        ValueError: with what was got and what is allowed.
-    """
+    A null is not checked: the types say where it is allowed."""
     for key, one in settings_of(type(cfg)).items():
         value = value_of(cfg, key)
         if value is None:

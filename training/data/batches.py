@@ -1,7 +1,5 @@
 """Loaders of the splits, in the same order on any number of ranks."""
 
-from __future__ import annotations
-
 import lightning as L
 from torch.utils.data import DataLoader, Dataset
 from torch.utils.data.distributed import DistributedSampler
@@ -13,11 +11,7 @@ MAX_VAL_BATCH = 320  # images
 
 
 def require_even(batch_size: int, processes: int) -> None:
-    """Refuse a batch that the processes cannot share evenly.
-
-    Raises:
-        ValueError: with the nearest that they can.
-    """
+    """Refuse a batch that the processes cannot share evenly."""
     if batch_size % processes:
         near = max(1, round(batch_size / processes)) * processes
         raise ValueError(

@@ -1,8 +1,6 @@
 """Pictures as screens show them, drawn: dead leaves, textures, pages, interfaces, charts, gradients
 and signs. A picture is a pure function of its generator, and nobody else's work is in it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

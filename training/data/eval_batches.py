@@ -1,7 +1,5 @@
 """The test images of an evaluation, in batches."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 from torch.utils.data import Subset, default_collate

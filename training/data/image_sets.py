@@ -1,7 +1,5 @@
 """Folders of images and torchvision's data sets, as uint8 images (3, size, size)."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib
@@ -18,8 +16,7 @@ from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.config.data_sets import Data
 from training.data.splits import ImageSet, has_parts
-from training.system.files import read_table
-from training.system.locks import locked
+from training.system.files import locked, read_table
 
 UNNAMED_CLASSES = {"gtsrb": 43}  # numbers of classes that torchvision does not name
 IMAGENET_CLASSES = 1000  # of torchvision's published weights, which a class_index refers to
@@ -38,11 +35,7 @@ def _resize(size: int) -> v2.Compose:
 
 
 def read(cfg: Data) -> ImageSet:
-    """Read a folder of images, or one of torchvision's data sets.
-
-    Raises:
-        ValueError: a missing folder, or folders that do not fit; says what to do.
-    """
+    """Read a folder of images, or one of torchvision's data sets."""
     return _read_folder(cfg) if cfg.name == "folder" else _read_from_torchvision(cfg)
 
 

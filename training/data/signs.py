@@ -124,8 +124,7 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
     """Draw one photograph, uint8 (size, size, 3), sRGB, of the sign CLASSES[label]; all randomness
     comes from rng.
 
-    Raises ValueError for a size below 16.
-    """
+    Raises ValueError for a size below 16."""
     _check_size(size)
     fine = _FINE * size
     canvas = Image.fromarray(_uint8(scene(rng, size))).resize(

@@ -1,7 +1,5 @@
 """Three parts of a data set, to train, validate and test on."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,11 +91,7 @@ def random_subset(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
 
 def split(images: ImageSet, cfg: Data) -> Splits:
     """Return the parts of a data set, in the numbers that are asked for: of the training images, a
-    fixed random part is held out for validation.
-
-    Raises:
-        ValueError: training or validation images would be none.
-    """
+    fixed random part is held out for validation."""
     all_test = cache_if_small(images.test, cfg)
     test = random_subset(all_test, cfg.test)
     if images.train is None:

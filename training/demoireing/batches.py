@@ -1,7 +1,5 @@
 """Simulated pairs in batches, for Lightning."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import lightning as L
@@ -9,12 +7,7 @@ import torch
 from torch.utils.data import DataLoader, Sampler, TensorDataset
 
 from moireaug.synthesis.pictures import Source
-from training.demoireing.pairs import (
-    VAL_SEED,
-    SimulatedPairs,
-    TurnedPairs,
-    training_scenes,
-)
+from training.demoireing.pairs import VAL_SEED, SimulatedPairs, TurnedPairs, training_scenes
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 

@@ -9,8 +9,6 @@ named, and the command then exits with status 1. Colour profile and EXIF data ar
 tags and the orientation: what is written is upright. It has one page of 8 bits a channel, with
 white in place of what was transparent. Every file is written whole or not at all."""
 
-from __future__ import annotations
-
 import io
 import sys
 import time
@@ -31,7 +29,7 @@ from moireaug.common.image_files import read_picture
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.synthesis.pictures import Pictures
-from training.config.plain import parse, report_errors
+from training.config.commands import parse, report_errors
 from training.config.settings import setting
 from training.demoireing.tiles import TILE_OVERLAP, TILE_SIDE, tiled
 
@@ -63,11 +61,7 @@ class Config:
 
 
 def configure(argv: Sequence[str]) -> Config:
-    """Return the settings of a command line.
-
-    Raises:
-        ValueError: an unknown key, a value of another type, or out of its bounds.
-    """
+    """Return the settings of a command line."""
     cfg = parse(argv, Config, EXAMPLE, __doc__)
     photos, out = Path(cfg.in_).resolve(), Path(cfg.out).resolve()
     if out.is_relative_to(photos) or photos.is_relative_to(out):
@@ -81,11 +75,7 @@ def configure(argv: Sequence[str]) -> Config:
 
 
 def device_of(name: str) -> torch.device:
-    """Return the device of that name; "auto" is a GPU where there is one.
-
-    Raises:
-        ValueError: no such device.
-    """
+    """Return the device of that name; "auto" is a GPU where there is one."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:

@@ -1,7 +1,5 @@
 """The Lightning module that trains a demoiréing network."""
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any

@@ -1,7 +1,5 @@
 """Simulated pairs as tensors, for training, validation and testing."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -29,11 +27,7 @@ VAL_SEED, TEST_SEED = 4_000_000_001, 4_000_000_002
 
 
 def training_scenes(cfg: DemoireConfig) -> dict[str, Scene]:
-    """Return the scenes that a run trains in, by their names.
-
-    Raises:
-        TypeError, ValueError: no scene, or one whose photos are not aligned with their originals.
-    """
+    """Return the scenes that a run trains in, by their names."""
     listed = cfg.scene if isinstance(cfg.scene, (list, tuple)) else [cfg.scene]
     if not listed:
         raise ValueError("scene=[] names no scene: name at least one.")
@@ -133,11 +127,11 @@ class TurnedPairs(Dataset):
         self._pair_of: dict[int, tuple[Tensor, Tensor]] = {}
 
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
-        again, number = divmod(k, self.count)
+        orientation, number = divmod(k, self.count)
         if number not in self._pair_of:
             later = range(number, self.candidates * self.count, self.count)
             self._pair_of[number] = max((self.pairs[k] for k in later), key=coarse_colour)
-        turns, mirrored = again % 4, again // 4 % 2
+        turns, mirrored = orientation % 4, orientation // 4 % 2
         photo, target = (side.rot90(turns, (1, 2)) for side in self._pair_of[number])
         return (photo.flip(2), target.flip(2)) if mirrored else (photo, target)
 

@@ -1,7 +1,5 @@
 """Pictures to photograph: drawn ones, or a folder's; some are held out for testing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,11 +70,7 @@ class EnlargedCrops:
 
 
 def load(cfg: DemoireConfig) -> Splits:
-    """Find the pictures of a run's data set.
-
-    Raises:
-        ValueError: no folder, or too few pictures in it.
-    """
+    """Find the pictures of a run's data set."""
     side, test_side = cfg.data.size, cfg.test.size
     if not cfg.data.root:
         drawn = DrawnPictures(side)
@@ -91,11 +85,7 @@ def load(cfg: DemoireConfig) -> Splits:
 
 
 def require_usable(splits: Splits) -> None:
-    """Read a picture of each split, before any time is spent.
-
-    Raises:
-        ValueError: none of a split is large enough, or none can be read.
-    """
+    """Read a picture of each split, before any time is spent."""
     for name, setting in (("train", "data.size"), ("val", "data.size"), ("test", "test.size")):
         try:
             getattr(splits, name).draw(np.random.default_rng(0))

@@ -1,7 +1,5 @@
 """The report of a test: a page, plots of the training, and lines for the terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -96,8 +94,8 @@ def table_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     None where there is no such reference."""
     by_group: dict[str, dict[str, Any]] = {}
     for row in rows:
-        facts = {k: row[k] for k in ("group", "kind", "n", "milliseconds", "megapixels")}
-        by_group.setdefault(row["group"], facts | {"cells": [None] * 2 * len(REFERENCE_COLUMNS)})
+        labels = {k: row[k] for k in ("group", "kind", "n", "milliseconds", "megapixels")}
+        by_group.setdefault(row["group"], labels | {"cells": [None] * 2 * len(REFERENCE_COLUMNS)})
         for column, (reference, prefix) in enumerate(REFERENCE_COLUMNS.values()):
             for side, name in enumerate(("psnr", "ssim")):
                 if (row["reference"], row["measure"]) == (reference, prefix + name):

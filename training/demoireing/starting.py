@@ -1,7 +1,5 @@
 """Initial weights: a short training should not have to learn first what an image is."""
 
-from __future__ import annotations
-
 import torch
 from torch import nn
 

@@ -1,7 +1,5 @@
 """Training of a demoiréing network: begun, resumed, or read back where it is complete."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -23,16 +21,11 @@ from training.runs.run import Run
 from training.system.files import read_checkpoint
 from training.system.processes import is_first, say
 from training.trainer import ranks
-from training.trainer.checkpoints import OriginRecord, RunCheckpoint
-from training.trainer.make import make_trainer
+from training.trainer.make import OriginRecord, RunCheckpoint, make_trainer
 
 
 def module_of(cfg: DemoireConfig) -> Demoireing:
-    """Return the module that trains a run's network, with the weights that it starts from.
-
-    Raises:
-        ValueError: a width or a file of weights that cannot be used.
-    """
+    """Return the module that trains a run's network, with the weights that it starts from."""
     network = demoire.build(cfg.model, width=cfg.demoire.width, weights=cfg.weights)
     if cfg.weights is None:
         start_as_identity(network)
@@ -40,11 +33,7 @@ def module_of(cfg: DemoireConfig) -> Demoireing:
 
 
 def try_out(run: Run[DemoireConfig]) -> None:
-    """Make the network and the trainer once, before any run is moved or any time is spent.
-
-    Raises:
-        ValueError: as `module_of`; or a trainer's setting or a size of a batch that cannot be used.
-    """
+    """Make the network and the trainer once, before any run is moved or any time is spent."""
     module_of(run.config)
     trainer = trainer_of(run.config, run.folder, "")
     require_even(run.config.train.batch_size, trainer.world_size)

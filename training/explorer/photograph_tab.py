@@ -1,7 +1,5 @@
 """The first tab: a picture, photographed off a screen by the scene of the controls."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gradio as gr
@@ -33,7 +31,7 @@ def photograph_tab(blocks: gr.Blocks) -> None:
                 another = gr.Button("Another shot", min_width=100)
             widgets, groups = scene_widgets(Scene.preset(DEFAULT_PRESET))
         with gr.Column(scale=3, min_width=320, elem_id="results"):
-            summary = gr.Markdown(elem_id="told")
+            summary = gr.Markdown(elem_id="summary")
             options = {"interactive": False, "format": "png", "buttons": ["fullscreen"]}
             image = gr.Image(
                 label="Photo: click to choose the crop",
@@ -125,11 +123,7 @@ def show_times(preset: str, sample: str, file: str | None, seed: float | None, *
 
 
 def shot_number(value: float | None) -> int:
-    """Return the number of a shot, which seeds its draw; a cleared field is 0.
-
-    Raises:
-        ValueError: a number that is no seed.
-    """
+    """Return the number of a shot, which seeds its draw; a cleared field is 0."""
     number = value or 0
     if not 0 <= number < 2**53:
         raise ValueError(f"the shot number must be at least 0 and below 2^53; got {number:g}.")
@@ -137,11 +131,7 @@ def shot_number(value: float | None) -> int:
 
 
 def picture_of(sample: str, file: str | None) -> photo.Picture:
-    """Return the picture in a file, or the sample of that name.
-
-    Raises:
-        ValueError: the file is refused, see `photo.read`.
-    """
+    """Return the picture in a file, or the sample of that name."""
     return photo.read(file) if file else photo.SAMPLES[sample]()
 
 

@@ -1,7 +1,5 @@
 """The widgets of a scene's controls, in Gradio."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gradio as gr

@@ -13,8 +13,7 @@ from torch import Tensor, nn
 from moireaug.attacks import Normalized
 from moireaug.common.networks import in_evaluation_mode
 from moireaug.common.weights import read_state_dict
-from training.models.small_convnet import AttentionConvNet
-from training.models.small_resnet import SmallResNet
+from training.models.small_networks import AttentionConvNet, SmallResNet
 
 # the project's own models, each a function of the number of classes
 OWN_MODELS: dict[str, Callable[[int], nn.Module]] = {
@@ -45,10 +44,6 @@ def as_model(
             the head is left out and stays freshly initialised.
         whole: whether to refuse weights for another number of classes: a model with a fresh head
             cannot be evaluated.
-
-    Raises:
-        ValueError: an unknown name, a file that is missing or unreadable, or weights of another
-            model.
     """
     require_known(name)
     model = _fresh(name, num_classes)
@@ -67,9 +62,6 @@ def check_side(model: nn.Module, name: str, side: int) -> None:
         model: classifier of [0, 1] images; its mode is kept.
         name: name of the model.
         side: side of the images, in pixels.
-
-    Raises:
-        ValueError: with what to do.
     """
     weight = next(model.parameters())
     try:
@@ -106,11 +98,7 @@ def class_names(name: str) -> dict[int, str]:
 
 
 def require_known(name: str) -> None:
-    """Refuse a name that no model has.
-
-    Raises:
-        ValueError: says which names there are.
-    """
+    """Refuse a name that no model has."""
     if name not in OWN_MODELS and name not in model_names():
         closest = difflib.get_close_matches(name, model_names(), n=3, cutoff=0.3)
         hint = f" Closest: {', '.join(closest)}." if closest else ""
@@ -156,11 +144,7 @@ def _published(name: str, weights: str) -> Mapping[str, Tensor]:
 
 
 def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
-    """Copy a state into a model, except for a head made for another number of classes.
-
-    Raises:
-        ValueError: anything else differs.
-    """
+    """Copy a state into a model, except for a head made for another number of classes."""
     expected = model.state_dict()
     state = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
     common = [key for key in state if key in expected]
@@ -188,8 +172,7 @@ def _is_head(
     """Return whether the tensors that changed shape are those of one layer, and only in their
     number of outputs.
 
-    Any layer but the last would change the inputs of the next one too.
-    """
+    Any layer but the last would change the inputs of the next one too."""
     layers = {key.rpartition(".")[0] for key in reshaped}
     if len(layers) != 1:
         return False

@@ -1,8 +1,6 @@
 """Pairs as files: encoded pictures in a tar of WebDataset, or in a folder of Hugging Face
 datasets."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Find a known picture in a photo of the screen that shows it, and bring the photo to its frame."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -58,12 +56,12 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
     matrix = find_pose(photo, picture, name)
     height, width = picture.shape[1:]
     rows, columns = _visible(matrix, (height, width), tuple(photo.shape[1:]))
-    shown = picture[:, rows, columns]
-    if not shown.numel():
+    visible_picture = picture[:, rows, columns]
+    if not visible_picture.numel():
         raise ValueError(f"{name} shows too little of the picture: it must show most of it.")
     warped = _warp(_interleaved(photo), matrix, (height, width))
     aligned = torch.from_numpy(warped).permute(2, 0, 1)
-    return aligned[:, rows, columns], shown
+    return aligned[:, rows, columns], visible_picture
 
 
 def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Matrix:

@@ -14,8 +14,6 @@ Without an original the quietest places of the photo itself are taken, so that t
 the noise come out too low, and the moiré of chroma less so.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -168,8 +166,7 @@ def scales(plane: Plane) -> dict[float, Plane]:
     """Return every other pixel of a plane blurred by 1, 1.5, 2, 4, 8 and 16 px.
 
     After a blur of 4 px every other pixel holds all that is left, so that the wider ones are made
-    from these.
-    """
+    from these."""
     blurred = {sigma: blur(plane, sigma)[::2, ::2] for sigma in (1, 1.5, 2, 4)}
     for sigma in (8, 16):
         blurred[sigma] = blur(blurred[4], math.sqrt(sigma**2 - 4**2) / 2)
@@ -192,8 +189,7 @@ def band_strengths(photo: Plane, flat: NDArray[np.bool_]) -> dict[str, float]:
 def spectral(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, float]:
     """Return the statistics of the spectra of the flattest windows: peaks, and stripes or lattice.
 
-    The picture's own content, in the photo's colours, is subtracted from them.
-    """
+    The picture's own content, in the photo's colours, is subtracted from them."""
     content = None
     if original is not None:
         content = planes(ColourMap.fit(original, photo)(original))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,12 +10,13 @@ from training import report
 from training.attack.protocol import attack, attack_run, protocol_of
 from training.attack.results import publish, run_metrics
 from training.config.schema import Config
+from training.data.load import load
 from training.data.splits import Splits
 from training.runs.identity import Origin
 from training.runs.metrics import RunMetrics, TrainCost
-from training.runs.resume import damage, origin_difference
-from training.runs.reuse import read_trained
+from training.runs.resume import damage, origin_difference, require_same_origin
 from training.runs.run import Run, baseline_of, start_of
+from training.runs.trained import read_trained
 from training.system.processes import is_first, say
 
 if TYPE_CHECKING:
@@ -87,18 +88,32 @@ def train_run(
     return train_model(run, splits, start_cost=start.train if start else None)
 
 
-def complete(
+def complete(run: Run[Config]) -> RunMetrics | None:
+    """Load the data, train the plain runs that a run needs, and then the run itself, attack it and
+    report; return its metrics, None in all but one process."""
+    from training.classifier.train import try_out  # Lightning, which takes seconds to import
+
+    start_time = time.perf_counter()
+    splits = load(run.config.data)
+    if run.config.resume is not False:
+        require_same_origin(run, Origin.of(run.config.weights, splits))
+    try_out(run, splits)
+    data_seconds = time.perf_counter() - start_time
+    return train_and_report(run, splits, *plain_runs(run, splits), data_seconds)
+
+
+def train_and_report(
     run: Run[Config],
     splits: Splits,
     start: RunMetrics | None,
     baseline: RunMetrics | None,
-    seconds: Mapping[str, float],
+    data_seconds: float,
 ) -> RunMetrics | None:
-    """Train, attack, compare and report one run; returns its metrics, None in all but one process.
+    """Train, attack, compare and report one run, as `complete`.
 
     Args:
         start, baseline: metrics of the runs beside it.
-        seconds: time spent so far, by phase.
+        data_seconds: time that loading the data took.
     """
     classifier, train = train_run(run, splits, start)
     if not is_first():
@@ -110,7 +125,7 @@ def complete(
     metrics = replace(
         metrics,
         environment=earlier.environment if earlier else metrics.environment,
-        time={**seconds, "train": train.wall_seconds},
+        time={"data": data_seconds, "train": train.wall_seconds},
     )
     # also where its records are there: a folder's images may have changed since
     if baseline and (baseline_run := baseline_of(run)):

@@ -1,7 +1,5 @@
 """Reports: one self-contained HTML page, Markdown, CSV, and a short form for the terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,10 +19,7 @@ __all__ = ["run_parts", "show", "suite_parts", "write_run", "write_suite"]
 Examples = list[dict[str, Any]]
 QUANTITIES = (
     plots.Quantity(
-        "training loss, nats",
-        "Training loss, epoch by epoch.",
-        {"loss": ""},
-        limits=(0, None),
+        "training loss, nats", "Training loss, epoch by epoch.", {"loss": ""}, limits=(0, None)
     ),
     plots.Quantity(
         "validation accuracy, %",
@@ -45,9 +40,6 @@ def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> None:
         metrics: metrics of a run that was attacked by the ladder.
         examples: blocks of pictures: {"label", "cells"} each; a cell is {"title", "image": (H, W,
             3) uint8} and, where models have answered, "predictions": [(model, class, right)].
-
-    Raises:
-        ValueError: a picture that is not (H, W, 3) uint8.
     """
     facts = {name: getattr(metrics, name) for name in ("data", "model", "seed")}
     run = run_view(metrics)

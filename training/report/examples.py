@@ -1,7 +1,5 @@
 """Pictures for a report: the first batch under several conditions, with the models' answers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

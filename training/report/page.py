@@ -1,7 +1,5 @@
 """The templates: their environment, titles and pictures."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re
@@ -78,11 +76,7 @@ def name_of(metrics: Metrics | PlainMetrics) -> str:
 
 
 def embedded_picture(image: Any, title: str) -> dict[str, Any]:
-    """Return a picture for a page: its data URI and its size there.
-
-    Raises:
-        ValueError: a picture that is not (H, W, 3) uint8.
-    """
+    """Return a picture for a page: its data URI and its size there."""
     pixels = np.asarray(image)
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
         raise ValueError(

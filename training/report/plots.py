@@ -6,8 +6,6 @@ the markers' shapes say the same. The background is transparent: in dark mode th
 lightness of a plot and keeps its hues.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

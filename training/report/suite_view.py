@@ -1,7 +1,5 @@
 """The view of a suite: pivots of its frame of rates."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -65,9 +63,9 @@ def suite_view(
 
 
 def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
-    known = lines.replace([np.inf, -np.inf], np.nan).astype(object)
+    finite = lines.replace([np.inf, -np.inf], np.nan).astype(object)
     cells: dict[tuple[str, str], dict[str, Any]] = {}
-    for cell in known.where(known.notna(), None).to_dict("records"):
+    for cell in finite.where(finite.notna(), None).to_dict("records"):
         cell["control"] = cell["column"] in CONTROL_COLUMNS
         cell["rate"] = Rate(cell["success"], cell["low"], cell["high"])
         cells[cell["row"], cell["column"]] = cell
@@ -94,12 +92,12 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
 def _row(table: Table, cells: Cells, name: str) -> dict[str, Any]:
     """Return a row's cells, None where one is missing, with their denominators and their time."""
     row_cells = [cells.get((name, column)) for column in table.columns]
-    known = [cell for cell in row_cells if cell is not None]
+    present = [cell for cell in row_cells if cell is not None]
     return {
         "name": name,
         "cells": row_cells,
-        "counted": distinct(cell["counted"] for cell in known),
-        "seconds": sum(cell["seconds"] for cell in known) if known else None,
+        "counted": distinct(cell["counted"] for cell in present),
+        "seconds": sum(cell["seconds"] for cell in present) if present else None,
     }
 
 

@@ -1,26 +1,16 @@
 """Reports for the terminal, in at most 100 columns where the names allow it."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from training.report.numbers import (
-    codes,
-    duration,
-    eps_with_unit,
-    number,
-    percent,
-    points,
-    short,
-)
+from training.report.numbers import codes, duration, eps_with_unit, number, percent, points, short
 from training.report.page import render, title_of
 from training.report.run_view import run_view
 from training.runs.metrics import RunMetrics, SuiteMetrics
-from training.system.printing import printable
+from training.system.messages import printable
 
 TITLE_WIDTH, NAME_WIDTH = 27, 10
 

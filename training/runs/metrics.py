@@ -63,11 +63,7 @@ class TrainCost:
 
     @classmethod
     def read(cls, folder: Path) -> TrainCost | None:
-        """Read the cost from a run's train.json or metrics.json; None where there is neither.
-
-        Raises:
-            ValueError: another version wrote it.
-        """
+        """Read the cost from a run's train.json or metrics.json; None where there is neither."""
         path = folder / "train.json"
         if values := read_json(path):
             return _record(cls, values, path)
@@ -145,11 +141,7 @@ class Metrics:
 
     @classmethod
     def read(cls: type[Record], folder: Path) -> Record | None:
-        """Read a folder's metrics; None where they are missing or damaged.
-
-        Raises:
-            ValueError: another version wrote them.
-        """
+        """Read a folder's metrics; None where they are missing or damaged."""
         values = read_metrics(folder)
         return None if values is None else _record(cls, values, folder / "metrics.json")
 
@@ -213,11 +205,7 @@ PARTS: dict[str, Any] = {"train": TrainCost, "start": PlainMetrics, "baseline": 
 
 
 def _record(schema: type[Record], values: Any, path: Path) -> Record:
-    """Return a record of the plain values in a file.
-
-    Raises:
-        ValueError: fields of another version, or of no version at all.
-    """
+    """Return a record of the plain values in a file."""
     names = {one.name: one for one in fields(schema)}  # type: ignore[arg-type]
     if not isinstance(values, Mapping) or not values.keys() <= names.keys():
         raise ValueError(f"{path} holds what no run writes. Train and attack again.")

@@ -1,7 +1,5 @@
 """Whether a run in its folder can be resumed or reused, and the reasons against it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,11 +12,7 @@ from training.system.files import read_checkpoint
 
 
 def require_resumable(run: Run[Any], *others: Run[Any] | None) -> None:
-    """Refuse `resume=true` where neither this run nor any of the others can be resumed.
-
-    Raises:
-        ValueError: there is no such run, or it was made with other settings.
-    """
+    """Refuse `resume=true` where neither this run nor any of the others can be resumed."""
     path = run.folder
     if run.can_resume():
         return
@@ -37,11 +31,7 @@ def require_resumable(run: Run[Any], *others: Run[Any] | None) -> None:
 
 def require_same_origin(run: Run[Any], origin: Origin) -> None:
     """Refuse to resume a run on other data than it was trained on, whose training images would
-    validate or test it, or whose classes change their meaning; or with other first weights.
-
-    Raises:
-        ValueError: names the difference, and says how to go on.
-    """
+    validate or test it, or whose classes change their meaning; or with other first weights."""
     if difference := origin_difference(run, origin):
         advice = "Restore them (another image may stand in for a damaged file)"
         if difference == _weights_difference(run):

@@ -1,7 +1,5 @@
 """A run: its settings, its folder, and its stage there; the plain runs that belong to it."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os
@@ -15,14 +13,15 @@ from omegaconf import OmegaConf
 from moireaug.common.files import write_text
 from training.config.compose import default_config
 from training.config.schema import Config, RunConfig
-from training.runs.identity import (
-    fingerprint_of,
-    group_of,
-    result_settings,
-    training_fingerprint,
+from training.runs.identity import fingerprint_of, group_of, result_settings, training_fingerprint
+from training.system.files import (
+    free_name,
+    locked,
+    make_folder,
+    read_json,
+    read_metrics,
+    read_settings,
 )
-from training.system.files import free_name, make_folder, read_json, read_metrics, read_settings
-from training.system.locks import locked
 from training.system.processes import is_first
 
 PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: the others are compared with them
@@ -116,11 +115,7 @@ class Run(Generic[Settings]):
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Make the folder, and lock it for this command.
-
-        Raises:
-            ValueError: it cannot be written, or another command works on it.
-        """
+        """Make the folder, and lock it for this command."""
         if is_first():
             make_folder(self.folder)
         with locked_folder(self.folder):
@@ -141,8 +136,7 @@ class Run(Generic[Settings]):
 def start_of(run: Run[Config]) -> Run[Config] | None:
     """Return the run whose weights this one starts from: that of recipe `clean`.
 
-    None where it starts from random weights, or from those of `weights=`.
-    """
+    None where it starts from random weights, or from those of `weights=`."""
     return _plain_run(run.config, "clean") if run.config.train.init == "clean" else None
 
 
@@ -150,8 +144,7 @@ def baseline_of(run: Run[Config]) -> Run[Config] | None:
     """Return the plain run that this one is compared with.
 
     That is recipe `baseline` from the same start, in at least as many epochs; all other settings
-    are the same. None for `baseline` and `clean` themselves.
-    """
+    are the same. None for `baseline` and `clean` themselves."""
     cfg = run.config
     if cfg.recipe in PLAIN_RECIPES:
         return None
@@ -168,11 +161,7 @@ def _plain_run(cfg: Config, recipe: str) -> Run[Config]:
 
 @contextlib.contextmanager
 def locked_folder(path: Path) -> Iterator[None]:
-    """Lock a folder of results for this command; the kernel releases it however the command ends.
-
-    Raises:
-        ValueError: another command works on it.
-    """
+    """Lock a folder of results for this command; the kernel releases it however that ends."""
     if not is_first():
         yield
         return

@@ -1,7 +1,5 @@
 """What made a result: the command, the versions of its libraries, and the machine."""
 
-from __future__ import annotations
-
 import platform
 import shlex
 import sys
@@ -25,13 +23,13 @@ def environment(accelerator: str) -> dict[str, Any]:
     import numpy
     import torchvision
 
-    facts: dict[str, Any] = {"python": platform.python_version()}
+    versions: dict[str, Any] = {"python": platform.python_version()}
     for module in (torch, torchvision, kornia, lightning, numpy):
-        facts[module.__name__] = module.__version__
-    facts["cpu"] = _cpu()
-    facts["threads"] = torch.get_num_threads()
-    facts["device"] = torch.cuda.get_device_name() if _on_gpu(accelerator) else "cpu"
-    return facts
+        versions[module.__name__] = module.__version__
+    versions["cpu"] = _cpu()
+    versions["threads"] = torch.get_num_threads()
+    versions["device"] = torch.cuda.get_device_name() if _on_gpu(accelerator) else "cpu"
+    return versions
 
 
 def _cpu() -> str:
