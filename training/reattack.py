@@ -51,7 +51,6 @@ def reattack(config: ReattackConfig, overrides: list[str]) -> dict[str, Any]:
     """Attack a run or a named model; returns the metrics, {} in all processes but the first.
 
     Args:
-        config: settings.
         overrides: those of the command line, which take precedence over a run's own settings.
     """
     config = scenes.with_files(config)

@@ -35,9 +35,6 @@ class Protocol(NamedTuple):
     """How every model of a comparison is attacked.
 
     Args:
-        batches: test images.
-        scene: scene in which they are photographed.
-        settings: strength of the attacks.
         lpips: network that measures LPIPS; None for none.
         shrink: that of the scene, for a suite's other scenes; None where images are whole photos.
     """
@@ -73,7 +70,6 @@ class AttackResult:
     """The results of a suite on one model.
 
     Args:
-        tables: tables of the suite.
         cells: rates of these tables, one row per cell.
         checks: metrics `trust`, the checks of whether the figures can be trusted, and `trust_n`,
             their number of images; empty without checks.
@@ -93,9 +89,6 @@ class SuiteAttack:
 
     Args:
         model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).
-        suite: name of the suite.
-        protocol: protocol of the attack.
-        records: folder of the records of finished jobs.
         config: configuration of the suite; None is the protocol's.
         check: whether to check that the figures can be trusted.
     """
@@ -134,13 +127,7 @@ class SuiteAttack:
         self.seconds: dict[str, float] = {}
 
     def run(self, title: str, rank: int = 0, world: int = 1) -> None:
-        """Do this process's share of the jobs that are left: every `world`-th batch.
-
-        Args:
-            title: name of the model, for the progress bar.
-            rank: number of this process, from 0.
-            world: number of processes.
-        """
+        """Do this process's share of the jobs that are left: every `world`-th batch."""
         with self.records:
             for phase, (jobs, all_indices) in self.phases.items():
                 start = time.perf_counter()
@@ -176,12 +163,7 @@ class SuiteAttack:
 def attack(
     model: nn.Module, protocol: Protocol, records: Path, title: str, *, check: bool = True
 ) -> AttackResult:
-    """Attack a model with the ladder; records that are there are not computed again.
-
-    Args:
-        model, protocol, records, check: arguments of `SuiteAttack`.
-        title: name of the model, for the progress bar.
-    """
+    """Attack a model with the ladder; records that are there are not computed again."""
     ladder = SuiteAttack(model, "ladder", protocol, records, check=check)
     ladder.run(title)
     return ladder.results()

@@ -52,13 +52,7 @@ def ladder_metrics(result: AttackResult) -> dict[str, Any]:
 
 
 def run_metrics(cfg: Config, train: TrainCost | None, start: PlainMetrics | None) -> RunMetrics:
-    """Return the metrics of a run that is not attacked yet, nor compared.
-
-    Args:
-        cfg: settings of the run.
-        train: cost of its training; None where it was not trained here.
-        start: metrics of the run whose weights it started from.
-    """
+    """Return the metrics of a run that is not attacked yet, nor compared."""
     return RunMetrics(
         **metrics_of(cfg), train=train, start=start, baseline=None, gain={}, gain_interval={}
     )
@@ -67,11 +61,7 @@ def run_metrics(cfg: Config, train: TrainCost | None, start: PlainMetrics | None
 def with_baseline(
     metrics: RunMetrics, baseline: PlainMetrics, ladder: Mapping[str, Any]
 ) -> RunMetrics:
-    """Return the metrics of an attacked run with those of its baseline, and its gain over it.
-
-    Args:
-        ladder: metrics of the baseline's ladder.
-    """
+    """Return the metrics of an attacked run with those of its baseline, and its gain over it."""
     attacked = replace(
         baseline, clean_accuracy=ladder["clean_accuracy"], reattack=ladder["reattack"]
     )
@@ -130,10 +120,8 @@ def publish(
     summary; return the metrics.
 
     Args:
-        out: folder of the report.
         metrics: metrics of the run, without those of the attack.
         results: results of the ladder by recipe: the run's own come first, then its baseline's.
-        classes: names of the classes.
         baseline: metrics of the baseline, without those of the attack; None for none.
     """
     own_result = next(iter(results.values()))

@@ -156,7 +156,6 @@ def networks_of(networks: Any, device: torch.device) -> dict[str, ImageTransform
     Args:
         networks: folder of files FILE.pt, which name the networks; or a file of weights or a run's
             folder by name.
-        device: device of the networks.
     """
     places = networks
     if isinstance(networks, str):

@@ -89,12 +89,7 @@ def mean_distance(table: Sequence[StatisticRow]) -> float:
 
 
 def terminal_parts(table: Sequence[StatisticRow], name: str) -> list[Part]:
-    """Return the table for the terminal.
-
-    Args:
-        table: rows of all statistics.
-        name: name of the scene.
-    """
+    """Return the table for the terminal."""
     with_scene = table[0].simulated is not None
     heads = ["median (10 to 90 %)", "unit", "real"]
     if with_scene:
@@ -144,7 +139,6 @@ class Crops:
         photos: (N, 3, S, S) uint8.
         originals: (N, 3, S, S) uint8 of the originals; None where only photos are known.
         picture: (N,) int64 index of each crop's picture.
-        names: names of the pictures.
     """
 
     photos: Tensor
@@ -158,9 +152,6 @@ def cut_crops(pictures: Iterable[ScreenPhoto], side: int, each: int, seed: int =
 
     Args:
         pictures: photos, all of them with originals, or none.
-        side: side of a crop, in pixels.
-        each: number of crops of a picture.
-        seed: seed of the places.
     """
     draw = np.random.default_rng(seed)
     photos: list[Tensor] = []

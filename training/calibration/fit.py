@@ -44,14 +44,9 @@ class FittedScene:
     """The best scene of a search, and the cost of that.
 
     Args:
-        scene: best scene.
-        start: scene at the start.
         before, after: mean distances of both, see `compare.mean_distance`, on all crops, in shots
             that the search did not see.
         searched_before, searched_after: mean distances on the crops and shots of the search.
-        evaluations: number of evaluations.
-        seconds: time of the search.
-        searched: searched fields, with their limits.
     """
 
     scene: Scene
@@ -98,9 +93,6 @@ def fit(
 
     Args:
         start: scene to begin with; its other fields stay as they are.
-        crops: crops with originals.
-        real: statistics of each crop.
-        evaluations: greatest number of evaluations.
         seconds: time of the search, which ends with the generation that reaches it.
         seed: seed of the shots that judge. The search and its shots have the next one.
 

@@ -116,11 +116,7 @@ REAL, SIMULATED = (MODEL_COLOUR, "o"), (BASELINE_COLOUR, "D")  # colour and mark
 
 
 def draw(lines: Sequence[StatisticRow], name: str) -> bytes:
-    """Return the plot as a PNG: one panel per unit, one row per statistic.
-
-    Args:
-        name: name of the scene.
-    """
+    """Return the plot as a PNG: one panel per unit, one row per statistic."""
     groups: dict[str, list[StatisticRow]] = {}
     for line in lines:
         if line.statistic.compared:

@@ -17,9 +17,6 @@ class Guard(L.Callback):
     A model that learns against one step may learn to defeat that step alone (catastrophic
     overfitting, Wong et al., 2020): within an epoch its accuracy under more steps falls to nothing.
     The event is printed and kept in the run's history; the schedule of the learning rate continues.
-
-    Args:
-        best: file of the best checkpoint.
     """
 
     def __init__(self, best: Path) -> None:

@@ -46,10 +46,7 @@ class Classifier(L.LightningModule):
 
     Args:
         model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).
-        train: settings of the training.
-        adversary: settings of the adversary.
         scene: scene in which training images are photographed.
-        seed: seed of all random draws.
         augment: augmentation of the clean images, one of `AUGMENTATIONS`.
         fine: whether given weights are fine-tuned.
     """

@@ -23,7 +23,6 @@ class Muon(torch.optim.Optimizer):
     processor that does not multiply it.
 
     Args:
-        params: parameters of a model.
         lr: learning rate, about the singular values of a matrix's step, times sqrt(N / M) where it
             is taller (N) than wide (M). SGD has `sgd_lr` times that rate.
         momentum: Nesterov's momentum, in [0, 1).

@@ -52,8 +52,6 @@ def train_model(
     """Train, and return the averaged weights that did best on validation, and the cost.
 
     Args:
-        run: settings and folder of the run.
-        splits: images of the run.
         start_cost: cost of the run whose weights it starts from, for the totals.
 
     Raises:
@@ -147,15 +145,7 @@ def seed_of_draws(cfg: Config) -> int:
 def trainer_of(
     settings: Trainer, tuning: Tuning, epochs: int, out: Path, origin: Origin
 ) -> L.Trainer:
-    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder.
-
-    Args:
-        settings: settings of Lightning's trainer, passed on except for a precision of null.
-        tuning: tuning, of which the average of the weights and the clipping are used.
-        epochs: number of epochs.
-        out: folder of the run.
-        origin: origin that is written into the checkpoints.
-    """
+    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder."""
     callbacks = [
         weight_averaging(tuning),
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),

@@ -21,25 +21,16 @@ Attacks = Mapping[Path, SuiteMetrics]
 
 
 def require_comparable(trained: Runs, attacked: Attacks) -> None:
-    """Refuse runs, seeds of one recipe or re-attacks of different settings.
-
-    Args:
-        trained: metrics of the runs, by their folders.
-        attacked: metrics of their re-attacks, by the same folders.
-    """
-    runs: dict[Path, Settings] = {}
-    seeds: dict[str, dict[Path, Settings]] = {}
-    for folder, metrics in trained.items():
-        runs[folder] = run_settings(metrics)
-        seeds.setdefault(metrics.recipe, {})[folder] = recipe_settings(metrics)
-    require_shared(runs, "runs")
-    for recipe, settings in sorted(seeds.items()):
-        require_shared(settings, f"seeds of {recipe}")
+    """Refuse runs, seeds of one recipe or re-attacks of different settings."""
+    require_shared({folder: run_settings(run) for folder, run in trained.items()}, "runs")
+    for recipe in sorted({run.recipe for run in trained.values()}):
+        seeds = {f: recipe_settings(run) for f, run in trained.items() if run.recipe == recipe}
+        require_shared(seeds, f"seeds of {recipe}")
     attacks = {}
     for folder, attack in attacked.items():
-        cells = attack.tables["worst_case"]
-        attackers = sorted({cell["column"] for cell in cells})  # which differ between versions
-        attacks[folder] = protocol_settings(attack) | {"attackers": attackers}
+        columns = {cell["column"] for cell in attack.tables["worst_case"]}
+        # the attackers differ between versions
+        attacks[folder] = protocol_settings(attack) | {"attackers": sorted(columns)}
     require_shared(attacks, "re-attacks")
 
 
@@ -47,7 +38,6 @@ def require_shared(settings_by_run: Mapping[Path, Settings], noun: str) -> None:
     """Refuse runs of different settings.
 
     Args:
-        settings_by_run: settings of each run, by its folder.
         noun: name of the runs in the error message, in the plural.
     """
     rows = []
@@ -68,30 +58,24 @@ def require_shared(settings_by_run: Mapping[Path, Settings], noun: str) -> None:
 
 def run_settings(metrics: RunMetrics) -> Settings:
     """Return the settings that the runs of a table must share."""
-    settings = {
-        "model": metrics.model,
-        "weights": metrics.config["weights"],
-        "scene": metrics.scene_name,
-    }
+    settings = {"model": metrics.model, "weights": metrics.config["weights"]}
+    settings["scene"] = metrics.scene_name
     for key, declared in settings_of(Config).items():
         part, _, name = key.partition(".")
         if part in ("data", "train") and not declared.may_differ:
             settings[key] = metrics.config[part][name]
-    scene = metrics.scene  # or, of a mixture, a list
-    for number, one in enumerate(scene if isinstance(scene, list) else [scene], 1):
-        prefix = f"scene {number}" if isinstance(scene, list) else "scene"
-        for name, value in one.items():
-            settings[f"{prefix}.{name}"] = value
+    is_mixture = isinstance(metrics.scene, list)
+    for number, one in enumerate(metrics.scene if is_mixture else [metrics.scene], 1):
+        prefix = f"scene {number}" if is_mixture else "scene"
+        settings |= {f"{prefix}.{name}": value for name, value in one.items()}
     return settings
 
 
 def recipe_settings(metrics: RunMetrics) -> Settings:
     """Return the settings that the seeds of one recipe must share."""
-    settings: Settings = {}
-    for part in ("adversary", "train"):
-        for name, value in metrics.config[part].items():
-            settings[f"{part}.{name}"] = value
-    return settings
+    adversary, train = metrics.config["adversary"], metrics.config["train"]
+    settings = {f"adversary.{name}": value for name, value in adversary.items()}
+    return settings | {f"train.{name}": value for name, value in train.items()}
 
 
 def image_settings(metrics: Metrics) -> Settings:
@@ -105,13 +89,9 @@ def image_settings(metrics: Metrics) -> Settings:
 
 def protocol_settings(attack: SuiteMetrics) -> Settings:
     """Return the settings of a re-attack, of which those of a table must share all."""
-    return {
-        "reattack.n": attack.n,
-        "reattack.steps": attack.steps,
-        "reattack.bound": attack.bound,
-        "reattack.seed": attack.config["reattack"]["seed"],
-        "reattack.batch_size": attack.config["reattack"]["batch_size"],
-    }
+    settings = {name: getattr(attack, name) for name in ("n", "steps", "bound")}
+    settings |= {name: attack.config["reattack"][name] for name in ("seed", "batch_size")}
+    return {f"reattack.{name}": value for name, value in settings.items()}
 
 
 def data_name(metrics: Iterable[RunMetrics]) -> str:
@@ -127,27 +107,17 @@ def baseline_recipe(metrics: RunMetrics, trained: Iterable[RunMetrics]) -> str |
     if metrics.recipe in PLAIN_RECIPES:
         return None
     ours = metrics.config["train"]
-    for other in trained:
-        if other.recipe == "baseline":
-            theirs = other.config["train"]
-            is_shorter = theirs["epochs"] * theirs["length"] < ours["epochs"] * ours["length"]
-            if is_shorter or theirs["init"] != ours["init"]:
-                return None
+    for theirs in [other.config["train"] for other in trained if other.recipe == "baseline"]:
+        is_shorter = theirs["epochs"] * theirs["length"] < ours["epochs"] * ours["length"]
+        if is_shorter or theirs["init"] != ours["init"]:
+            return None
     return "baseline"
 
 
 def caveats(runs: pd.DataFrame, trained: Runs, attacked: Attacks) -> list[str]:
-    """Return the warnings beside a table, each a sentence.
-
-    Args:
-        runs: runs of the table, as in `RunTable`.
-        trained: metrics of all runs, by their folders.
-        attacked: metrics of the re-attacks, by the same folders.
-    """
+    """Return the warnings beside a table, each a sentence."""
     sentences = []
-    machines = set()
-    for folder in attacked:
-        machines |= _machines(trained[folder])
+    machines = set().union(*(_machines(trained[folder]) for folder in attacked))
     if len(machines) > 1:
         names = "; ".join(sorted(machines))
         sentences.append(

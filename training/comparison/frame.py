@@ -26,14 +26,7 @@ from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainC
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
-SHARED = (
-    "data",
-    "model",
-    "scene",
-    "n",
-    "steps",
-    "bound",
-)  # what the runs of a table have in common
+SHARED = ("data", "model", "scene", "n", "steps", "bound")  # what the runs of a table share
 # each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
 RATES = {
     "clean": ("worst_case", "eps_4", "clean"),
@@ -122,8 +115,7 @@ def read_csv(file: Path) -> RunTable:
 def _table(root: Path, trained: Runs) -> RunTable:
     attacked: dict[Path, SuiteMetrics] = {}
     for folder, metrics in trained.items():
-        largest = read_attack(folder, metrics)
-        if largest:
+        if largest := read_attack(folder, metrics):
             attacked[folder] = largest
     require_comparable(trained, attacked)
     commands = _commands(trained, attacked)
@@ -133,12 +125,12 @@ def _table(root: Path, trained: Runs) -> RunTable:
     rows = []
     for folder, attack in attacked.items():
         metrics = trained[folder]
-        row = _row(metrics, attack)
-        rows.append(row | {"baseline": baseline_recipe(metrics, trained.values())})
+        rows.append(_row(metrics, attack))
+        rows[-1]["baseline"] = baseline_recipe(metrics, trained.values())
     runs = pd.DataFrame(rows)
     shared: dict[str, Any] = {"data": data_name(trained.values()), "model": metrics.model}
-    shared |= {"scene": metrics.scene_name, "n": attack.n, "steps": attack.steps}
-    shared["bound"] = attack.bound
+    shared["scene"] = metrics.scene_name
+    shared |= {name: getattr(attack, name) for name in ("n", "steps", "bound")}
     return RunTable(runs, shared, commands, caveats(runs, trained, attacked))
 
 

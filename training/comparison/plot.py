@@ -47,12 +47,7 @@ def draw(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> bytes:
 
 
 def figure(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> Figure:
-    """Draw worst-case accuracy against training time relative to plain training, one panel a bound.
-
-    Args:
-        recipes: recipes, as `summarise` returns them.
-        shared: data, model, scene, n, steps and what eps counts, for the title.
-    """
+    """Draw worst-case accuracy against the time of training, one panel a bound."""
     fig = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained", facecolor="white")
     panels = fig.subplots(1, len(PANELS), sharex=True)
     for ax, (rate, title) in zip(panels, PANELS.items(), strict=True):

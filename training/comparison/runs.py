@@ -39,12 +39,7 @@ def read_classifiers(root: Path) -> tuple[dict[Path, RunMetrics], list[str]]:
 
 def read_attack(folder: Path, metrics: RunMetrics) -> SuiteMetrics | None:
     """Read the largest re-attack, by images and then steps, of a run's final weights in its own
-    scene, on its own images; None where there is none.
-
-    Args:
-        folder: folder of the run.
-        metrics: metrics of the run.
-    """
+    scene, on its own images; None where there is none."""
     attacks = []
     for path in sorted(folder.glob("reattack/*/recipes")):
         attack = SuiteMetrics.read(path)

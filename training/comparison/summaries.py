@@ -30,8 +30,6 @@ class RecipeSummary:
     """The means of a recipe over its seeds.
 
     Args:
-        name: name of the recipe.
-        seeds: seeds of its runs.
         rates: accuracies in [0, 1], by the names of `RATES`.
         gains: their gains over plain training with the same seeds; empty where that was not
             attacked.
@@ -57,11 +55,7 @@ class RecipeSummary:
 
 
 def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
-    """Return the recipes, cheapest first.
-
-    Args:
-        runs: runs, as in `RunTable`.
-    """
+    """Return the recipes, cheapest first."""
     runs = runs.assign(relative_time=relative_times(runs))
     baseline = runs[runs["recipe"] == "baseline"]
     summaries, places = [], []

@@ -104,7 +104,6 @@ def check_overrides(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
     """Refuse overrides that a re-attack would ignore.
 
     Args:
-        cfg: the composed settings.
         overrides: overrides of the command line, key=value each.
     """
     table = settings_of(ReattackConfig)
@@ -158,11 +157,6 @@ def merge_run_settings(
     """Return a re-attack's settings: those of the run, except for those of the command line.
 
     Options that make a command import, fetch or start something come from the command line alone.
-
-    Args:
-        run_cfg: settings of the run.
-        cfg: the composed settings.
-        overrides: overrides of the command line, key=value each.
     """
     given_keys = keys_of(overrides)
     values: dict[str, Any] = {}

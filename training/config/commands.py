@@ -42,8 +42,6 @@ def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
     """Run a Hydra command, or its sweep.
 
     Args:
-        main: the command.
-        schema: dataclass of its settings.
         words: words before the settings on the command line.
 
     Raises:
@@ -126,9 +124,7 @@ def parse(
     values as they are; --help prints the settings and ends the command.
 
     Args:
-        schema: dataclass of the settings.
         example: a valid command, for the error messages.
-        description: text on the command, for --help.
     """
     prepare_output()
     if {"-h", "--help"} & set(argv):

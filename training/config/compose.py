@@ -39,10 +39,7 @@ def register(
     """Register a command with Hydra: its settings, and the data sets and recipes that set them.
 
     Args:
-        name: name of the configuration.
-        schema: dataclass of the settings.
         defaults: default choice of each group of settings.
-        description: text on the command, for --help.
     """
     store = ConfigStore.instance()
     for data, node in DATA.items():
@@ -87,11 +84,7 @@ def purpose(recipe: Path) -> str:
 
 
 def help_text(description: str | None, schema: type, default_groups: Mapping[str, str]) -> str:
-    """Return the text of --help: the command's description, and each setting with its default.
-
-    Args:
-        default_groups: default choice of each group of settings, by its key.
-    """
+    """Return the text of --help: the command's description, and each setting with its default."""
     lines = [inspect.cleandoc(description or ""), "", "Settings:", ""]
     for one in settings_of(schema).values():
         key = one.key.removesuffix(".name")  # a group is chosen by its own name

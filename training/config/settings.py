@@ -23,7 +23,6 @@ class Setting:
     """A declared setting.
 
     Args:
-        help: description, in a line or two.
         bounds: least and greatest number; None is no bound.
         choices: allowed words; empty for any.
         example: a value on a command line, for the error messages of a list or a mapping.
@@ -82,7 +81,6 @@ def section(schema: Callable[[], Any], **properties: Any) -> Any:
     """Declare settings that share a prefix: those of a dataclass.
 
     Args:
-        schema: dataclass of the settings.
         properties: fields of `Setting` that all of these settings have.
     """
     return field(default_factory=schema, metadata={"section": properties})

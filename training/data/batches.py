@@ -28,10 +28,8 @@ class Batches(L.LightningDataModule):
     training and in validation.
 
     Args:
-        splits: the images.
         batch_size: training images of a batch on all ranks together; a multiple of their number.
         workers: processes of each loader that read images.
-        seed: seed of the order of the images.
         first_epoch: epoch that training begins or resumes with.
     """
 

@@ -13,12 +13,7 @@ MAX_BATCH_IMAGES = 96
 
 
 def batch_size_for(side: int, max_images: int) -> int:
-    """Return the number of images of a batch that is attacked.
-
-    Args:
-        side: side of the images, in pixels.
-        max_images: number of small images.
-    """
+    """Return the number of images of a batch that is attacked."""
     return max(1, min(max_images, MAX_BATCH_PIXELS // side**2))
 
 
@@ -27,10 +22,7 @@ class EvalBatches:
     (B,)).
 
     Args:
-        splits: splits of the data, of which the test images are used.
         reattack: settings of the attack, of which n, batch_size and seed are used.
-        side: side of the images, in pixels.
-        device: device of the batches.
     """
 
     def __init__(self, splits: Splits, reattack: Reattack, side: int, device: torch.device) -> None:

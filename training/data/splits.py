@@ -33,7 +33,6 @@ class Splits(NamedTuple):
 
     Args:
         train, val, test: images to train, validate and test on.
-        classes: name of each class.
         num_classes: number of logits of a model for them.
         files: fingerprint of the files of train and val; empty where the settings determine these
             images.

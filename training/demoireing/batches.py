@@ -19,8 +19,6 @@ class PairNumbers(Sampler[int]):
 
     Args:
         count: pairs of an epoch, of all ranks together.
-        ranks: number of processes.
-        rank: number of this process, from 0.
     """
 
     def __init__(self, count: int, ranks: int, rank: int) -> None:
@@ -42,8 +40,6 @@ class PairBatches(L.LightningDataModule):
     """Serves pairs as loaders; the validation pairs are made once.
 
     Args:
-        cfg: settings of the run.
-        splits: its pictures.
         first_epoch: epoch that training begins or resumes with.
     """
 

@@ -60,9 +60,6 @@ class SimulatedPairs(Dataset):
     """Photos and their targets by number: (3, size, size) uint8 each; scenes take turns.
 
     Args:
-        pictures: source of their pictures.
-        scenes: scenes that photograph them.
-        size: side of a pair, in pixels.
         target: "clean", "twin", "original" or "toned".
         seed: seed of `moireaug.synthesis.Pairs`.
         subsample: photos are taken at one to this many times their size, in turn, and shrunk.

@@ -34,11 +34,7 @@ class Splits(NamedTuple):
 
 
 class DrawnPictures:
-    """The project's own pictures, a new one for every pair.
-
-    Args:
-        side: side of a picture, in pixels.
-    """
+    """The project's own pictures, a new one for every pair."""
 
     def __init__(self, side: int) -> None:
         self.side = side
@@ -49,12 +45,7 @@ class DrawnPictures:
 
 
 class EnlargedCrops:
-    """Crops of another source's pictures, enlarged.
-
-    Args:
-        source: source of the pictures.
-        side: side of a crop, in pixels. factor: by which it is enlarged.
-    """
+    """Crops of another source's pictures, enlarged."""
 
     def __init__(self, source: Source, side: int, factor: int) -> None:
         self.source, self.side, self.factor = source, side, factor

@@ -29,7 +29,6 @@ def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tenso
     """Return the report of a run as a self-contained page.
 
     Args:
-        metrics: content of metrics.json.
         examples: pairs of the report, and their cleaned photos.
     """
     lead = []

@@ -32,7 +32,6 @@ class GroupedPair(NamedTuple):
     Args:
         group: name of its scene, or "real photos".
         kind: "seen" or "unseen", of its scene, or "real".
-        name: name of the picture.
         photo, original: photo and picture, (3, H, W) uint8.
         twin: the same shot without moiré; None for a real photo.
     """

@@ -42,10 +42,6 @@ def try_out(run: Run[DemoireConfig]) -> None:
 def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, dict[str, Any]]:
     """Train, and return the averaged weights that did best on validation, and the cost.
 
-    Args:
-        run: settings and folder of the run.
-        splits: pictures of the run.
-
     Raises:
         ValueError: a checkpoint that is missing or damaged, or pictures that cannot be used.
         ConnectionError: another process of this run was lost.

@@ -71,11 +71,7 @@ def ladder(
     """Show a run's model one of its test images, row by row: each adds one thing.
 
     Args:
-        run: model and its test images.
-        index: index of the test image.
-        scene: scene of the shot.
         eps: bound of the noise, in [0, 1] units of codes.
-        steps: steps of each attack.
         seed: seed of the shot and of the random rows.
     """
     if not 0 <= index < len(run.images):

@@ -18,9 +18,7 @@ def serve(run: str, port: int | None, *, in_browser: bool) -> None:
     """Serve the page on 127.0.0.1; return at Ctrl-C.
 
     Args:
-        run: folder of the run that the second tab starts with.
         port: number of the port; None is 7860 or the next free one.
-        in_browser: whether to open a browser.
 
     Raises:
         OSError: the port is taken.

@@ -38,7 +38,6 @@ def as_model(
 
     Args:
         name: name among `OWN_MODELS`, or any torchvision classifier.
-        num_classes: number of logits.
         weights: file that `moireaug.common.weights.read_state_dict` reads, or name of torchvision
             weights such as "IMAGENET1K_V1" or "DEFAULT". Of weights for another number of classes,
             the head is left out and stays freshly initialised.
@@ -56,13 +55,7 @@ def as_model(
 
 
 def check_side(model: nn.Module, name: str, side: int) -> None:
-    """Refuse images that are too small, or of another size than a model's own.
-
-    Args:
-        model: classifier of [0, 1] images; its mode is kept.
-        name: name of the model.
-        side: side of the images, in pixels.
-    """
+    """Refuse images that are too small, or of another size than a model's own."""
     weight = next(model.parameters())
     try:
         with torch.no_grad(), in_evaluation_mode(model):

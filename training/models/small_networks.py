@@ -35,7 +35,6 @@ class SmallResNet(nn.Module):
     resolution: full resolution costs most of the time and changes little.
 
     Args:
-        num_classes: number of logits.
         width: channels of the stem; the two stages have twice and four times as many.
         activation: smooth ones, such as SiLU, make adversarial training stronger (Xie et al.,
             "Smooth Adversarial Training", 2020).
@@ -78,10 +77,8 @@ class AttentionConvNet(nn.Module):
     (Xie et al., "Smooth Adversarial Training", 2020).
 
     Args:
-        num_classes: number of logits.
         channels: channels of the stem, which has a stride of 2, and of the stages, each of which
             halves the resolution.
-        heads: heads of the `AttentionPooling` before the last layer.
 
     Takes images (B, 3, H, W), float in [0, 1], and returns logits (B, num_classes). The input is
     centred inside, so an attack in [0, 1] needs no wrapper.

@@ -76,11 +76,7 @@ def plain_run(
 def train_run(
     run: Run[Config], splits: Splits, start: RunMetrics | None
 ) -> tuple[Classifier, TrainCost]:
-    """Train a run in its folder, or the rest of it; see `train_model`.
-
-    Args:
-        start: metrics of the run whose weights it starts from, if any.
-    """
+    """Train a run in its folder, or the rest of it; see `train_model`."""
     from training.classifier.train import train_model  # Lightning, which takes seconds to import
 
     if is_first():
@@ -109,12 +105,7 @@ def train_and_report(
     baseline: RunMetrics | None,
     data_seconds: float,
 ) -> RunMetrics | None:
-    """Train, attack, compare and report one run, as `complete`.
-
-    Args:
-        start, baseline: metrics of the runs beside it.
-        data_seconds: time that loading the data took.
-    """
+    """Train, attack, compare and report one run, as `complete`."""
     classifier, train = train_run(run, splits, start)
     if not is_first():
         return None

@@ -36,8 +36,6 @@ def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> None:
     """Write the report of a run; an older one is replaced only once the new one is complete.
 
     Args:
-        path: of the page; its folder is created if missing.
-        metrics: metrics of a run that was attacked by the ladder.
         examples: blocks of pictures: {"label", "cells"} each; a cell is {"title", "image": (H, W,
             3) uint8} and, where models have answered, "predictions": [(model, class, right)].
     """
@@ -66,8 +64,6 @@ def write_suite(
     terminal, which `show` prints.
 
     Args:
-        metrics: metrics of the evaluation.
-        tables: tables of the suite.
         lines: their rates, as `frame.rates` gives them.
         examples: name of a table to blocks of pictures, as `write_run` takes them.
     """

@@ -26,8 +26,6 @@ def run_examples(
 
     Args:
         runners: name of a model to its runner; all have run on the same images and shots.
-        attack: attacker whose pictures to show.
-        classes: name of each class.
     """
     first = next(iter(runners.values()))
     pictures = first.records.picture(first.picture_name(CLEAN))

@@ -43,10 +43,8 @@ class Quantity(NamedTuple):
 
     Args:
         title: title of the y axis, with its unit.
-        caption: caption of the plot.
         series: names of one or two figures of a row, and what the legend calls them; "" where
             there is but one.
-        scale: factor of the figures.
         limits: ends of the y axis; None for those of the data.
     """
 
@@ -61,7 +59,6 @@ class Series(NamedTuple):
     """Points of a plot that belong together.
 
     Args:
-        name: its name in the legend.
         points: x, y, and the low and high end of an interval of y, each.
         model: index of the model, 0 for this one and 1 for its baseline, which gives the colour.
         filled: whether its markers are filled, and its points joined by a line.
@@ -102,7 +99,6 @@ def curves(
     Args:
         histories: histories of this model, and of the baseline after it, by name; the name may be
             "" where there is but one.
-        x: title of the x axis.
     """
     plots = []
     for quantity in quantities:

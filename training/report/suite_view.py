@@ -24,14 +24,7 @@ def suite_view(
     lines: pd.DataFrame,
     examples: Mapping[str, list[dict[str, Any]]],
 ) -> dict[str, Any]:
-    """Return the values for the templates of a suite.
-
-    Args:
-        metrics: metrics of the evaluation.
-        tables: tables of the suite.
-        lines: rates of the tables.
-        examples: name of a table to its pictures.
-    """
+    """Return the values for the templates of a suite."""
     views = []
     first = None
     needs_note = True

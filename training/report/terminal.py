@@ -22,7 +22,6 @@ class Grid:
     Args:
         rows: the first one is the head. The first column is aligned to the left, others to the
             right.
-        title: above the table.
         rule: number of rows below the head after which a line is drawn; 0 for none.
     """
 

@@ -43,12 +43,7 @@ class Origin:
 
 
 def group_of(data: Any, model: str) -> str:
-    """Return the name of a group of runs that can be compared: "" for default data and model.
-
-    Args:
-        data: settings of the data, of which name and root are used.
-        model: name of the model.
-    """
+    """Return the name of a group of runs that can be compared: "" for default data and model."""
     name = data.name
     if name == "folder" and data.root:
         folder_name = re.sub(r"[^\w.-]+", "_", Path(data.root).resolve().name)

@@ -28,10 +28,7 @@ class TrainCost:
         init: first weights: "random" or "clean", those of the recipe of that name.
         passes: forward and backward passes per image.
         seconds: time of all epochs.
-        epochs: number of epochs.
-        images_per_second: speed.
         collapsed_at: epoch in which it collapsed, if any.
-        history: figures of each epoch.
         wall_seconds: time with validation.
         best_epoch: epoch of the weights that are kept.
         total_epochs, total_seconds: epochs and seconds with those of its start.
@@ -100,9 +97,6 @@ class Metrics:
         recipe, seed, data, model: settings of the run.
         scene_name, scene, plan: scene of the photos: its title, its fields, and its plans.
         config: settings that the result depends on.
-        fingerprint: fingerprint of these settings.
-        environment: machine and versions.
-        command: command line.
         identity: digest of the attacked model.
         trust, trust_n: checks of whether the figures can be trusted, and their number of images.
         time: seconds spent, by phase.
@@ -186,11 +180,8 @@ class SuiteMetrics(Metrics):
     """The metrics of a suite.
 
     Args:
-        suite: name of the suite.
-        n: number of images.
         steps, eps: steps of each attack, and the bound of most.
         bound: what the eps of noise on a reading counts: "codes" or "light".
-        tables: cells of each table.
     """
 
     suite: str

@@ -31,11 +31,7 @@ Settings = TypeVar("Settings", bound=RunConfig)
 
 @dataclass(frozen=True)
 class Run(Generic[Settings]):
-    """A run, which its folder may hold already, in part or whole.
-
-    Args:
-        config: settings of the run.
-    """
+    """A run, which its folder may hold already, in part or whole."""
 
     config: Settings
 

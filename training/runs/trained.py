@@ -31,8 +31,6 @@ class TrainedRun(NamedTuple):
     """A run as it was read from its folder.
 
     Args:
-        folder: folder of the run.
-        cfg: settings of its training.
         state: its best weights.
         classes: name of each logit; None where the checkpoint has no names.
     """

@@ -156,7 +156,6 @@ def locked(path: Path, busy: str, wait_seconds: float = 0) -> Iterator[None]:
     """Lock a file for this command; the kernel releases it however the command ends.
 
     Args:
-        path: the lock's own file.
         busy: message of the error if another command holds the lock.
         wait_seconds: time to wait for that command; -1 is without end.
 

@@ -13,11 +13,7 @@ BFLOAT16_FLAGS = {"amx_bf16", "avx512_bf16"}  # flags of CPUs that multiply it f
 
 
 def environment(accelerator: str) -> dict[str, Any]:
-    """Return versions and machine, for the record.
-
-    Args:
-        accelerator: the trainer's: "cpu" leaves a GPU that is there alone.
-    """
+    """Return versions and machine, for the record."""
     import kornia
     import lightning
     import numpy

@@ -123,11 +123,7 @@ RESEMBLING = {
 
 def use_legible(stream: Any) -> None:
     """Have a stream print what its encoding lacks legibly, if it can be told to; the handlers
-    "replace" and "ignore", chosen with PYTHONIOENCODING, stay.
-
-    Args:
-        stream: `sys.stdout` or `sys.stderr`, or anything that stands in for them.
-    """
+    "replace" and "ignore", chosen with PYTHONIOENCODING, stay."""
     reconfigure = getattr(stream, "reconfigure", None)
     if reconfigure is not None and getattr(stream, "errors", None) in REPLACED_HANDLERS:
         reconfigure(errors=LEGIBLE)

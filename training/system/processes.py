@@ -35,8 +35,7 @@ def join_launch(processes: int) -> bool:
 
     Its variables belong to the run if it started as many processes as the run has. Those of any
     other, such as a pod's or the job's that a shell was opened in, are ignored and taken out of
-    the environment, where Lightning would find them; a line says so where that matters.
-    """
+    the environment, where Lightning would find them; a line says so where that matters."""
     is_launched = False
     for launcher in LAUNCHERS:
         ranks = {name: os.environ[name] for name in launcher.ranks if name in os.environ}

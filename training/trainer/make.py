@@ -60,8 +60,6 @@ def make_trainer(
 
     Args:
         settings: settings of Lightning's trainer; a null precision is "32-true".
-        epochs: number of epochs.
-        callbacks: callbacks that save and average the weights.
         max_gradient_norm: norm to which gradients are clipped; None for none.
     """
     silence_lightning()
@@ -130,13 +128,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
 
 class RunCheckpoint(ModelCheckpoint):
-    """Keeps one checkpoint under one name in a run's folder.
-
-    Args:
-        folder: folder of the run.
-        name: file name, without its suffix.
-        settings: further arguments of ModelCheckpoint.
-    """
+    """Keeps one checkpoint under one name in a run's folder."""
 
     def __init__(self, folder: Path, name: str, **settings: Any) -> None:
         super().__init__(
