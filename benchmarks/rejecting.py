@@ -32,7 +32,7 @@ from moireaug.scenes import Scene
 from moireaug.synthesis import without_moire
 from training.attack.protocol import protocol_of
 from training.data.load import load
-from training.models.small_networks import SmallResNet
+from training.models.small_resnet import SmallResNet
 from training.runs import trained
 
 FULL: dict[str, Any] = {"n": 480, "steps": 20, "batches": 400}

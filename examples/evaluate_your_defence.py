@@ -26,7 +26,7 @@ from moireaug import attacks, defenses, evaluation
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
 
 from training.data import signs
-from training.models.small_networks import SmallResNet
+from training.models.small_resnet import SmallResNet
 
 EPS = 4 / 255
 

@@ -7,7 +7,9 @@ from torchvision.models import VisionTransformer
 
 from moireaug.attacks import Normalized
 from training.models import classifiers as models
-from training.models.small_networks import AttentionConvNet, AttentionPooling, SmallResNet
+from training.models.pooling import AttentionPooling
+from training.models.small_convnet import AttentionConvNet
+from training.models.small_resnet import SmallResNet
 
 SMALL = {
     "resnet": lambda classes: SmallResNet(classes, 4),

@@ -11,7 +11,7 @@ import torchvision
 from moireaug.attacks import Normalized
 from moireaug.common import extras
 from training.models import classifiers as models
-from training.models.small_networks import SmallResNet
+from training.models.small_resnet import SmallResNet
 
 
 def build(*arguments):

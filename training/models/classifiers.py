@@ -13,7 +13,8 @@ from torch import Tensor, nn
 from moireaug.attacks import Normalized
 from moireaug.common.networks import in_evaluation_mode
 from moireaug.common.weights import read_state_dict
-from training.models.small_networks import AttentionConvNet, SmallResNet
+from training.models.small_convnet import AttentionConvNet
+from training.models.small_resnet import SmallResNet
 
 # the project's own models, each a function of the number of classes
 OWN_MODELS: dict[str, Callable[[int], nn.Module]] = {
