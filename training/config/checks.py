@@ -17,6 +17,13 @@ from training.config.scenes import scene_of
 from training.config.schema import Adversary, Config, ReattackConfig, RunConfig, Trainer
 from training.config.settings import check, settings_of, value_of, with_values
 
+# the suites that have a use for an option of a re-attack
+SUITES_OF_OPTIONS = {
+    "reattack.eps": OPTION_SUITES["eps"],
+    **{option: OPTION_SUITES[option] for option in ("targets", "networks", "lpips")},
+    "demoire": ("defences", "demoireing", "paper"),
+}
+
 
 def check_classifier(cfg: Config) -> None:
     """Refuse invalid settings of a classifier's data, scene and attack."""
@@ -97,9 +104,6 @@ def check_devices(trainer: Trainer) -> None:
         )
 
 
-DEMOIRE_SUITES = ("defences", "demoireing", "paper")  # suites that have a use for demoire=
-
-
 def check_overrides(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
     """Refuse overrides that a re-attack would ignore.
 
@@ -122,28 +126,22 @@ def check_overrides(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
                 f"{key}= does not go with run={cfg.run}, which has {settings[0].run_has}: leave "
                 "out one of the two."
             )
-        if key == "reattack.eps" and cfg.reattack.eps is not None:
-            check_used(cfg.suite, key, OPTION_SUITES["eps"])
-        if top in ("targets", "networks", "lpips") and getattr(cfg, top) is not None:
-            check_used(cfg.suite, top, OPTION_SUITES[top])
-        if top == "demoire" and cfg.demoire is not None:
-            check_used(cfg.suite, top, DEMOIRE_SUITES)
-        if top == "trainer" and _has_no_effect(
-            key.removeprefix("trainer."), cfg.trainer, cfg.suite
-        ):
+        for option, suites in SUITES_OF_OPTIONS.items():
+            if f"{key}.".startswith(f"{option}.") and value_of(cfg, option) is not None:
+                check_used(cfg.suite, option, suites)
+        if top == "trainer" and _has_no_effect(key.removeprefix("trainer."), cfg):
             raise ValueError(
                 f"{key}= has no effect here: an attack is computed in float32, "
                 "and suite=ladder by one process. Leave it out."
             )
 
 
-def _has_no_effect(key: str, trainer: Trainer, suite: str) -> bool:
+def _has_no_effect(key: str, cfg: ReattackConfig) -> bool:
     """Return whether a setting of the trainer would be ignored; giving its default is allowed."""
-    if key == "accelerator" or not hasattr(Trainer, key):
+    default = getattr(Trainer, key, None)
+    if key == "accelerator" or getattr(cfg.trainer, key, default) == default:
         return False
-    if getattr(trainer, key) == getattr(Trainer, key):
-        return False
-    return suite == "ladder" or key in ("precision", "deterministic")
+    return cfg.suite == "ladder" or key in ("precision", "deterministic")
 
 
 def keys_of(overrides: Sequence[str]) -> list[str]:

@@ -26,6 +26,7 @@ NUMBER_FILTERS = (
     "number",
     "duration",
     "capital",
+    "short",
     "tied",
 )
 
