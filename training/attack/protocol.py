@@ -21,8 +21,7 @@ from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
 from training.config.scenes import scene_of
 from training.config.schema import Config, Reattack
-from training.data.eval_batches import EvalBatches
-from training.data.splits import Splits
+from training.data.splits import EvalBatches, Splits
 from training.report.published import with_paper
 from training.runs.trained import TrainedRun
 from training.system import machine

@@ -25,8 +25,7 @@ from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.suites import OPTION_SUITES
 from training.attack.protocol import AttackResult, SuiteAttack
 from training.attack.subject import Subject
-from training.config.data_sets import Data
-from training.config.schema import ReattackConfig, Trainer
+from training.config.schema import Data, ReattackConfig, Trainer
 from training.data.splits import Splits
 from training.models.classifiers import as_model, model_names
 from training.runs.identity import fingerprint_of, result_settings

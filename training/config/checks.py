@@ -12,9 +12,8 @@ from torch import nn
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation.suites import OPTION_SUITES, check_used
 from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
-from training.config.data_sets import DATA, Data
 from training.config.scenes import scene_of
-from training.config.schema import Adversary, Config, ReattackConfig, RunConfig, Trainer
+from training.config.schema import DATA, Adversary, Config, Data, ReattackConfig, RunConfig, Trainer
 from training.config.settings import check, settings_of, value_of, with_values
 
 # the suites that have a use for an option of a re-attack

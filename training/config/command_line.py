@@ -15,9 +15,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.common.argument_checks import one_of
 from training.config.compose import INDENTED, default_config, purpose, recipe_files
-from training.config.data_sets import DATA, DEFAULT_DATA
 from training.config.scenes import SUFFIXES
-from training.config.schema import Config, ReattackConfig, RunConfig
+from training.config.schema import DATA, DEFAULT_DATA, Config, ReattackConfig, RunConfig
 from training.config.settings import settings_of, value_of
 
 SWEEP_FLAGS = {"-m", "--multirun"}

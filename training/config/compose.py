@@ -16,8 +16,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
-from training.config.data_sets import DATA, DEFAULT_DATA, EPOCHS
-from training.config.schema import RECIPES, Config, as_config
+from training.config.schema import DATA, DEFAULT_DATA, EPOCHS, RECIPES, Config, as_config
 from training.config.settings import Setting, as_argument, settings_of
 
 HYDRA_FOLDERS = {

@@ -4,8 +4,7 @@ import lightning as L
 from torch.utils.data import DataLoader, Dataset
 from torch.utils.data.distributed import DistributedSampler
 
-from training.data.eval_batches import batch_size_for
-from training.data.splits import Splits
+from training.data.splits import Splits, batch_size_for
 
 MAX_VAL_BATCH = 320  # images
 

@@ -14,7 +14,7 @@ from torchvision.transforms import v2
 
 from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
-from training.config.data_sets import Data
+from training.config.schema import Data
 from training.data.splits import ImageSet, has_parts
 from training.system.files import locked, read_table
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from training.config.data_sets import DATA, Data
+from training.config.schema import DATA, Data
 from training.data import signs
 from training.data.splits import Splits, has_parts, split
 

@@ -11,8 +11,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from training.config.data_sets import DEFAULT_DATA
-from training.config.schema import Config, RunConfig
+from training.config.schema import DEFAULT_DATA, Config, RunConfig
 from training.config.settings import settings_of
 from training.data.splits import Splits
 from training.system.files import digest
