@@ -106,9 +106,9 @@ def synthesise(cfg: Config) -> None:
         make(cfg, pairs, pair_set, share)
     others = pairs.pictures.others
     if others:
+        names = ", ".join(others[:5]) + (", ..." if len(others) > 5 else "")
         print(
-            f"Files in {cfg.images} that are not pictures by their names: {len(others)}, "
-            f"{_first_five(others)}."
+            f"Files in {cfg.images} that are not pictures by their names: {len(others)}, {names}."
         )
     everything = Share(0, 1)
     files, missing = pair_set.numbers(everything), pair_set.missing(everything)
@@ -117,10 +117,6 @@ def synthesise(cfg: Config) -> None:
         print(f"{pair_set.folder} holds {len(files) - len(missing)} of its {file_count}.")
     else:
         print(f"{pair_set.folder} is complete: {count_text(cfg.n, 'pair')} in {file_count}.")
-
-
-def _first_five(names: Sequence[str]) -> str:
-    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def main(argv: Sequence[str]) -> None:

@@ -162,8 +162,8 @@ def cut_crops(pictures: Iterable[ScreenPhoto], side: int, each: int, seed: int =
         height, width = photo.shape[-2:]
         if min(height, width) < side:
             raise ValueError(
-                f"{name} is {_size(photo)} pixels, smaller than a crop of {side}: make the crops "
-                "smaller."
+                f"{name} is {width} x {height} pixels, smaller than a crop of {side}: make the "
+                "crops smaller."
             )
         for _ in range(each):
             y = int(draw.integers(0, height - side + 1))
@@ -176,10 +176,6 @@ def cut_crops(pictures: Iterable[ScreenPhoto], side: int, each: int, seed: int =
         names.append(name)
     both = torch.stack(originals) if originals else None
     return Crops(torch.stack(photos), both, torch.tensor(index, device="cpu"), tuple(names))
-
-
-def _size(picture: Tensor) -> str:
-    return f"{picture.shape[-1]} x {picture.shape[-2]}"
 
 
 @torch.no_grad()

@@ -10,7 +10,7 @@ too: whether the scene has become better is judged on others.
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -154,19 +154,14 @@ class FittedScene:
     seconds: float
     searched: tuple[SearchedField, ...]
 
-    def report_values(self) -> dict[str, Any]:
-        """Return the values of the report: a sentence, and a row for each field."""
+    def range_rows(self) -> list[dict[str, str]]:
+        """Return a row of the report for each field that was searched."""
         rows = []
         for field, low, high in self.searched:
-            rows.append(
-                {
-                    "field": field,
-                    "before": _range_text(range_of(self.start, field)),
-                    "after": _range_text(range_of(self.scene, field)),
-                    "within": f"{low:g} to {high:g}",
-                }
-            )
-        return {"lead": self.sentence(), "rows": rows}
+            before, after = (range_of(scene, field) for scene in (self.start, self.scene))
+            texts = {"before": _range_text(before), "after": _range_text(after)}
+            rows.append({"field": field, "within": f"{low:g} to {high:g}", **texts})
+        return rows
 
     def sentence(self) -> str:
         """Return the result as a sentence."""

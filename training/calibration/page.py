@@ -69,41 +69,22 @@ def page(
 ) -> str:
     """Return the report as a self-contained page."""
     paired = crops.originals is not None
-    rows = []
-    for row in table:
-        distance = "" if row.distance is None else number_text(row.distance)
-        rows.append(
-            {
-                "title": row.statistic.title,
-                "unit": row.statistic.unit,
-                "real": span_text(row.real),
-                "simulated": span_text(row.simulated),
-                "apart": distance,
-            }
-        )
-    n = f"{len(crops.photos)} crops of {crops.photos.shape[-1]} px from {len(crops.names)} photos"
-    lead = f"{n}, without their originals: nothing is simulated."
-    title = "Real photos of screens, measured"
-    if paired:
-        title = f"{name} beside real photos of screens"
-        distance = f"{mean_distance(table):.3f} (0.7 is a factor of two)"
-        lead = f"{n}. Mean distance of the statistics: {distance}."
     run: dict[str, Any] = dict.fromkeys(("environment", "config", "scene"))
-    run["command"] = machine.command()
+    run |= {"command": machine.command(), "scene_name": name}
     run["plan"] = str(scene.plan()) if paired else None
-    run["scene_name"] = name
     template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
     return template.render(
-        title=title,
-        lead=lead,
         facts={"photos": len(crops.names), "crops": len(crops.photos)},
+        side=crops.photos.shape[-1],
         plot=uri(plot, "image/png"),
-        rows=rows,
+        table=table,
+        span_text=span_text,
+        number_text=number_text,
+        distance=mean_distance(table) if paired else None,
         scene=name,
         paired=paired,
-        fit=None if fitted is None else fitted.report_values(),
+        fitted=fitted,
         examples=examples,
-        alt=f"Plot of {len(table)} statistics: medians and spans, as in the table below",
         metrics=run,
     )
 

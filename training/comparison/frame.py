@@ -27,7 +27,7 @@ from training.system.files import read_metrics
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
-SHARED = ("data", "model", "scene", "n", "steps", "bound")  # what the runs of a table share
+SHARED_COLUMNS = ("data", "model", "scene", "n", "steps", "bound")  # what the runs of a table share
 # each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
 RATES = {
     "clean": ("worst_case", "eps_4", "clean"),
@@ -95,7 +95,7 @@ def read_csv(file: Path) -> RunTable:
                 "it. Add a column bound, with light where the runs are of that version."
             )
         runs = runs.assign(**{name: [np.array([mean]) for mean in runs[name]] for name in RATES})
-        shared = {name: runs[name].unique().tolist() for name in SHARED}
+        shared = {name: runs[name].unique().tolist() for name in SHARED_COLUMNS}
         seeds = runs.groupby("recipe")["seed"].nunique()
     except (KeyError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise ValueError(

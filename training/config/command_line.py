@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.common.argument_checks import one_of
-from training.config.compose import INDENTED, default_config, purpose, recipe_files
+from training.config.compose import HELP_WRAPPING, default_config, purpose, recipe_files
 from training.config.scenes import SUFFIXES
 from training.config.schema import DATA, DEFAULT_DATA, Config, ReattackConfig, RunConfig
 from training.config.settings import settings_of, value_of
@@ -89,12 +89,12 @@ def check_keys(overrides: Sequence[str], schema: type[RunConfig]) -> None:
 
 def _require_recipe(overrides: Sequence[str]) -> None:
     """Refuse a command line without a recipe, unless it only prints, as --help and --cfg do."""
-    given = any(override.lstrip("+").startswith("recipe=") for override in overrides)
-    if given or any(override.partition("=")[0] in PRINTING_FLAGS for override in overrides):
+    has_recipe = any(override.lstrip("+").startswith("recipe=") for override in overrides)
+    if has_recipe or any(override.partition("=")[0] in PRINTING_FLAGS for override in overrides):
         return
     lines = ["error: say what to train, with one of these recipes:"]
     for path in recipe_files():
-        lines += [f"  recipe={path.stem}", textwrap.fill(purpose(path), **INDENTED)]
+        lines += [f"  recipe={path.stem}", textwrap.fill(purpose(path), **HELP_WRAPPING)]
     raise SystemExit("\n".join(lines))
 
 

@@ -138,8 +138,8 @@ def parse(
             if not equals:
                 raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
             is_any = table[key].type is Any  # of words, numbers and lists
-            given = yaml.safe_load(value) if is_any else os.path.expanduser(value)
-            cfg[field_of(key)] = None if value == "null" else given
+            parsed = yaml.safe_load(value) if is_any else os.path.expanduser(value)
+            cfg[field_of(key)] = None if value == "null" else parsed
         missing = [key for key in sorted(table) if OmegaConf.is_missing(cfg, field_of(key))]
         if missing or not argv:
             absent = f"{', '.join(missing)} must be given" if missing else "no settings given"

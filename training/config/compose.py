@@ -28,7 +28,7 @@ NO_LOGGING = ({"override hydra/job_logging": "none"}, {"override hydra/hydra_log
 DATA_GROUPS = ({"data": DEFAULT_DATA},)
 RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean"})
 # of a line of help
-INDENTED: Any = {"width": 100, "initial_indent": " " * 6, "subsequent_indent": " " * 6}
+HELP_WRAPPING: Any = {"width": 100, "initial_indent": " " * 6, "subsequent_indent": " " * 6}
 MIN_FAR_BOUND = 10_000  # a bound that only a mistake exceeds
 
 
@@ -89,7 +89,7 @@ def help_text(description: str | None, schema: type, default_groups: Mapping[str
         key = one.key.removesuffix(".name")  # a group is chosen by its own name
         lines.append(f"  {key}={default_groups.get(key, as_argument(one.default))}")
         if one.help:
-            lines += textwrap.wrap(f"{one.help}{allowed_values(one)}", **INDENTED)
+            lines += textwrap.wrap(f"{one.help}{allowed_values(one)}", **HELP_WRAPPING)
     return "\n".join(lines)
 
 

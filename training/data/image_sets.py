@@ -147,14 +147,10 @@ class UprightFolder(ImageFolder):
     def find_classes(self, directory: str | Path) -> tuple[list[str], dict[str, int]]:
         """Return the names of the class folders, and the number of each."""
         folders = (path for path in Path(directory).iterdir() if path.is_dir())
-        names = sorted(path.name for path in folders if not _hidden(Path(path.name)))
+        names = sorted(path.name for path in folders if not path.name.startswith("."))
         if not names:
             raise FileNotFoundError(f"there are no class folders in {directory}")
         return names, {name: number for number, name in enumerate(names)}
-
-
-def _hidden(path: Path) -> bool:
-    return any(part.startswith(".") for part in path.parts)
 
 
 def _read_pictures(root: Path, cfg: Data) -> ImageFolder:

@@ -18,7 +18,7 @@ from training.data.sign_faces import FACES, SIGN_COLOURS, STYLES, Pen, face, pol
 CLASSES: tuple[str, ...] = tuple(FACES)
 SPLITS: tuple[str, ...] = ("train", "val", "test")
 
-_FINE = 2  # supersampling of a picture; the faces are filtered to match beforehand
+_SUPERSAMPLING = 2  # supersampling of a picture; the faces are filtered to match beforehand
 
 
 def _pose(rng: np.random.Generator, side: int) -> tuple[np.ndarray, float]:
@@ -115,7 +115,7 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
 
     Raises ValueError for a size below 16."""
     _check_size(size)
-    fine = _FINE * size
+    fine = _SUPERSAMPLING * size
     street = Image.fromarray(_uint8(scene(rng, size)))
     canvas = street.resize((fine, fine), Image.Resampling.NEAREST)
     pen = ImageDraw.Draw(canvas)
@@ -133,10 +133,10 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
         sign = sign.convert("RGBA")
         _cover(ImageDraw.Draw(sign), rng, middle, radius)
         sign = sign.convert("RGBa")
-    layer = np.asarray(sign.reduce(_FINE)) / np.float32(255)
+    layer = np.asarray(sign.reduce(_SUPERSAMPLING)) / np.float32(255)
     paint, alpha = layer[..., :3] * rng.uniform(0.85, 1.05, 3).astype(np.float32), layer[..., 3:]
     light = _light(rng, size)
-    picture = np.asarray(canvas.reduce(_FINE)) / np.float32(255) * (1 - alpha)
+    picture = np.asarray(canvas.reduce(_SUPERSAMPLING)) / np.float32(255) * (1 - alpha)
     if shines:
         # It emits its own light, which neither shade nor exposure dims and which spills over.
         blurred = Image.fromarray(_uint8(paint)).filter(ImageFilter.GaussianBlur(0.04 * size))

@@ -31,15 +31,12 @@ def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tenso
     Args:
         examples: pairs of the report, and their cleaned photos.
     """
-    lead = []
-    for kind in ("seen", "unseen", "real"):
-        if line := headline(metrics, kind):
-            lead.append(line)
+    lead = [main_figures(metrics, kind) for kind in ("seen", "unseen", "real")]
     time = {name: value for name, value in metrics["time"].items() if value is not None}
     template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
     return template.render(
         title=f"{metrics['model']}, trained on simulated pairs alone",
-        lead=lead,
+        lead=[figures for figures in lead if figures["n"]],
         facts={name: metrics[name] for name in ("data", "model", "width", "target", "seed")},
         columns=list(REFERENCE_COLUMNS),
         rows=table_rows(metrics["test"]),
@@ -52,40 +49,22 @@ def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tenso
     )
 
 
-def headline(metrics: Mapping[str, Any], kind: str) -> str | None:
-    """Return the effect of cleaning on the photos of a kind, as a sentence; None where none were
-    tested."""
-    reference, measure = main_figure(metrics, kind)
-    rows = []
-    for row in metrics["test"]:
-        if (row["kind"], row["reference"], row["measure"]) == (kind, reference, measure):
-            rows.append(row)
-    if not rows:
-        return None
-    n = sum(row["n"] for row in rows)
-    before, after = (sum(row[k] * row["n"] for row in rows) / n for k in ("before", "after"))
-    gain_count = sum(row["gained"] for row in rows)
-    subject = {
-        "seen": "Simulated photos of scenes that it was trained on",
-        "unseen": "Simulated photos of scenes that it was not trained on",
-        "real": "Real photos",
-    }[kind]
-    against = "the same shot without moiré" if reference == "twin" else "the original"
-    if measure == "mapped_psnr":
-        against += ", colours mapped"
-    return (
-        f"{subject}: PSNR against {against} from {before:.2f} to {after:.2f} dB; "
-        f"{gain_count} of {n} gain."
-    )
-
-
-def main_figure(metrics: Mapping[str, Any], kind: str) -> tuple[str, str]:
-    """Return the reference and the measure that tell whether a network meets its target."""
+def main_figures(metrics: Mapping[str, Any], kind: str) -> dict[str, Any]:
+    """Return the figures that tell whether a network meets its target on the photos of a kind, the
+    means of their groups: PSNR against a `reference`, its colours mapped or not."""
+    reference, measure = "original", "mapped_psnr"
     if metrics["target"] == "original":
-        return "original", "psnr"
-    if metrics["target"] == "twin" and kind != "real":
-        return "twin", "psnr"
-    return "original", "mapped_psnr"
+        measure = "psnr"
+    elif metrics["target"] == "twin" and kind != "real":
+        reference, measure = "twin", "psnr"
+    wanted = {"kind": kind, "reference": reference, "measure": measure}
+    rows = [row for row in metrics["test"] if wanted.items() <= row.items()]
+    n = sum(row["n"] for row in rows)
+    before, after = (
+        sum(row[k] * row["n"] for row in rows) / max(n, 1) for k in ("before", "after")
+    )
+    gained = sum(row["gained"] for row in rows)
+    return {**wanted, "n": n, "before": before, "after": after, "gained": gained}
 
 
 def table_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:

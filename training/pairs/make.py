@@ -27,7 +27,7 @@ from training.pairs.files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
 from training.pairs.sets import PairSet, Share
 from training.system.messages import count_text
 
-SAMPLE = 16  # pairs whose moiré is told before the work begins
+MOIRE_SAMPLE_PAIRS = 16  # pairs whose moiré is told before the work begins
 
 
 def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
@@ -36,7 +36,7 @@ def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
     total = sum(len(pair_set.pairs(number)) for number in missing)
     if not total:
         return
-    print(moire_of_sample(pairs, min(total, SAMPLE)))
+    print(moire_of_sample(pairs, min(total, MOIRE_SAMPLE_PAIRS)))
     skipped: set[str] = set()
     start = time.perf_counter()
     encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality)

@@ -136,13 +136,8 @@ def _by_features(picture: Grey, photo: Grey) -> tuple[Matrix | None, int]:
 
 def _is_folded(matrix: Matrix, shape: tuple[int, ...]) -> bool:
     """Return whether a homography mirrors the picture, or its corners are not convex."""
-    corners = _corners(matrix, shape[0], shape[1])
-    turns = []
-    for i in range(4):
-        before, at, after = corners[i - 1], corners[i], corners[(i + 1) % 4]
-        one, two = at - before, after - at
-        turns.append(float(one[0] * two[1] - one[1] * two[0]))
-    return min(turns) <= 0
+    corners = _corners(matrix, shape[0], shape[1]).astype(np.float32)
+    return cv2.contourArea(corners, oriented=True) <= 0 or not cv2.isContourConvex(corners)
 
 
 def _corners(matrix: Matrix, height: float, width: float) -> Matrix:

@@ -111,11 +111,11 @@ def train_and_report(
         return None
     recipe, protocol = run.config.recipe, protocol_of(run.config, splits)
     results = {recipe: attack(classifier.model, protocol, run.folder / "records", recipe)}
-    earlier = RunMetrics.read(run.folder)  # of a run that was trained before
+    earlier_metrics = RunMetrics.read(run.folder)  # of a run that was trained before
     metrics = run_metrics(run.config, train, start.plain() if start else None)
     metrics = replace(
         metrics,
-        environment=earlier.environment if earlier else metrics.environment,
+        environment=earlier_metrics.environment if earlier_metrics else metrics.environment,
         time={"data": data_seconds, "train": train.wall_seconds},
     )
     # also where its records are there: a folder's images may have changed since

@@ -192,7 +192,11 @@ class SuiteMetrics(Metrics):
     tables: dict[str, list[dict[str, Any]]]
 
 
-PARTS: dict[str, Any] = {"train": TrainCost, "start": PlainMetrics, "baseline": PlainMetrics}
+NESTED_RECORDS: dict[str, Any] = {
+    "train": TrainCost,
+    "start": PlainMetrics,
+    "baseline": PlainMetrics,
+}
 
 
 def _record(schema: type[Record], values: Any, path: Path) -> Record:
@@ -208,8 +212,8 @@ def _record(schema: type[Record], values: Any, path: Path) -> Record:
                 f"{path} lacks {name!r}: another version of this project wrote it. "
                 "Train and attack again."
             )
-        if name in PARTS and values[name] is not None:
-            arguments[name] = _record(PARTS[name], values[name], path)
+        if name in NESTED_RECORDS and values[name] is not None:
+            arguments[name] = _record(NESTED_RECORDS[name], values[name], path)
     if schema is TrainCost and not _has_numbers(values):
         raise ValueError(f"{path} holds what no run writes. Train and attack again.")
     return schema(**arguments)

@@ -95,8 +95,8 @@ class Run(Generic[Settings]):
             suffix = self._training_fingerprint_in_folder() or "old"
             aside = free_name(path.with_name(f"{path.name}-{suffix}"))
             os.replace(path, aside)
-            held_run = "a run with other settings" if stage == "other" else "this run"
-            print(f"{path} held {held_run}; it is now {aside}")
+            other_run = "a run with other settings" if stage == "other" else "this run"
+            print(f"{path} held {other_run}; it is now {aside}")
         path.mkdir(parents=True, exist_ok=True)
         stale_files = list(path.glob(".*.tmp"))
         if self.stage() in ("new", "begun"):

@@ -167,9 +167,9 @@ def read_baseline_of(run: TrainedRun) -> TrainedRun | None:
     try:
         baseline_run = read(folder)
     except ValueError as error:
-        wanted_there = replace(wanted, runs=str(folder.parent.parent))
+        wanted_here = replace(wanted, runs=str(folder.parent.parent))
         command = shlex.join(
-            ["python", "training/fit.py", *command_line(wanted_there), "resume=false"]
+            ["python", "training/fit.py", *command_line(wanted_here), "resume=false"]
         )
         print(
             f"note: no baseline is attacked beside this run. {error}\n"

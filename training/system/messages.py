@@ -110,7 +110,7 @@ def sentence(error: Exception) -> str:
 LEGIBLE = "legible"
 # those that raise, and stderr's own, which writes "\\u2212" for a minus sign
 REPLACED_HANDLERS = ("strict", "surrogateescape", "backslashreplace")
-RESEMBLING = {
+ASCII_LOOKALIKES = {
     **{dash: "-" for dash in "\u2010\u2011\u2012–—−─━"},
     **dict.fromkeys("‘’", "'"),
     **dict.fromkeys("“”", '"'),
@@ -152,7 +152,7 @@ def _resembling(character: str) -> str:
     plain = ""
     # "é" is "e" and an accent
     for part in unicodedata.normalize("NFKD", character):
-        plain += part if part.isascii() else RESEMBLING.get(part, "")
+        plain += part if part.isascii() else ASCII_LOOKALIKES.get(part, "")
     return plain or "?"
 
 
