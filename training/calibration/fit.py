@@ -33,6 +33,11 @@ from training.calibration.compare import (
 MIN_WIDTH = 1e-6
 
 
+MAX_CROPS = 24  # of an evaluation
+INITIAL_STEP = 0.15  # of the search, as a share of each field's limits
+REFUSED_DISTANCE = 10.0  # of ranges that no scene can have
+
+
 class SearchedField(NamedTuple):
     """A ranged field of a scene, "part.field", and the limits of its search."""
 
@@ -127,11 +132,6 @@ def rounded(scene: Scene, limits: Sequence[SearchedField]) -> Scene:
         if low < high:
             ranges[field] = low, high
     return with_values(scene, ranges)
-
-
-MAX_CROPS = 24  # of an evaluation
-INITIAL_STEP = 0.15  # of the search, as a share of each field's limits
-REFUSED_DISTANCE = 10.0  # of ranges that no scene can have
 
 
 @dataclass(frozen=True)

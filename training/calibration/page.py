@@ -29,6 +29,13 @@ TEMPLATE = Path(__file__).with_name("report.html.j2")
 MAX_CROPS = 6  # of the page
 
 
+SIZE_INCHES, DPI = (10.4, 6.4), 100
+MAIN_UNIT = "codes RMS"  # of most statistics, on the left
+MARK_SHIFT = 0.17  # of the two marks of a row, in rows
+MIN_CODES = 0.05  # on the logarithmic axis
+REAL, SIMULATED = (MODEL_COLOUR, "o"), (BASELINE_COLOUR, "D")  # colour and marker
+
+
 def crop_table(
     crops: Crops, real: list[dict[str, float]], simulated: list[dict[str, float]] | None
 ) -> pd.DataFrame:
@@ -87,13 +94,6 @@ def page(
         examples=examples,
         metrics=run,
     )
-
-
-SIZE_INCHES, DPI = (10.4, 6.4), 100
-MAIN_UNIT = "codes RMS"  # of most statistics, on the left
-MARK_SHIFT = 0.17  # of the two marks of a row, in rows
-MIN_CODES = 0.05  # on the logarithmic axis
-REAL, SIMULATED = (MODEL_COLOUR, "o"), (BASELINE_COLOUR, "D")  # colour and marker
 
 
 def draw(lines: Sequence[StatisticRow], name: str) -> bytes:

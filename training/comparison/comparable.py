@@ -62,7 +62,8 @@ def run_settings(metrics: RunMetrics) -> Settings:
     settings["scene"] = metrics.scene_name
     for key, declared in settings_of(Config).items():
         part, _, name = key.partition(".")
-        if part in ("data", "train") and not declared.may_differ:
+        is_shared = declared.changes_result and not declared.may_differ
+        if part in ("data", "train") and is_shared:
             settings[key] = metrics.config[part][name]
     is_mixture = isinstance(metrics.scene, list)
     for number, one in enumerate(metrics.scene if is_mixture else [metrics.scene], 1):

@@ -17,6 +17,9 @@ from training.comparison.frame import RATES
 COSTS = ["seconds", "start_seconds", "passes", "images_per_second"]
 
 
+ROUNDING_ERROR = 1e-12  # of equal outcomes
+
+
 class Estimate(NamedTuple):
     """A mean over seeds and its 95 % interval."""
 
@@ -137,9 +140,6 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
         no_worse = [(c, g) for c, g in points if c <= cost and g >= gain]
         on_front.append(all(point == (cost, gain) for point in no_worse))
     return on_front
-
-
-ROUNDING_ERROR = 1e-12  # of equal outcomes
 
 
 def t_interval(values: Sequence[float]) -> tuple[float, float]:

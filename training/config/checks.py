@@ -159,7 +159,7 @@ def merge_run_settings(
     values: dict[str, Any] = {}
     for key, declared in settings_of(Config).items():
         is_given = any(key == name or key.startswith(f"{name}.") for name in given_keys)
-        if declared.from_run and not is_given:
+        if declared.from_run and declared.changes_result and not is_given:
             values[key] = copy.deepcopy(value_of(run_cfg, key))
     if "data.size" not in given_keys:
         values["data.size"] = run_cfg.data.size  # what the model was trained on, whatever the data

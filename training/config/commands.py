@@ -56,15 +56,12 @@ def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
     overrides = sorted(overrides, key=lambda argument: argument not in SWEEP_FLAGS)
     _command_line[:] = [script, *words, *overrides]
     sys.argv = [script, *overrides]
-    if SWEEP_FLAGS & set(overrides):  # Hydra writes into this folder before any job
-        folders = [a.removeprefix("runs=").strip("'\"") for a in overrides if a.startswith("runs=")]
-        try:
-            make_folder(Path(folders[-1] if folders else schema.runs))
-        except ValueError as error:
-            raise SystemExit(f"error: {error}") from None
+    folders = [a.removeprefix("runs=").strip("'\"") for a in overrides if a.startswith("runs=")]
     try:
+        if SWEEP_FLAGS & set(overrides):  # Hydra writes into this folder before any job
+            make_folder(Path(folders[-1] if folders else schema.runs))
         main()
-    except ValueError as error:  # of Hydra's own flags: those of a job are reported by it
+    except ValueError as error:  # of that folder and Hydra's own flags: a job reports its own
         raise SystemExit(f"error: {error}") from None
     except BrokenPipeError:  # the reader of --help has seen enough
         # for what is flushed at exit

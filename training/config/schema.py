@@ -17,6 +17,21 @@ AUGMENTATIONS = ("none", "shift", "shift_flip", "affine")
 TORCHVISION_SETS = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
 
 
+DEFAULT_DATA = "signs"
+EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
+RECIPES = Path(__file__).resolve().parents[2] / "recipes"
+MAX_SEED = 2**32 - 1
+# weights are float32 in all of them: the average, the attack and every re-attack need that
+PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
+# not mps: it has no float64, which the geometry needs
+ACCELERATORS = ("auto", "cpu", "gpu", "cuda")
+SHRINK_HELP = (
+    "images are crops, parts of larger photos, with so many sensor pixels per pixel: a number, or "
+    "[low, high]; null: whole photos, or what the scene says"
+)
+Settings = TypeVar("Settings", bound="RunConfig")
+
+
 @dataclass
 class Data:
     """The images, their size and their numbers."""
@@ -53,20 +68,11 @@ class Data:
         choices=AUGMENTATIONS,
         trains=True,
     )
-    workers: int = setting(
-        0,
-        "processes that read images",
-        bounds=(0, 1024),
-        changes_result=False,
-        may_differ=True,
-        from_run=False,
-    )
+    workers: int = setting(0, "processes that read images", bounds=(0, 1024), changes_result=False)
     download: bool = setting(
         False,
         "whether to fetch a published data set",
         changes_result=False,
-        may_differ=True,
-        from_run=False,
         only_for=TORCHVISION_SETS,
     )
 
@@ -78,23 +84,6 @@ DATA = {
     "gtsrb": Data(name="gtsrb", root="data", augment="affine"),
     "folder": Data(name="folder", augment="shift"),
 }
-
-
-DEFAULT_DATA = "signs"
-EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
-
-
-RECIPES = Path(__file__).resolve().parents[2] / "recipes"
-MAX_SEED = 2**32 - 1
-# weights are float32 in all of them: the average, the attack and every re-attack need that
-PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
-# not mps: it has no float64, which the geometry needs
-ACCELERATORS = ("auto", "cpu", "gpu", "cuda")
-SHRINK_HELP = (
-    "images are crops, parts of larger photos, with so many sensor pixels per pixel: a number, or "
-    "[low, high]; null: whole photos, or what the scene says"
-)
-Settings = TypeVar("Settings", bound="RunConfig")
 
 
 @dataclass
@@ -196,9 +185,7 @@ class RunConfig:
 
     recipe: str = setting(MISSING, "a file of recipes/, without .yaml", trains=True)
     seed: int = setting(0, "of the weights and of all draws", bounds=(0, MAX_SEED), trains=True)
-    runs: str = setting(
-        "runs", "the folder of all runs", is_path=True, changes_result=False, from_run=False
-    )
+    runs: str = setting("runs", "the folder of all runs", is_path=True, changes_result=False)
     scene: Any = setting(
         "screen_photo",
         "a preset's name, a mapping of Scene's fields with an optional `preset`, a YAML file, or "
@@ -221,7 +208,6 @@ class RunConfig:
         "null: resume where possible; true: resume or fail; false: train again",
         changes_result=False,
         trains=True,
-        from_run=False,
     )
 
 

@@ -30,8 +30,9 @@ class Setting:
             in a run's settings. An identifier in place of a path of weights is a name of weights.
         only_for: data sets that it has an effect on; empty for all.
         changes_result: whether a run's result depends on it, so that a run with another value is
-            another run.
-        may_differ: whether compared runs may differ in it.
+            another run. Compared runs may differ in the others, and a run's own say nothing to an
+            attack on it.
+        may_differ: whether compared runs may differ in it all the same.
         trains: whether it is a setting of training, which an attack on a trained model refuses.
         tests: whether it is a setting of the attack or test of a trained model alone: a run with
             another value is tested again, and not trained again.

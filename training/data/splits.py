@@ -12,6 +12,11 @@ from training.config.schema import Data, Reattack
 MAX_CACHE_BYTES = 1 << 30  # of decoded images
 
 
+# of a batch by default: a few gigabytes for a large network and its gradients
+MAX_BATCH_PIXELS = 25 * 224 * 224
+MAX_BATCH_IMAGES = 96
+
+
 class ImageSet(NamedTuple):
     """A data set as it is published.
 
@@ -107,11 +112,6 @@ def split(images: ImageSet, cfg: Data) -> Splits:
     train = random_subset(Subset(all_train, order[val_count:]), cfg.train)
     val = Subset(all_train, order[:val_count])
     return Splits(train, val, test, images.classes, images.num_classes, images.files)
-
-
-# of a batch by default: a few gigabytes for a large network and its gradients
-MAX_BATCH_PIXELS = 25 * 224 * 224
-MAX_BATCH_IMAGES = 96
 
 
 def batch_size_for(side: int, max_images: int) -> int:

@@ -26,6 +26,8 @@ from training.system.processes import is_first, say
 from training.trainer import ranks
 from training.trainer.make import OriginRecord, RunCheckpoint, make_trainer
 
+PLANES = 12  # of half size, which make up an image
+
 
 def module_of(cfg: DemoireConfig) -> Demoireing:
     """Return the module that trains a run's network, with the weights that it starts from."""
@@ -109,9 +111,6 @@ def cost(history: list[dict[str, float]], batch_size: int) -> dict[str, Any]:
         "pairs_per_second": steps * batch_size / max(seconds, 1e-9),
         "history": history,
     }
-
-
-PLANES = 12  # of half size, which make up an image
 
 
 @torch.no_grad()

@@ -20,6 +20,10 @@ PART_TITLES = {
 }
 
 
+REFUSALS = (ValueError, TypeError, OSError)  # errors that the page shows as sentences
+DEFAULT_PRESET, DEFAULT_SAMPLE = "screen_photo", "cat"
+
+
 def scene_widgets(scene: Scene) -> tuple[list[Any], list[Any]]:
     """Lay out the controls of a scene, part by part. Return their widgets in the order of
     `values_of`, and the group of each control, which is hidden where the scene does not have it."""
@@ -74,10 +78,6 @@ def widgets_of(control: Control, values: list[Any]) -> list[Any]:
             )
             sliders.append(slider)
     return sliders
-
-
-REFUSALS = (ValueError, TypeError, OSError)  # errors that the page shows as sentences
-DEFAULT_PRESET, DEFAULT_SAMPLE = "screen_photo", "cat"
 
 
 def photograph_tab(blocks: gr.Blocks) -> None:

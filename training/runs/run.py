@@ -152,7 +152,8 @@ def _plain_run(cfg: Config, recipe: str) -> Run[Config]:
     """Return the run of a recipe of `PLAIN_RECIPES`, all other settings as in `cfg`."""
     plain = default_config(recipe, cfg.data.name)
     train = replace(cfg.train, init=plain.train.init, length=plain.train.length)
-    return Run(replace(cfg, recipe=recipe, adversary=plain.adversary, train=train, resume=None))
+    adversary = replace(plain.adversary)  # the default is shared
+    return Run(replace(cfg, recipe=recipe, adversary=adversary, train=train, resume=None))
 
 
 @contextlib.contextmanager

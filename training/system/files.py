@@ -22,6 +22,14 @@ MAX_SETTINGS_BYTES = 1_000_000  # of a config.yaml; fit.py writes about two thou
 MAX_REASON_CHARACTERS = 300  # of PyYAML's message
 
 
+_NO_LOCKS = (
+    errno.ENOSYS,
+    errno.ENOLCK,
+    errno.EOPNOTSUPP,
+    errno.ENOTSUP,
+)  # of a file system without locks
+
+
 class PlainLoader(yaml.SafeLoader):
     """Reads YAML as `yaml.safe_load` does, but refuses aliases, which may grow without end."""
 
@@ -141,14 +149,6 @@ def read_settings(path: Path) -> dict[str, Any]:
             f"{path} holds no settings: it must be a YAML mapping, as fit.py writes it."
         )
     return values
-
-
-_NO_LOCKS = (
-    errno.ENOSYS,
-    errno.ENOLCK,
-    errno.EOPNOTSUPP,
-    errno.ENOTSUP,
-)  # of a file system without locks
 
 
 @contextlib.contextmanager

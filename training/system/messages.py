@@ -21,6 +21,20 @@ SHARED_MEMORY_ADVICE = (
 LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
 
 
+LEGIBLE = "legible"
+# those that raise, and stderr's own, which writes "\\u2212" for a minus sign
+REPLACED_HANDLERS = ("strict", "surrogateescape", "backslashreplace")
+ASCII_LOOKALIKES = {
+    **{dash: "-" for dash in "\u2010\u2011\u2012–—−─━"},
+    **dict.fromkeys("‘’", "'"),
+    **dict.fromkeys("“”", '"'),
+    **{"×": "x", "✗": "x", "✓": "v", "·": ".", "●": "*", "†": "+", "│": "|", "⁄": "/"},
+    **{"→": "->", "±": "+-", "≤": "<=", "≥": ">=", "≠": "!=", "°": " deg"},
+    **{"«": '"', "»": '"', "ß": "ss", "æ": "ae", "œ": "oe", "ø": "o", "ł": "l"},
+    **{"δ": "delta", "ε": "eps", "μ": "u", "σ": "sigma"},
+}
+
+
 class Terminated(KeyboardInterrupt):  # as KeyboardInterrupt
     """SIGTERM, which ends a command as Ctrl-C does, but with the status 143."""
 
@@ -105,20 +119,6 @@ def sentence(error: Exception) -> str:
     # a traceback names the class by its module, unless it is Python's own
     raised = rf"\n(?:[\w.]+\.)?{type(error).__name__}: "
     return re.split(raised, str(error))[-1].strip() or type(error).__name__
-
-
-LEGIBLE = "legible"
-# those that raise, and stderr's own, which writes "\\u2212" for a minus sign
-REPLACED_HANDLERS = ("strict", "surrogateescape", "backslashreplace")
-ASCII_LOOKALIKES = {
-    **{dash: "-" for dash in "\u2010\u2011\u2012–—−─━"},
-    **dict.fromkeys("‘’", "'"),
-    **dict.fromkeys("“”", '"'),
-    **{"×": "x", "✗": "x", "✓": "v", "·": ".", "●": "*", "†": "+", "│": "|", "⁄": "/"},
-    **{"→": "->", "±": "+-", "≤": "<=", "≥": ">=", "≠": "!=", "°": " deg"},
-    **{"«": '"', "»": '"', "ß": "ss", "æ": "ae", "œ": "oe", "ø": "o", "ł": "l"},
-    **{"δ": "delta", "ε": "eps", "μ": "u", "σ": "sigma"},
-}
 
 
 def use_legible(stream: Any) -> None:

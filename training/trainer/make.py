@@ -22,6 +22,16 @@ from training.config.schema import Trainer
 from training.runs.identity import Origin
 from training.system.messages import terminate
 
+# Lightning's warnings at every start that a user of these recipes cannot act on
+KNOWN_WARNINGS = (
+    ".*does not have many workers.*",
+    ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
+    ".*Checkpoint directory .* exists and is not empty.*",
+    ".*sync_dist=True.*",  # what is logged is the mean of all devices already
+    ".*smaller than the logging interval.*",
+    ".*isinstance.treespec, LeafSpec.*",  # Lightning's own, on newer torch
+)
+
 
 class EndOnSigterm(L.Callback):
     """Ends training on SIGTERM as on Ctrl-C.
@@ -86,17 +96,6 @@ def make_trainer(
         use_distributed_sampler=False,
         benchmark=False,
     )
-
-
-# Lightning's warnings at every start that a user of these recipes cannot act on
-KNOWN_WARNINGS = (
-    ".*does not have many workers.*",
-    ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
-    ".*Checkpoint directory .* exists and is not empty.*",
-    ".*sync_dist=True.*",  # what is logged is the mean of all devices already
-    ".*smaller than the logging interval.*",
-    ".*isinstance.treespec, LeafSpec.*",  # Lightning's own, on newer torch
-)
 
 
 def silence_lightning() -> None:
