@@ -31,8 +31,6 @@ from training.calibration.compare import (
 
 # share of a field's limits: a range without width draws no number, and shifts others' draws
 MIN_WIDTH = 1e-6
-
-
 MAX_CROPS = 24  # of an evaluation
 INITIAL_STEP = 0.15  # of the search, as a share of each field's limits
 REFUSED_DISTANCE = 10.0  # of ranges that no scene can have

@@ -15,8 +15,6 @@ from moireaug.evaluation.statistics import Z95, wilson
 from training.comparison.frame import RATES
 
 COSTS = ["seconds", "start_seconds", "passes", "images_per_second"]
-
-
 ROUNDING_ERROR = 1e-12  # of equal outcomes
 
 

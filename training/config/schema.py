@@ -15,8 +15,6 @@ from training.config.settings import section, setting
 
 AUGMENTATIONS = ("none", "shift", "shift_flip", "affine")
 TORCHVISION_SETS = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
-
-
 DEFAULT_DATA = "signs"
 EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"

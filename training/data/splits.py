@@ -10,8 +10,6 @@ from torch.utils.data import Dataset, Subset, default_collate
 from training.config.schema import Data, Reattack
 
 MAX_CACHE_BYTES = 1 << 30  # of decoded images
-
-
 # of a batch by default: a few gigabytes for a large network and its gradients
 MAX_BATCH_PIXELS = 25 * 224 * 224
 MAX_BATCH_IMAGES = 96

@@ -20,8 +20,6 @@ from filelock import FileLock, Timeout
 
 MAX_SETTINGS_BYTES = 1_000_000  # of a config.yaml; fit.py writes about two thousand
 MAX_REASON_CHARACTERS = 300  # of PyYAML's message
-
-
 _NO_LOCKS = (
     errno.ENOSYS,
     errno.ENOLCK,

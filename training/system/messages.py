@@ -19,8 +19,6 @@ SHARED_MEMORY_ADVICE = (
     "complete is kept, and the same command continues."
 )
 LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
-
-
 LEGIBLE = "legible"
 # those that raise, and stderr's own, which writes "\\u2212" for a minus sign
 REPLACED_HANDLERS = ("strict", "surrogateescape", "backslashreplace")
