@@ -40,7 +40,14 @@ class TrainingAdversary:
 def _attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack | None:
     if cfg.kind == "moire_attack":
         return MoireAttack(
-            model, scene=scene, eps=cfg.eps, bound=cfg.bound, steps=cfg.steps, random_start=1.0
+            model,
+            scene=scene,
+            eps=cfg.eps,
+            bound=cfg.bound,
+            steps=cfg.steps,
+            random_start=1.0,
+            optimise=tuple(cfg.optimise),
+            draws=cfg.draws,
         )
     if cfg.kind == "pgd":
         return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
@@ -53,5 +60,7 @@ def strengthen(cfg: Adversary) -> Adversary:
 
 
 def passes(cfg: Adversary) -> float:
-    """Return the forward and backward passes per image in a training step."""
-    return 1 + cfg.share * cfg.steps
+    """Return the forward and backward passes per image in a training step; a forward pass alone, of
+    each of several draws, is a third of one."""
+    draws = cfg.draws / 3 if cfg.draws > 1 else 0
+    return 1 + cfg.share * (cfg.steps + draws)
