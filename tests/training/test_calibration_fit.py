@@ -155,7 +155,7 @@ def test_a_fits_distance_is_that_of_the_written_scene(hidden, monkeypatch):
 def test_rounding_leaves_every_range_its_width():
     """Without width a range draws nothing, and shifts all other draws."""
     scene = replace(START, lens=Lens(blur=(0.75, 0.7500008)), sensor=Sensor(gain=(1.23456, 2.0)))
-    found = fitting.rounded(scene, SEARCHED)
+    found = fitting.round_ranges(scene, SEARCHED)
     assert found.lens.blur == (0.75, 0.7500008) and found.sensor.gain == (1.235, 2.0)
 
 

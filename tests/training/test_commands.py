@@ -93,7 +93,7 @@ def test_only_the_first_process_speaks(monkeypatch, capsys):
         for name, value in variables.items():
             monkeypatch.setenv(name, value)
         monkeypatch.setattr(processes.rank_zero_only, "rank", known)
-        processes.say("here")
+        processes.print_once("here")
         assert processes.is_first() is first, (known, variables)
         assert capsys.readouterr().out == ("here\n" if first else "")
 
@@ -180,7 +180,7 @@ def test_a_command_without_a_terminal_works(command, monkeypatch):
     else:
         commands.parse(["photos=p"], calibrate.Config, calibrate.EXAMPLE, None)
         work()
-    messages.complain("error: of nobody's")
+    messages.print_error("error: of nobody's")
     assert worked == [False]
 
 

@@ -29,16 +29,16 @@ def test_an_error_begins_a_line_below_a_progress_bar(stream, monkeypatch):
     out, err = io.StringIO(), io.StringIO()
     monkeypatch.setattr(sys, "stdout", messages.LineStream(out))
     monkeypatch.setattr(sys, "stderr", messages.LineStream(err))
-    messages.complain("error: first")
+    messages.print_error("error: first")
     assert err.getvalue() == "error: first\n" and not out.getvalue()
     bar = tqdm(total=3, file=getattr(sys, stream), leave=False, mininterval=0)
     bar.update()
-    messages.complain("error: second")
+    messages.print_error("error: second")
     lines = [file.getvalue().count("\n") for file in (out, err)]
     assert lines == ([1, 2] if stream == "stdout" else [0, 3])
     assert "error: second" in err.getvalue().split("\n")
     bar.close()
-    messages.complain("error: third")
+    messages.print_error("error: third")
     assert "error: third" in err.getvalue().split("\n")
 
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from moireaug import Scene, capture
 from training.data.real_pairs import ScreenPhoto
-from training.photographs.statistics import STATISTICS, Statistic, compare, measure, span
+from training.photographs.statistics import STATISTICS, Statistic, compare, measure, percentiles
 from training.report.terminal import Grid, Part
 
 Rows = Sequence[Mapping[str, float]]
@@ -63,11 +63,11 @@ def compare_statistics(real: Rows, simulated: Rows | None) -> list[StatisticRow]
     """Return a row for every statistic of the real photos."""
     table = []
     for name in real[0]:
-        ours = span([row[name] for row in real])
+        ours = percentiles([row[name] for row in real])
         if simulated is None:
             table.append(StatisticRow(name, ours))
             continue
-        theirs = span([row[name] for row in simulated])
+        theirs = percentiles([row[name] for row in simulated])
         distance = None
         statistic = STATISTICS[name]
         if statistic.compared:
@@ -109,7 +109,7 @@ def terminal_parts(table: Sequence[StatisticRow], name: str) -> list[Part]:
 
 
 def span_text(values: Span | None) -> str:
-    """Return a median with its span."""
+    """Return a median with its percentiles."""
     if values is None:
         return ""
     low, median, high = (number_text(value) for value in values)

@@ -120,7 +120,7 @@ def decode(
     return decoded
 
 
-def rounded(scene: Scene, limits: Sequence[SearchedField]) -> Scene:
+def round_ranges(scene: Scene, limits: Sequence[SearchedField]) -> Scene:
     """Return a scene with its searched ranges rounded to four digits; a range that would lose its
     width, and with it its draws, stays."""
     ranges = {}
@@ -223,7 +223,7 @@ def fit(
     except KeyboardInterrupt:
         print(f"fit: interrupted after {count} evaluations; the best so far is kept")
     if best is not start:
-        best = rounded(best, limits)
+        best = round_ranges(best, limits)
     before, after = (distance_to(scene, crops.originals, real, seed) for scene in (start, best))
     if after >= before:
         best, after = start, before

@@ -42,7 +42,7 @@ class Classifier(L.LightningModule):
     Validation scores the mean of clean accuracy and accuracy under the recipe's own adversary, on
     draws that are the same in every epoch; an adversary of fewer than three steps is validated with
     three, so that a model that only defeats single steps (catastrophic overfitting) is noticed.
-    `guard.Guard` acts on it.
+    `guard.CollapseGuard` acts on it.
 
     Args:
         model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).

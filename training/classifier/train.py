@@ -9,7 +9,7 @@ import lightning as L
 from moireaug.common.files import write_text
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes
-from training.classifier.guard import Guard
+from training.classifier.guard import CollapseGuard
 from training.classifier.module import Classifier
 from training.classifier.tuning import Tuning, weight_averaging
 from training.config.scenes import scene_of
@@ -24,7 +24,7 @@ from training.runs.trained import read_trained
 from training.system import machine
 from training.system.files import read_checkpoint
 from training.system.messages import count_text
-from training.system.processes import is_first, say
+from training.system.processes import is_first, print_once
 from training.trainer import ranks
 from training.trainer.make import OriginRecord, RunCheckpoint, make_trainer
 
@@ -70,16 +70,16 @@ def train_model(
         run.write_settings()
     if resumes and (train := TrainCost.read(out)):
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
-        say(f"Training is complete: the weights are read from {best}.")
+        print_once(f"Training is complete: the weights are read from {best}.")
         return classifier.eval(), train
     start = start_of(run)
     if start and not resumes:
         classifier.model.load_state_dict(read_trained(start).state)
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
-    say(_plan_line(cfg, epochs, classifier.tuning.lr, start_cost))
+    print_once(_plan_line(cfg, epochs, classifier.tuning.lr, start_cost))
     history = read_checkpoint(last)["history"] if resumes else []
     if history:
-        say(f"Resuming from {last} after {count_text(len(history), 'epoch')}.")
+        print_once(f"Resuming from {last} after {count_text(len(history), 'epoch')}.")
     batches = Batches(
         splits,
         cfg.train.batch_size,
@@ -149,7 +149,7 @@ def trainer_of(
     callbacks = [
         weight_averaging(tuning),
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),
-        Guard(out / "best.ckpt"),
+        CollapseGuard(out / "best.ckpt"),
         RunCheckpoint(out, "last"),
         OriginRecord(origin),
     ]

@@ -25,13 +25,13 @@ from training.system import machine
 from training.system.files import make_folder
 from training.system.messages import (
     LineStream,
-    complain,
     is_expected,
     prepare_output,
+    print_error,
     sentence,
     status_of,
 )
-from training.system.processes import is_first, say
+from training.system.processes import is_first, print_once
 
 Schema = TypeVar("Schema")
 _failed_jobs: list[str] = []  # jobs of a sweep
@@ -71,7 +71,7 @@ def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
         _command_line.clear()
     if _failed_jobs:
         heading = f"error: {len(_failed_jobs)} of the sweep's jobs failed:"
-        complain("\n  ".join([heading, *_failed_jobs]))
+        print_error("\n  ".join([heading, *_failed_jobs]))
         raise SystemExit(1)
 
 
@@ -92,16 +92,16 @@ def report_job_errors(kept_work: str) -> Iterator[None]:
         yield
     except KeyboardInterrupt as interruption:
         command = machine.command([a for a in sys.argv if not a.startswith("resume=")])
-        say(f"\nInterrupted. {kept_work}; the same command continues:\n  {command}")
+        print_once(f"\nInterrupted. {kept_work}; the same command continues:\n  {command}")
         raise SystemExit(status_of(interruption)) from None
     except Exception as error:
         job = _job_of_a_sweep()
         if not is_expected(error):
             if job is None:
                 raise
-            complain(traceback.format_exc())
+            print_error(traceback.format_exc())
         if not isinstance(error, ConnectionError) or is_first():  # the first process speaks for all
-            complain(f"error: {sentence(error)}")
+            print_error(f"error: {sentence(error)}")
         # the processes of this run are not started again for the next job
         if job is None or torch.distributed.is_initialized():
             raise SystemExit(1) from None

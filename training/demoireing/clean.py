@@ -108,9 +108,9 @@ def clean_folder(cfg: Config) -> list[str]:
             path = pictures.folder / name
             try:
                 photo = read_picture(path)
-                content = encoded(clean(network, photo, tile), photo, path.suffix)
+                content = encode_like(clean(network, photo, tile), photo, path.suffix)
             except (ValueError, MemoryError, RuntimeError) as error:
-                problem = reason(error, path)
+                problem = problem_of(error, path)
                 failed.append(problem)
                 bar.write(f"not cleaned: {problem}", file=sys.stderr)
                 continue
@@ -123,7 +123,7 @@ def clean_folder(cfg: Config) -> list[str]:
     return failed
 
 
-def reason(error: Exception, path: Path) -> str:
+def problem_of(error: Exception, path: Path) -> str:
     """Return why a photo could not be cleaned; an error that tells of a mistake in the code is
     raised again."""
     message = str(error)
@@ -153,7 +153,7 @@ def clean_codes(network: DemoireNet, photo: Tensor, tile: int = TILE_SIDE) -> Te
     return (255 * cleaned).round().to(torch.uint8).cpu()
 
 
-def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
+def encode_like(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
     """Return a picture encoded in the format of a suffix, with the profile and EXIF data of the
     photo that it was made from."""
     options = dict(FORMAT_OPTIONS.get(suffix.lower(), {}))

@@ -47,7 +47,7 @@ def _of_crops(scene: Scene, cfg: DemoireConfig) -> Scene:
     return scene if cfg.shrink is None else scene.with_shrink(cfg.shrink)
 
 
-def enlarged(scene: Scene, factor: int) -> Scene:
+def enlarge_scene(scene: Scene, factor: int) -> Scene:
     """Return the scene for pictures of `factor` times the size that show the same: a pixel of a
     crop is then so many times smaller on the sensor."""
     if factor == 1 or not scene.is_crop:
@@ -80,7 +80,7 @@ class SimulatedPairs(Dataset):
         self.seed, self.subsample, self.jpeg = seed, subsample, jpeg
         # a scene is planned once, and not for every pair
         factors = range(1, subsample + 1)
-        self.scenes = [[enlarged(scene, factor) for factor in factors] for scene in scenes]
+        self.scenes = [[enlarge_scene(scene, factor) for factor in factors] for scene in scenes]
 
     def pair(self, k: int) -> Pair:
         """Return a pair with all that is known of it, always with its twin and never shrunk."""

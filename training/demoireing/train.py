@@ -22,7 +22,7 @@ from training.demoireing.schema import DemoireConfig
 from training.runs.identity import Origin
 from training.runs.run import Run
 from training.system.files import read_checkpoint
-from training.system.processes import is_first, say
+from training.system.processes import is_first, print_once
 from training.trainer import ranks
 from training.trainer.make import OriginRecord, RunCheckpoint, make_trainer
 
@@ -64,17 +64,17 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
         run.write_settings()
     if resumes and (train := run.training_cost()):
         module.load_state_dict(read_checkpoint(best)["state_dict"])
-        say(f"Training is complete: the weights are read from {best}.")
+        print_once(f"Training is complete: the weights are read from {best}.")
         return network.eval(), train
     history = read_checkpoint(last)["history"] if resumes else []
     millions = sum(weights.numel() for weights in network.parameters()) / 1e6
-    say(
+    print_once(
         f"Training {cfg.model} of width {cfg.demoire.width:g} ({millions:.2f} million weights) on "
         f"pairs of {cfg.data.name}, target {cfg.demoire.target}: {cfg.train.steps} steps of "
         f"{cfg.train.batch_size}."
     )
     if history:
-        say(f"Resuming from {last} after {history[-1]['steps']:.0f} steps.")
+        print_once(f"Resuming from {last} after {history[-1]['steps']:.0f} steps.")
     batches = PairBatches(cfg, splits, first_epoch=len(history))
     trainer = trainer_of(cfg, out, splits.files)
     best_checkpoint, wall_seconds = ranks.fit(trainer, module, batches, out)

@@ -133,7 +133,7 @@ def measure_crop(photo: Plane, original: Plane | None) -> dict[str, float]:
     busy = busyness(reference)
     flat = busy <= np.quantile(busy, FLAT_SHARE)
     numbers = band_strengths(photo, flat)
-    numbers |= spectral(photo, original, busy)
+    numbers |= spectral_statistics(photo, original, busy)
     numbers |= levels(photo, reference)
     numbers["noise"] = noise(photo, flat)
     numbers["blocks"] = blocks(photo)
@@ -186,7 +186,7 @@ def band_strengths(photo: Plane, flat: NDArray[np.bool_]) -> dict[str, float]:
     return strengths
 
 
-def spectral(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, float]:
+def spectral_statistics(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, float]:
     """Return the statistics of the spectra of the flattest windows: peaks, and stripes or lattice.
 
     The picture's own content, in the photo's colours, is subtracted from them."""
@@ -253,7 +253,7 @@ def compare(real: float, simulated: float, statistic: Statistic) -> float:
     return math.asinh(simulated / statistic.small) - math.asinh(real / statistic.small)
 
 
-def span(values: Any) -> tuple[float, float, float]:
+def percentiles(values: Any) -> tuple[float, float, float]:
     """Return the 10th percentile, the median and the 90th percentile of some numbers."""
     low, median, high = np.percentile(np.asarray(values, dtype=np.float64), [10, 50, 90]).tolist()
     return low, median, high

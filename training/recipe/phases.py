@@ -17,7 +17,7 @@ from training.runs.metrics import RunMetrics, TrainCost
 from training.runs.resume import damage, origin_difference, require_same_origin
 from training.runs.run import Run, baseline_of, start_of
 from training.runs.trained import read_trained
-from training.system.processes import is_first, say
+from training.system.processes import is_first, print_once
 
 if TYPE_CHECKING:
     from training.classifier.module import Classifier
@@ -57,13 +57,15 @@ def plain_run(
     with run.locked():
         origin = Origin.of(run.config.weights, splits)
         if reason := damage(run) or origin_difference(run, origin):
-            say(f"The {role} cannot be reused and is trained again: {reason}.")
+            print_once(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
         elif run.stage() in ("trained", "finished") and (metrics := RunMetrics.read(run.folder)):
-            say(f"The {role} is reused from {run.folder}.")
+            print_once(f"The {role} is reused from {run.folder}.")
             return metrics
         else:
-            say(f"The {role} comes first: recipe {run.config.recipe}, with the same settings.")
+            print_once(
+                f"The {role} comes first: recipe {run.config.recipe}, with the same settings."
+            )
         _, train = train_run(run, splits, start)
         if not is_first():
             return None

@@ -78,7 +78,7 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
         "has_paper": lines["paper"].notna().any(),
         "has_controls": lines["column"].isin(CONTROL_COLUMNS).any(),
         "verdict": verdict(table, cells),
-        "natural": natural(table, cells),
+        "natural": moire_extremes(table, cells),
     }
 
 
@@ -129,7 +129,7 @@ def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
     }
 
 
-def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
+def moire_extremes(table: Table, cells: Cells) -> dict[str, Any] | None:
     """Return the rows where the moiré alone adds most and least; None if there is an attacker."""
     if table.name not in MOIRE_COLUMNS:
         return None

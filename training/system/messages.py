@@ -73,7 +73,7 @@ def prepare_output() -> None:
         use_legible(getattr(sys, name))
 
 
-def complain(text: str) -> None:
+def print_error(text: str) -> None:
     """Print to standard error, starting on a new line."""
     for stream in (sys.stdout, sys.stderr):
         if getattr(stream, "has_open_line", False):

@@ -74,7 +74,7 @@ def is_first() -> bool:
     return int(rank) == 0
 
 
-def say(text: str) -> None:
+def print_once(text: str) -> None:
     """Print in the first process only."""
     if is_first():
         print(text)
