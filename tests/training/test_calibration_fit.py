@@ -38,6 +38,7 @@ def hidden():
     return measured(replace(PLAIN, lens=Lens(blur=(0.7, 0.8)), sensor=sensor))
 
 
+DECODE, FIELDS_TO_SEARCH = fitting.decode, fitting.fields_to_search  # as they are
 SEARCHED = (SearchedField("lens.blur", 0.2, 1.2), SearchedField("sensor.gain", 1.0, 5.0))
 START = replace(PLAIN, sensor=Sensor(scale=2.0, gain=(1.6, 2.0)))
 
@@ -74,7 +75,7 @@ def test_an_interrupted_fit_keeps_the_best(hidden, monkeypatch):
         points.append(point)
         if len(points) > 9:
             raise KeyboardInterrupt
-        return fitting.decode(start, limits, point)
+        return DECODE(start, limits, point)
 
     monkeypatch.setattr(fitting, "decode", interrupt)
     found = fit(START, crops, real, 1000, math.inf, 0)
@@ -100,7 +101,7 @@ def test_a_scene_that_overfits_the_search_is_not_taken(monkeypatch, hidden, caps
 def test_every_searched_field_is_a_range_of_a_scene():
     for name in ("screen_photo", "dashcam_at_led_sign", "paper"):
         scene = Scene.preset(name)
-        limits = tuple(fitting.widen(scene, one) for one in fitting.fields_to_search(scene))
+        limits = tuple(fitting.widen(scene, one) for one in FIELDS_TO_SEARCH(scene))
         again = fitting.decode(scene, limits, fitting.encode(scene, limits))
         for field, low, high in limits:
             wanted = pytest.approx(fitting.range_of(scene, field), abs=0.021 * (high - low))
@@ -118,7 +119,7 @@ def test_a_screen_is_searched_by_its_width_and_pitch():
         (Scene.preset("paper"), ["panel.scale"]),
     ]
     for scene, fields in given:
-        searched = fitting.fields_to_search(scene)
+        searched = FIELDS_TO_SEARCH(scene)
         assert [one.field for one in searched[: len(fields)]] == fields
         assert searched[len(fields) :] == fitting.CAMERA_FIELDS
         limits = tuple(fitting.widen(scene, one) for one in searched)
