@@ -1,6 +1,5 @@
 """The report of a calibration: a page, a table of its crops, and a plot of medians and spans."""
 
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,8 +20,8 @@ from training.calibration.compare import (
     span_text,
 )
 from training.calibration.fit import FittedScene
-from training.report.page import environment, middle_of, uri
-from training.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR
+from training.report.page import environment, middle_of, picture_cells, uri
+from training.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR, png
 from training.system import machine
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
@@ -55,13 +54,9 @@ def example_blocks(crops: Crops, simulated: torch.Tensor | None, name: str) -> l
     examples = []
     for index, label in list(enumerate(crops.names))[:MAX_CROPS]:
         row = int((crops.picture == index).nonzero()[0])
-        sides = {"real photo": crops.photos, name: simulated, "original": crops.originals}
-        cells = []
-        for heading, pictures in sides.items():
-            if pictures is not None:
-                middle = middle_of(pictures[row]).permute(1, 2, 0).contiguous()
-                cells.append({"title": heading, "image": middle.numpy()})
-        examples.append({"label": label, "cells": cells})
+        pictures = {"real photo": crops.photos, name: simulated, "original": crops.originals}
+        sides = {k: None if p is None else middle_of(p[row]) for k, p in pictures.items()}
+        examples.append({"label": label, "cells": picture_cells(sides)})
     return examples
 
 
@@ -112,9 +107,7 @@ def draw(lines: Sequence[StatisticRow], name: str) -> bytes:
         _panel(fig.add_subplot(inner[i]), group, name)
     handles, labels = fig.axes[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False, fontsize=10)
-    file = io.BytesIO()
-    fig.savefig(file, format="png")
-    return file.getvalue()
+    return png(fig)
 
 
 def _panel(ax: Axes, group: Sequence[StatisticRow], name: str) -> None:

@@ -1,6 +1,5 @@
 """The plot of robustness against training time: a point for each recipe, with its name."""
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,6 +14,7 @@ from training.report.plots import (
     GRID_COLOUR,
     MODEL_COLOUR,
     TEXT_COLOUR,
+    png,
     style_axes,
 )
 
@@ -41,9 +41,7 @@ BELOW_RIGHT: dict[str, Any] = {"xytext": (6, -4), "verticalalignment": "top"}
 
 def draw(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> bytes:
     """Return the figure as a PNG of 1000 x 490 pixels."""
-    file = io.BytesIO()
-    figure(recipes, shared).savefig(file, format="png")
-    return file.getvalue()
+    return png(figure(recipes, shared))
 
 
 def figure(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> Figure:

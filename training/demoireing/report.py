@@ -9,7 +9,7 @@ from torch import Tensor
 from moireaug.evaluation.visibility import SSIM_WINDOW
 from training.demoireing.testing import GroupedPair
 from training.report.numbers import number
-from training.report.page import environment
+from training.report.page import environment, picture_cells
 from training.report.plots import History, Quantity, curves
 from training.report.terminal import Grid, Part
 
@@ -127,11 +127,7 @@ def example_block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
         "original": pair.original,
         f"removed × {REMOVED_AMPLIFICATION}": removed.clamp(0, 255).byte(),
     }
-    cells = []
-    for title, picture in sides.items():
-        if picture is not None:
-            cells.append({"title": title, "image": picture.permute(1, 2, 0).contiguous().numpy()})
-    return {"label": f"{pair.group}: {pair.name}", "cells": cells}
+    return {"label": f"{pair.group}: {pair.name}", "cells": picture_cells(sides)}
 
 
 def training_curves(train: Mapping[str, Any]) -> list[dict[str, str]]:

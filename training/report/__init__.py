@@ -48,7 +48,7 @@ def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> None:
         facts=facts | {"scene": metrics.scene_name},
         examples=examples,
         curves=_curves(metrics),
-        tradeoff=_tradeoff(run["visibility"]),
+        tradeoff=plots.scatter(run["visibility"], "PSNR of the noise, dB", "accuracy, %"),
     )
     write_text(path, text)
 
@@ -80,18 +80,6 @@ def write_suite(
     write_text(folder / "tables.md", page.render("suite.md.j2", **context))
     write_text(folder / "report.html", page.render("suite.html.j2", **context))
     return suite_parts(metrics, suite)
-
-
-def _tradeoff(series: Sequence[plots.Series]) -> dict[str, str] | None:
-    """Return the plot of accuracy against the visibility of noise; None without noise."""
-    if not series:
-        return None
-    caption = (
-        "Accuracy against PSNR, one point for each eps: the Moiré Attack against the photo without "
-        "noise, PGD against the clean image. Where two points stand one above the other, the noise "
-        "is as visible, and the lower one is the more dangerous."
-    )
-    return plots.scatter(series, "PSNR of the noise, dB", "accuracy, %", caption)
 
 
 def _curves(metrics: RunMetrics) -> list[dict[str, str]]:

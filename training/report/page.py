@@ -4,6 +4,7 @@ import base64
 import io
 import re
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -95,6 +96,15 @@ def embedded_picture(image: Any, title: str) -> dict[str, Any]:
         "height": height * factor,
         "enlarged": factor > 1,
     }
+
+
+def picture_cells(pictures: Mapping[str, Tensor | None]) -> list[dict[str, Any]]:
+    """Return the cells of an example: pictures (3, H, W) uint8 by title; None is left out."""
+    cells = []
+    for title, picture in pictures.items():
+        if picture is not None:
+            cells.append({"title": title, "image": picture.permute(1, 2, 0).contiguous().numpy()})
+    return cells
 
 
 def middle_of(picture: Tensor) -> Tensor:

@@ -70,9 +70,11 @@ class Series(NamedTuple):
     filled: bool
 
 
-def scatter(series: Sequence[Series], x: str, y: str, caption: str) -> dict[str, str]:
-    """Draw points with their intervals along y, rates in [0, 1] drawn in percent; returns the plot
-    with its caption and alternative text."""
+def scatter(series: Sequence[Series], x: str, y: str) -> dict[str, str] | None:
+    """Draw points with their intervals along y, rates in [0, 1] drawn in percent; return the plot
+    with its alternative text, None without points."""
+    if not series:
+        return None
     figure = Figure(FIGURE_INCHES, layout="constrained")
     ax = figure.subplots()
     for one in series:
@@ -88,7 +90,7 @@ def scatter(series: Sequence[Series], x: str, y: str, caption: str) -> dict[str,
     alt = f"{y} against {x}: {', '.join(one.name for one in series)}"
     _add_legend(ax)
     data = uri(svg(figure).encode(), "image/svg+xml")
-    return {"uri": data, "alt": alt, "caption": caption}
+    return {"uri": data, "alt": alt}
 
 
 def curves(
@@ -153,6 +155,13 @@ def style_axes(ax: Axes, x_title: str, y_title: str) -> None:
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[:].set_color("#999999")
+
+
+def png(figure: Figure) -> bytes:
+    """Return the figure as PNG."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
 
 
 def svg(figure: Figure) -> str:
