@@ -156,7 +156,7 @@ def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, varian
     footprint = Footprint(tl.maximum(one, other), tl.sqrt(variance))
     place = position * (1.0 / ratio.to(tl.float64)) - tl.load(batch.beats.centres + index)
     end = batch.screen.size[AXIS] * pixel_scale(blur_camera)
-    nearest, _, shares = lit_shares(
+    nearest, shares = lit_shares(
         place, footprint, tl.load(picture.widths + index), (place + 0.5, 0.5, end), variant.taps,
         variant.dark_around,
     )  # fmt: skip
