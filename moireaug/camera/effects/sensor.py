@@ -14,6 +14,7 @@ from moireaug.camera.effects.binned_statistics import (
 )
 from moireaug.camera.effects.srgb import in_codes
 from moireaug.camera.exposure.extreme_light import max_glare, modulation_depth
+from moireaug.common import tensor_physics
 from moireaug.common.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.record import SizedScene
@@ -126,7 +127,7 @@ def add_noise(raw: Tensor, read: Tensor, photons: Tensor, seeds: Tensor) -> Tens
     """
     noise = torch.ops.moireaug.normal(raw.shape[1:], seeds).to(raw.dtype)
     read, photons = per_image(read, raw), per_image(photons, raw)
-    variance = read.square() + photons.square() * raw.clamp(min=DARK_LEVEL)
+    variance = tensor_physics.sensor.noise_variance(raw, read, photons, DARK_LEVEL)
     some = variance > 0  # the root has no slope at 0
     return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
 

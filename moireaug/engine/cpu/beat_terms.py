@@ -10,6 +10,8 @@ import math
 
 import numpy as np
 
+from moireaug.common.physics import aliases as alias_formulas
+from moireaug.common.physics.binding import bind
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.compiling import inner, loop
@@ -20,6 +22,7 @@ from moireaug.engine.cpu.limits import (
     MAX_FREQUENCY_RANGE,
 )
 from moireaug.engine.cpu.nodes import VIEW_SAMPLES
+from moireaug.engine.cpu.physics import OPERATIONS
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
 
 UNKNOWN_TRANSFER = 2.0  # above any transfer
@@ -35,6 +38,9 @@ def sinc(x):
     if x < SINC_LOBES:
         return optics.look_up(SINC_TABLE, x * STEPS_PER_LOBE)
     return math.sin(math.pi * x) / (math.pi * x)
+
+
+aliases = bind(alias_formulas, OPERATIONS | {"sinc": sinc}, inner)
 
 
 @loop
@@ -185,27 +191,22 @@ def alias_transfer(fu, fv, m_u, m_v, side, triangle):
     if abs(u) >= 1 or abs(v) >= 1:
         return 0.0
     first, second = u * side[0] + v * side[1], u * side[2] + v * side[3]
-    transfer = sinc(u) * sinc(v) * sinc(first) * sinc(second)
+    transfer = aliases.mean_over_sides(sinc(u) * sinc(v), first, second)
     if triangle != 0:
-        transfer *= sinc(triangle * first) * sinc(triangle * second)
+        transfer *= aliases.mean_over_sides(1.0, triangle * first, triangle * second)
     return transfer
-
-
-@inner
-def interpolation_transfer(even, m):
-    """Return the transfer of interpolation for an alias, from that for even ones."""
-    return even if m % 2 == 0 else 1 - even
 
 
 @inner
 def plane_transfers(even_u, even_v, m_u, m_v, bayer):
     """Return the transfer of interpolation for an alias in the planes of red and blue, and in that
     of green; without colour filters, in all planes."""
-    in_u, in_v = interpolation_transfer(even_u, m_u), interpolation_transfer(even_v, m_v)
-    even = (m_u + m_v) % 2 == 0
+    odd_u, odd_v = m_u % 2 != 0, m_v % 2 != 0
     if bayer:
-        return in_u * in_v, (in_u + in_v) / 2 if even else 0.0
-    alone = 1.0 if even and m_u % 2 == 0 else 0.0
+        in_u = aliases.interpolation_transfer(even_u, odd_u)
+        in_v = aliases.interpolation_transfer(even_v, odd_v)
+        return aliases.plane_transfers(in_u, in_v, odd_u, odd_v)
+    alone = 0.0 if odd_u or odd_v else 1.0
     return alone, alone
 
 

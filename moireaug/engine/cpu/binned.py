@@ -40,10 +40,7 @@ class _Work(NamedTuple):
 @part
 def _image_to_photo(sensor):
     """Return the ImageToPhoto of bins that lie in the image's frame; the others need none."""
-    forward, rows_of = np.empty((3, 3), np.float64), inverse(sensor)
-    for i in range(3):
-        for j in range(3):
-            forward[i, j] = rows_of[i][j]
+    forward = np.array(inverse(sensor)).reshape(3, 3)
     k1, k2 = (sensor.k1, sensor.k2) if sensor.rectified != 0 else (0.0, 0.0)
     return image_to_photo(forward, k1, k2)
 

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop
+from moireaug.engine.cpu.physics import tone as tone_physics
 from moireaug.engine.cpu.srgb import encode
 from moireaug.engine.cpu.vectors import LANES, add_sum, padded_width
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
-TWO = np.float32(2)
 SITES_PER_CELL = 4  # sensor pixels of a colour filter cell
 
 
@@ -126,9 +126,8 @@ def _code(out, gain, tone):
             out[i] *= gain
     if tone.toned:
         for i in range(len(out)):
-            x = min(max(out[i], ZERO), ONE)
-            x *= (ONE + shoulder) / (ONE + shoulder * x)
-            out[i] = x + contrast * (TWO * x - ONE) * x * (ONE - x)
+            x = tone_physics.shoulder_curve(min(max(out[i], ZERO), ONE), shoulder)
+            out[i] = tone_physics.contrast_curve(x, contrast)
     for i in range(len(out)):
         out[i] = min(max(out[i] + tone.brighten, ZERO), ONE)
 

@@ -10,11 +10,11 @@ import numpy as np
 from moireaug.engine.cpu.codes import SITES_PER_CELL, is_read, light_of_row, mix_row, workspace
 from moireaug.engine.cpu.compiling import fill, inner, part
 from moireaug.engine.cpu.develop import sum_photo_rows
+from moireaug.engine.cpu.physics import tone as tone_physics
 from moireaug.engine.cpu.srgb import encode_and_slope
 from moireaug.engine.cpu.vectors import add, gather
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
-TWO, SIX = np.float32(2), np.float32(6)
 
 
 class _Gradients(NamedTuple):
@@ -43,11 +43,10 @@ def _code_slope(out, light, gain, tone):
         if tone.toned:
             slope = slope if ZERO <= code <= ONE else ZERO
             code = min(max(code, ZERO), ONE)
-            inverse = ONE / (ONE + shoulder * code)
-            slope *= (ONE + shoulder) * inverse * inverse
-            code *= (ONE + shoulder) * inverse
-            slope *= ONE + contrast * (SIX * code * (ONE - code) - ONE)
-            code += contrast * (TWO * code - ONE) * code * (ONE - code)
+            code, steepness = tone_physics.shoulder_and_slope(code, shoulder)
+            slope *= steepness
+            slope *= tone_physics.contrast_slope(code, contrast)
+            code = tone_physics.contrast_curve(code, contrast)
         code += tone.brighten
         out[i] *= slope if ZERO <= code <= ONE else ZERO
 

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.camera.exposure.footprint import MIN_BLUR_VARIANCE, TAIL_SIGMAS
+from moireaug.common.physics.footprint import MIN_BLUR_VARIANCE
 from moireaug.engine.cpu.compiling import inner
 from moireaug.engine.cpu.normal import integral
+from moireaug.engine.cpu.physics import footprint
 from moireaug.engine.cpu.view import jacobian
 
 
@@ -41,16 +42,15 @@ def blur_jacobian(by_camera, u, v, camera, blur_camera):
 @inner
 def motion_sigma(by_u, by_v, blur_camera):
     """Return the standard deviation of motion blur along one axis, in panel pixels, with a sign."""
-    return by_u * blur_camera.motion_x + by_v * blur_camera.motion_y
+    return footprint.motion_sigma(by_u, by_v, blur_camera.motion_x, blur_camera.motion_y)
 
 
 @inner
 def still_variance(by_u, by_v, fill, blur_u, blur_v, blur_camera):
     """Return the variance of the blur along one axis without its box and without motion, in squared
     panel pixels."""
-    short = min(abs(by_u), abs(by_v)) * fill
-    of_lens = blur_camera.blur * blur_camera.blur + blur_camera.olpf * blur_camera.olpf / 4
-    return short * short / 12 + (blur_u * blur_u + blur_v * blur_v) * of_lens
+    of_lens = footprint.lens_variance(blur_u, blur_v, blur_camera.blur, blur_camera.olpf)
+    return footprint.side_variance(min(abs(by_u), abs(by_v)) * fill) + of_lens
 
 
 @inner
@@ -66,9 +66,7 @@ def _fill_axis(out, steps, camera, blur_camera, subpixel, axis, radius):
     variance = still_variance(by_u, by_v, camera.fill, blur_u, blur_v, blur_camera) + moves * moves
     variance = variance / (period * period) + subpixel.added_variance[axis]
     sigma = math.sqrt(variance + MIN_BLUR_VARIANCE)
-    reach = long / 2 + TAIL_SIGMAS * sigma
-    room = max(radius + 0.5 - subpixel.width[axis] / 2, MIN_BLUR_VARIANCE)
-    shrink = min(1.0, room / reach)
+    shrink = footprint.narrowing(long, sigma, subpixel.width[axis], radius + 0.5)
     out[0], out[1] = long * shrink, sigma * shrink
     return shrink < 1
 

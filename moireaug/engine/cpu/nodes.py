@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.camera.exposure.footprint import MIN_BLUR_VARIANCE
+from moireaug.common.physics.footprint import MIN_BLUR_VARIANCE
 from moireaug.engine.cpu import footprint, harmonics, optics, tap_weights
 from moireaug.engine.cpu.compiling import fill, inner, loop, part
 from moireaug.engine.cpu.limits import MAX_NODES, MAX_STEP, PASSED_CYCLES_PER_BLUR

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
+from moireaug.engine.cpu.physics import panel as triangle
 from moireaug.engine.cpu.vectors import add, gather, peek, poke
 
 ZERO = np.float32(0)
@@ -54,7 +55,7 @@ def fill_axis(n, size, alpha, period, lead, first, share):
     period: see `_pixel_at`. lead: panel pixels ahead of the picture.
     """
     for i in range(n):
-        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
+        at = triangle.centre_on_picture(_pixel_at(i, n, period), lead, alpha)
         at = min(max(at - 0.5, 0.0), size - 1.0)
         first[i] = np.int32(at)
         share[i] = at - first[i]
@@ -98,12 +99,12 @@ def fill_triangles(pixel, weight, size, alpha, period, lead):
     (taps, n) float32; the rest as in `fill_axis`."""
     taps, n = pixel.shape
     for i in range(n):
-        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
-        first, total = math.ceil(at - 1 / alpha - 0.5), 0.0
+        at = triangle.centre_on_picture(_pixel_at(i, n, period), lead, alpha)
+        first, total = triangle.first_under_triangle(at, alpha), 0.0
         for tap in range(taps):
-            total += max(0.0, 1 - abs(first + tap + 0.5 - at) * alpha)
+            total += triangle.triangle_weight(first + tap, at, alpha)
         for tap in range(taps):
-            share = max(0.0, 1 - abs(first + tap + 0.5 - at) * alpha)
+            share = triangle.triangle_weight(first + tap, at, alpha)
             weight[tap, i] = share / total
             pixel[tap, i] = min(max(first + tap, 0), size - 1)
 
@@ -136,7 +137,7 @@ def _fill_on_picture(on_picture, size, alpha, period, lead):
     """Find whether each panel pixel is on the picture, (n,) bool; the rest as in `fill_axis`."""
     n = len(on_picture)
     for i in range(n):
-        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
+        at = triangle.centre_on_picture(_pixel_at(i, n, period), lead, alpha)
         on_picture[i] = 0 <= at < size
 
 

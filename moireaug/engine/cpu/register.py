@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.common.physics.lens import MIN_RAY_DEPTH
 from moireaug.engine.cpu.compiling import inner, loop, part
 from moireaug.engine.cpu.vectors import peek, poke
 from moireaug.engine.cpu.view import undistorted
-from moireaug.scene.geometry.frame import MIN_RAY_DEPTH
 
 UNDISTORTION_STEPS = 1024  # of a table
 ONE = np.float32(1)

@@ -11,6 +11,7 @@ from moireaug.camera.effects.sensor import DARK_LEVEL
 from moireaug.engine.cpu.compiling import copy, fill, inner
 from moireaug.engine.cpu.limits import UNCLIPPED_SIGMAS
 from moireaug.engine.cpu.normal import integral, normal
+from moireaug.engine.cpu.physics import sensor
 from moireaug.engine.cpu.random_numbers import normal_row
 
 DARK32 = np.float32(DARK_LEVEL)
@@ -38,8 +39,8 @@ def attenuate(line, u, v, camera):
             line[i] *= gain
         return
     for i in range(len(line)):
-        dimmed = 1 + camera.falloff * camera.radius_scale * (u[i] * u[i] + v[i] * v[i])
-        line[i] *= np.float32(gain / (dimmed * dimmed))
+        falloff, r2 = camera.falloff * camera.radius_scale, u[i] * u[i] + v[i] * v[i]
+        line[i] *= np.float32(sensor.attenuation(gain, falloff, r2))
 
 
 @inner
@@ -51,7 +52,7 @@ def _scale_and_add(line, noise, read_noise, photons):
             line[i] += noise[i] * read_noise
         return
     for i in range(len(noise)):
-        variance = read_noise * read_noise + photons * photons * max(line[i], DARK32)
+        variance = sensor.noise_variance(line[i], read_noise, photons, DARK32)
         line[i] += noise[i] * np.float32(math.sqrt(variance))
 
 
@@ -63,7 +64,7 @@ def _fill_noise_slope(slope, line, noise, read_noise, photons):
         return
     for i in range(len(slope)):
         if line[i] > DARK32:
-            variance = read_noise * read_noise + photons * photons * line[i]
+            variance = sensor.noise_variance(line[i], read_noise, photons, DARK32)
             sigma = np.float32(math.sqrt(variance))
             slope[i] += noise[i] * photons * photons / (TWO * sigma)
 

@@ -13,6 +13,7 @@ from moireaug.engine.gpu.footprint import MIN_BLUR_VARIANCE, Footprint, lit_shar
 from moireaug.engine.gpu.optics import blur_variance
 from moireaug.engine.gpu.panel import pixel_scale
 from moireaug.engine.gpu.patch import Patch
+from moireaug.engine.gpu.physics import footprint as view
 from moireaug.engine.gpu.view import (
     ALPHA,
     CORNER_X,
@@ -152,7 +153,7 @@ def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, varian
     other = tl.abs(along((by_u, by_v), bins.window[1]))
     short, hold = tl.minimum(one, other), tl.load(picture.added_variance + index)
     blur = blur_variance(by_u, by_v, blur_camera)
-    variance = short * short / 12.0 + blur + hold + MIN_BLUR_VARIANCE
+    variance = view.side_variance(short) + blur + hold + MIN_BLUR_VARIANCE
     footprint = Footprint(tl.maximum(one, other), tl.sqrt(variance))
     place = position * (1.0 / ratio.to(tl.float64)) - tl.load(batch.beats.centres + index)
     end = batch.screen.size[AXIS] * pixel_scale(blur_camera)

@@ -17,10 +17,11 @@ import triton.language as tl
 from numpy.polynomial import Polynomial
 
 from moireaug.camera.exposure import footprint as reference
+from moireaug.common.physics import footprint as formulas
 from moireaug.engine.gpu.optics import MIN_EXPONENT
+from moireaug.engine.gpu.physics import footprint as view
 
-MIN_BLUR_VARIANCE = tl.constexpr(reference.MIN_BLUR_VARIANCE)
-TAIL_SIGMAS = tl.constexpr(reference.TAIL_SIGMAS)
+MIN_BLUR_VARIANCE = tl.constexpr(formulas.MIN_BLUR_VARIANCE)
 NEAREST_GUARD_SHARE = tl.constexpr(reference.NEAREST_GUARD_SHARE)
 FAR_SIGMAS = tl.constexpr(8.0)  # beyond which no light is
 
@@ -46,13 +47,6 @@ class Footprint(NamedTuple):
 
     box: Any
     sigma: Any
-
-
-@triton.jit
-def narrowing(footprint, width, TAPS: tl.constexpr):
-    """Return the factor that narrows a view to TAPS cells, as `Footprint.fitted` does."""
-    room = tl.maximum(0.5 * TAPS - 0.5 * width, MIN_BLUR_VARIANCE)
-    return tl.minimum(room / (0.5 * footprint.box + TAIL_SIGMAS * footprint.sigma), 1.0)
 
 
 @triton.jit
@@ -123,7 +117,8 @@ def lit_shares(place, footprint, width, picture, TAPS: tl.constexpr, DARK_AROUND
             picture's start, and the picture's end, in cells.
     """
     nearest = tl.floor(place + 0.5)
-    offset, narrowed = (place - nearest).to(tl.float32), narrowing(footprint, width, TAPS)
+    offset, end = (place - nearest).to(tl.float32), 0.5 * TAPS
+    narrowed = view.narrowing(footprint.box, footprint.sigma, width, end)
     fitted = Footprint(footprint.box * narrowed, footprint.sigma * narrowed)
     shares = tap_shares(offset, fitted, width, TAPS)
     if DARK_AROUND:

@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial
 
 from moireaug.camera.exposure import footprint
 from moireaug.engine.gpu.arrays import camera_field
+from moireaug.engine.gpu.physics import footprint as view
 from moireaug.engine.gpu.view import load32
 
 FILL, BLUR, OLPF = camera_field("fill"), camera_field("blur"), camera_field("olpf")
@@ -92,5 +93,5 @@ def blur_variance(by_u, by_v, camera):
     """Return the variance that lens, motion and low-pass filter add along one axis of the panel, in
     squared panel pixels; by_u, by_v: panel pixels along it per sensor pixel along u and v."""
     blur, olpf = load32(camera, BLUR), load32(camera, OLPF)
-    moved = by_u * load32(camera, MOTION_X) + by_v * load32(camera, MOTION_Y)
-    return (by_u * by_u + by_v * by_v) * (blur * blur + olpf * olpf / 4.0) + moved * moved
+    moved = view.motion_sigma(by_u, by_v, load32(camera, MOTION_X), load32(camera, MOTION_Y))
+    return view.lens_variance(by_u, by_v, blur, olpf) + moved * moved

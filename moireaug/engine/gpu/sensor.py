@@ -13,6 +13,7 @@ import triton.language as tl
 from moireaug.camera.effects import binned_statistics, sensor
 from moireaug.engine.gpu.arrays import camera_field
 from moireaug.engine.gpu.optics import MIN_EXPONENT
+from moireaug.engine.gpu.physics import sensor as physics
 from moireaug.engine.gpu.random_numbers import normal
 from moireaug.engine.gpu.view import RADIUS_SCALE, load32
 
@@ -47,8 +48,8 @@ def reflected(u, v, camera):
 @triton.jit
 def attenuation(u, v, camera):
     """Return the factor of gain and vignetting."""
-    dimmed = 1.0 + load32(camera, FALLOFF) * load32(camera, RADIUS_SCALE) * (u * u + v * v)
-    return load32(camera, GAIN) / (dimmed * dimmed)
+    falloff = load32(camera, FALLOFF) * load32(camera, RADIUS_SCALE)
+    return physics.attenuation(load32(camera, GAIN), falloff, u * u + v * v)
 
 
 @triton.jit
@@ -56,7 +57,7 @@ def noise_of(light, index, keys, camera, quantiles):
     """Return the noise of a reading, and its derivative in the light; for quantiles, see
     `random_numbers.normal`."""
     read_noise, photons = load32(camera, DARK_NOISE), load32(camera, PHOTON_NOISE)
-    variance = read_noise * read_noise + photons * photons * tl.maximum(light, DARK_LEVEL)
+    variance = physics.noise_variance(light, read_noise, photons, DARK_LEVEL)
     some = variance > 0.0
     sigma = tl.where(some, tl.sqrt(tl.where(some, variance, 1.0)), 0.0)
     number = normal(index, keys, quantiles)

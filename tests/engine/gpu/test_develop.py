@@ -10,7 +10,7 @@ pytest.importorskip("triton")
 from moireaug import Develop, Panel, Scene, Sensor, View
 from moireaug.camera import pipeline
 from moireaug.engine.gpu import develop as gpu
-from moireaug.engine.gpu import tile, tone
+from moireaug.engine.gpu import physics, tile
 from moireaug.engine.lower.development import lower_development
 from moireaug.engine.program import program_of_scene
 from moireaug.scene.by_name import with_values
@@ -74,7 +74,7 @@ def test_several_images_and_tiles(monkeypatch):
 
 
 def test_the_code_of_full_light_has_a_digit_to_spare():
-    assert np.float32(tone.SRGB_GAIN.value) < np.float32(1.055)
+    assert np.float32(physics.CODE_GAIN) < np.float32(1.055)
 
 
 def test_another_development_is_not_equal():

@@ -1,0 +1,18 @@
+"""The operations that formulas are written over, as numpy has them, and constants that a library
+may hold in another dtype."""
+
+import numpy as np
+
+where, maximum, minimum, absolute = np.where, np.maximum, np.minimum, np.abs
+sqrt, ceil, power = np.sqrt, np.ceil, np.power
+ONE, TWO, SIX = 1.0, 2.0, 6.0
+
+
+def wrapped(x):
+    """Return a whole number as one of 32 bits."""
+    return np.uint32(x)
+
+
+def shifted(x, bits):
+    """Return a number of 32 bits, shifted right; zeros follow."""
+    return x >> np.uint32(bits)

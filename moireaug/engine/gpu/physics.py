@@ -1,0 +1,121 @@
+"""The formulas of `moireaug.common.physics`, compiled by Triton."""
+
+from __future__ import annotations
+
+import numpy as np
+import triton
+import triton.language as tl
+
+from moireaug.common.physics import (
+    footprint as footprint_formulas,
+)
+from moireaug.common.physics import (
+    lens as lens_formulas,
+)
+from moireaug.common.physics import (
+    panel as panel_formulas,
+)
+from moireaug.common.physics import (
+    random_numbers as random_numbers_formulas,
+)
+from moireaug.common.physics import (
+    sensor as sensor_formulas,
+)
+from moireaug.common.physics import (
+    srgb as srgb_formulas,
+)
+from moireaug.common.physics import (
+    tone as tone_formulas,
+)
+from moireaug.common.physics.binding import bind
+
+MIN_BASE = tl.constexpr(1e-6)  # of a power
+
+
+@triton.jit
+def where(condition, a, b):
+    """Return one of two values."""
+    return tl.where(condition, a, b)
+
+
+@triton.jit
+def maximum(a, b):
+    """Return the greater value."""
+    return tl.maximum(a, b)
+
+
+@triton.jit
+def minimum(a, b):
+    """Return the lesser value."""
+    return tl.minimum(a, b)
+
+
+@triton.jit
+def absolute(x):
+    """Return a magnitude."""
+    return tl.abs(x)
+
+
+@triton.jit
+def sqrt(x):
+    """Return a square root."""
+    return tl.sqrt(x)
+
+
+@triton.jit
+def ceil(x):
+    """Return the next whole number."""
+    return tl.ceil(x)
+
+
+@triton.jit
+def power(x, exponent):
+    """Return a power of x, of MIN_BASE at least."""
+    return tl.exp2(tl.log2(tl.maximum(x, MIN_BASE)) * exponent)
+
+
+@triton.jit
+def wrapped(x):
+    """Return a uint32 as it is."""
+    return x
+
+
+@triton.jit
+def shifted(x, bits):
+    """Return a uint32, shifted right."""
+    return x >> bits
+
+
+OPERATIONS = {
+    "tl": tl,  # which the interpreter looks for
+    "where": where,
+    "maximum": maximum,
+    "minimum": minimum,
+    "absolute": absolute,
+    "sqrt": sqrt,
+    "ceil": ceil,
+    "power": power,
+    "wrapped": wrapped,
+    "shifted": shifted,
+    "ONE": tl.constexpr(1.0),
+    "TWO": tl.constexpr(2.0),
+    "SIX": tl.constexpr(6.0),
+}
+# a digit of float32 less than 1.055: the code of light 1 must not be above 1, where a clip has no
+# slope
+CODE_GAIN = float(np.nextafter(np.float32(srgb_formulas.GAIN), np.float32(0)))
+
+
+def bind_for_triton(formulas, **operations):
+    """Return formulas compiled by Triton; operations: besides OPERATIONS."""
+    return bind(formulas, OPERATIONS | operations, triton.jit, tl.constexpr)
+
+
+footprint = bind_for_triton(footprint_formulas)
+lens = bind_for_triton(lens_formulas)
+panel = bind_for_triton(panel_formulas)
+random_numbers = bind_for_triton(random_numbers_formulas)
+sensor = bind_for_triton(sensor_formulas)
+tone = bind_for_triton(tone_formulas)
+decoding = bind_for_triton(srgb_formulas)
+encoding = bind_for_triton(srgb_formulas, GAIN=tl.constexpr(CODE_GAIN))
