@@ -8,7 +8,7 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.bin_content import Content
+from moireaug.camera.exposure.bin_content import BinContent
 from moireaug.common.numeric import is_transformed
 from moireaug.common.tensor_physics import panel
 from moireaug.scene.geometry import grids
@@ -28,7 +28,7 @@ class DisplayedPicture:
         content: of another panel than the shot's; see `bin_content.content_of`.
     """
 
-    def __init__(self, light: Tensor, shot: ShotRecord, content: Content | None = None) -> None:
+    def __init__(self, light: Tensor, shot: ShotRecord, content: BinContent | None = None) -> None:
         least, most = shot.scene.panel_scales(shot.whole_size)
         alpha, self._lead = shot.panel_scale, None
         if content is not None:

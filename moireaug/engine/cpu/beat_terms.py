@@ -14,14 +14,14 @@ from moireaug.common.physics import aliases as alias_formulas
 from moireaug.common.physics.binding import bind
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
-from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.coarse_grid import VIEW_SAMPLES
+from moireaug.engine.cpu.compiling import jit, jit_in_place
 from moireaug.engine.cpu.limits import (
     MAX_BEAT_AMPLITUDES,
     MAX_BEAT_NODES,
     MAX_BEAT_TERMS,
     MAX_FREQUENCY_RANGE,
 )
-from moireaug.engine.cpu.nodes import VIEW_SAMPLES
 from moireaug.engine.cpu.physics import OPERATIONS
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
 
@@ -29,9 +29,10 @@ UNKNOWN_TRANSFER = 2.0  # above any transfer
 SINC_LOBES, STEPS_PER_LOBE = 64, 32
 SINC_TABLE = np.sinc(np.arange(SINC_LOBES * STEPS_PER_LOBE + 2) / STEPS_PER_LOBE)
 ZERO = np.float32(0)
+HARMONIC, ALIAS_U, ALIAS_V = range(3)  # columns of terms
 
 
-@inner
+@jit_in_place
 def sinc(x):
     """Return sin(pi x) / (pi x)."""
     x = abs(x)
@@ -40,10 +41,10 @@ def sinc(x):
     return math.sin(math.pi * x) / (math.pi * x)
 
 
-aliases = bind(alias_formulas, OPERATIONS | {"sinc": sinc}, inner)
+aliases = bind(alias_formulas, OPERATIONS | {"sinc": sinc}, jit_in_place)
 
 
-@loop
+@jit
 def max_amplitudes(grid, strength, table, steps_per_cycle, camera):
     """Return the highest amplitude of each harmonic in a reading, (K,)."""
     out = np.empty(len(strength), np.float64)
@@ -53,7 +54,7 @@ def max_amplitudes(grid, strength, table, steps_per_cycle, camera):
     return out
 
 
-@loop
+@jit
 def can_follow_beats(sites, camera, b, i, budget):
     """Return whether the kernels can follow the view of image i: not if its beats change too fast,
     or are too many; b: see `exposure_records.Beats`."""
@@ -66,7 +67,7 @@ def can_follow_beats(sites, camera, b, i, budget):
     return few and max(across, down) <= MAX_BEAT_NODES
 
 
-@inner
+@jit_in_place
 def _max_optics_transfer(frequency, h, table, steps_per_cycle, camera):
     """Return about the highest transfer of aperture and lens for a harmonic, from every fourth
     sample."""
@@ -78,7 +79,7 @@ def _max_optics_transfer(frequency, h, table, steps_per_cycle, camera):
     return min(TRANSFER_MARGIN * most, 1.0)
 
 
-@inner
+@jit_in_place
 def _fill_ranges(ranges, grid, h):
     """Fill ranges (4, 2) with the lowest and the highest frequency of a harmonic along u and v, and
     cycles along the two sides of a bin."""
@@ -94,7 +95,7 @@ def _fill_ranges(ranges, grid, h):
                 ranges[j, 1] = max(ranges[j, 1], values[j])
 
 
-@inner
+@jit_in_place
 def _fill_side_ranges(out, sides):
     """Fill out (4, 2) with the least and the greatest of the sides' coordinates."""
     rows, cols, _ = sides.shape
@@ -106,13 +107,13 @@ def _fill_side_ranges(out, sides):
                 out[j, 1] = max(out[j, 1], sides[r, c, j])
 
 
-@inner
+@jit_in_place
 def _nearest(low, high):
     """Return the least magnitude in a range."""
     return 0.0 if low <= 0 <= high else min(abs(low), abs(high))
 
 
-@inner
+@jit_in_place
 def _max_interpolation_transfer(low, high, m):
     """Return the highest transfer of interpolation for an alias m of frequencies from `low` to
     `high`."""
@@ -120,7 +121,7 @@ def _max_interpolation_transfer(low, high, m):
     return max(1 - nearest * nearest, 0.0)
 
 
-@inner
+@jit_in_place
 def _max_side_transfer(cycles, side_u, side_v, m_u, m_v):
     """Return the highest transfer of the mean along a side for an alias, from the ranges of a
     harmonic's cycles along it and of the side's coordinates."""
@@ -131,7 +132,7 @@ def _max_side_transfer(cycles, side_u, side_v, m_u, m_v):
     return min(1.0, 1 / (math.pi * _nearest(low, high) + 1e-9))
 
 
-@loop
+@jit
 def candidate_terms(grid, amplitude, least):
     """Return the terms (T, 3) int64, harmonic and alias along both axes, that may exceed
     an amplitude of `least`, MAX_BEAT_TERMS where there are as many or more.
@@ -163,25 +164,25 @@ def candidate_terms(grid, amplitude, least):
                     continue
                 if count == MAX_BEAT_TERMS:
                     return out
-                out[count, 0], out[count, 1], out[count, 2] = h, m_u, m_v
+                out[count, HARMONIC], out[count, ALIAS_U], out[count, ALIAS_V] = h, m_u, m_v
                 count += 1
     return out[:count]
 
 
-@loop
+@jit
 def number_harmonics(terms):
     """Return the harmonics of sorted terms, (H,) int64, and replace the terms' own by their indices
     there."""
     out, count = np.empty(len(terms), np.int64), 0
     for t in range(len(terms)):
-        if count == 0 or terms[t, 0] != out[count - 1]:
-            out[count] = terms[t, 0]
+        if count == 0 or terms[t, HARMONIC] != out[count - 1]:
+            out[count] = terms[t, HARMONIC]
             count += 1
-        terms[t, 0] = count - 1
+        terms[t, HARMONIC] = count - 1
     return out[:count]
 
 
-@inner
+@jit_in_place
 def alias_transfer(fu, fv, m_u, m_v, side, triangle):
     """Return the transfer of an alias before interpolation.
 
@@ -197,7 +198,7 @@ def alias_transfer(fu, fv, m_u, m_v, side, triangle):
     return transfer
 
 
-@inner
+@jit_in_place
 def plane_transfers(even_u, even_v, m_u, m_v, bayer):
     """Return the transfer of interpolation for an alias in the planes of red and blue, and in that
     of green; without colour filters, in all planes."""
@@ -210,7 +211,7 @@ def plane_transfers(even_u, even_v, m_u, m_v, bayer):
     return alone, alone
 
 
-@loop
+@jit
 def amplitudes(grid, terms, least, table, steps_per_cycle, camera, bayer):
     """Return (rows, cols, T, 2) float32, each term's amplitude at nodes, as the planes of red and
     blue, and of green, read it. Terms are sorted; of those of a harmonic that are below `least`
@@ -221,7 +222,7 @@ def amplitudes(grid, terms, least, table, steps_per_cycle, camera, bayer):
         for c in range(cols):
             last, passed, even_u, even_v, side = -1, UNKNOWN_TRANSFER, 0.0, 0.0, grid.sides[r, c]
             for t in range(len(terms)):
-                h, m_u, m_v = terms[t, 0], terms[t, 1], terms[t, 2]
+                h, m_u, m_v = terms[t, HARMONIC], terms[t, ALIAS_U], terms[t, ALIAS_V]
                 if h != last:
                     last, passed = h, UNKNOWN_TRANSFER
                 fu, fv = grid.frequency[r, c, h, 0], grid.frequency[r, c, h, 1]
@@ -238,7 +239,7 @@ def amplitudes(grid, terms, least, table, steps_per_cycle, camera, bayer):
     return out
 
 
-@loop
+@jit
 def strong_terms(amplitude, terms, strength, least):
     """Return which terms exceed `least` at any node; strength: (H,), of harmonics in a
     reading."""
@@ -249,7 +250,7 @@ def strong_terms(amplitude, terms, strength, least):
         for r in range(rows):
             for c in range(cols):
                 most = max(most, abs(amplitude[r, c, t, 0]), abs(amplitude[r, c, t, 1]))
-        if most * strength[terms[t, 0]] > least:
+        if most * strength[terms[t, HARMONIC]] > least:
             out[count] = t
             count += 1
     return out[:count]

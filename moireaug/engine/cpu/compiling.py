@@ -54,21 +54,21 @@ CONSTANT_SOURCES = (
 # a product and a sum may be rounded together
 FAST_MATH = {"contract"}
 # divisions by zero give infinity and need no branch
-loop = njit(error_model="numpy", fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+jit = njit(error_model="numpy", fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 # for what only calls loops: a part of its caller before types are inferred, which saves a sixth of
 # the compilation of all kernels
-part = njit(error_model="numpy", fastmath=FAST_MATH, inline="always")
+jit_inlined = njit(error_model="numpy", fastmath=FAST_MATH, inline="always")
 # for loops that neither allocate nor return arrays: their callers hold all that they work on, so
 # they need not count references, which took a quarter of a kernel's time
 _inner = functools.partial(
     njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
 )
-inner = _inner(fastmath=FAST_MATH)
+jit_in_place = _inner(fastmath=FAST_MATH)
 # the same for what must round as PyTorch does; without `fastmath`, numba takes the caller's
-exact = _inner(fastmath=False)
+jit_in_place_exact = _inner(fastmath=False)
 # the same for what a single function calls for each row: passing hundreds of numbers on takes a
 # twentieth of its time
-inlined = _inner(fastmath=FAST_MATH, forceinline=True)
+jit_in_place_inlined = _inner(fastmath=FAST_MATH, forceinline=True)
 
 
 def _folder_name() -> str:
@@ -210,14 +210,14 @@ def _without_garbage_collection():
         gc.enable()
 
 
-@inner
+@jit_in_place
 def fill(out, value):
     """Fill a row; numba takes seconds to compile a slice assignment, for its error messages."""
     for i in range(len(out)):
         out[i] = value
 
 
-@inner
+@jit_in_place
 def copy(out, row):
     """Copy as many values as both rows have room for."""
     for i in range(min(len(out), len(row))):

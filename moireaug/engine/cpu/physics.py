@@ -25,15 +25,15 @@ from moireaug.common.physics import (
     tone as tone_formulas,
 )
 from moireaug.common.physics.binding import bind
-from moireaug.engine.cpu.compiling import inner
+from moireaug.engine.cpu.compiling import jit_in_place
 
 
-@inner
+@jit_in_place
 def _where(condition, a, b):
     return a if condition else b
 
 
-@inner
+@jit_in_place
 def _shifted(x, bits):
     return np.uint32(x >> np.uint32(bits))
 
@@ -51,9 +51,9 @@ OPERATIONS = {
     "TWO": np.float32(2),
     "SIX": np.float32(6),
 }
-footprint = bind(footprint_formulas, OPERATIONS, inner)
-lens = bind(lens_formulas, OPERATIONS, inner)
-panel = bind(panel_formulas, OPERATIONS, inner)
-sensor = bind(sensor_formulas, OPERATIONS, inner)
-tone = bind(tone_formulas, OPERATIONS, inner)
-random_numbers = bind(random_numbers_formulas, OPERATIONS, inner, np.uint32)
+footprint = bind(footprint_formulas, OPERATIONS, jit_in_place)
+lens = bind(lens_formulas, OPERATIONS, jit_in_place)
+panel = bind(panel_formulas, OPERATIONS, jit_in_place)
+sensor = bind(sensor_formulas, OPERATIONS, jit_in_place)
+tone = bind(tone_formulas, OPERATIONS, jit_in_place)
+random_numbers = bind(random_numbers_formulas, OPERATIONS, jit_in_place, np.uint32)

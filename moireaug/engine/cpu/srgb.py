@@ -11,7 +11,7 @@ from numpy.polynomial.chebyshev import chebpts2
 
 from moireaug.common.physics import srgb
 from moireaug.common.physics.binding import bind
-from moireaug.engine.cpu.compiling import inner
+from moireaug.engine.cpu.compiling import jit_in_place
 
 DECODE_STEPS = 1024  # of a table
 HALF = np.float32(0.5)
@@ -47,7 +47,7 @@ M0, M1, M2, M3, M4, M5 = _polynomial(lambda t: (1.5 + t) ** (1 / srgb.EXPONENT))
 E0, E1, E2, E3, E4, E5 = _polynomial(lambda t: 2 ** (0.5 + t))
 
 
-@inner
+@jit_in_place
 def decode(code):
     """Return the light of an sRGB code in [0, 1], float32."""
     at = code * np.float32(DECODE_STEPS)
@@ -56,7 +56,7 @@ def decode(code):
     return low + (at - np.float32(i)) * (DECODE_TABLE[np.uint32(np.int32(i + 1))] - low)
 
 
-@inner
+@jit_in_place
 def decode_slope(code):
     """Return the derivative of the light of an sRGB code in [0, 1], float32; that of `decode`, a
     table, is a staircase."""
@@ -67,7 +67,7 @@ def decode_slope(code):
     return slope if code > SRGB_CODE_KNEE else SRGB_SLOPE_AT_BLACK
 
 
-@inner
+@jit_in_place
 def _root(light):
     """Return light ** (1 / 2.4), float32, to a relative 2e-6; light is clipped to [SRGB_KNEE,
     MAX_LIGHT]."""
@@ -86,14 +86,14 @@ def _root(light):
     return root * fraction * np.int32(exponent << MANTISSA_BITS).view(np.float32)
 
 
-@inner
+@jit_in_place
 def encode(light):
     """Return the sRGB code of light up to 256, float32; the linear part goes on below zero."""
     code = SRGB_GAIN * _root(light) - SRGB_OFFSET
     return code if light > SRGB_KNEE else light * SRGB_LINEAR_GAIN
 
 
-@inner
+@jit_in_place
 def encode_and_slope(light):
     """Return `encode`, and its derivative, from one root."""
     root = _root(light)

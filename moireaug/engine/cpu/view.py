@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from moireaug.common.physics.lens import MIN_RAY_DEPTH, NEWTON_STEPS
-from moireaug.engine.cpu.compiling import inner
+from moireaug.engine.cpu.compiling import jit_in_place
 from moireaug.engine.cpu.physics import lens
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.vectors import load, store
 
 
-@inner
+@jit_in_place
 def look(x, y, cols, v, camera):
     """Fill x, y (n,) with the panel coordinates that a row v of photo columns sees, v and cols
     about the centre."""
@@ -24,15 +24,15 @@ def look(x, y, cols, v, camera):
     ay, by, dy = c.alpha * c.h10, c.alpha * c.h11 * v, c.alpha * c.h12
     az, bz, dz = c.h20, c.h21 * v, c.h22
     for i in range(len(x)):
-        u = peek(cols, i)
+        u = load(cols, i)
         a = u * u
         lens_factor = c0 + a * (c1 + a * c2)
         nearness = 1 / max((az * u + bz) * lens_factor + dz, MIN_RAY_DEPTH)
-        poke(x, i, ((ax * u + bx) * lens_factor + dx) * nearness)
-        poke(y, i, ((ay * u + by) * lens_factor + dy) * nearness)
+        store(x, i, ((ax * u + bx) * lens_factor + dx) * nearness)
+        store(y, i, ((ay * u + by) * lens_factor + dy) * nearness)
 
 
-@inner
+@jit_in_place
 def inverse(camera):
     """Return the inverse of a camera's homography, row by row."""
     c = camera
@@ -47,7 +47,7 @@ def inverse(camera):
     )  # fmt: skip
 
 
-@inner
+@jit_in_place
 def undistorted(ideal, k1, k2):
     """Return the radius that a lens takes to an ideal one, as `distortion.inverse_radial_factor`
     does: beyond the photo's corners, by the tangent there."""
@@ -60,7 +60,7 @@ def undistorted(ideal, k1, k2):
     return r
 
 
-@inner
+@jit_in_place
 def to_photo(x, y, camera):
     """Return where an image point lies on the photo, both about the centre; camera: a rectified
     one."""
@@ -73,7 +73,7 @@ def to_photo(x, y, camera):
     return u, v
 
 
-@inner
+@jit_in_place
 def jacobian(u, v, camera):
     """Return `lens.panel_jacobian` at a photo point about the centre; of a rectified camera, at
     where the photo shows an image point."""
