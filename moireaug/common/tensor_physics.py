@@ -2,35 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import torch
 
 from moireaug.common.numeric import sinc
-from moireaug.common.physics import (
-    aliases as aliases_formulas,
-)
-from moireaug.common.physics import (
-    footprint as footprint_formulas,
-)
-from moireaug.common.physics import (
-    lens as lens_formulas,
-)
-from moireaug.common.physics import (
-    panel as panel_formulas,
-)
-from moireaug.common.physics import (
-    random_numbers as random_numbers_formulas,
-)
-from moireaug.common.physics import (
-    sensor as sensor_formulas,
-)
-from moireaug.common.physics import (
-    srgb as srgb_formulas,
-)
-from moireaug.common.physics import (
-    tone as tone_formulas,
-)
 from moireaug.common.physics.binding import bind
 
 
@@ -60,15 +37,18 @@ OPERATIONS = {
     "sqrt": torch.sqrt,
     "ceil": torch.ceil,
     "power": torch.pow,
+    "exp": torch.exp,
     "sinc": sinc,
+    "cos_pi": lambda x: torch.cos(math.pi * x),
     "wrapped": lambda x: x,
     "shifted": _shifted,
 }
-aliases = bind(aliases_formulas, OPERATIONS)
-footprint = bind(footprint_formulas, OPERATIONS)
-lens = bind(lens_formulas, OPERATIONS)
-panel = bind(panel_formulas, OPERATIONS)
-sensor = bind(sensor_formulas, OPERATIONS)
-srgb = bind(srgb_formulas, OPERATIONS)
-tone = bind(tone_formulas, OPERATIONS)
-random_numbers = bind(random_numbers_formulas, OPERATIONS, constant=_signed)
+aliases = bind("aliases", OPERATIONS)
+footprint = bind("footprint", OPERATIONS)
+lens = bind("lens", OPERATIONS)
+optics = bind("optics", OPERATIONS)
+panel = bind("panel", OPERATIONS)
+sensor = bind("sensor", OPERATIONS)
+srgb = bind("srgb", OPERATIONS)
+tone = bind("tone", OPERATIONS)
+random_numbers = bind("random_numbers", OPERATIONS, constant=_signed)

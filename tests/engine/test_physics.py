@@ -1,6 +1,7 @@
 """A formula gives the same numbers over every library that it is bound to."""
 
 import inspect
+import math
 import types
 
 import numba
@@ -14,8 +15,8 @@ from moireaug.common.physics import (
     aliases,
     footprint,
     lens,
+    optics,
     panel,
-    random_numbers,
     sensor,
     srgb,
     tone,
@@ -27,13 +28,18 @@ from moireaug.engine.cpu import sensor as cpu_sensor
 N = 50
 FORMULAS = [
     (module, name)
-    for module in (aliases, footprint, lens, panel, sensor, srgb, tone)
+    for module in (aliases, footprint, lens, optics, panel, sensor, srgb, tone)
     for name, value in vars(module).items()
     if inspect.isfunction(value) and value.__module__ == module.__name__
 ]
-LENGTHS = {"lens": 3, "h": 9}  # of arguments that are tuples
+LENGTHS = {"lens": 3, "h": 9, "optics": 5}  # of arguments that are tuples
 FLAGS = {"is_odd", "is_odd_u", "is_odd_v"}
-OPERATIONS = physics.OPERATIONS | {"sinc": beat_terms.sinc, "power": pow}
+OPERATIONS = physics.OPERATIONS | {
+    "sinc": beat_terms.sinc,
+    "power": pow,
+    "exp": math.exp,
+    "cos_pi": numba.njit(lambda x: math.cos(math.pi * x)),
+}
 
 
 def random_arguments(function):
@@ -72,7 +78,7 @@ def test_numpy_torch_and_numba_agree(module, name):
     np.testing.assert_allclose(
         np.stack([t.numpy() for t in by_torch]).reshape(np.shape(expected)), expected, rtol=1e-6
     )
-    compiled = getattr(bind(module, OPERATIONS, numba.njit(error_model="numpy")), name)
+    compiled = getattr(bind(short, OPERATIONS, numba.njit(error_model="numpy")), name)
     one = [compiled(*picked(arguments, lambda a, i=i: a[i].item())) for i in range(N)]
     np.testing.assert_allclose(
         np.asarray(one).T.reshape(np.shape(expected)), expected, rtol=1e-5, atol=2e-6
@@ -82,7 +88,7 @@ def test_numpy_torch_and_numba_agree(module, name):
 def test_the_hash_agrees():
     bits = np.random.default_rng(1).integers(0, 2**32, N, np.uint32)
     with np.errstate(over="ignore"):
-        wrapped = types.SimpleNamespace(mix=bind(random_numbers, {}, constant=np.uint32).mix)
+        wrapped = types.SimpleNamespace(mix=bind("random_numbers", {}, constant=np.uint32).mix)
         expected = wrapped.mix(bits)
     by_torch = tensor_physics.random_numbers.mix(torch.from_numpy(bits.view(np.int32)))
     assert (by_torch.numpy().view(np.uint32) == expected).all()

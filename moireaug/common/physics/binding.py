@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from types import FunctionType, ModuleType
 from typing import Any
 
 
 def bind(
-    formulas: ModuleType,
+    subject: str,
     operations: dict[str, Any],
     compiled: Callable[[FunctionType], Any] = lambda function: function,
     constant: Callable[[float], Any] = float,
@@ -17,10 +18,12 @@ def bind(
     compiles, too.
 
     Args:
+        subject: name of a module of this package.
         operations: by their names in `operations`, or in the module.
         compiled: makes of a function what the library calls. constant: makes of a number what its
             functions read.
     """
+    formulas = importlib.import_module(f"moireaug.common.physics.{subject}")
     own = {
         name: value
         for name, value in vars(formulas).items()

@@ -8,6 +8,11 @@ sqrt, ceil, power = np.sqrt, np.ceil, np.power
 ONE, TWO, SIX = 1.0, 2.0, 6.0
 
 
+def cos_pi(x):
+    """Return cos(pi x)."""
+    return np.cos(np.pi * x)
+
+
 def wrapped(x):
     """Return a whole number as one of 32 bits."""
     return np.uint32(x)

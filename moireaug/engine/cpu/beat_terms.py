@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from moireaug.common.physics import aliases as alias_formulas
 from moireaug.common.physics.binding import bind
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
@@ -41,7 +40,7 @@ def sinc(x):
     return math.sin(math.pi * x) / (math.pi * x)
 
 
-aliases = bind(alias_formulas, OPERATIONS | {"sinc": sinc}, jit_in_place)
+aliases = bind("aliases", OPERATIONS | {"sinc": sinc}, jit_in_place)
 
 
 @jit

@@ -29,7 +29,8 @@ WAITING_MESSAGE = (
     "this takes one to several minutes."
 )
 PACKAGE = KERNELS.parents[1]
-# files outside this folder whose numbers and records are compiled into kernels
+FORMULAS = PACKAGE / "common" / "physics"
+# files outside these folders whose numbers and records are compiled into kernels
 CONSTANT_SOURCES = (
     "camera/effects/binned_statistics.py",
     "camera/effects/detail.py",
@@ -40,15 +41,6 @@ CONSTANT_SOURCES = (
     "engine/lower/exposure_records.py",
     "camera/exposure/footprint.py",
     "camera/exposure/displayed.py",
-    "common/physics/aliases.py",
-    "common/physics/binding.py",
-    "common/physics/footprint.py",
-    "common/physics/lens.py",
-    "common/physics/panel.py",
-    "common/physics/random_numbers.py",
-    "common/physics/sensor.py",
-    "common/physics/srgb.py",
-    "common/physics/tone.py",
     "scene/record.py",
 )
 # a product and a sum may be rounded together
@@ -74,7 +66,8 @@ jit_in_place_inlined = _inner(fastmath=FAST_MATH, forceinline=True)
 def _folder_name() -> str:
     """Return the name of a folder of kernels, of a hash of the sources and of numba's and
     llvmlite's versions."""
-    sources = sorted(KERNELS.rglob("*.py")) + [PACKAGE / name for name in CONSTANT_SOURCES]
+    sources = sorted([*KERNELS.rglob("*.py"), *FORMULAS.glob("*.py")])
+    sources += [PACKAGE / name for name in CONSTANT_SOURCES]
     text = b"".join(source.read_bytes() for source in sources)
     text += f"{numba.__version__} {llvmlite.__version__}".encode()
     return f"moireaug-{hashlib.sha256(text).hexdigest()[:16]}"

@@ -6,24 +6,6 @@ import math
 
 import numpy as np
 
-from moireaug.common.physics import (
-    footprint as footprint_formulas,
-)
-from moireaug.common.physics import (
-    lens as lens_formulas,
-)
-from moireaug.common.physics import (
-    panel as panel_formulas,
-)
-from moireaug.common.physics import (
-    random_numbers as random_numbers_formulas,
-)
-from moireaug.common.physics import (
-    sensor as sensor_formulas,
-)
-from moireaug.common.physics import (
-    tone as tone_formulas,
-)
 from moireaug.common.physics.binding import bind
 from moireaug.engine.cpu.compiling import jit_in_place
 
@@ -51,9 +33,9 @@ OPERATIONS = {
     "TWO": np.float32(2),
     "SIX": np.float32(6),
 }
-footprint = bind(footprint_formulas, OPERATIONS, jit_in_place)
-lens = bind(lens_formulas, OPERATIONS, jit_in_place)
-panel = bind(panel_formulas, OPERATIONS, jit_in_place)
-sensor = bind(sensor_formulas, OPERATIONS, jit_in_place)
-tone = bind(tone_formulas, OPERATIONS, jit_in_place)
-random_numbers = bind(random_numbers_formulas, OPERATIONS, jit_in_place, np.uint32)
+footprint = bind("footprint", OPERATIONS, jit_in_place)
+lens = bind("lens", OPERATIONS, jit_in_place)
+panel = bind("panel", OPERATIONS, jit_in_place)
+sensor = bind("sensor", OPERATIONS, jit_in_place)
+tone = bind("tone", OPERATIONS, jit_in_place)
+random_numbers = bind("random_numbers", OPERATIONS, jit_in_place, np.uint32)

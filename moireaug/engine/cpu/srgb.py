@@ -16,7 +16,9 @@ from moireaug.engine.cpu.compiling import jit_in_place
 DECODE_STEPS = 1024  # of a table
 HALF = np.float32(0.5)
 # on Python's own numbers
-_curve = bind(srgb, {"where": lambda holds, a, b: a if holds else b, "maximum": max, "power": pow})
+_curve = bind(
+    "srgb", {"where": lambda holds, a, b: a if holds else b, "maximum": max, "power": pow}
+)
 _codes = [i / DECODE_STEPS for i in range(DECODE_STEPS + 2)]
 SRGB_CODE_KNEE = np.float32(srgb.CODE_KNEE)
 SRGB_SLOPE_AT_BLACK = np.float32(1 / srgb.SLOPE_AT_BLACK)

@@ -11,14 +11,13 @@ import triton
 import triton.language as tl
 from triton.language.standard import _sum_combine
 
-from moireaug.common.physics import aliases as alias_formulas
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.bins import along, bins_at
 from moireaug.engine.gpu.optics import sinc, sinc_within, transfer, wave, wave_of_part
 from moireaug.engine.gpu.physics import bind_for_triton
 from moireaug.engine.gpu.view import PHOTO_HEIGHT, PHOTO_WIDTH, SCALE_U, SCALE_V
 
-aliases = bind_for_triton(alias_formulas, sinc=sinc)
+aliases = bind_for_triton("aliases", sinc=sinc)
 
 TURN = tl.constexpr(2.0**32)
 PART = tl.constexpr(2.0**-32)

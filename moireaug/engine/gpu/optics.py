@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial
 
 from moireaug.camera.exposure import footprint
 from moireaug.engine.gpu.arrays import camera_field
+from moireaug.engine.gpu.physics import bind_for_triton
 from moireaug.engine.gpu.physics import footprint as view
 from moireaug.engine.gpu.view import load32
 
@@ -18,7 +19,6 @@ FILL, BLUR, OLPF = camera_field("fill"), camera_field("blur"), camera_field("olp
 MOTION_X, MOTION_Y = camera_field("motion_x"), camera_field("motion_y")
 
 PI_SQUARED = tl.constexpr(math.pi**2)
-TWO_PI_SQUARED = tl.constexpr(2 * math.pi**2)
 MIN_EXPONENT = tl.constexpr(footprint.MIN_EXPONENT)
 # sin and cos at t = pi d / 2, d in [-1/2, 1/2], by Taylor's series
 S0, S1, S2, S3, S4 = (
@@ -76,16 +76,27 @@ def sinc_within(x):
 
 
 @triton.jit
+def cos_pi(x):
+    """Return cos(pi x)."""
+    return wave(0.5 * x)[0]
+
+
+@triton.jit
+def bell(exponent):
+    """Return the exponential of a number that is not positive."""
+    return tl.exp(tl.maximum(exponent, MIN_EXPONENT))
+
+
+pixel = bind_for_triton("optics", sinc=sinc, cos_pi=cos_pi, exp=bell)
+
+
+@triton.jit
 def transfer(fu, fv, camera):
     """Return the modulation transfer of aperture and lens at a frequency in cycles per sensor pixel
     along u and v."""
     fill, blur, olpf = load32(camera, FILL), load32(camera, BLUR), load32(camera, OLPF)
-    moved = fu * load32(camera, MOTION_X) + fv * load32(camera, MOTION_Y)
-    variance = blur * blur * (fu * fu + fv * fv) + moved * moved
-    gaussian = tl.exp(tl.maximum(variance * -TWO_PI_SQUARED, MIN_EXPONENT))
-    doubled_u, _ = wave(0.5 * olpf * fu)
-    doubled_v, _ = wave(0.5 * olpf * fv)
-    return sinc(fill * fu) * sinc(fill * fv) * gaussian * doubled_u * doubled_v
+    motion_x, motion_y = load32(camera, MOTION_X), load32(camera, MOTION_Y)
+    return pixel.transfer(fu, fv, (fill, blur, olpf, motion_x, motion_y))
 
 
 @triton.jit

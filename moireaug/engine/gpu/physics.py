@@ -6,27 +6,7 @@ import numpy as np
 import triton
 import triton.language as tl
 
-from moireaug.common.physics import (
-    footprint as footprint_formulas,
-)
-from moireaug.common.physics import (
-    lens as lens_formulas,
-)
-from moireaug.common.physics import (
-    panel as panel_formulas,
-)
-from moireaug.common.physics import (
-    random_numbers as random_numbers_formulas,
-)
-from moireaug.common.physics import (
-    sensor as sensor_formulas,
-)
-from moireaug.common.physics import (
-    srgb as srgb_formulas,
-)
-from moireaug.common.physics import (
-    tone as tone_formulas,
-)
+from moireaug.common.physics import srgb
 from moireaug.common.physics.binding import bind
 
 MIN_BASE = tl.constexpr(1e-6)  # of a power
@@ -103,19 +83,19 @@ OPERATIONS = {
 }
 # a digit of float32 less than 1.055: the code of light 1 must not be above 1, where a clip has no
 # slope
-CODE_GAIN = float(np.nextafter(np.float32(srgb_formulas.GAIN), np.float32(0)))
+CODE_GAIN = float(np.nextafter(np.float32(srgb.GAIN), np.float32(0)))
 
 
-def bind_for_triton(formulas, **operations):
-    """Return formulas compiled by Triton; operations: besides OPERATIONS."""
-    return bind(formulas, OPERATIONS | operations, triton.jit, tl.constexpr)
+def bind_for_triton(subject, **operations):
+    """Return the formulas of a subject, compiled by Triton; operations: besides OPERATIONS."""
+    return bind(subject, OPERATIONS | operations, triton.jit, tl.constexpr)
 
 
-footprint = bind_for_triton(footprint_formulas)
-lens = bind_for_triton(lens_formulas)
-panel = bind_for_triton(panel_formulas)
-random_numbers = bind_for_triton(random_numbers_formulas)
-sensor = bind_for_triton(sensor_formulas)
-tone = bind_for_triton(tone_formulas)
-decoding = bind_for_triton(srgb_formulas)
-encoding = bind_for_triton(srgb_formulas, GAIN=tl.constexpr(CODE_GAIN))
+footprint = bind_for_triton("footprint")
+lens = bind_for_triton("lens")
+panel = bind_for_triton("panel")
+random_numbers = bind_for_triton("random_numbers")
+sensor = bind_for_triton("sensor")
+tone = bind_for_triton("tone")
+decoding = bind_for_triton("srgb")
+encoding = bind_for_triton("srgb", GAIN=tl.constexpr(CODE_GAIN))
