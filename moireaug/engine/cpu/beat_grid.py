@@ -11,6 +11,7 @@ from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.coarse_grid import VIEW_SAMPLES, sample
 from moireaug.engine.cpu.compiling import jit, jit_in_place
 from moireaug.engine.cpu.limits import MAX_BEAT_NODES
+from moireaug.engine.cpu.physics import bins
 from moireaug.engine.cpu.view import jacobian
 from moireaug.engine.lower.budget import REFERENCE_AMPLITUDE
 
@@ -52,9 +53,9 @@ def grid_at(us, vs, camera, b, i, orders):
             if b.sampled:
                 side[0], side[3] = 1.0, 1.0
             elif camera.rectified != 0:
-                # one pixel of the image, from panel pixels to sensor pixels
-                by = camera.alpha * enlargement / (xu * yv - xv * yu)
-                side[0], side[1], side[2], side[3] = by * yv, -by * yu, -by * xv, by * xu
+                pixel = camera.alpha * enlargement
+                first, second = bins.image_pixel_sides(xu, xv, yu, yv, pixel)
+                side[0], side[1], side[2], side[3] = first[0], first[1], second[0], second[1]
     return BeatGrid(frequency, sides, b.triangle[i])
 
 

@@ -45,22 +45,22 @@ CONSTANT_SOURCES = (
 )
 # a product and a sum may be rounded together
 FAST_MATH = {"contract"}
-# divisions by zero give infinity and need no branch
+# for functions that other compiled ones call; divisions by zero give infinity and need no branch
 jit = njit(error_model="numpy", fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-# for what only calls loops: a part of its caller before types are inferred, which saves a sixth of
-# the compilation of all kernels
+# for what only calls compiled functions: put into its caller before types are inferred, which saves
+# a sixth of the compilation of all kernels
 jit_inlined = njit(error_model="numpy", fastmath=FAST_MATH, inline="always")
-# for loops that neither allocate nor return arrays: their callers hold all that they work on, so
-# they need not count references, which took a quarter of a kernel's time
-_inner = functools.partial(
+# for loops that work in place, and neither allocate nor return arrays: their callers hold all that
+# they work on, so they need not count references, which took a quarter of a kernel's time
+_jit_in_place = functools.partial(
     njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
 )
-jit_in_place = _inner(fastmath=FAST_MATH)
+jit_in_place = _jit_in_place(fastmath=FAST_MATH)
 # the same for what must round as PyTorch does; without `fastmath`, numba takes the caller's
-jit_in_place_exact = _inner(fastmath=False)
-# the same for what a single function calls for each row: passing hundreds of numbers on takes a
-# twentieth of its time
-jit_in_place_inlined = _inner(fastmath=FAST_MATH, forceinline=True)
+jit_in_place_exact = _jit_in_place(fastmath=False)
+# the same, put into its caller by LLVM, for what a single function calls for each row: passing
+# hundreds of numbers on takes a twentieth of its time
+jit_in_place_inlined = _jit_in_place(fastmath=FAST_MATH, forceinline=True)
 
 
 def _folder_name() -> str:

@@ -33,6 +33,7 @@ OPERATIONS = {
     "TWO": np.float32(2),
     "SIX": np.float32(6),
 }
+bins = bind("bins", OPERATIONS, jit_in_place)
 footprint = bind("footprint", OPERATIONS, jit_in_place)
 lens = bind("lens", OPERATIONS, jit_in_place)
 panel = bind("panel", OPERATIONS, jit_in_place)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from moireaug.common.physics import optics
+from moireaug.common.physics import bins, optics
 from moireaug.engine.gpu.host_view import Arrays, cameras_of, jacobian
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
 from moireaug.engine.lower.exposure_records import Beats, Exposure
@@ -109,8 +109,8 @@ def _sides(step: Arrays, c: Any, beats: Beats) -> tuple[np.ndarray, np.ndarray]:
     if not c.rectified.any():
         across, down = c.scale_u[:, :, 0] * enlargement, c.scale_v[:, :, 0] * enlargement
         return np.stack([zero + across, zero]), np.stack([zero, zero + down])
-    by = c.alpha[:, :, 0] * enlargement / (xu * yv - xv * yu)
-    return np.stack([by * yv, -by * yu]), np.stack([-by * xv, by * xu])
+    first, second = bins.image_pixel_sides(xu, xv, yu, yv, c.alpha[:, :, 0] * enlargement)
+    return np.stack(first), np.stack(second)
 
 
 class _Aliases(NamedTuple):

@@ -13,6 +13,7 @@ from moireaug.engine.gpu.footprint import MIN_BLUR_VARIANCE, Footprint, lit_shar
 from moireaug.engine.gpu.optics import blur_variance
 from moireaug.engine.gpu.panel import pixel_scale
 from moireaug.engine.gpu.patch import Patch
+from moireaug.engine.gpu.physics import bins as geometry
 from moireaug.engine.gpu.physics import footprint as view
 from moireaug.engine.gpu.view import (
     ALPHA,
@@ -126,8 +127,8 @@ def bins_at(u, v, image, batch, variant: tl.constexpr):
     scale, enlargement = tl.load(sensor + ALPHA), tl.load(batch.beats.enlargement + image)
     none = 0.0 * xu
     if variant.rectified:
-        by = scale.to(tl.float32) * enlargement / (xu * yv - xv * yu)
-        first, second = (by * yv, -by * yu), (-by * xv, by * xu)
+        pixel = scale.to(tl.float32) * enlargement
+        first, second = geometry.image_pixel_sides(xu, xv, yu, yv, pixel)
     else:
         first = none + load32(sensor, SCALE_U) * enlargement, none
         second = none, none + load32(sensor, SCALE_V) * enlargement

@@ -92,8 +92,9 @@ def develop(raw: Tensor, development: Development) -> Tensor:
 def develop_back(grad: Tensor, raw: Tensor, development: Development) -> Tensor:
     """Return the gradient in readings (B, planes, H, W), from that in photos (B, 3, H, W)."""
     arrays, variant = develop_arrays(development, raw.device)
-    raw, grad, out = raw.contiguous(), grad.contiguous(), torch.empty_like(raw)
+    raw, grad = raw.contiguous(), grad.contiguous()
     if arrays.detail is not None:
         grad = filter_detail_back(grad, _codes_of(raw, arrays.tones, variant), arrays.detail)
+    out = torch.empty_like(raw)
     launch(develop_back_kernel, out, grad, raw, tones=arrays.tones, variant=variant)
     return out

@@ -91,6 +91,7 @@ def bind_for_triton(subject, **operations):
     return bind(subject, OPERATIONS | operations, triton.jit, tl.constexpr)
 
 
+bins = bind_for_triton("bins")
 footprint = bind_for_triton("footprint")
 lens = bind_for_triton("lens")
 panel = bind_for_triton("panel")
