@@ -38,12 +38,14 @@ OPERATIONS = {
     "ceil": torch.ceil,
     "power": torch.pow,
     "exp": torch.exp,
+    "normal_cdf": torch.special.ndtr,
     "sinc": sinc,
     "cos_pi": lambda x: torch.cos(math.pi * x),
     "wrapped": lambda x: x,
     "shifted": _shifted,
 }
 aliases = bind("aliases", OPERATIONS)
+clipping = bind("clipping", OPERATIONS)
 footprint = bind("footprint", OPERATIONS)
 lens = bind("lens", OPERATIONS)
 optics = bind("optics", OPERATIONS)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from moireaug.camera.effects.binned_statistics import expected_clip
 from moireaug.common import tensor_physics
 from moireaug.common.physics import (
     aliases,
+    clipping,
     footprint,
     lens,
     optics,
@@ -28,7 +28,7 @@ from moireaug.engine.cpu import sensor as cpu_sensor
 N = 50
 FORMULAS = [
     (module, name)
-    for module in (aliases, footprint, lens, optics, panel, sensor, srgb, tone)
+    for module in (aliases, clipping, footprint, lens, optics, panel, sensor, srgb, tone)
     for name, value in vars(module).items()
     if inspect.isfunction(value) and value.__module__ == module.__name__
 ]
@@ -38,6 +38,7 @@ OPERATIONS = physics.OPERATIONS | {
     "sinc": beat_terms.sinc,
     "power": pow,
     "exp": math.exp,
+    "normal_cdf": numba.njit(lambda z: 0.5 * math.erfc(-z * 0.5**0.5)),
     "cos_pi": numba.njit(lambda x: math.cos(math.pi * x)),
 }
 
@@ -112,7 +113,7 @@ def test_the_mean_of_clipped_pixels_and_its_slope(variances):
     clipped(out, light, slope, *map(np.float32, variances))
     exact = torch.from_numpy(light).double().requires_grad_()
     noise = dark + photons * exact.clamp(min=1e-4)
-    expected = expected_clip(exact, noise, exact.square() * pattern)
+    expected = tensor_physics.clipping.expected_clip(exact, noise, exact.square() * pattern)
     (grad,) = torch.autograd.grad(expected.sum(), exact)
     np.testing.assert_allclose(out, expected.detach(), atol=1e-5)
     np.testing.assert_allclose(slope, grad, atol=1e-3)

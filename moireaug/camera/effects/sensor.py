@@ -8,7 +8,6 @@ from torch import Tensor
 from moireaug.camera.effects import random_numbers  # noqa: F401  # defines torch.ops.moireaug.normal
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.camera.effects.binned_statistics import (
-    expected_clip,
     lost_variances,
     pixels_per_value,
 )
@@ -82,7 +81,7 @@ class ClipReading(Effect):
         if raw.shape[1] == 4:
             pattern = pattern[:, [0, 1, 1, 2]]
         noise = read + photons * raw.clamp(min=DARK_LEVEL)
-        return expected_clip(raw, noise, raw.square() * pattern)
+        return tensor_physics.clipping.expected_clip(raw, noise, raw.square() * pattern)
 
 
 class Saturate(Effect):

@@ -32,7 +32,6 @@ PACKAGE = KERNELS.parents[1]
 FORMULAS = PACKAGE / "common" / "physics"
 # files outside these folders whose numbers and records are compiled into kernels
 CONSTANT_SOURCES = (
-    "camera/effects/binned_statistics.py",
     "camera/effects/detail.py",
     "camera/effects/random_numbers.py",
     "camera/effects/sensor.py",

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from moireaug.camera.effects.binned_statistics import MIN_VARIANCE
 from moireaug.camera.effects.sensor import DARK_LEVEL
+from moireaug.common.physics.clipping import MIN_VARIANCE
 from moireaug.engine.cpu.compiling import copy, fill, jit_in_place
 from moireaug.engine.cpu.limits import UNCLIPPED_SIGMAS
 from moireaug.engine.cpu.normal import integral, normal
@@ -113,7 +113,7 @@ def _clip_slope(value, read_variance, photons, pattern):
 @jit_in_place
 def clip_mean(out, light, slope, read_variance, photons, pattern):
     """Fill a row of binned readings (w,) from its light with the mean of sensor pixels clipped to
-    [0, 1], as `effects.binned_statistics.expected_clip` does.
+    [0, 1], as `clipping.expected_clip` gives it, with short cuts and tables.
 
     Args:
         slope: as `add_noise` filled it, multiplied by that of the clip.
