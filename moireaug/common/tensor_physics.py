@@ -12,6 +12,8 @@ from moireaug.common.physics.binding import bind
 
 
 def _maximum(x: Any, least: Any) -> Any:
+    if not isinstance(x, torch.Tensor):
+        return max(x, least)
     return torch.maximum(x, least) if isinstance(least, torch.Tensor) else x.clamp(min=least)
 
 

@@ -66,7 +66,6 @@ class Footprint(NamedTuple):
         Args:
             width: of the subpixel along this axis in cells, broadcastable to (B, ...).
         """
-        width = torch.as_tensor(width)
         shrink = footprint.narrowing(self.box, self.variance.sqrt(), width, taps / 2)
         variance = (self.variance * shrink.square()).clamp(min=MIN_NARROWED_VARIANCE)
         lost = (self.box.square() / 12 + self.variance) * (1 - shrink.square())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import importlib
 from collections.abc import Callable
 from types import FunctionType, ModuleType
@@ -34,7 +35,7 @@ def bind(
     for name, value in names.items():
         if isinstance(value, (int, float)):
             names[name] = constant(value)
-    names |= operations
+    names |= operations | {"__builtins__": builtins}
     for name, function in own.items():
         copy = FunctionType(function.__code__, names, name)
         copy.__module__, copy.__doc__ = formulas.__name__, function.__doc__
