@@ -37,7 +37,7 @@ from moireaug.attacks import PGD, MoireAttack
 Calls = dict[str, Callable[[], Any]]
 
 FULL: dict[str, Any] = {
-    "scenes": ("screen_photo", "phone_at_phone", "paper_code"),
+    "scenes": ("screen_photo", "phone_at_phone"),
     "networks": (resnet18, resnet50),
     "models": ("resnet18", "resnet50"),
     "warmup": 2,

@@ -18,7 +18,7 @@ from torch import Tensor
 from torch.profiler import ProfilerActivity, profile
 
 from benchmarks import measure
-from benchmarks.gpu_entries import ENTRIES, Case, cases, prepare_on_host, reading_of
+from benchmarks.gpu_entries import ENTRIES, Case, cases, prepare_on_host
 from benchmarks.sass import instruction_count
 
 ARCHITECTURES = (80, 90)  # an A100 and an H100
@@ -169,8 +169,6 @@ def launches(architecture: int, case: Case) -> tuple[list[Launch], dict[Key, flo
     rows: list[Launch] = []
     peaks: dict[Key, float] = {}
     for name, entry in ENTRIES.items():
-        if entry.reading not in ("", reading_of(case)):
-            continue
         module = importlib.import_module(f"moireaug.engine.gpu.{entry.module}")
 
         def launched(compiled: Any, grid: Any, arguments: Any, name: str = name) -> None:

@@ -12,7 +12,7 @@ of its shot, and the kernels of cpu/ or gpu/ fill its photo. Importing this pack
 numba nor Triton; the first photo does.
 
 From a batch to a row, exposing goes through `dispatch.engine_reading`, a backend's `launch_expose`,
-and on the CPU `show_kernel` and `full_nodes_kernel` for one image, `expose_full_kernel` and
+and on the CPU `show_kernel` and `full_grid_kernel` for one image, `expose_full_kernel` and
 `_expose_rows` for some of its rows; developing, through `develop_kernel` for some images or some
 rows.
 """

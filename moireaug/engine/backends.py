@@ -21,7 +21,7 @@ class Backend(NamedTuple):
 
     Args:
         name: the library that compiles them. device_type: one of PyTorch's.
-        module: what `kernels` imports.
+        module: what `kernels` imports. reads_full: whether there are kernels of full readings.
         why_not_compiled: returns why nothing can be compiled, or an empty string; without importing
             the library.
     """
@@ -29,6 +29,7 @@ class Backend(NamedTuple):
     name: str
     device_type: str
     module: str
+    reads_full: bool
     why_not_compiled: Callable[[], str]
 
     def kernels(self) -> ModuleType:
@@ -75,8 +76,8 @@ def _why_no_triton() -> str:
 
 
 BACKENDS = (
-    Backend("numba", "cpu", "moireaug.engine.cpu.run", _why_no_numba),
-    Backend("Triton", "cuda", "moireaug.engine.gpu.run", _why_no_triton),
+    Backend("numba", "cpu", "moireaug.engine.cpu.run", True, _why_no_numba),
+    Backend("Triton", "cuda", "moireaug.engine.gpu.run", False, _why_no_triton),
 )
 
 

@@ -60,9 +60,12 @@ def program_of_scene(
     names = plan.developing
     without_kernel = REFERENCE_DEVELOPING | ({"register"} if scene.is_rectified else set())
     first = next((k for k, name in enumerate(names) if name in without_kernel), len(names))
+    backend = backend_of(device_type)
     off = why_no_kernels(device_type) or why_not
+    if backend and not backend.reads_full and not scene.is_binned:
+        off = off or f"{backend.name} kernels take binned readings alone"
     return Program(
-        backend_of(device_type),
+        backend,
         off or _why_not_expose(plan),
         off or _why_not_develop(plan),
         names[:first],
@@ -87,8 +90,7 @@ def explain(scene: SceneRecord) -> str:
     Single images of a shot may still go to the reference, if kernels cannot follow their view. On
     the CPU: near the horizon (more of them the tighter the tolerance); panels of far more pixels
     than the sensor; motion blur that vanishes somewhere in a sharp photo; in the camera's frame,
-    from so far away that a pixel sees more cells than its taps. On a GPU: binned readings near the
-    horizon.
+    from so far away that a pixel sees more cells than its taps. On a GPU: near the horizon.
 
     Raises:
         TypeError: not a scene.

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from moireaug.common.physics.lens import MIN_LENS_SLOPE
 from moireaug.scene.fields import Part, Range, bounds, ranged
-
-MIN_LENS_SLOPE = 0.05  # of the radius in the view over that in the photo
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 
 from moireaug.common.numeric import is_transformed
+from moireaug.common.physics.lens import MIN_LENS_SLOPE
 from moireaug.scene.by_name import limits
-from moireaug.scene.lens import MIN_LENS_SLOPE, least_lens_slope
+from moireaug.scene.lens import least_lens_slope
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.shot import ShotRecord, check_tensor
 

@@ -102,7 +102,7 @@ RESIZE, GAIN = (
 QUANTISE = f"{CAMERA}.effects.sensor.quantise"
 ROTATION = "moireaug.scene.geometry.homography._rotation_columns"
 FOOTPRINT = f"{CAMERA}.exposure.footprint.Footprint.of"
-SHARES = f"{CAMERA}.exposure.sight.tap_weights"
+SHARES = f"{CAMERA}.exposure.axis_views.tap_weights"
 PREFILTER = f"{CAMERA}.effects.prefilter.blur_by_pyramid"
 DEMOSAICS, FLICKER = (
     f"{CAMERA}.effects.demosaic.DEMOSAICS",

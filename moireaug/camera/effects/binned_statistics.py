@@ -1,5 +1,4 @@
-"""Sensor pixels that a binned reading averages: their number, the variance that is lost, and their
-mean when clipped."""
+"""Sensor pixels that a binned reading averages: their number, and the variance that is lost."""
 
 from __future__ import annotations
 
@@ -7,8 +6,6 @@ import torch
 from torch import Tensor
 
 from moireaug.scene.shot import ShotRecord
-
-MIN_VARIANCE = 1e-10  # of readings that count as different
 
 
 def pixels_per_value(shot: ShotRecord, scale: Tensor) -> Tensor:
@@ -35,32 +32,3 @@ def lost_variances(shot: ShotRecord) -> tuple[Tensor, Tensor, Tensor]:
     if "saturate" in shot.plan:
         pattern = shot.plan.method.pattern_variance(shot)
     return read, photons, pattern
-
-
-def expected_clip(raw: Tensor, noise: Tensor, pattern: Tensor) -> Tensor:
-    """Return the mean of readings clipped to [0, 1], by their mean and the variances of noise and
-    of the panel's pattern, both taken as normally distributed. A pattern is light, and never below
-    0: noise alone is clipped there."""
-    above = _mean_excess(raw - 1, noise + pattern)
-    above = torch.minimum(above, _greatest_excess(raw, noise, pattern))
-    return raw + _mean_excess(-raw, noise) - above
-
-
-def _greatest_excess(raw: Tensor, noise: Tensor, pattern: Tensor) -> Tensor:
-    """Return a bound on the mean of max(x - 1, 0) of light x of mean `raw` and variance `pattern`,
-    which is nowhere below 0, with noise. No light of that mean and variance, however sparse, has a
-    smaller mean when clipped than one of two levels, one of which is 0 (Scarf, 1958)."""
-    light = raw.clamp(min=MIN_VARIANCE)
-    clipped = torch.minimum(light / 2, light.square() / (light.square() + pattern))
-    some = noise > MIN_VARIANCE  # the root has no slope at 0
-    sigma = torch.where(some, torch.where(some, noise, 1.0).sqrt(), 0.0)
-    return light - clipped + sigma / (2 * torch.pi) ** 0.5
-
-
-def _mean_excess(mean: Tensor, variance: Tensor) -> Tensor:
-    """Return the mean of max(x, 0) of normally distributed x."""
-    some = variance > MIN_VARIANCE
-    sigma = torch.where(some, variance, 1.0).sqrt()
-    z = mean / sigma
-    excess = mean * torch.special.ndtr(z) + sigma * torch.exp(-z * z / 2) / (2 * torch.pi) ** 0.5
-    return torch.where(some, excess, torch.where(mean > 0, mean, torch.zeros_like(mean)))

@@ -17,10 +17,11 @@ from statistics import NormalDist
 import torch
 from torch import Tensor
 
+from moireaug.common.tensor_physics import random_numbers
+
 INTERVALS = 2048
 PLACES_PER_INTERVAL = 2**21
-MIX_FACTORS = (0x7FEB352D, 0x846CA68B)  # the multipliers of Wellons's lowbias32
-WEYL_STEP = 0x9E3779B9
+WEYL_STEP = 0x9E3779B9 - 2**32  # as an int32
 
 
 @functools.lru_cache(maxsize=1)
@@ -42,8 +43,8 @@ def quantiles() -> tuple[Tensor, Tensor]:
 
 def keys(seeds: Tensor) -> tuple[Tensor, Tensor]:
     """Return the two 32-bit keys of each seed (B,) int64: (B,) int32 each."""
-    first = mix(seeds.to(torch.int32))
-    return first, mix((seeds >> 32).to(torch.int32) ^ first ^ _signed(WEYL_STEP))
+    first = random_numbers.mix(seeds.to(torch.int32))
+    return first, random_numbers.mix((seeds >> 32).to(torch.int32) ^ first ^ WEYL_STEP)
 
 
 def normal(shape: Sequence[int], seeds: Tensor) -> Tensor:
@@ -58,29 +59,14 @@ def normal(shape: Sequence[int], seeds: Tensor) -> Tensor:
     """
     first, second = keys(seeds)
     index = torch.arange(math.prod(shape), dtype=torch.int32, device=seeds.device)
-    bits = mix(mix(index + first[:, None]) ^ second[:, None]).flatten()
+    keyed = random_numbers.mix(index + first[:, None]) ^ second[:, None]
+    bits = random_numbers.mix(keyed).flatten()
     low, step = (table.to(seeds.device) for table in quantiles())
     interval = (bits >> 21).bitwise_and_(INTERVALS - 1)
     place = bits.bitwise_and_(PLACES_PER_INTERVAL - 1).float()
     # two roundings: the sum and the product must not be fused
     numbers = step.index_select(0, interval).mul_(place).add_(low.index_select(0, interval))
     return numbers.reshape(len(seeds), *shape)
-
-
-def mix(x: Tensor) -> Tensor:
-    """Scramble int32 bits in place and return them. Products wrap around; shifts must not carry the
-    sign."""
-    x ^= (x >> 16).bitwise_and_(0xFFFF)
-    x *= _signed(MIX_FACTORS[0])
-    x ^= (x >> 15).bitwise_and_(0x1FFFF)
-    x *= _signed(MIX_FACTORS[1])
-    x ^= (x >> 16).bitwise_and_(0xFFFF)
-    return x
-
-
-def _signed(x: int) -> int:
-    """Return the int32 with the same bits."""
-    return x - 2**32 if x >= 2**31 else x
 
 
 # a custom operator, since torch.compile cannot trace its tables; defined by hand, because

@@ -8,12 +8,12 @@ from torch import Tensor
 from moireaug.camera.effects import random_numbers  # noqa: F401  # defines torch.ops.moireaug.normal
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.camera.effects.binned_statistics import (
-    expected_clip,
     lost_variances,
     pixels_per_value,
 )
 from moireaug.camera.effects.srgb import in_codes
 from moireaug.camera.exposure.extreme_light import max_glare, modulation_depth
+from moireaug.common import tensor_physics
 from moireaug.common.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.record import SizedScene
@@ -81,7 +81,7 @@ class ClipReading(Effect):
         if raw.shape[1] == 4:
             pattern = pattern[:, [0, 1, 1, 2]]
         noise = read + photons * raw.clamp(min=DARK_LEVEL)
-        return expected_clip(raw, noise, raw.square() * pattern)
+        return tensor_physics.clipping.expected_clip(raw, noise, raw.square() * pattern)
 
 
 class Saturate(Effect):
@@ -126,7 +126,7 @@ def add_noise(raw: Tensor, read: Tensor, photons: Tensor, seeds: Tensor) -> Tens
     """
     noise = torch.ops.moireaug.normal(raw.shape[1:], seeds).to(raw.dtype)
     read, photons = per_image(read, raw), per_image(photons, raw)
-    variance = read.square() + photons.square() * raw.clamp(min=DARK_LEVEL)
+    variance = tensor_physics.sensor.noise_variance(raw, read, photons, DARK_LEVEL)
     some = variance > 0  # the root has no slope at 0
     return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, left_out
 from moireaug.common.numeric import clip
+from moireaug.common.physics.srgb import SLOPE_AT_BLACK
+from moireaug.common.tensor_physics import srgb
 from moireaug.scene.record import SizedScene
 from moireaug.scene.shot import ShotRecord
-
-SLOPE_AT_BLACK = 12.92  # codes per light: the slope of sRGB at black
-CODE_KNEE, LIGHT_KNEE = 0.04045, 0.0031308  # where the curve leaves its straight part
 
 
 def in_codes(light: float, scene: SizedScene) -> float:
@@ -22,14 +20,12 @@ def in_codes(light: float, scene: SizedScene) -> float:
 def light_of_codes(codes: Tensor) -> Tensor:
     """Return the light of sRGB codes of any shape: straight at and below black, and continued above
     white. Differentiable."""
-    power = ((codes + 0.055).clamp(min=0) / 1.055) ** 2.4
-    return torch.where(codes > CODE_KNEE, power, codes / SLOPE_AT_BLACK)
+    return srgb.light_of_code(codes)
 
 
 def codes_of_light(light: Tensor) -> Tensor:
     """Return the sRGB codes of light of any shape, the inverse of `light_of_codes`."""
-    power = 1.055 * light.clamp(min=LIGHT_KNEE) ** (1 / 2.4) - 0.055
-    return torch.where(light > LIGHT_KNEE, power, SLOPE_AT_BLACK * light)
+    return srgb.code_of_light(light)
 
 
 class Decode(Effect):

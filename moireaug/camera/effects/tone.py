@@ -10,6 +10,7 @@ from torch import Tensor
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.camera.exposure.filters import crosstalk_matrix
 from moireaug.common.numeric import clip, mix_colours, per_image
+from moireaug.common.tensor_physics import tone
 from moireaug.scene.fields import deviation, varies
 from moireaug.scene.record import SizedScene
 from moireaug.scene.shot import ShotRecord
@@ -96,9 +97,8 @@ def tone_curve(photo: Tensor, contrast: Tensor, shoulder: Tensor) -> Tensor:
     codes x, contrast (B,) in [-1, 1] and shoulder (B,) >= 0. It never falls, and keeps 0 and 1.
     Codes are clipped to [0, 1] first."""
     x = clip(photo)
-    s = per_image(shoulder, photo)
-    y = x * (1 + s) / (1 + s * x)
-    return y + per_image(contrast, photo) * (2 * y - 1) * y * (1 - y)
+    y = tone.shoulder_curve(x, per_image(shoulder, photo))
+    return tone.contrast_curve(y, per_image(contrast, photo))
 
 
 def shoulder_shift(shoulder: float) -> float:

@@ -6,6 +6,7 @@ from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, format_range, verdict_of
 from moireaug.camera.effects.readings import in_planes, photo_coordinates, photo_size
+from moireaug.common.tensor_physics import sensor
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.frame import FrameSize
 from moireaug.scene.record import SizedScene
@@ -40,4 +41,4 @@ def falloff(u: Tensor, v: Tensor, size: FrameSize, loss: Tensor) -> Tensor:
     h, w = size
     r2 = ((u - w / 2).square() + (v - h / 2).square()) * (4 / (h * h + w * w))
     steep = ((1 - loss) ** -0.5 - 1)[:, None, None]  # the squared tangent of the corner's ray
-    return (1 + steep * r2) ** -2
+    return sensor.attenuation(1.0, steep, r2)

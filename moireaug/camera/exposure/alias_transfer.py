@@ -31,6 +31,7 @@ import torch
 from torch import Tensor
 
 from moireaug.common.numeric import sinc
+from moireaug.common.tensor_physics import aliases as formulas
 
 Wave = tuple[Tensor, Tensor]  # real and imaginary part
 ALIASES_PER_AXIS = 4  # of pixels two apart
@@ -69,7 +70,7 @@ def aliases(frequency: Tensor, at: Tensor, *, bayer: bool) -> Aliases:
     cycles = m.double() * ((0.5 - at) / 2)
     phase = 2 * math.pi * (cycles - cycles.detach().round()).to(frequency.dtype)
     even = torch.cos(math.pi * frequency).square()
-    interpolation = torch.where(sign > 0, even, 1 - even)
+    interpolation = formulas.interpolation_transfer(even, sign < 0)
     return Aliases(g, sinc(g), interpolation, sign, torch.cos(phase), torch.sin(phase))
 
 
@@ -95,11 +96,10 @@ def plane_waves(
         if not bayer:
             red = plus(red, weighted_sum(transfer, wave))
             continue
-        coloured, both = transfer * a.interpolation * b.interpolation, a.sign * b.sign
-        quincunx = transfer * (a.interpolation + b.interpolation) * (a.sign + b.sign) / 4
+        coloured, quincunx = _interpolated(transfer, a, b)
         red = plus(red, weighted_sum(coloured, wave))
-        green = plus(green, weighted_sum(quincunx, wave))
-        blue = plus(blue, weighted_sum(coloured * both, wave))
+        green = plus(green, weighted_sum(quincunx * a.sign, wave))
+        blue = plus(blue, weighted_sum(coloured * a.sign * b.sign, wave))
     return [red, green, blue] if bayer else [red]
 
 
@@ -115,9 +115,7 @@ def power_transfer(
     transfer = a.hold * b.hold * _bin_transfer(a.frequency, b.frequency, sides, triangle)
     if not bayer:
         return [transfer.square().sum((0, 1))]
-    red = transfer * a.interpolation * b.interpolation
-    green = transfer * (a.interpolation + b.interpolation) * (a.sign + b.sign) / 4
-    red, green = (share.square().sum((0, 1)) for share in (red, green))
+    red, green = (share.square().sum((0, 1)) for share in _interpolated(transfer, a, b))
     return [red, green, red]
 
 
@@ -138,6 +136,15 @@ def weighted_sum(weight: Tensor, a: Wave) -> Wave:
 
 def _bin_transfer(u: Tensor, v: Tensor, sides: Tensor, triangle: Tensor | float) -> Tensor:
     """Return the transfer of the mean over a bin at frequencies u and v."""
-    cycles = [u * sides[..., 0, side] + v * sides[..., 1, side] for side in (0, 1)]
-    mean = sinc(cycles[0]) * sinc(cycles[1])
-    return mean * sinc(triangle * cycles[0]) * sinc(triangle * cycles[1])
+    first, second = (u * sides[..., 0, side] + v * sides[..., 1, side] for side in (0, 1))
+    mean = formulas.mean_over_sides(1.0, first, second)
+    return formulas.mean_over_sides(mean, triangle * first, triangle * second)
+
+
+def _interpolated(transfer: Tensor, a: Aliases, b: Aliases) -> tuple[Tensor, Tensor]:
+    """Return what interpolation leaves of aliases in the planes of red and of green, but for their
+    signs."""
+    coloured, quincunx = formulas.plane_transfers(
+        a.interpolation, b.interpolation, a.sign < 0, b.sign < 0
+    )
+    return transfer * coloured, transfer * quincunx

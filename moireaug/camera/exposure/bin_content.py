@@ -24,7 +24,7 @@ from moireaug.scene.subpixel import Subpixel
 HOLD_VARIANCE, BAYER_HOLD_VARIANCE = 1 / 12, 1 / 12 + 5 / 12
 
 
-class Content(NamedTuple):
+class BinContent(NamedTuple):
     """The picture as bins see it, on a panel of at most one pixel per image pixel.
 
     Args:
@@ -59,8 +59,8 @@ class Content(NamedTuple):
         return Footprint(box.box, box.variance + blur_variance(step, self.optics))
 
 
-def content_of(shot: ShotRecord) -> Content:
-    """Return the Content of a shot.
+def content_of(shot: ShotRecord) -> BinContent:
+    """Return the BinContent of a shot.
 
     A panel of more pixels than the picture shows more than the picture holds: with `Panel.width`,
     whatever has the picture's pixels as its means; with `Panel.scale`, the picture itself,
@@ -81,7 +81,7 @@ def content_of(shot: ShotRecord) -> Content:
     # the larger of its two edges, one across and one down
     width = torch.maximum(edges[..., 0] * lit_x, edges[..., 1] * lit_y).clamp(max=1)
     width = torch.where(is_whole > 0, torch.ones_like(width), width)
-    return Content(
+    return BinContent(
         scale=alpha.clamp(max=1),
         ratio=ratio,
         optics=gaussian_optics(scene, optics_of(shot)),

@@ -9,7 +9,14 @@ import torch
 from torch import Tensor
 
 from moireaug.camera.exposure.alias_transfer import Wave, plane_waves, power_transfer, times
-from moireaug.camera.exposure.bin_content import Content, content_of
+from moireaug.camera.exposure.axis_views import (
+    WHOLE_PIXEL,
+    AxisView,
+    SubpixelPosition,
+    axis_shares_at,
+    panel_pixels,
+)
+from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import (
     Bins,
     bins_at,
@@ -22,13 +29,6 @@ from moireaug.camera.exposure.filters import filters_of
 from moireaug.camera.exposure.footprint import Footprint
 from moireaug.camera.exposure.optics import Optics, optics_of
 from moireaug.camera.exposure.screen import Screen
-from moireaug.camera.exposure.sight import (
-    WHOLE_PIXEL,
-    AxisView,
-    Place,
-    axis_shares_at,
-    panel_pixels,
-)
 from moireaug.camera.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.geometry.lattice import CFA
 from moireaug.scene.layout import Layout
@@ -73,7 +73,7 @@ class Binned(ClosedForm):
         (site,) = CFA[shot.scene.filter_cell]
         return planes[:, list(site.channels)]
 
-    def read(self, screen: Screen, content: Content, bins: Bins, shot: ShotRecord) -> Tensor:
+    def read(self, screen: Screen, content: BinContent, bins: Bins, shot: ShotRecord) -> Tensor:
         """Return the readings of the pixels of each colour filter in bins: (B, 3, h, w)."""
         dtype, layout = screen.light.dtype, shot.scene.panel.cell
         shares = mean_light(layout, *emitting_share(shot.panel)).to(dtype)[..., None, None]
@@ -93,7 +93,7 @@ class Binned(ClosedForm):
         return torch.stack(planes, 1)
 
     def picture_of(
-        self, screen: Screen, content: Content, channel: int, bins: Bins, shot: ShotRecord
+        self, screen: Screen, content: BinContent, channel: int, bins: Bins, shot: ShotRecord
     ) -> Tensor:
         """Return the picture in one channel as bins see it, (B, h, w)."""
         dtype, shares = bins.step.dtype, []
@@ -104,7 +104,7 @@ class Binned(ClosedForm):
             box, variance = content.footprint(axis, bins)
             added = content.interpolation_variance.to(dtype)[:, None, None]
             width = content.width[:, channel, axis, None, None].to(dtype)
-            place = Place(axis, centre=0.5, period=1, pixel=0.5)
+            place = SubpixelPosition(axis, centre=0.5, period=1, pixel=0.5)
             view = Footprint(box, variance + added)
             shares.append(axis_shares_at(place, at, view, width, shot, screen))
         x, y = shares

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from moireaug.camera.exposure import extreme_footprints
-from moireaug.camera.exposure.sight import AxisView, variance_beyond_taps
+from moireaug.camera.exposure.axis_views import AxisView, variance_beyond_taps
 from moireaug.common.numeric import is_transformed
 from moireaug.scene.exposure_method import ExposureMethod
 from moireaug.scene.record import SizedScene

@@ -8,8 +8,9 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.bin_content import Content
+from moireaug.camera.exposure.bin_content import BinContent
 from moireaug.common.numeric import is_transformed
+from moireaug.common.tensor_physics import panel
 from moireaug.scene.geometry import grids
 from moireaug.scene.shot import ShotRecord
 
@@ -27,7 +28,7 @@ class DisplayedPicture:
         content: of another panel than the shot's; see `bin_content.content_of`.
     """
 
-    def __init__(self, light: Tensor, shot: ShotRecord, content: Content | None = None) -> None:
+    def __init__(self, light: Tensor, shot: ShotRecord, content: BinContent | None = None) -> None:
         least, most = shot.scene.panel_scales(shot.whole_size)
         alpha, self._lead = shot.panel_scale, None
         if content is not None:
@@ -82,9 +83,10 @@ def _shrink_rows(
     row = torch.arange(rows, dtype=alpha.dtype, device=alpha.device)
     if lead is not None:
         row = row - lead[:, None]
-    centre, half = (row + 0.5 - EDGE_PIXELS) / alpha[:, None], 1 / alpha[:, None]  # in image pixels
+    ratio = alpha[:, None]
+    centre, half = panel.centre_on_picture(row, EDGE_PIXELS, ratio), 1 / ratio  # in image pixels
     taps = min(taps, height)  # the rest of a triangle sees the edge pixels
-    start = (centre - half - 0.5).detach().ceil().clamp(0, height - taps)
+    start = panel.first_under_triangle(centre, ratio).detach().clamp(0, height - taps)
     total = _triangle_before(math.inf, centre, half)
     above = _triangle_before(0, centre, half)
     below = total - _triangle_before(height, centre, half)
@@ -97,7 +99,7 @@ def _shrink_rows(
     out = weighted(above, first) + weighted(below, last)
     for tap in range(taps):
         pixel = start + tap
-        weight = (1 - (pixel + 0.5 - centre).abs() / half).clamp(min=0)
+        weight = panel.triangle_weight(pixel, centre, ratio)
         out = out + weighted(weight, pixel)
     return out / total.to(light.dtype)[:, None, :, None]
 

@@ -8,6 +8,7 @@ import math
 import torch
 from torch import Tensor
 
+from moireaug.camera.exposure.axis_views import AxisView, axis_views, variance_beyond_taps
 from moireaug.camera.exposure.bin_content import gaussian_optics
 from moireaug.camera.exposure.extreme_scales import (
     largest_panel_steps,
@@ -17,7 +18,6 @@ from moireaug.camera.exposure.extreme_scales import (
 from moireaug.camera.exposure.extreme_views import FLOAT64_ON_CPU, extreme_jacobians, range_points
 from moireaug.camera.exposure.footprint import Footprint, blur_variance
 from moireaug.camera.exposure.optics import Optics
-from moireaug.camera.exposure.sight import AxisView, axis_views, variance_beyond_taps
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SizedScene
 

@@ -15,8 +15,9 @@ import torch
 from torch import Tensor
 
 from moireaug.camera.exposure.optics import Optics
+from moireaug.common.physics.footprint import MIN_BLUR_VARIANCE
+from moireaug.common.tensor_physics import footprint
 
-TAIL_SIGMAS = 1.0  # standard deviations of the spread that taps must reach
 # share of the nearest panel pixel where none is seen, so that shares can be normalised
 NEAREST_GUARD_SHARE = 1e-9
 MIN_EXPONENT = -80.0  # not far below, float32 numbers are denormal and many times slower
@@ -24,7 +25,6 @@ MIN_EXPONENT = -80.0  # not far below, float32 numbers are denormal and many tim
 MIN_NARROWED_VARIANCE = 1e-20
 # standard deviations of the spread: of a much narrower box, float32 holds no difference of its ends
 MIN_BOX_SIGMAS = 1e-3
-MIN_BLUR_VARIANCE = 1e-12  # squared cells: a Gaussian of 0 has no density
 
 
 class Footprint(NamedTuple):
@@ -52,12 +52,12 @@ class Footprint(NamedTuple):
         fill = _over(optics.fill, step)
         u, v = step.abs().unbind(-1)
         long, short = torch.maximum(u, v), torch.minimum(u, v)
-        variance = short.square() * (fill.square() / 12) + blur_variance(step, optics)
+        variance = footprint.side_variance(short * fill) + blur_variance(step, optics)
         return Footprint(long * fill, variance + MIN_BLUR_VARIANCE)
 
     def reach(self) -> Tensor:
         """Return how far to each side it sees, in cells."""
-        return self.box / 2 + TAIL_SIGMAS * self.variance.sqrt()
+        return footprint.reach(self.box, self.variance.sqrt())
 
     def fitted(self, width: float | Tensor, taps: int) -> tuple[Footprint, Tensor]:
         """Return it narrowed to the reach of `taps` panel pixels, and the variance that it lost,
@@ -66,8 +66,7 @@ class Footprint(NamedTuple):
         Args:
             width: of the subpixel along this axis in cells, broadcastable to (B, ...).
         """
-        room = taps / 2 - width / 2
-        shrink = (room / self.reach()).clamp(max=1)
+        shrink = footprint.narrowing(self.box, self.variance.sqrt(), width, taps / 2)
         variance = (self.variance * shrink.square()).clamp(min=MIN_NARROWED_VARIANCE)
         lost = (self.box.square() / 12 + self.variance) * (1 - shrink.square())
         return Footprint(self.box * shrink, variance), lost
@@ -78,9 +77,9 @@ def blur_variance(step: Tensor, optics: Optics) -> Tensor:
     cells; arguments as in `Footprint.of`."""
     drawn = (optics.blur, optics.olpf, optics.motion_x, optics.motion_y)
     blur, olpf, motion_x, motion_y = (_over(t, step) for t in drawn)
-    moved = step[..., 0] * motion_x + step[..., 1] * motion_y
     u, v = step.unbind(-1)
-    return (u.square() + v.square()) * (blur.square() + olpf.square() / 4) + moved.square()
+    moved = footprint.motion_sigma(u, v, motion_x, motion_y)
+    return footprint.lens_variance(u, v, blur, olpf) + moved.square()
 
 
 def _over(drawn: Tensor, step: Tensor) -> Tensor:

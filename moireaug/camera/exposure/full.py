@@ -10,15 +10,11 @@ from abc import abstractmethod
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.closed_form import ClosedForm, in_bands
-from moireaug.camera.exposure.filters import filter_cell_seen, through_filters
-from moireaug.camera.exposure.optics import Optics, optics_of
-from moireaug.camera.exposure.screen import Screen
-from moireaug.camera.exposure.sight import (
+from moireaug.camera.exposure.axis_views import (
     WHOLE_PIXEL,
     AxisShares,
     AxisView,
-    Sight,
+    PanelPoints,
     axis_shares,
     axis_views,
     covered_share,
@@ -26,6 +22,10 @@ from moireaug.camera.exposure.sight import (
     panel_pixels,
     panel_steps,
 )
+from moireaug.camera.exposure.closed_form import ClosedForm, in_bands
+from moireaug.camera.exposure.filters import filter_cell_seen, through_filters
+from moireaug.camera.exposure.optics import Optics, optics_of
+from moireaug.camera.exposure.screen import Screen
 from moireaug.camera.panel.fourier import coefficient, emitting_share, mean_light, own_orders
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.lattice import CFA, Site, pattern_period
@@ -73,15 +73,15 @@ class FullReading(ClosedForm):
         dtype = torch.float64 if self.in_float64 else screen.light.dtype
 
         def reading_of(band: Tensor) -> Tensor:
-            sight = look_at_panel(band, cols, inverse, dtype, shot)
-            colours = [self.read(screen, channel, sight, shot) for channel in site.channels]
+            points = look_at_panel(band, cols, inverse, dtype, shot)
+            colours = [self.read(screen, channel, points, shot) for channel in site.channels]
             return torch.stack(colours, 1)
 
         elements_per_row = len(cols) * max(self.taps**2, len(self.harmonics))
         return in_bands(reading_of, rows, elements_per_row, screen.light, shot)
 
     @abstractmethod
-    def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
+    def read(self, screen: Screen, channel: int, points: PanelPoints, shot: ShotRecord) -> Tensor:
         """Return the sensor pixels' readings of one channel: (B, h, w)."""
 
     def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:
@@ -96,19 +96,24 @@ class BySubpixel(FullReading):
     """An exposure that sums over a channel's subpixels: the panel pixels around, times the share of
     the view that the subpixels fill."""
 
-    def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
+    def read(self, screen: Screen, channel: int, points: PanelPoints, shot: ShotRecord) -> Tensor:
         layout = shot.scene.panel.cell
-        total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
+        total = torch.zeros_like(points.position[..., 0], dtype=screen.light.dtype)
         lit = emitting_share(shot.panel)
         for subpixel in layout.of(channel):
-            x, y = (axis_shares(axis, subpixel, lit, sight, shot, screen) for axis in (0, 1))
-            through = self.transmission(x, y, subpixel, sight, shot)
+            x, y = (axis_shares(axis, subpixel, lit, points, shot, screen) for axis in (0, 1))
+            through = self.transmission(x, y, subpixel, points, shot)
             total = total + panel_pixels(screen, channel, x, y, subpixel) * through
         return total
 
     @abstractmethod
     def transmission(
-        self, x: AxisShares, y: AxisShares, subpixel: Subpixel, sight: Sight, shot: ShotRecord
+        self,
+        x: AxisShares,
+        y: AxisShares,
+        subpixel: Subpixel,
+        points: PanelPoints,
+        shot: ShotRecord,
     ) -> Tensor:
         """Return the share of the view that the subpixels fill, (B, h, w)."""
 
@@ -132,7 +137,12 @@ class Spectral(BySubpixel):
         self.harmonics = harmonics
 
     def transmission(
-        self, x: AxisShares, y: AxisShares, subpixel: Subpixel, sight: Sight, shot: ShotRecord
+        self,
+        x: AxisShares,
+        y: AxisShares,
+        subpixel: Subpixel,
+        points: PanelPoints,
+        shot: ShotRecord,
     ) -> Tensor:
         dtype, layout = x.share.dtype, shot.scene.panel.cell
         optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
@@ -147,7 +157,7 @@ class Spectral(BySubpixel):
         # drop whole cycles before the cast, so that the phase stays precise far from the origin
         phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
         k, l = k.to(dtype), l.to(dtype)
-        across, down = (sight.step[..., axis, :].to(dtype) for axis in (0, 1))
+        across, down = (points.step[..., axis, :].to(dtype) for axis in (0, 1))
         across, down = across / subpixel.period[0], down / subpixel.period[1]
         fu = k * across[..., 0] + l * down[..., 0]
         fv = k * across[..., 1] + l * down[..., 1]
@@ -164,7 +174,12 @@ class Box(BySubpixel):
     reason = "the overlap of subpixel and aperture"
 
     def transmission(
-        self, x: AxisShares, y: AxisShares, subpixel: Subpixel, sight: Sight, shot: ShotRecord
+        self,
+        x: AxisShares,
+        y: AxisShares,
+        subpixel: Subpixel,
+        points: PanelPoints,
+        shot: ShotRecord,
     ) -> Tensor:
         return covered_share(x) * covered_share(y)
 
@@ -175,9 +190,9 @@ class Mean(FullReading):
     name = "mean"
     reason = "the panel's mean light alone, so no moiré"
 
-    def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
+    def read(self, screen: Screen, channel: int, points: PanelPoints, shot: ShotRecord) -> Tensor:
         layout = shot.scene.panel.cell
         shares = mean_light(layout, *emitting_share(shot.panel)).to(screen.light.dtype)
         one = torch.ones_like(shot.panel.lit)
-        x, y = (axis_shares(axis, WHOLE_PIXEL, (one, one), sight, shot, screen) for axis in (0, 1))
+        x, y = (axis_shares(axis, WHOLE_PIXEL, (one, one), points, shot, screen) for axis in (0, 1))
         return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * shares[:, channel, None, None]

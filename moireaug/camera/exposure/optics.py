@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.common.numeric import sinc
+from moireaug.common.tensor_physics import optics
 from moireaug.scene.shot import ShotRecord
 
 GOLDEN_RATIO = 0.6180339887498949
@@ -27,13 +27,8 @@ class Optics(NamedTuple):
 
     def transfer(self, fu: Tensor, fv: Tensor) -> Tensor:
         """Return the modulation transfer at frequencies in cycles per sensor pixel, which broadcast
-        with the fields: of a square aperture, a Gaussian spread, another along the hand's motion,
-        and a low-pass filter that doubles the picture along both axes."""
-        moved = self.motion_x * fu + self.motion_y * fv
-        variance = self.blur.square() * (fu.square() + fv.square()) + moved.square()
-        gaussian = torch.exp(-2 * math.pi**2 * variance)
-        doubled = torch.cos(math.pi * self.olpf * fu) * torch.cos(math.pi * self.olpf * fv)
-        return sinc(self.fill * fu) * sinc(self.fill * fv) * gaussian * doubled
+        with the fields."""
+        return optics.transfer(fu, fv, self)
 
     def quantiles(self, n: int) -> Tensor:
         """Return the n mid-quantiles of the light along one axis, without motion, in sensor pixels:

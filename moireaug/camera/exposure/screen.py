@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.bin_content import Content
+from moireaug.camera.exposure.bin_content import BinContent
 from moireaug.camera.exposure.displayed import DisplayedPicture
 from moireaug.scene.shot import ShotRecord
 
@@ -20,7 +20,7 @@ class Screen:
     """
 
     def __init__(
-        self, light: Tensor, shot: ShotRecord, taps: int, content: Content | None = None
+        self, light: Tensor, shot: ShotRecord, taps: int, content: BinContent | None = None
     ) -> None:
         """`content` describes another panel than the shot's, of at most a pixel per image pixel,
         whose cells are single pixels."""

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu import optics
-from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.coarse_grid import VIEW_SAMPLES, sample
+from moireaug.engine.cpu.compiling import jit, jit_in_place
 from moireaug.engine.cpu.limits import MAX_BEAT_NODES
-from moireaug.engine.cpu.nodes import VIEW_SAMPLES, sample
+from moireaug.engine.cpu.physics import bins
 from moireaug.engine.cpu.view import jacobian
 from moireaug.engine.lower.budget import REFERENCE_AMPLITUDE
 
@@ -30,7 +31,7 @@ class BeatGrid(NamedTuple):
     triangle: float
 
 
-@loop
+@jit
 def grid_at(us, vs, camera, b, i, orders):
     """Return the BeatGrid of image i and some orders at points of a reading about its centre.
 
@@ -52,13 +53,13 @@ def grid_at(us, vs, camera, b, i, orders):
             if b.sampled:
                 side[0], side[3] = 1.0, 1.0
             elif camera.rectified != 0:
-                # one pixel of the image, from panel pixels to sensor pixels
-                by = camera.alpha * enlargement / (xu * yv - xv * yu)
-                side[0], side[1], side[2], side[3] = by * yv, -by * yu, -by * xv, by * xu
+                pixel = camera.alpha * enlargement
+                first, second = bins.image_pixel_sides(xu, xv, yu, yv, pixel)
+                side[0], side[1], side[2], side[3] = first[0], first[1], second[0], second[1]
     return BeatGrid(frequency, sides, b.triangle[i])
 
 
-@loop
+@jit
 def sampled_grid(sites, camera, b, i):
     """Return the BeatGrid at a few points over the reading; arguments as in `grid_at`."""
     us, vs = np.empty(VIEW_SAMPLES, np.float64), np.empty(VIEW_SAMPLES, np.float64)
@@ -67,7 +68,7 @@ def sampled_grid(sites, camera, b, i):
     return grid_at(us, vs, camera, b, i, b.orders)
 
 
-@loop
+@jit
 def transfer_of(grid, camera):
     """Return a table of the modulation transfer for frequencies up to a little more than those of a
     grid, and its steps per cycle per sensor pixel."""
@@ -82,7 +83,7 @@ def transfer_of(grid, camera):
     return optics.transfer_table(camera, most, steps), steps / most
 
 
-@inner
+@jit_in_place
 def _fastest_change(grid, amplitude, axis, least):
     """Return how much the beats' frequency would change along u (0) or v (1), in cycles per photo
     pixel, if it did over the whole photo as it does where it changes fastest.
@@ -106,7 +107,7 @@ def _fastest_change(grid, amplitude, axis, least):
     return most * (VIEW_SAMPLES - 1)
 
 
-@inner
+@jit_in_place
 def _node_count(steps, fewest, pixels):
     """Return how many nodes a change of frequency by so many steps needs: at most one per pixel,
     and at most MAX_BEAT_NODES + 1."""
@@ -115,7 +116,7 @@ def _node_count(steps, fewest, pixels):
     return int(min(max(steps + 2, fewest), max(pixels, 4), MAX_BEAT_NODES + 1))
 
 
-@loop
+@jit
 def node_counts(grid, amplitude, sites, camera, budget):
     """Return how many nodes the amplitudes need along u and v; grid: from `sampled_grid`,
     amplitude: from `beat_terms.max_amplitudes`, budget: an `ErrorBudget`."""

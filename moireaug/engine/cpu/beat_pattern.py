@@ -8,11 +8,11 @@ import numpy as np
 
 from moireaug.engine.cpu.beat_grid import grid_at
 from moireaug.engine.cpu.beat_terms import alias_transfer, plane_transfers
-from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.compiling import jit, jit_in_place
 from moireaug.engine.cpu.optics import transfer_at
 
 
-@inner
+@jit_in_place
 def _fill_power_shares(out, fu, fv, bayer, side, triangle):
     """Fill out (2,) with the share of a harmonic's power that bins keep on average, in the planes
     of red and blue, and in that of green."""
@@ -28,7 +28,7 @@ def _fill_power_shares(out, fu, fv, bayer, side, triangle):
             out[1] += (transfer * green) ** 2
 
 
-@inner
+@jit_in_place
 def _power_of(b, i, h, filters, plane):
     """Return the squared amplitude of a harmonic in what a filter passes."""
     real = imaginary = 0.0
@@ -38,7 +38,7 @@ def _power_of(b, i, h, filters, plane):
     return real * real + imaginary * imaginary
 
 
-@loop
+@jit
 def lost_pattern_variance(out, b, i, filters, camera, table, steps_per_cycle):
     """Fill out (3,) float32 with the variance of the panel's pattern that bins average away in the
     middle of the reading of image i, as a share of the squared mean light, by colour filter.

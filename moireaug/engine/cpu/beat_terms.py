@@ -10,25 +10,28 @@ import math
 
 import numpy as np
 
+from moireaug.common.physics.binding import bind
 from moireaug.engine.cpu import optics
 from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
-from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.coarse_grid import VIEW_SAMPLES
+from moireaug.engine.cpu.compiling import jit, jit_in_place
 from moireaug.engine.cpu.limits import (
     MAX_BEAT_AMPLITUDES,
     MAX_BEAT_NODES,
     MAX_BEAT_TERMS,
     MAX_FREQUENCY_RANGE,
 )
-from moireaug.engine.cpu.nodes import VIEW_SAMPLES
+from moireaug.engine.cpu.physics import OPERATIONS
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
 
 UNKNOWN_TRANSFER = 2.0  # above any transfer
 SINC_LOBES, STEPS_PER_LOBE = 64, 32
 SINC_TABLE = np.sinc(np.arange(SINC_LOBES * STEPS_PER_LOBE + 2) / STEPS_PER_LOBE)
 ZERO = np.float32(0)
+HARMONIC, ALIAS_U, ALIAS_V = range(3)  # columns of terms
 
 
-@inner
+@jit_in_place
 def sinc(x):
     """Return sin(pi x) / (pi x)."""
     x = abs(x)
@@ -37,7 +40,10 @@ def sinc(x):
     return math.sin(math.pi * x) / (math.pi * x)
 
 
-@loop
+aliases = bind("aliases", OPERATIONS | {"sinc": sinc}, jit_in_place)
+
+
+@jit
 def max_amplitudes(grid, strength, table, steps_per_cycle, camera):
     """Return the highest amplitude of each harmonic in a reading, (K,)."""
     out = np.empty(len(strength), np.float64)
@@ -47,7 +53,7 @@ def max_amplitudes(grid, strength, table, steps_per_cycle, camera):
     return out
 
 
-@loop
+@jit
 def can_follow_beats(sites, camera, b, i, budget):
     """Return whether the kernels can follow the view of image i: not if its beats change too fast,
     or are too many; b: see `exposure_records.Beats`."""
@@ -60,7 +66,7 @@ def can_follow_beats(sites, camera, b, i, budget):
     return few and max(across, down) <= MAX_BEAT_NODES
 
 
-@inner
+@jit_in_place
 def _max_optics_transfer(frequency, h, table, steps_per_cycle, camera):
     """Return about the highest transfer of aperture and lens for a harmonic, from every fourth
     sample."""
@@ -72,7 +78,7 @@ def _max_optics_transfer(frequency, h, table, steps_per_cycle, camera):
     return min(TRANSFER_MARGIN * most, 1.0)
 
 
-@inner
+@jit_in_place
 def _fill_ranges(ranges, grid, h):
     """Fill ranges (4, 2) with the lowest and the highest frequency of a harmonic along u and v, and
     cycles along the two sides of a bin."""
@@ -88,7 +94,7 @@ def _fill_ranges(ranges, grid, h):
                 ranges[j, 1] = max(ranges[j, 1], values[j])
 
 
-@inner
+@jit_in_place
 def _fill_side_ranges(out, sides):
     """Fill out (4, 2) with the least and the greatest of the sides' coordinates."""
     rows, cols, _ = sides.shape
@@ -100,13 +106,13 @@ def _fill_side_ranges(out, sides):
                 out[j, 1] = max(out[j, 1], sides[r, c, j])
 
 
-@inner
+@jit_in_place
 def _nearest(low, high):
     """Return the least magnitude in a range."""
     return 0.0 if low <= 0 <= high else min(abs(low), abs(high))
 
 
-@inner
+@jit_in_place
 def _max_interpolation_transfer(low, high, m):
     """Return the highest transfer of interpolation for an alias m of frequencies from `low` to
     `high`."""
@@ -114,7 +120,7 @@ def _max_interpolation_transfer(low, high, m):
     return max(1 - nearest * nearest, 0.0)
 
 
-@inner
+@jit_in_place
 def _max_side_transfer(cycles, side_u, side_v, m_u, m_v):
     """Return the highest transfer of the mean along a side for an alias, from the ranges of a
     harmonic's cycles along it and of the side's coordinates."""
@@ -125,7 +131,7 @@ def _max_side_transfer(cycles, side_u, side_v, m_u, m_v):
     return min(1.0, 1 / (math.pi * _nearest(low, high) + 1e-9))
 
 
-@loop
+@jit
 def candidate_terms(grid, amplitude, least):
     """Return the terms (T, 3) int64, harmonic and alias along both axes, that may exceed
     an amplitude of `least`, MAX_BEAT_TERMS where there are as many or more.
@@ -157,25 +163,25 @@ def candidate_terms(grid, amplitude, least):
                     continue
                 if count == MAX_BEAT_TERMS:
                     return out
-                out[count, 0], out[count, 1], out[count, 2] = h, m_u, m_v
+                out[count, HARMONIC], out[count, ALIAS_U], out[count, ALIAS_V] = h, m_u, m_v
                 count += 1
     return out[:count]
 
 
-@loop
+@jit
 def number_harmonics(terms):
     """Return the harmonics of sorted terms, (H,) int64, and replace the terms' own by their indices
     there."""
     out, count = np.empty(len(terms), np.int64), 0
     for t in range(len(terms)):
-        if count == 0 or terms[t, 0] != out[count - 1]:
-            out[count] = terms[t, 0]
+        if count == 0 or terms[t, HARMONIC] != out[count - 1]:
+            out[count] = terms[t, HARMONIC]
             count += 1
-        terms[t, 0] = count - 1
+        terms[t, HARMONIC] = count - 1
     return out[:count]
 
 
-@inner
+@jit_in_place
 def alias_transfer(fu, fv, m_u, m_v, side, triangle):
     """Return the transfer of an alias before interpolation.
 
@@ -185,31 +191,26 @@ def alias_transfer(fu, fv, m_u, m_v, side, triangle):
     if abs(u) >= 1 or abs(v) >= 1:
         return 0.0
     first, second = u * side[0] + v * side[1], u * side[2] + v * side[3]
-    transfer = sinc(u) * sinc(v) * sinc(first) * sinc(second)
+    transfer = aliases.mean_over_sides(sinc(u) * sinc(v), first, second)
     if triangle != 0:
-        transfer *= sinc(triangle * first) * sinc(triangle * second)
+        transfer *= aliases.mean_over_sides(1.0, triangle * first, triangle * second)
     return transfer
 
 
-@inner
-def interpolation_transfer(even, m):
-    """Return the transfer of interpolation for an alias, from that for even ones."""
-    return even if m % 2 == 0 else 1 - even
-
-
-@inner
+@jit_in_place
 def plane_transfers(even_u, even_v, m_u, m_v, bayer):
     """Return the transfer of interpolation for an alias in the planes of red and blue, and in that
     of green; without colour filters, in all planes."""
-    in_u, in_v = interpolation_transfer(even_u, m_u), interpolation_transfer(even_v, m_v)
-    even = (m_u + m_v) % 2 == 0
+    odd_u, odd_v = m_u % 2 != 0, m_v % 2 != 0
     if bayer:
-        return in_u * in_v, (in_u + in_v) / 2 if even else 0.0
-    alone = 1.0 if even and m_u % 2 == 0 else 0.0
+        in_u = aliases.interpolation_transfer(even_u, odd_u)
+        in_v = aliases.interpolation_transfer(even_v, odd_v)
+        return aliases.plane_transfers(in_u, in_v, odd_u, odd_v)
+    alone = 0.0 if odd_u or odd_v else 1.0
     return alone, alone
 
 
-@loop
+@jit
 def amplitudes(grid, terms, least, table, steps_per_cycle, camera, bayer):
     """Return (rows, cols, T, 2) float32, each term's amplitude at nodes, as the planes of red and
     blue, and of green, read it. Terms are sorted; of those of a harmonic that are below `least`
@@ -220,7 +221,7 @@ def amplitudes(grid, terms, least, table, steps_per_cycle, camera, bayer):
         for c in range(cols):
             last, passed, even_u, even_v, side = -1, UNKNOWN_TRANSFER, 0.0, 0.0, grid.sides[r, c]
             for t in range(len(terms)):
-                h, m_u, m_v = terms[t, 0], terms[t, 1], terms[t, 2]
+                h, m_u, m_v = terms[t, HARMONIC], terms[t, ALIAS_U], terms[t, ALIAS_V]
                 if h != last:
                     last, passed = h, UNKNOWN_TRANSFER
                 fu, fv = grid.frequency[r, c, h, 0], grid.frequency[r, c, h, 1]
@@ -237,7 +238,7 @@ def amplitudes(grid, terms, least, table, steps_per_cycle, camera, bayer):
     return out
 
 
-@loop
+@jit
 def strong_terms(amplitude, terms, strength, least):
     """Return which terms exceed `least` at any node; strength: (H,), of harmonics in a
     reading."""
@@ -248,7 +249,7 @@ def strong_terms(amplitude, terms, strength, least):
         for r in range(rows):
             for c in range(cols):
                 most = max(most, abs(amplitude[r, c, t, 0]), abs(amplitude[r, c, t, 1]))
-        if most * strength[terms[t, 0]] > least:
+        if most * strength[terms[t, HARMONIC]] > least:
             out[count] = t
             count += 1
     return out[:count]

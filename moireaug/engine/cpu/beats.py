@@ -13,16 +13,19 @@ import numpy as np
 from moireaug.engine.cpu import beat_terms, harmonics
 from moireaug.engine.cpu.beat_grid import grid_at, node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.beat_pattern import lost_pattern_variance
-from moireaug.engine.cpu.compiling import fill, inner, part
-from moireaug.engine.cpu.nodes import bracket, fill_cubics, node_line
+from moireaug.engine.cpu.beat_terms import ALIAS_U, ALIAS_V, HARMONIC
+from moireaug.engine.cpu.coarse_grid import bracket, fill_cubics, node_line
+from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.records import Terms
 from moireaug.engine.cpu.rows import U, V, X, Y
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.vectors import load, store
 
 ONE, ZERO = np.float32(1), np.float32(0)
+PER_X, PER_Y, PER_U, PER_V, IN_MIDDLE = range(5)  # columns of a wave
+BLUE, GREEN = range(2)  # columns of a sign
 
 
-@inner
+@jit_in_place
 def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
     """Fill lines (rows, T * 2 * w) with the amplitudes of the `strong` terms at the pixels of each
     row of nodes, and peak (rows, T) with the greatest of each, times strength (T,)."""
@@ -37,29 +40,30 @@ def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
                     peak[r, t] = max(peak[r, t], abs(values[c]) * strength[t])
 
 
-@inner
+@jit_in_place
 def _fill_waves(wave, sign, terms, strong, cycles, start, camera):
     """Fill wave (T, 5) with each term's cycles per pixel of the shown panel along x and y, per
     photo pixel along u and v, and in the photo's middle; and sign (T, 2) with its sign in the
-    planes of blue and of green.
+    planes of BLUE and of GREEN.
 
     Args:
         cycles: (H, 2), of each harmonic along x and y. start: where the shown panel begins, in its
             pixels along both.
     """
     scale = camera.scale_u
+    across, down = scale * camera.photo_width / 2 - 0.5, scale * camera.photo_height / 2 - 0.5
     for t in range(len(strong)):
-        h, m_u, m_v = terms[strong[t], 0], terms[strong[t], 1], terms[strong[t], 2]
-        wave[t, 0], wave[t, 1] = cycles[h, 0], cycles[h, 1]
-        wave[t, 2], wave[t, 3] = -m_u * scale / 2, -m_v * scale / 2
-        across, down = scale * camera.photo_width / 2 - 0.5, scale * camera.photo_height / 2 - 0.5
-        before = cycles[h, 0] * start[0] + cycles[h, 1] * start[1]
-        wave[t, 4] = before - (m_u * across + m_v * down) / 2
-        sign[t, 0] = ONE if (m_u + m_v) % 2 == 0 else -ONE
-        sign[t, 1] = ONE if m_u % 2 == 0 else -ONE
+        term = terms[strong[t]]
+        m_u, m_v, (x, y) = term[ALIAS_U], term[ALIAS_V], cycles[term[HARMONIC]]
+        wave[t, PER_X], wave[t, PER_Y] = x, y
+        wave[t, PER_U], wave[t, PER_V] = -m_u * scale / 2, -m_v * scale / 2
+        before = x * start[0] + y * start[1]
+        wave[t, IN_MIDDLE] = before - (m_u * across + m_v * down) / 2
+        sign[t, BLUE] = ONE if (m_u + m_v) % 2 == 0 else -ONE
+        sign[t, GREEN] = ONE if m_u % 2 == 0 else -ONE
 
 
-@part
+@jit_inlined
 def beat_terms_of(b, i, camera, filters, sites, budget):
     """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor.
     budget: an `ErrorBudget`."""
@@ -89,8 +93,8 @@ def beat_terms_of(b, i, camera, filters, sites, budget):
     peak = np.empty((n_v, len(strong)), np.float32)
     harmonic, shown = np.empty(len(strong), np.int64), np.empty(len(strong), np.float32)
     for t in range(len(strong)):
-        harmonic[t] = used[terms[strong[t], 0]]
-        shown[t] = strength[terms[strong[t], 0]]
+        harmonic[t] = used[terms[strong[t], HARMONIC]]
+        shown[t] = strength[terms[strong[t], HARMONIC]]
     _fill_lines(lines, peak, amplitude, strong, ends, weight, shown)
     wave, sign = np.empty((len(strong), 5), np.float64), np.empty((len(strong), 2), np.float32)
     start = b.start[i, 0] / b.ratio[i], b.start[i, 1] / b.ratio[i]
@@ -101,32 +105,33 @@ def beat_terms_of(b, i, camera, filters, sites, budget):
     return Terms(harmonic, wave, sign, lines, peak, budget.beat_amplitude, step_v, lost)
 
 
-@inner
+@jit_in_place
 def _phase(out, at, wave):
     x, y, u, v = at[X], at[Y], at[U], at[V]
-    per_x, per_y, per_u, per_v, first = wave
+    per_x, per_y, per_u, per_v = wave[PER_X], wave[PER_Y], wave[PER_U], wave[PER_V]
+    first = wave[IN_MIDDLE]
     for i in range(len(out)):
-        alias = per_u * peek(u, i) + per_v * peek(v, i) + first
-        cycles = per_x * peek(x, i) + per_y * peek(y, i) + alias
-        poke(out, i, np.float32(cycles - math.floor(cycles + 0.5)))
+        alias = per_u * load(u, i) + per_v * load(v, i) + first
+        cycles = per_x * load(x, i) + per_y * load(y, i) + alias
+        store(out, i, np.float32(cycles - math.floor(cycles + 0.5)))
 
 
-@inner
+@jit_in_place
 def _blend(out, first, second, third, fourth, weight):
     wa, wb, wc, wd = weight
     for i in range(len(out)):
-        low = wa * peek(first, i) + wb * peek(second, i)
-        poke(out, i, low + (wc * peek(third, i) + wd * peek(fourth, i)))
+        low = wa * load(first, i) + wb * load(second, i)
+        store(out, i, low + (wc * load(third, i) + wd * load(fourth, i)))
 
 
-@inner
+@jit_in_place
 def _add_beat(out, amplitude, cos, sin, real, imaginary):
     for i in range(len(out)):
-        seen = real * peek(cos, i) - imaginary * peek(sin, i)
-        poke(out, i, out[i] + peek(amplitude, i) * seen)
+        seen = real * load(cos, i) - imaginary * load(sin, i)
+        store(out, i, out[i] + load(amplitude, i) * seen)
 
 
-@inner
+@jit_in_place
 def fill_modulation(out, work, terms, pattern, passes, position, v, first_row):
     """Fill out (3, 3, w), by colour filter and channel, with the sum of the terms on a row v.
 
@@ -146,8 +151,7 @@ def fill_modulation(out, work, terms, pattern, passes, position, v, first_row):
         peak = terms.peak[node : node + 4, i]
         if max(peak[0], peak[1], peak[2], peak[3]) < terms.least_amplitude:
             continue
-        wave = terms.wave[i]
-        _phase(d, position, (wave[0], wave[1], wave[2], wave[3], wave[4]))
+        _phase(d, position, terms.wave[i])
         harmonics.fill_fundamental(cos, sin, d)
         a, b, c = 2 * i * w, (2 * i + 1) * w, (2 * i + 2) * w
         first, second = terms.lines[node], terms.lines[node + 1]
@@ -159,7 +163,7 @@ def fill_modulation(out, work, terms, pattern, passes, position, v, first_row):
         for plane in range(3):
             sign = ONE
             if pattern.bayer and plane > 0:
-                sign = terms.sign[i, 0] if plane == 2 else terms.sign[i, 1]
+                sign = terms.sign[i, BLUE if plane == 2 else GREEN]
             for channel in range(3):
                 if not passes[plane, channel]:
                     continue

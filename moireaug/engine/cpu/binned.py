@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu import beats, rows, stencil
-from moireaug.engine.cpu.compiling import copy, fill, inner, part
+from moireaug.engine.cpu.compiling import copy, fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance
 from moireaug.engine.cpu.register import ImageToPhoto, fill_photo_positions, image_to_photo
-from moireaug.engine.cpu.rows import LIGHT, Places, Row, U, V, X, Y, places_of, row_of
+from moireaug.engine.cpu.rows import LIGHT, Row, RowLayout, U, V, X, Y, row_layout_of, row_of
 from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, reflect
 from moireaug.engine.cpu.view import inverse
 
@@ -23,12 +23,12 @@ class _Work(NamedTuple):
     """What a row of bins is computed in.
 
     Args:
-        places, row: see there. modulation: (3, 3, w) float32, see `beats.fill_modulation`. lines:
+        layout, row: see `rows`. modulation: (3, 3, w) float32, see `beats.fill_modulation`. lines:
             (5, w) float32. passes: (3, 3) bool, which channels each colour filter passes.
         ideal, to_photo: see `register.fill_photo_positions`; of a rectified camera.
     """
 
-    places: Places
+    layout: RowLayout
     row: Row
     modulation: np.ndarray
     lines: np.ndarray
@@ -37,18 +37,15 @@ class _Work(NamedTuple):
     to_photo: ImageToPhoto
 
 
-@part
+@jit_inlined
 def _image_to_photo(sensor):
     """Return the ImageToPhoto of bins that lie in the image's frame; the others need none."""
-    forward, rows_of = np.empty((3, 3), np.float64), inverse(sensor)
-    for i in range(3):
-        for j in range(3):
-            forward[i, j] = rows_of[i][j]
+    forward = np.array(inverse(sensor)).reshape(3, 3)
     k1, k2 = (sensor.k1, sensor.k2) if sensor.rectified != 0 else (0.0, 0.0)
     return image_to_photo(forward, k1, k2)
 
 
-@part
+@jit_inlined
 def work_of_bins(w, planes, image):
     """Return the _Work of a reading w wide."""
     passes = np.empty((3, 3), np.bool_)
@@ -57,8 +54,8 @@ def work_of_bins(w, planes, image):
             passes[i, j] = image.filters[i, j] != 0
     every_colour = np.ones((3, 3))  # in the irradiance; filters come after the beats
     return _Work(
-        places_of(w, planes, image.sites, image.nodes, every_colour),
-        row_of(w, image.cell, image.nodes),
+        row_layout_of(w, planes, image.sites, image.grid, every_colour),
+        row_of(w, image.cell, image.grid),
         np.empty((3, 3, w), np.float32),
         np.empty((5, w), np.float32),
         passes,
@@ -67,7 +64,7 @@ def work_of_bins(w, planes, image):
     )
 
 
-@inner
+@jit_in_place
 def locate_bins(work, v, image):
     """Fill where a row of the bins, v about the centre, lies on the photo."""
     at, sensor = work.row.position, image.sensor
@@ -75,12 +72,12 @@ def locate_bins(work, v, image):
         first = image.sites.cols[0]
         fill_photo_positions(at[U], at[V], work.ideal, first, v, work.to_photo, sensor)
         return
-    u = work.places.u[0]
+    u = work.layout.u[0]
     for i in range(len(u)):
         at[U, i], at[V, i] = u[i], v
 
 
-@inner
+@jit_in_place
 def flicker(light, bands, v, camera):
     """Multiply a row by the panel's pulses at photo rows v (w,) about the centre."""
     last = len(bands) - 2.0
@@ -90,7 +87,7 @@ def flicker(light, bands, v, camera):
         light[i] *= np.float32(bands[k] + (at - k) * (bands[k + 1] - bands[k]))
 
 
-@inner
+@jit_in_place
 def add_modulated(light, content, modulation, passed, mean):
     """Add a row of content, modulated, to the light, or a row of light's gradient to the content's;
     passed: of it by the colour filter."""
@@ -98,7 +95,7 @@ def add_modulated(light, content, modulation, passed, mean):
         light[i] += content[i] * (passed * (mean + modulation[i]))
 
 
-@inner
+@jit_in_place
 def _expose_rows(raw, slope, panel, image, work, top, bottom):
     """Do the same as `expose_binned_image`, in buffers that it allocated."""
     planes, h, w = raw.shape
@@ -140,7 +137,7 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
                 copy(out, light)
 
 
-@part
+@jit_inlined
 def expose_binned_image(raw, slope, panel, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the binned reading of one
     image.

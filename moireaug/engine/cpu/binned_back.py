@@ -7,7 +7,7 @@ import numpy as np
 
 from moireaug.engine.cpu import beats, stencil
 from moireaug.engine.cpu.binned import add_modulated, flicker, locate_bins, work_of_bins
-from moireaug.engine.cpu.compiling import fill, inner, part
+from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance_back
 from moireaug.engine.cpu.rows import LIGHT, U, V, X, Y
@@ -17,7 +17,7 @@ from moireaug.engine.cpu.view import look
 ZERO = np.float32(0)
 
 
-@inner
+@jit_in_place
 def _expose_rows_back(panel_grad, grad, slope, image, work):
     """Do the same as `expose_binned_image_back`, in buffers that it allocated."""
     planes, h, _ = grad.shape
@@ -31,7 +31,7 @@ def _expose_rows_back(panel_grad, grad, slope, image, work):
             stencil.look_straight(position[X], position[Y], r)
         else:
             fill_row_weights(row, image, sites.rows, r, 0)
-            look(position[X], position[Y], work.places.u[0], v, image.camera)
+            look(position[X], position[Y], work.layout.u[0], v, image.camera)
         beats.fill_modulation(
             modulation, lines, image.terms, pattern, passes, position, v, first_row
         )
@@ -54,7 +54,7 @@ def _expose_rows_back(panel_grad, grad, slope, image, work):
             panel_irradiance_back(work, panel_grad, image, 0, v)
 
 
-@part
+@jit_inlined
 def expose_binned_image_back(panel_grad, grad, slope, image):
     """Add the gradient in the panel, of its shape, from that in a binned reading (planes, h, w);
     slope and image as in `binned.expose_binned_image`."""

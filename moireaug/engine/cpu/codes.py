@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import copy, fill, inner, loop
+from moireaug.engine.cpu.compiling import copy, fill, jit, jit_in_place
+from moireaug.engine.cpu.physics import tone as tone_physics
 from moireaug.engine.cpu.srgb import encode
 from moireaug.engine.cpu.vectors import LANES, add_sum, padded_width
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
-TWO = np.float32(2)
 SITES_PER_CELL = 4  # sensor pixels of a colour filter cell
 
 
@@ -53,7 +53,7 @@ class Workspace(NamedTuple):
     resized: np.ndarray
 
 
-@loop
+@jit
 def workspace(codes, image, raw_width, photo_width):
     """Return the Workspace of a reading `raw_width` pixels wide; image: index in the batch."""
     lanes = padded_width(raw_width)
@@ -79,13 +79,13 @@ def workspace(codes, image, raw_width, photo_width):
     )
 
 
-@inner
+@jit_in_place
 def is_read(rows, row):
     """Return whether any photo pixel is made from this sensor row."""
     return rows.first[row] <= rows.last[row]
 
 
-@inner
+@jit_in_place
 def _prepare(out, raw, saturates, levels):
     """Copy a plane's row (w,) to out (w + 2,), its end values repeated: saturated if `saturates`,
     and rounded if levels > 0."""
@@ -101,7 +101,7 @@ def _prepare(out, raw, saturates, levels):
     out[0], out[w + 1] = out[1], out[w]
 
 
-@inner
+@jit_in_place
 def _mix(red, green, blue, matrix):
     """Multiply the colours of a row by a matrix (3, 3), in place."""
     rr, rg, rb = matrix[0, 0], matrix[0, 1], matrix[0, 2]
@@ -114,7 +114,7 @@ def _mix(red, green, blue, matrix):
         blue[i] = br * r + bg * g + bb * b
 
 
-@inner
+@jit_in_place
 def _code(out, gain, tone):
     """Turn a row of an image's light into codes, in place."""
     shoulder, contrast = tone.shoulder, tone.contrast
@@ -126,14 +126,13 @@ def _code(out, gain, tone):
             out[i] *= gain
     if tone.toned:
         for i in range(len(out)):
-            x = min(max(out[i], ZERO), ONE)
-            x *= (ONE + shoulder) / (ONE + shoulder * x)
-            out[i] = x + contrast * (TWO * x - ONE) * x * (ONE - x)
+            x = tone_physics.shoulder_curve(min(max(out[i], ZERO), ONE), shoulder)
+            out[i] = tone_physics.contrast_curve(x, contrast)
     for i in range(len(out)):
         out[i] = min(max(out[i] + tone.brighten, ZERO), ONE)
 
 
-@inner
+@jit_in_place
 def _colours(colours, ring, y, h, demosaic, rows):
     """Fill the workspace's colours with those of cell row y, from the prepared rows in its ring."""
     for site in range(SITES_PER_CELL):
@@ -152,7 +151,7 @@ def _colours(colours, ring, y, h, demosaic, rows):
                 add_sum(colour, weight, ring[row], demosaic.offset[first : first + count])
 
 
-@inner
+@jit_in_place
 def _enter(ring, ring_rows, raw, y, saturates, levels):
     """Prepare cell row y of the packed planes in the ring, unless it is there already."""
     if ring_rows[y % 3] == y:
@@ -164,14 +163,14 @@ def _enter(ring, ring_rows, raw, y, saturates, levels):
     ring_rows[y % 3] = y
 
 
-@inner
+@jit_in_place
 def _average(green, other):
     """Make a row of one green the mean of a cell's two."""
     for i in range(len(other)):
         green[i] = HALF * (green[i] + other[i])
 
 
-@inner
+@jit_in_place
 def light_of_row(work, raw, y, codes):
     """Fill the workspace's colours with those of row y of raw: of four sites, or of one where the
     sensor has no colour filters."""
@@ -190,14 +189,14 @@ def light_of_row(work, raw, y, codes):
         _average(work.colours[0, 1], ring[0, 1 : w + 1])
 
 
-@inner
+@jit_in_place
 def mix_row(colours, r, step, w, matrix):
     """Multiply the colours of one row of a cell, its even and its odd columns, by a matrix."""
     for site in range(2 * r, 2 * r + step):
         _mix(colours[site, 0, :w], colours[site, 1, :w], colours[site, 2, :w], matrix)
 
 
-@inner
+@jit_in_place
 def codes_of_row(work, raw, y, codes):
     """Fill the workspace's colours with the codes of row y of raw."""
     w, matrix = raw.shape[2], work.matrix

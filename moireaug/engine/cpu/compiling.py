@@ -29,47 +29,44 @@ WAITING_MESSAGE = (
     "this takes one to several minutes."
 )
 PACKAGE = KERNELS.parents[1]
-# files outside this folder whose numbers and records are compiled into kernels
+FORMULAS = PACKAGE / "common" / "physics"
+# files outside these folders whose numbers and records are compiled into kernels
 CONSTANT_SOURCES = (
-    "camera/effects/binned_statistics.py",
     "camera/effects/detail.py",
     "camera/effects/random_numbers.py",
     "camera/effects/sensor.py",
-    "engine/jacobian.py",
     "engine/lower/budget.py",
     "engine/lower/development_records.py",
     "engine/lower/exposure_records.py",
     "camera/exposure/footprint.py",
     "camera/exposure/displayed.py",
-    "scene/geometry/distortion.py",
-    "scene/geometry/frame.py",
-    "scene/lens.py",
     "scene/record.py",
 )
 # a product and a sum may be rounded together
 FAST_MATH = {"contract"}
-# divisions by zero give infinity and need no branch
-loop = njit(error_model="numpy", fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-# for what only calls loops: a part of its caller before types are inferred, which saves a sixth of
-# the compilation of all kernels
-part = njit(error_model="numpy", fastmath=FAST_MATH, inline="always")
-# for loops that neither allocate nor return arrays: their callers hold all that they work on, so
-# they need not count references, which took a quarter of a kernel's time
-_inner = functools.partial(
+# for functions that other compiled ones call; divisions by zero give infinity and need no branch
+jit = njit(error_model="numpy", fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+# for what only calls compiled functions: put into its caller before types are inferred, which saves
+# a sixth of the compilation of all kernels
+jit_inlined = njit(error_model="numpy", fastmath=FAST_MATH, inline="always")
+# for loops that work in place, and neither allocate nor return arrays: their callers hold all that
+# they work on, so they need not count references, which took a quarter of a kernel's time
+_jit_in_place = functools.partial(
     njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
 )
-inner = _inner(fastmath=FAST_MATH)
+jit_in_place = _jit_in_place(fastmath=FAST_MATH)
 # the same for what must round as PyTorch does; without `fastmath`, numba takes the caller's
-exact = _inner(fastmath=False)
-# the same for what a single function calls for each row: passing hundreds of numbers on takes a
-# twentieth of its time
-inlined = _inner(fastmath=FAST_MATH, forceinline=True)
+jit_in_place_exact = _jit_in_place(fastmath=False)
+# the same, put into its caller by LLVM, for what a single function calls for each row: passing
+# hundreds of numbers on takes a twentieth of its time
+jit_in_place_inlined = _jit_in_place(fastmath=FAST_MATH, forceinline=True)
 
 
 def _folder_name() -> str:
     """Return the name of a folder of kernels, of a hash of the sources and of numba's and
     llvmlite's versions."""
-    sources = sorted(KERNELS.rglob("*.py")) + [PACKAGE / name for name in CONSTANT_SOURCES]
+    sources = sorted([*KERNELS.rglob("*.py"), *FORMULAS.glob("*.py")])
+    sources += [PACKAGE / name for name in CONSTANT_SOURCES]
     text = b"".join(source.read_bytes() for source in sources)
     text += f"{numba.__version__} {llvmlite.__version__}".encode()
     return f"moireaug-{hashlib.sha256(text).hexdigest()[:16]}"
@@ -205,14 +202,14 @@ def _without_garbage_collection():
         gc.enable()
 
 
-@inner
+@jit_in_place
 def fill(out, value):
     """Fill a row; numba takes seconds to compile a slice assignment, for its error messages."""
     for i in range(len(out)):
         out[i] = value
 
 
-@inner
+@jit_in_place
 def copy(out, row):
     """Copy as many values as both rows have room for."""
     for i in range(min(len(out), len(row))):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.camera.effects.detail import MIN_SIGMA
-from moireaug.engine.cpu.compiling import copy, fill, inlined, inner, loop
+from moireaug.engine.cpu.compiling import copy, fill, jit, jit_in_place, jit_in_place_inlined
 from moireaug.engine.cpu.limits import GAUSSIAN_REACH_SIGMAS
 from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum, padded_width
 
@@ -48,7 +48,7 @@ class Filter(NamedTuple):
     offset: np.ndarray
 
 
-@loop
+@jit
 def _gaussian(sigma, size):
     """Return a Gaussian's weights, float32, which sum to 1: `size`, which is odd, or fewer if the
     outermost are negligible."""
@@ -64,7 +64,7 @@ def _gaussian(sigma, size):
     return out
 
 
-@loop
+@jit
 def filter_of(detail, image, back):
     """Return the Filter of one image's Detail, or its transpose."""
     h, w = detail.size
@@ -96,7 +96,7 @@ def filter_of(detail, image, back):
     )
 
 
-@inner
+@jit_in_place
 def _split(red, blue, grey, photo, y):
     """Take row y of a photo apart: red and blue less the brightness, and the brightness."""
     y %= photo.shape[1]
@@ -108,7 +108,7 @@ def _split(red, blue, grey, photo, y):
         grey[i] = mean
 
 
-@inner
+@jit_in_place
 def _blur_row(out, padded, kernel, f, w):
     """Fill out (lanes,) with a blurred row of w pixels, padded with its end pixels; the row begins
     half a kernel into `padded`."""
@@ -120,7 +120,7 @@ def _blur_row(out, padded, kernel, f, w):
     add_sum(out, kernel, padded, f.steps[: len(kernel)])
 
 
-@inner
+@jit_in_place
 def _blur_row_back(out, padded, kernel, f, w):
     """Apply the transpose of `_blur_row`: what falls into the padding is added to the end pixels.
     The row begins a whole kernel, less one, into `padded`, which is 0 elsewhere."""
@@ -139,7 +139,7 @@ def _blur_row_back(out, padded, kernel, f, w):
     out[w - 1] = last
 
 
-@inlined
+@jit_in_place_inlined
 def enter(f, photo, y):
     """Blur row y of a photo horizontally, into the ring. The photo may hold its last rows only:
     row y at y modulo their number."""
@@ -164,7 +164,7 @@ def enter(f, photo, y):
             _blur_row(out, padded[c], kernel, f, w)
 
 
-@inner
+@jit_in_place
 def _fill_block_sources(f, kernel, y):
     """Fill the Filter's weight and offset for the BLOCK_ROWS rows from y on; those past the last
     row are not used."""
@@ -179,7 +179,7 @@ def _fill_block_sources(f, kernel, y):
             _transpose_sources(weight, kernel, y + i, h)
 
 
-@inner
+@jit_in_place
 def _transpose_sources(weight, kernel, y, h):
     """Turn the weights of row y of h into the transpose's: 0 for rows past the ends, and in the
     outermost rows with those of the padding added."""
@@ -198,25 +198,25 @@ def _transpose_sources(weight, kernel, y, h):
             weight[k] = ZERO
 
 
-@inner
+@jit_in_place
 def first_source_row(f, y):
     """Return the first row that row y is made from."""
     return max(y - f.reach, 0)
 
 
-@inner
+@jit_in_place
 def rows_needed(f, y):
     """Return how many rows must have entered the ring before row y is blurred vertically."""
     return min(y + f.reach + 1, len(f.place))
 
 
-@inner
+@jit_in_place
 def rows_at_once(f):
     """Return how many rows of a photo `enter` and `filter_row` need at once."""
     return min(f.reach + BLOCK_ROWS, len(f.place))
 
 
-@inlined
+@jit_in_place_inlined
 def blur_block(f, y):
     """Blur the BLOCK_ROWS rows from y on vertically."""
     for c in range(3):
@@ -228,7 +228,7 @@ def blur_block(f, y):
         add_four_sums(soft, weight, f.ring[c], f.offset[: len(kernel) + BLOCK_ROWS - 1])
 
 
-@inlined
+@jit_in_place_inlined
 def filter_row(out, photo, y, k, f):
     """Fill out (3, w) with row y of a photo, row k of the block that `blur_block` blurred: its
     colours smoothed, and its brightness sharpened by its difference from the blurred one. photo: as

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.cpu.codes import codes_of_row, is_read, workspace
-from moireaug.engine.cpu.compiling import fill, inner, part
-from moireaug.engine.cpu.vectors import add, gather, peek, poke
+from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
+from moireaug.engine.cpu.vectors import add, gather, load, store
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
-@inner
+@jit_in_place
 def _mean(out, even, odd):
     for i in range(len(out)):
-        poke(out, i, HALF * (peek(even, i) + peek(odd, i)))
+        store(out, i, HALF * (load(even, i) + load(odd, i)))
 
 
-@inner
+@jit_in_place
 def source_rows(rows, top, bottom):
     """Return the first and one past the last sensor row that photo rows `top` to `bottom` are made
     from."""
@@ -26,7 +26,7 @@ def source_rows(rows, top, bottom):
     return rows.start[top], min(rows.start[bottom - 1] + rows.taps.shape[1], len(rows.first))
 
 
-@inner
+@jit_in_place
 def resize_along_row(line, work, r, channel, cols):
     """Fill line (W,) with one colour of row r of a cell, resized."""
     if work.step == 2 and cols.halves:  # by `gather`, developing takes 1.4 times as long
@@ -37,7 +37,7 @@ def resize_along_row(line, work, r, channel, cols):
     gather(line, work.colours.reshape(-1)[start:], cols.index, cols.weight)
 
 
-@inner
+@jit_in_place
 def add_to_photo_rows(photo, line, row, rows, top, bottom):
     """Add a line (W,) of a sensor row, weighed, to rows `top` to `bottom` of one colour of a photo
     (H, W)."""
@@ -46,7 +46,7 @@ def add_to_photo_rows(photo, line, row, rows, top, bottom):
             add(photo[i], line, rows.taps[i, row - rows.start[i]])
 
 
-@inner
+@jit_in_place
 def sum_photo_rows(line, grad, row, rows):
     """Fill a line (W,) with the gradient in that of a sensor row, from that in a colour of a photo
     (H, W)."""
@@ -55,14 +55,14 @@ def sum_photo_rows(line, grad, row, rows):
         add(line, grad[i], rows.taps[i, row - rows.start[i]])
 
 
-@inner
+@jit_in_place
 def clear(photo, top, bottom):
     """Fill rows `top` to `bottom` of photo (3, H, W) with zeros."""
     for c in range(3):
         fill(photo[c, top:bottom].reshape(-1), ZERO)
 
 
-@inner
+@jit_in_place
 def clip(photo, top, bottom):
     """Clip rows `top` to `bottom` of photo (3, H, W): sums of weighted codes round to just above 1.
 
@@ -73,7 +73,7 @@ def clip(photo, top, bottom):
             rows[i] = min(max(rows[i], ZERO), ONE)
 
 
-@inner
+@jit_in_place
 def _develop_rows(photo, raw, codes, work, top, bottom):
     """Do the same as `develop_image`, in buffers that it allocated."""
     rows, line = codes.rows, work.resized
@@ -91,7 +91,7 @@ def _develop_rows(photo, raw, codes, work, top, bottom):
     clip(photo, top, bottom)
 
 
-@part
+@jit_inlined
 def develop_image(photo, raw, codes, image, top, bottom):
     """Fill rows `top` to `bottom` of photo (3, H, W) float32, codes in the camera's frame, from raw
     (4 or 3, h, w) float32.

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu.codes import SITES_PER_CELL, is_read, light_of_row, mix_row, workspace
-from moireaug.engine.cpu.compiling import fill, inner, part
+from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.develop import sum_photo_rows
+from moireaug.engine.cpu.physics import tone as tone_physics
 from moireaug.engine.cpu.srgb import encode_and_slope
 from moireaug.engine.cpu.vectors import add, gather
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
-TWO, SIX = np.float32(2), np.float32(6)
 
 
 class _Gradients(NamedTuple):
@@ -31,7 +31,7 @@ class _Gradients(NamedTuple):
     transposed: np.ndarray
 
 
-@inner
+@jit_in_place
 def _code_slope(out, light, gain, tone):
     """Multiply a gradient by the slope of `codes._code` at `light`. A clip's slope is 1 at its
     bounds, and 0 beyond."""
@@ -43,16 +43,15 @@ def _code_slope(out, light, gain, tone):
         if tone.toned:
             slope = slope if ZERO <= code <= ONE else ZERO
             code = min(max(code, ZERO), ONE)
-            inverse = ONE / (ONE + shoulder * code)
-            slope *= (ONE + shoulder) * inverse * inverse
-            code *= (ONE + shoulder) * inverse
-            slope *= ONE + contrast * (SIX * code * (ONE - code) - ONE)
-            code += contrast * (TWO * code - ONE) * code * (ONE - code)
+            code, steepness = tone_physics.shoulder_and_slope(code, shoulder)
+            slope *= steepness
+            slope *= tone_physics.contrast_slope(code, contrast)
+            code = tone_physics.contrast_curve(code, contrast)
         code += tone.brighten
         out[i] *= slope if ZERO <= code <= ONE else ZERO
 
 
-@inner
+@jit_in_place
 def _resize_along_row_back(even, odd, line, step, w, cols):
     """Fill a cell row's even columns, and the odd ones if there are any, with the gradient in them,
     from that in the resized row."""
@@ -61,7 +60,7 @@ def _resize_along_row_back(even, odd, line, step, w, cols):
         gather(odd[:w], line, cols.back_index[1], cols.back_weight[1])
 
 
-@inner
+@jit_in_place
 def _fold_back(raw_grad, total, raw, y, saturates):
     """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is reset
     to 0."""
@@ -76,7 +75,7 @@ def _fold_back(raw_grad, total, raw, y, saturates):
         fill(line, ZERO)
 
 
-@inner
+@jit_in_place
 def _light_back(gradients, photo_grad, y, codes, work):
     """Fill the _Gradients' colours with the gradient in the light of cell row y, which the
     workspace holds, from photo_grad (3, H, W)."""
@@ -103,7 +102,7 @@ def _light_back(gradients, photo_grad, y, codes, work):
             mix_row(grads, r, step, w, gradients.transposed)
 
 
-@inner
+@jit_in_place
 def _demosaic_back(gradients, y, h, codes, work):
     """Add the gradient in the colours of cell row y to that in the rows they are made from."""
     w, demosaic = work.width, codes.demosaic
@@ -120,7 +119,7 @@ def _demosaic_back(gradients, y, h, codes, work):
                     add(target[offset : offset + w], colour, demosaic.weight[tap])
 
 
-@inner
+@jit_in_place
 def _colour_back(raw_grad, grads, plane, raw, codes):
     """Fill a plane's row of raw_grad (w,) from the gradient in the colours of its row (3, lanes),
     of which a cell's two greens have half each."""
@@ -132,7 +131,7 @@ def _colour_back(raw_grad, grads, plane, raw, codes):
         raw_grad[i] = share * grads[channel, i] if passes else ZERO
 
 
-@inner
+@jit_in_place
 def _develop_rows_back(raw_grad, photo_grad, raw, codes, work, gradients):
     """Do the same as `develop_image_back`, in buffers that it allocated."""
     h = raw.shape[1]
@@ -152,7 +151,7 @@ def _develop_rows_back(raw_grad, photo_grad, raw, codes, work, gradients):
         _fold_back(raw_grad, total[(h - 1) % 3], raw, h - 1, codes.saturates)
 
 
-@part
+@jit_inlined
 def develop_image_back(raw_grad, photo_grad, raw, codes, image):
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
     as in `develop.develop_image`."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu.codes import Workspace, codes_of_row, workspace
-from moireaug.engine.cpu.compiling import copy, inner, part
+from moireaug.engine.cpu.compiling import copy, jit_in_place, jit_inlined
 from moireaug.engine.cpu.detail import (
     BLOCK_ROWS,
     Filter,
@@ -49,7 +49,7 @@ class _Work(NamedTuple):
     filtered: np.ndarray
 
 
-@inner
+@jit_in_place
 def _fill_unclipped(unclipped, row, y):
     """Fill row y of unclipped (3, h, w) uint8 with 1 where a clip leaves a value of a row (3, w) as
     it is, else 0."""
@@ -58,7 +58,7 @@ def _fill_unclipped(unclipped, row, y):
             unclipped[c, y, i] = np.uint8(ZERO <= row[c, i] <= ONE)
 
 
-@inner
+@jit_in_place
 def _resize_row(out, row, y, line, rows, cols, top, bottom):
     """Add a photo's row y (3, w), clipped, to rows `top` to `bottom` of out (3, H, W); line: (W,)
     workspace."""
@@ -69,7 +69,7 @@ def _resize_row(out, row, y, line, rows, cols, top, bottom):
         add_to_photo_rows(out[c], line, y, rows, top, bottom)
 
 
-@inner
+@jit_in_place
 def _resize_row_back(photo_grad, unclipped, grad, y, line, rows, cols):
     """Fill row y of photo_grad (3, h, w) from grad (3, H, W); arguments as in `_resize_row`, and
     `unclipped` as in `_fill_unclipped`."""
@@ -80,7 +80,7 @@ def _resize_row_back(photo_grad, unclipped, grad, y, line, rows, cols):
             photo_grad[c, y, i] *= np.float32(unclipped[c, y, i])
 
 
-@inner
+@jit_in_place
 def _develop_detail_rows(out, unclipped, raw, codes, detail, work, top, bottom):
     """Do the same as `develop_detail_image`, in buffers that it allocated."""
     f, developed, step, line = work.filter, work.developed, work.codes.step, work.codes.resized
@@ -106,7 +106,7 @@ def _develop_detail_rows(out, unclipped, raw, codes, detail, work, top, bottom):
     clip(out, top, bottom)
 
 
-@part
+@jit_inlined
 def develop_detail_image(out, unclipped, raw, codes, detail, image, top, bottom):
     """Fill rows `top` to `bottom` of out (3, H, W) float32, codes in the camera's frame, from raw
     (4 or 3, h, w) float32.
@@ -127,7 +127,7 @@ def develop_detail_image(out, unclipped, raw, codes, detail, image, top, bottom)
     _develop_detail_rows(out, unclipped, raw, codes, detail, work, top, bottom)
 
 
-@inner
+@jit_in_place
 def _develop_detail_rows_back(codes_grad, grad, unclipped, detail, f, row, line):
     """Do the same as `develop_detail_image_back`, in buffers that it allocated."""
     h = codes_grad.shape[1]
@@ -147,7 +147,7 @@ def _develop_detail_rows_back(codes_grad, grad, unclipped, detail, f, row, line)
                 copy(codes_grad[c, y], row[c])
 
 
-@part
+@jit_inlined
 def develop_detail_image_back(codes_grad, grad, unclipped, detail, image):
     """Fill codes_grad (3, h, w) with the gradient in the codes of every sensor pixel, from grad
     (3, H, W) and what `develop_detail_image` filled `unclipped` with, (3, h, w)."""

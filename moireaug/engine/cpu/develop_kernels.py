@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import fill, kernel, part
+from moireaug.engine.cpu.compiling import fill, jit_inlined, kernel
 from moireaug.engine.cpu.develop import develop_image
 from moireaug.engine.cpu.develop_back import develop_image_back
 from moireaug.engine.cpu.develop_detail import develop_detail_image, develop_detail_image_back
@@ -19,7 +19,7 @@ from moireaug.engine.cpu.register import (
 ZERO = np.float32(0)
 
 
-@part
+@jit_inlined
 def _image_to_photo(registration, i):
     """Return the ImageToPhoto of image i."""
     k1, k2 = registration.distortion[i]
@@ -31,7 +31,7 @@ def in_camera_length(d) -> int:
     return flat_length(*d.size) if d.registers else 0
 
 
-@part
+@jit_inlined
 def _fill_photo(out, raw, d, i, top, bottom):
     """Fill rows `top` to `bottom` of photo i from its raw."""
     h, w = d.size
@@ -58,7 +58,7 @@ def develop_kernel(out, raw, d, first, last, top, bottom):
         _fill_photo(out, raw[i], d, i, top, bottom)
 
 
-@part
+@jit_inlined
 def _fill_raw_grad(raw_grad, grad, in_camera, unclipped, raw, d, i):
     """Fill raw_grad with the gradient in image i's raw, from that in its photo."""
     h, w = d.size

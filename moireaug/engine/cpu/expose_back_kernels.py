@@ -35,10 +35,10 @@ def show_back_kernel(grads, shown_grad, light_grad, pictures, e, at_points, i):
 
 
 @kernel
-def expose_full_back_kernel(shown_grad, raw_grads, slopes, e, view, nodes, i):
+def expose_full_back_kernel(shown_grad, raw_grads, slopes, e, view, grid, i):
     """Fill the gradient in what `show_kernel` fills, from that in reading i of (B, planes, h, w);
     slopes: as `expose_full_kernel` filled them, the rest as there."""
-    image = full_image(e, nodes, i)
+    image = full_image(e, grid, i)
     fill(shown_grad, ZERO)
     panel_grad = panel_of(shown_grad, image.camera, e)
     full_back.expose_full_image_back(panel_grad, raw_grads[i], slopes[i], image)
@@ -54,7 +54,7 @@ def expose_binned_back_kernel(shown_grad, raw_grads, slopes, e, view, setup, i):
 
 
 @kernel
-def expose_point_back_kernel(shown_grad, raw_grads, slopes, e, view, nodes, i):
+def expose_point_back_kernel(shown_grad, raw_grads, slopes, e, view, setup, i):
     """Do the same as `expose_full_back_kernel` for a reading at points of the panel."""
     image = point_image(e, view, i)
     fill(shown_grad, ZERO)

@@ -10,10 +10,10 @@ import numpy as np
 from moireaug.camera.exposure.displayed import EDGE_PIXELS
 from moireaug.engine.cpu import beat_terms, beats, panel, picture, point, stencil
 from moireaug.engine.cpu.binned import expose_binned_image
-from moireaug.engine.cpu.compiling import kernel, loop, part
+from moireaug.engine.cpu.coarse_grid import can_follow_view, coarse_grid_of, no_coarse_grid
+from moireaug.engine.cpu.compiling import jit, jit_inlined, kernel
 from moireaug.engine.cpu.full import expose_full_image
 from moireaug.engine.cpu.limits import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
-from moireaug.engine.cpu.nodes import can_follow_view, no_nodes, nodes_of
 from moireaug.engine.cpu.point import expose_point_image
 from moireaug.engine.cpu.records import (
     BinnedImage,
@@ -25,20 +25,13 @@ from moireaug.engine.cpu.records import (
 )
 from moireaug.engine.lower.exposure_records import Camera, Cell, Sites
 
-
-@loop
-def camera_of(row):
-    """Return the Camera of a row of `Exposure.cameras`, whose columns are its fields."""
-    # unpacking it would need numba's unsafe to_fixed_tuple, which takes longer to compile
-    return Camera(
-        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
-        row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20],
-        row[21], row[22], row[23], row[24], row[25], row[26], row[27], row[28], row[29], row[30],
-        row[31], row[32], row[33], row[34], row[35], row[36], row[37],
-    )  # fmt: skip
+# unpacking a row would need numba's unsafe to_fixed_tuple, which takes longer to compile
+_COLUMNS = ", ".join(f"row[{i}]" for i in range(len(Camera._fields)))
+# the Camera of a row of `Exposure.cameras`, whose columns are its fields
+camera_of = jit(eval(f"lambda row: Camera({_COLUMNS})", {"Camera": Camera}))
 
 
-@loop
+@jit
 def sites_of(sites, camera):
     """Return Sites whose rows and columns lie about the whole photo's centre; of a rectified
     camera, about that of the picture's frame."""
@@ -75,14 +68,14 @@ def views_fit(e, view):
     return out
 
 
-@part
+@jit_inlined
 def panel_of(shown, camera, e):
     """Return the part of shown that a picture takes as the panel shows it, (3, h, w)."""
     h, w = panel.shape(e.size, camera, e.cell)
     return shown[: 3 * h * w].reshape(3, h, w)
 
 
-@part
+@jit_inlined
 def points_of(shown, alpha, e):
     """Return the part of shown that a picture takes as points see it, (3, n)."""
     height, width = point.shown_pixels(e.size[0], alpha), point.shown_pixels(e.size[1], alpha)
@@ -116,17 +109,17 @@ def show_kernel(shown, light, pictures, e, at_points, i):
         panel.fill_panel(panel_of(shown, camera, e), light, camera, e.cell, e.dark_around)
 
 
-@part
-def _nodes(camera, cell, sites, e, view, i):
-    """Return the Nodes of image i; view: a FullView."""
+@jit_inlined
+def _coarse_grid(camera, cell, sites, e, view, i):
+    """Return the CoarseGrid of image i; view: a FullView."""
     blur_camera = camera_of(view.blur_cameras[i])
     widths, added_variance = view.widths[i], view.added_variance[i]
-    return nodes_of(
+    return coarse_grid_of(
         camera, blur_camera, cell, view.coefficients[i], widths, added_variance, sites, e.budget
     )
 
 
-@part
+@jit_inlined
 def _readout(camera, e, i):
     """Return the Readout of image i."""
     read_noise, photons = np.float32(camera.dark_noise), np.float32(camera.photon_noise)
@@ -134,7 +127,7 @@ def _readout(camera, e, i):
     return Readout(e.noisy, read_noise, photons, keys, e.clips)
 
 
-@part
+@jit_inlined
 def _size_on_panel(camera, e):
     """Return the height and width of a picture on the panel, with what leads it, rounded up."""
     return (
@@ -144,52 +137,52 @@ def _size_on_panel(camera, e):
 
 
 @kernel
-def full_nodes_kernel(e, view, i):
-    """Return the Nodes of image i; view: a FullView."""
-    return _nodes(camera_of(e.cameras[i]), e.cell, e.sites, e, view, i)
+def full_grid_kernel(e, view, i):
+    """Return the CoarseGrid of image i; view: a FullView."""
+    return _coarse_grid(camera_of(e.cameras[i]), e.cell, e.sites, e, view, i)
 
 
-@part
-def full_image(e, nodes, i):
-    """Return the FullImage of image i; nodes: from `full_nodes_kernel`."""
+@jit_inlined
+def full_image(e, grid, i):
+    """Return the FullImage of image i; grid: from `full_grid_kernel`."""
     camera = camera_of(e.cameras[i])
     return FullImage(
-        camera, _size_on_panel(camera, e), e.cell, nodes, e.sites, e.filters[i], e.white[i],
+        camera, _size_on_panel(camera, e), e.cell, grid, e.sites, e.filters[i], e.white[i],
         e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
 
 @kernel
-def expose_full_kernel(raw, slopes, shown, e, view, nodes, span):
+def expose_full_kernel(raw, slopes, shown, e, view, grid, span):
     """Fill a part of raw (B, planes, h, w) float32 with the reading of a picture, from what
     `show_kernel` filled shown with.
 
-    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. view: a FullView. nodes:
-    from `full_nodes_kernel`. span: a `records.Span`.
+    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. view: a FullView. grid:
+    from `full_grid_kernel`. span: a `records.Span`.
     """
-    image = full_image(e, nodes, span.i)
+    image = full_image(e, grid, span.i)
     shown_panel = panel_of(shown, image.camera, e)
     expose_full_image(raw[span.i], slopes[span.i], shown_panel, image, span.top, span.bottom)
 
 
-@part
-def _nodes_and_stencil(camera, sensor, cell, sites, e, view, i):
-    """Return the Nodes and the BinStencil of image i of a binned reading: one of them is empty;
-    view: of the picture, a FullView."""
+@jit_inlined
+def _grid_and_stencil(camera, sensor, cell, sites, e, view, i):
+    """Return the CoarseGrid and the BinStencil of image i of a binned reading, one of which is
+    empty; view: of the picture, a FullView."""
     if not stencil.has_stencil(camera, sensor):
-        return _nodes(camera, cell, sites, e, view, i), stencil.no_stencil()
-    none, blur_camera = no_nodes(len(view.widths[i])), camera_of(view.blur_cameras[i])
+        return _coarse_grid(camera, cell, sites, e, view, i), stencil.no_stencil()
+    none, blur_camera = no_coarse_grid(len(view.widths[i])), camera_of(view.blur_cameras[i])
     return none, stencil.stencil_of(
         camera, blur_camera, cell, view.widths[i], view.added_variance[i], sites, e.budget
     )
 
 
-@part
+@jit_inlined
 def _cell_of(cell, centre):
     """Return a Cell with the centres of one image."""
     return Cell(
-        cell.whole, cell.period, cell.orders, cell.channel, cell.kind, cell.y_group,
-        cell.kind_y_group, centre, cell.pixel, cell.radius,
+        cell.common_period, cell.period, cell.orders, cell.channel, cell.subpixel_kind,
+        cell.y_group, cell.kind_y_group, centre, cell.pixel, cell.radius,
     )  # fmt: skip
 
 
@@ -204,24 +197,24 @@ def beats_fit(e, b):
 
 
 @kernel
-def binned_nodes_kernel(e, view, i):
+def binned_setup_kernel(e, view, i):
     """Return the BinnedSetup of image i; view: a BinnedView."""
     camera, sensor = camera_of(e.cameras[i]), camera_of(view.beats.cameras[i])
     cell = _cell_of(e.cell, view.beats.centres[i])
     sites = sites_of(e.sites, camera)
-    nodes, bin_stencil = _nodes_and_stencil(camera, sensor, cell, sites, e, view.picture, i)
+    grid, bin_stencil = _grid_and_stencil(camera, sensor, cell, sites, e, view.picture, i)
     terms = beats.beat_terms_of(view.beats, i, sensor, e.filters[i], sites, e.budget)
-    return BinnedSetup(nodes, bin_stencil, terms)
+    return BinnedSetup(grid, bin_stencil, terms)
 
 
-@part
+@jit_inlined
 def binned_image(e, view, setup, i):
-    """Return the BinnedImage of image i; view: a BinnedView. setup: from `binned_nodes_kernel`."""
+    """Return the BinnedImage of image i; view: a BinnedView. setup: from `binned_setup_kernel`."""
     b, camera = view.beats, camera_of(e.cameras[i])
     pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer)
     return BinnedImage(
         camera, camera_of(b.cameras[i]), _size_on_panel(camera, e),
-        _cell_of(e.cell, b.centres[i]), setup.nodes, setup.stencil, sites_of(e.sites, camera),
+        _cell_of(e.cell, b.centres[i]), setup.grid, setup.stencil, sites_of(e.sites, camera),
         setup.terms, pattern, e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
     )  # fmt: skip
 
@@ -229,13 +222,13 @@ def binned_image(e, view, setup, i):
 @kernel
 def expose_binned_kernel(raw, slopes, shown, e, view, setup, span):
     """Do the same as `expose_full_kernel` for a binned reading; view: a BinnedView. setup: from
-    `binned_nodes_kernel`."""
+    `binned_setup_kernel`."""
     image = binned_image(e, view, setup, span.i)
     shown_panel = panel_of(shown, image.camera, e)
     expose_binned_image(raw[span.i], slopes[span.i], shown_panel, image, span.top, span.bottom)
 
 
-@part
+@jit_inlined
 def point_image(e, view, i):
     """Return the PointImage of image i; view: a PointView."""
     camera = camera_of(e.cameras[i])
@@ -246,9 +239,9 @@ def point_image(e, view, i):
 
 
 @kernel
-def expose_point_kernel(raw, slopes, shown, e, view, nodes, span):
+def expose_point_kernel(raw, slopes, shown, e, view, setup, span):
     """Do the same as `expose_full_kernel` for a reading at points of the panel; view: a PointView.
-    nodes: None."""
+    setup: None."""
     image = point_image(e, view, span.i)
     points = points_of(shown, image.camera.alpha, e)
     expose_point_image(raw[span.i], slopes[span.i], points, image, span.top, span.bottom)

@@ -8,10 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.camera.exposure.footprint import MIN_BLUR_VARIANCE, TAIL_SIGMAS
-from moireaug.engine.cpu.compiling import inner
+from moireaug.common.physics.footprint import MIN_BLUR_VARIANCE
+from moireaug.engine.cpu.compiling import jit_in_place
 from moireaug.engine.cpu.normal import integral
+from moireaug.engine.cpu.physics import footprint
 from moireaug.engine.cpu.view import jacobian
+
+BOX, SIGMA = range(2)  # columns of a blur
 
 
 class SubpixelSize(NamedTuple):
@@ -27,7 +30,7 @@ class SubpixelSize(NamedTuple):
     added_variance: np.ndarray
 
 
-@inner
+@jit_in_place
 def blur_jacobian(by_camera, u, v, camera, blur_camera):
     """Return a blur camera's Jacobian at a photo point, as `view.jacobian` does; by_camera: the
     camera's. For camera and blur_camera, see `exposure_records`."""
@@ -38,22 +41,21 @@ def blur_jacobian(by_camera, u, v, camera, blur_camera):
     return xu * across, xv * down, yu * across, yv * down
 
 
-@inner
+@jit_in_place
 def motion_sigma(by_u, by_v, blur_camera):
     """Return the standard deviation of motion blur along one axis, in panel pixels, with a sign."""
-    return by_u * blur_camera.motion_x + by_v * blur_camera.motion_y
+    return footprint.motion_sigma(by_u, by_v, blur_camera.motion_x, blur_camera.motion_y)
 
 
-@inner
+@jit_in_place
 def still_variance(by_u, by_v, fill, blur_u, blur_v, blur_camera):
     """Return the variance of the blur along one axis without its box and without motion, in squared
     panel pixels."""
-    short = min(abs(by_u), abs(by_v)) * fill
-    of_lens = blur_camera.blur * blur_camera.blur + blur_camera.olpf * blur_camera.olpf / 4
-    return short * short / 12 + (blur_u * blur_u + blur_v * blur_v) * of_lens
+    of_lens = footprint.lens_variance(blur_u, blur_v, blur_camera.blur, blur_camera.olpf)
+    return footprint.side_variance(min(abs(by_u), abs(by_v)) * fill) + of_lens
 
 
-@inner
+@jit_in_place
 def _fill_axis(out, steps, camera, blur_camera, subpixel, axis, radius):
     """Do the same as `fill_blur` along one axis.
 
@@ -66,14 +68,12 @@ def _fill_axis(out, steps, camera, blur_camera, subpixel, axis, radius):
     variance = still_variance(by_u, by_v, camera.fill, blur_u, blur_v, blur_camera) + moves * moves
     variance = variance / (period * period) + subpixel.added_variance[axis]
     sigma = math.sqrt(variance + MIN_BLUR_VARIANCE)
-    reach = long / 2 + TAIL_SIGMAS * sigma
-    room = max(radius + 0.5 - subpixel.width[axis] / 2, MIN_BLUR_VARIANCE)
-    shrink = min(1.0, room / reach)
-    out[0], out[1] = long * shrink, sigma * shrink
+    shrink = footprint.narrowing(long, sigma, subpixel.width[axis], radius + 0.5)
+    out[BOX], out[SIGMA] = long * shrink, sigma * shrink
     return shrink < 1
 
 
-@inner
+@jit_in_place
 def fill_blur(out, u, v, camera, blur_camera, subpixel, radius):
     """Fill out (axis, 2) with the blur at a photo point: the box and the standard deviation along
     both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `Footprint.fitted`
@@ -89,7 +89,7 @@ def fill_blur(out, u, v, camera, blur_camera, subpixel, radius):
     return in_x or in_y
 
 
-@inner
+@jit_in_place
 def fill_blurs(out, us, vs, camera, blur_camera, subpixel, radius):
     """Fill out (rows * cols, axis, 2) with the blur at nodes of the photo; see `fill_blur`."""
     for r in range(len(vs)):
@@ -98,7 +98,7 @@ def fill_blurs(out, us, vs, camera, blur_camera, subpixel, radius):
             fill_blur(node, us[c], vs[r], camera, blur_camera, subpixel, radius)
 
 
-@inner
+@jit_in_place
 def light_from(x, box, sigma, width):
     """Return the light from a subpixel at distance x, of all light that a box of 1 would see."""
     far, near = (box + width) / 2, (box - width) / 2

@@ -7,11 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import fill, inner, part
+from moireaug.engine.cpu.coarse_grid import bracket
+from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.irradiance import panel_irradiance
 from moireaug.engine.cpu.limits import MIN_WEIGHT_BANDS
-from moireaug.engine.cpu.nodes import bracket
-from moireaug.engine.cpu.rows import LIGHT, NOISE, NOISE_BITS, Places, Row, V, places_of, row_of
+from moireaug.engine.cpu.rows import (
+    LIGHT,
+    NOISE,
+    NOISE_BITS,
+    Row,
+    RowLayout,
+    V,
+    row_layout_of,
+    row_of,
+)
 from moireaug.engine.cpu.sensor import attenuate, read, reflect
 from moireaug.engine.cpu.tap_weights import blend, weights_per_node
 from moireaug.engine.cpu.vectors import add
@@ -22,30 +31,30 @@ ZERO = np.float32(0)
 class Work(NamedTuple):
     """What a row of a reading is computed in; see `rows`."""
 
-    places: Places
+    layout: RowLayout
     row: Row
 
 
-@part
+@jit_inlined
 def work_of_pixels(w, planes, image):
     """Return the Work of a reading w wide."""
-    places = places_of(w, planes, image.sites, image.nodes, image.filters)
-    return Work(places, row_of(w, image.cell, image.nodes))
+    layout = row_layout_of(w, planes, image.sites, image.grid, image.filters)
+    return Work(layout, row_of(w, image.cell, image.grid))
 
 
-@inner
-def fill_band_weights(out, nodes, v, first):
+@jit_in_place
+def fill_band_weights(out, grid, v, first):
     """Fill out (kinds, n) with the tap weights of all nodes on a row v; first: row of the first
     nodes."""
-    kinds, rows = nodes.tables.shape[:2]
-    node, t = bracket(v, first, nodes.step_vw, rows, 1)
+    kinds, rows = grid.tables.shape[:2]
+    node, t = bracket(v, first, grid.step_vw, rows, 1)
     for kind in range(kinds):
-        n = nodes.columns * weights_per_node(nodes.phases[kind], nodes.taps[kind])[1]
-        low, high = nodes.tables[kind, node, :n], nodes.tables[kind, node + 1, :n]
+        n = grid.columns * weights_per_node(grid.phases[kind], grid.taps[kind])[1]
+        low, high = grid.tables[kind, node, :n], grid.tables[kind, node + 1, :n]
         blend(out[kind, :n], low, high, np.float32(t))
 
 
-@part
+@jit_inlined
 def fill_row_weights(row, image, positions, r, top):
     """Fill the tap weights of row r if it is the first of its band, or of all that are read.
 
@@ -56,14 +65,14 @@ def fill_row_weights(row, image, positions, r, top):
         start = r - r % count
         end = min(start + count, len(positions)) - 1
         middle = (positions[start] + positions[end]) / 2
-        fill_band_weights(row.weights, image.nodes, middle, positions[0])
+        fill_band_weights(row.weights, image.grid, middle, positions[0])
 
 
-@inner
+@jit_in_place
 def _expose_rows(raw, slope, panel, image, work, top, bottom):
     """Do the same as `expose_full_image`, in buffers that it allocated."""
     planes, h, w = raw.shape
-    row, places, camera, sites = work.row, work.places, image.camera, image.sites
+    row, layout, camera, sites = work.row, work.layout, image.camera, image.sites
     rows, step = sites.rows, sites.step
     light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
     for r in range(top * step, bottom * step):
@@ -74,13 +83,13 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
-            if places.first[plane] == plane:
+            if layout.first[plane] == plane:
                 panel_irradiance(work, panel, image, plane, v)
             fill(light, ZERO)
             for colour in range(3):
                 passed = image.filters[sites.channel[plane], colour] * pulse
                 add(light, row.irradiance[colour], np.float32(passed))
-            u = places.u[plane]
+            u = layout.u[plane]
             reflect(light, u, row.position[V], image.white[plane], camera)
             attenuate(light, u, row.position[V], camera)
             y = r // step
@@ -88,7 +97,7 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
             read(raw[plane, y], light, slope[plane, y], start, image.readout, noise, bits)
 
 
-@part
+@jit_inlined
 def expose_full_image(raw, slope, panel, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
 

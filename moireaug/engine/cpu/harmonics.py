@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import fill, inner, loop
-from moireaug.engine.cpu.vectors import add, peek, poke
+from moireaug.engine.cpu.compiling import fill, jit, jit_in_place
+from moireaug.engine.cpu.vectors import add, load, store
 
 KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
@@ -29,21 +29,21 @@ S0, S1, S2, S3, S4 = SIN_SERIES
 C0, C1, C2, C3, C4 = COS_SERIES
 
 
-@inner
+@jit_in_place
 def cubic_weights(t):
     """Return the weights of values at 0, 1, 2 and 3 in the cubic through them at t, float64."""
     a, b, c, d = t, t - 1, t - 2, t - 3
     return -b * c * d / 6, a * c * d / 2, -a * b * d / 2, a * b * c / 6
 
 
-@inner
+@jit_in_place
 def cubic_weights32(t):
     """Return `cubic_weights` as float32."""
     a, b, c, d = cubic_weights(t)
     return np.float32(a), np.float32(b), np.float32(c), np.float32(d)
 
 
-@loop
+@jit
 def fold(amplitude):
     """Turn amplitudes (..., m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L
     followed by those of sin(l y), so that sum_l A_l cos(k x + l y) = cos(k x) sum_l B_l cos(l y) +
@@ -60,7 +60,7 @@ def fold(amplitude):
             rows[r, l] = line[l]
 
 
-@loop
+@jit
 def harmonic_terms(amplitude, least):
     """Return the terms (T, 4) int64 that exceed `least` at any node, in order, of folded amplitudes
     (rows, cols, kinds, n, m)."""
@@ -82,7 +82,7 @@ def harmonic_terms(amplitude, least):
     return out[:count]
 
 
-@inner
+@jit_in_place
 def interpolate_line(line, values, ends, weight):
     """Fill a line of n pixels with values at nodes (cols,), interpolated.
 
@@ -97,7 +97,7 @@ def interpolate_line(line, values, ends, weight):
             add(line[low:high], weight[i, low:high], values[j + i])
 
 
-@inner
+@jit_in_place
 def interpolate_to_pixels(out, amplitude, terms, ends, weight):
     """Fill out (rows, T * n) float32 with each term's amplitude at n pixels of each row of nodes.
 
@@ -114,27 +114,27 @@ def interpolate_to_pixels(out, amplitude, terms, ends, weight):
             interpolate_line(line, values, ends, weight)
 
 
-@inner
+@jit_in_place
 def fill_fundamental(cos, sin, d):
     """Fill cos and sin (n,) with cos and sin of 2 pi d, d (n,) in [-1/2, 1/2]."""
     for i in range(len(d)):
-        t = peek(d, i)
+        t = load(d, i)
         t2 = t * t
         # at a quarter of the angle, then doubled twice
         s = t * (S0 + t2 * (S1 + t2 * (S2 + t2 * (S3 + t2 * S4))))
         c = C0 + t2 * (C1 + t2 * (C2 + t2 * (C3 + t2 * C4)))
         s, c = TWO * s * c, ONE - TWO * s * s
-        poke(sin, i, TWO * s * c)
-        poke(cos, i, ONE - TWO * s * s)
+        store(sin, i, TWO * s * c)
+        store(cos, i, ONE - TWO * s * s)
 
 
-@inner
+@jit_in_place
 def _next_wave(out, first, last, before):
     for i in range(len(out)):
-        poke(out, i, TWO * peek(first, i) * peek(last, i) - peek(before, i))
+        store(out, i, TWO * load(first, i) * load(last, i) - load(before, i))
 
 
-@inner
+@jit_in_place
 def fill_waves(cos, sin, d):
     """Fill cos and sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2]; k = 0 is
     there already."""
@@ -145,17 +145,17 @@ def fill_waves(cos, sin, d):
         _next_wave(sin[k], cos[1], sin[k - 1], sin[k - 2])
 
 
-@inner
+@jit_in_place
 def _add(out, first, second, third, fourth, weight, wave):
     """Add a wave (n,) to out (n,), times its amplitude, weighted from four rows of nodes."""
     wa, wb, wc, wd = weight
     for i in range(len(out)):
-        amplitude = wa * peek(first, i) + wb * peek(second, i)
-        amplitude += wc * peek(third, i) + wd * peek(fourth, i)
-        poke(out, i, out[i] + amplitude * peek(wave, i))
+        amplitude = wa * load(first, i) + wb * load(second, i)
+        amplitude += wc * load(third, i) + wd * load(fourth, i)
+        store(out, i, out[i] + amplitude * load(wave, i))
 
 
-@inner
+@jit_in_place
 def row_amplitudes(even, odd, terms, kind, lines, weight, cos_y, sin_y):
     """Fill even and odd (K + 1, n) with the amplitudes of cos(k x) and sin(k x) on a row, of one
     kind of subpixel.
@@ -179,15 +179,15 @@ def row_amplitudes(even, odd, terms, kind, lines, weight, cos_y, sin_y):
             _add(even[k], first, second, third, fourth, weight, cos_y[l])
 
 
-@inner
+@jit_in_place
 def _rotate_phase(in_phase, quadrature, even, odd, cos, sin):
     for i in range(len(in_phase)):
-        e, o, c, s = peek(even, i), peek(odd, i), peek(cos, i), peek(sin, i)
-        poke(in_phase, i, e * c + o * s)
-        poke(quadrature, i, e * s - o * c)
+        e, o, c, s = load(even, i), load(odd, i), load(cos, i), load(sin, i)
+        store(in_phase, i, e * c + o * s)
+        store(quadrature, i, e * s - o * c)
 
 
-@inner
+@jit_in_place
 def rotate_phase(in_phase, quadrature, even, odd, cos_x, sin_x):
     """Fill in_phase and quadrature (K + 1, n) with the harmonics at the pixels, and with the same
     shifted by a quarter of a period.
@@ -198,13 +198,13 @@ def rotate_phase(in_phase, quadrature, even, odd, cos_x, sin_x):
         _rotate_phase(in_phase[k], quadrature[k], even[k], odd[k], cos_x[k], sin_x[k])
 
 
-@inner
+@jit_in_place
 def _add_shifted(out, in_phase, quadrature, cos, sin):
     for i in range(len(out)):
-        poke(out, i, out[i] + cos * peek(in_phase, i) + sin * peek(quadrature, i))
+        store(out, i, out[i] + cos * load(in_phase, i) + sin * load(quadrature, i))
 
 
-@inner
+@jit_in_place
 def fill_modulation(modulation, in_phase, quadrature, cos, sin):
     """Fill modulation (n,) with the sum of one subpixel's harmonics.
 
@@ -217,8 +217,8 @@ def fill_modulation(modulation, in_phase, quadrature, cos, sin):
         _add_shifted(modulation, in_phase[k], quadrature[k], cos[k], sin[k])
 
 
-@inner
+@jit_in_place
 def add_product(out, first, second):
     """Add the product of two rows to out, (n,) each."""
     for i in range(len(out)):
-        poke(out, i, out[i] + peek(first, i) * peek(second, i))
+        store(out, i, out[i] + load(first, i) * load(second, i))

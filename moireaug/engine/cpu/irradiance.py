@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.cpu import harmonics, lookup, rows
-from moireaug.engine.cpu.compiling import fill, inner, part
-from moireaug.engine.cpu.nodes import bracket
+from moireaug.engine.cpu.coarse_grid import bracket
+from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import TapWeights
 from moireaug.engine.cpu.rows import X, Y
@@ -19,7 +19,7 @@ from moireaug.engine.cpu.view import look
 ZERO = np.float32(0)
 
 
-@inner
+@jit_in_place
 def _split(offset, nearest, position, centre, period, size, radius):
     """Split panel coordinates into cells and offsets, as `lookup.split_into_cells` does, no farther
     from a panel of `size` pixels than `radius` cells around it see."""
@@ -28,7 +28,7 @@ def _split(offset, nearest, position, centre, period, size, radius):
     lookup.split_into_cells(offset, nearest, position, centre, float(period), low, high)
 
 
-@part
+@jit_inlined
 def _locate_along_x(row, image, kind):
     """Fill where the pixels look along x in the cells of a kind, and the waves there."""
     offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
@@ -37,123 +37,123 @@ def _locate_along_x(row, image, kind):
     harmonics.fill_waves(row.wave[rows.COS_X], row.wave[rows.SIN_X], offset)
 
 
-@part
+@jit_inlined
 def _locate_along_y(row, image, i):
     """Fill where the pixels look along y about subpixel i, and the waves there."""
     offset, nearest = row.floats[rows.CELL_OFFSET_Y], row.ints[rows.NEAREST_CELL_Y]
     cell, centre = image.cell, image.cell.centre[i, 1]
-    period = cell.period[cell.kind[i], 1]
+    period = cell.period[cell.subpixel_kind[i], 1]
     _split(offset, nearest, row.position[Y], centre, period, image.panel_size[0], cell.radius)
     harmonics.fill_waves(row.wave_y[rows.COS_Y], row.wave_y[rows.SIN_Y], offset)
 
 
-@part
-def _tap_weights(work, nodes, plane, kind):
+@jit_inlined
+def _tap_weights(work, grid, plane, kind):
     """Return the pixels' TapWeights along the axis for which `lookup.locate_taps` was last
     called."""
-    row, node_share = work.row, work.places.node_share[plane]
-    to_next = np.int32(weights_per_node(nodes.phases[kind], nodes.taps[kind])[1])
+    row, node_share = work.row, work.layout.node_share[plane]
+    to_next = np.int32(weights_per_node(grid.phases[kind], grid.taps[kind])[1])
     index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
     return TapWeights(row.weights[kind], to_next, index, phase_share, node_share)
 
 
-@part
-def _fill_weights_along_y(work, nodes, plane, kind):
+@jit_inlined
+def _fill_weights_along_y(work, grid, plane, kind):
     """Fill the tap weights of the pixels along y."""
-    row, start = work.row, work.places.weight_start[kind, 1, plane]
+    row, start = work.row, work.layout.weight_start[kind, 1, plane]
     index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
     offset, nearest = row.floats[rows.CELL_OFFSET_Y], row.ints[rows.NEAREST_CELL_Y]
-    first, phases, taps = row.ints[rows.FIRST_CELL_Y], nodes.phases[kind, 1], nodes.taps[kind]
+    first, phases, taps = row.ints[rows.FIRST_CELL_Y], grid.phases[kind, 1], grid.taps[kind]
     lookup.locate_taps(first, index, phase_share, offset, nearest, start, phases, taps)
-    lookup.fill_weights(row.weights_y, _tap_weights(work, nodes, plane, kind), taps)
+    lookup.fill_weights(row.weights_y, _tap_weights(work, grid, plane, kind), taps)
 
 
-@part
-def _add_up_harmonics(row, nodes, sites, plane, kind, v):
+@jit_inlined
+def _add_up_harmonics(row, grid, sites, plane, kind, v):
     """Fill the harmonics along x of a kind's light at the pixels, those along y added up."""
-    node, t = bracket(v, sites.rows[0], nodes.step_v, nodes.lines.shape[1], 3)
+    node, t = bracket(v, sites.rows[0], grid.step_v, grid.lines.shape[1], 3)
     cubic = harmonics.cubic_weights32(t)
-    lines, orders = nodes.lines[sites.col[plane], node : node + 4], row.orders[kind]
+    lines, orders = grid.lines[sites.col[plane], node : node + 4], row.orders[kind]
     even, odd = row.wave[rows.EVEN, :orders], row.wave[rows.ODD, :orders]
     in_phase, quadrature = row.wave[rows.IN_PHASE, :orders], row.wave[rows.QUADRATURE, :orders]
     cos_x, sin_x = row.wave[rows.COS_X], row.wave[rows.SIN_X]
     cos_y, sin_y = row.wave_y[rows.COS_Y], row.wave_y[rows.SIN_Y]
-    harmonics.row_amplitudes(even, odd, nodes.terms, kind, lines, cubic, cos_y, sin_y)
+    harmonics.row_amplitudes(even, odd, grid.terms, kind, lines, cubic, cos_y, sin_y)
     harmonics.rotate_phase(in_phase, quadrature, even, odd, cos_x, sin_x)
 
 
-@part
+@jit_inlined
 def _origin(cell, i, stride):
     """Return the index of subpixel i of cell (0, 0) on the flattened panel, rows `stride` apart."""
-    period = cell.period[cell.kind[i], 0]
+    period = cell.period[cell.subpixel_kind[i], 0]
     first = (margin(cell, 1) + cell.pixel[i, 1]) * stride + margin(cell, 0) // period
     return np.int32(first + cell.pixel[i, 0] * (stride // period))
 
 
-@part
+@jit_inlined
 def _locate_content(work, stride, image, plane, i):
     """Fill the index of the first cell that each pixel sees of subpixel i, on its colour's
     flattened panel; return the pixels' TapWeights along x."""
-    row, cell, nodes = work.row, image.cell, image.nodes
-    kind, period = cell.kind[i], cell.period[cell.kind[i]]
-    start, first = work.places.weight_start[kind, 0, plane], row.ints[rows.FIRST_CELL_X]
+    row, cell, grid = work.row, image.cell, image.grid
+    kind, period = cell.subpixel_kind[i], cell.period[cell.subpixel_kind[i]]
+    start, first = work.layout.weight_start[kind, 0, plane], row.ints[rows.FIRST_CELL_X]
     index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
     offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
     centre, size = cell.centre[i, 0], image.panel_size[1]
     _split(offset, nearest, row.position[X], centre, period[0], size, cell.radius)
     lookup.locate_taps(
-        first, index, phase_share, offset, nearest, start, nodes.phases[kind, 0], nodes.taps[kind]
+        first, index, phase_share, offset, nearest, start, grid.phases[kind, 0], grid.taps[kind]
     )
     down, origin = np.int32(period[1] * stride), _origin(cell, i, stride)
     lookup.fill_base(row.ints[rows.BASE_INDEX], first, row.ints[rows.FIRST_CELL_Y], down, origin)
-    return _tap_weights(work, nodes, plane, kind)
+    return _tap_weights(work, grid, plane, kind)
 
 
-@part
+@jit_inlined
 def _fill_modulation(row, cell, i):
     """Fill the modulation of subpixel i's content."""
-    orders = row.orders[cell.kind[i]]
+    orders = row.orders[cell.subpixel_kind[i]]
     in_phase, quadrature = row.wave[rows.IN_PHASE, :orders], row.wave[rows.QUADRATURE, :orders]
     modulation = row.floats[rows.MODULATION]
     harmonics.fill_modulation(modulation, in_phase, quadrature, row.cos[i], row.sin[i])
 
 
-@part
+@jit_inlined
 def _locate_subpixel(work, stride, image, plane, v, i, before):
     """Fill what the pixels on row v need of subpixel i, and subpixel `before`, if any, has not
     filled already; return their TapWeights along x."""
     row, cell = work.row, image.cell
-    kind, is_first = cell.kind[i], before < 0
-    if is_first or cell.period[kind, 0] != cell.period[cell.kind[before], 0]:
+    kind, is_first = cell.subpixel_kind[i], before < 0
+    if is_first or cell.period[kind, 0] != cell.period[cell.subpixel_kind[before], 0]:
         _locate_along_x(row, image, kind)
     if is_first or cell.y_group[i] != cell.y_group[before]:
         _locate_along_y(row, image, i)
     if is_first or cell.kind_y_group[i] != cell.kind_y_group[before]:
-        _fill_weights_along_y(work, image.nodes, plane, kind)
-        _add_up_harmonics(row, image.nodes, image.sites, plane, kind, v)
+        _fill_weights_along_y(work, image.grid, plane, kind)
+        _add_up_harmonics(row, image.grid, image.sites, plane, kind, v)
     _fill_modulation(row, cell, i)
     return _locate_content(work, stride, image, plane, i)
 
 
-@part
+@jit_inlined
 def panel_irradiance(work, panel, image, plane, v):
     """Fill the row's irradiance with the light that a plane's pixels see on row v, in each colour
     that the plane needs.
 
     Args:
-        work: a record of the `places` and the `row` of `rows`.
+        work: a record of the `layout` and the `row` of `rows`.
         panel: as in `full.expose_full_image`.
         image: see `records.FullImage` or `records.BinnedImage`.
     """
-    row, cell, taps = work.row, image.cell, image.nodes.taps
-    look(row.position[X], row.position[Y], work.places.u[plane], v, image.camera)
+    row, cell, taps = work.row, image.cell, image.grid.taps
+    look(row.position[X], row.position[Y], work.layout.u[plane], v, image.camera)
     fill(row.irradiance.reshape(-1), ZERO)
     stride = panel.shape[2]
     pixels = panel.reshape(3, panel.shape[1] * stride)
     before = -1
     for i in range(len(cell.channel)):
-        colour, kind = cell.channel[i], cell.kind[i]
-        if not work.places.needs_colour[plane, colour]:
+        colour, kind = cell.channel[i], cell.subpixel_kind[i]
+        if not work.layout.needs_colour[plane, colour]:
             continue
         weights = _locate_subpixel(work, stride, image, plane, v, i, before)
         before = i
@@ -165,18 +165,18 @@ def panel_irradiance(work, panel, image, plane, v):
         harmonics.add_product(row.irradiance[colour], content, row.floats[rows.MODULATION])
 
 
-@part
+@jit_inlined
 def panel_irradiance_back(work, panel_grad, image, plane, v):
     """Add the gradient in the panel, of its shape, from that in a plane's irradiance on row v,
     which the row holds; work: as in `panel_irradiance`."""
-    row, cell, taps = work.row, image.cell, image.nodes.taps
-    look(row.position[X], row.position[Y], work.places.u[plane], v, image.camera)
+    row, cell, taps = work.row, image.cell, image.grid.taps
+    look(row.position[X], row.position[Y], work.layout.u[plane], v, image.camera)
     stride = panel_grad.shape[2]
     pixels = panel_grad.reshape(3, panel_grad.shape[1] * stride)
     before = -1
     for i in range(len(cell.channel)):
-        colour, kind = cell.channel[i], cell.kind[i]
-        if not work.places.needs_colour[plane, colour]:
+        colour, kind = cell.channel[i], cell.subpixel_kind[i]
+        if not work.layout.needs_colour[plane, colour]:
             continue
         weights = _locate_subpixel(work, stride, image, plane, v, i, before)
         before = i

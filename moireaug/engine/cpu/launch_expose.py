@@ -27,19 +27,19 @@ class ExposeKernels(NamedTuple):
     """The kernels of a kind of reading: of what varies slowly over a photo, of rows of one, and of
     the gradient of one."""
 
-    nodes: Callable
+    setup: Callable
     expose: Callable
     expose_back: Callable
 
 
 KERNELS_OF_VIEW = {
     FullView: ExposeKernels(
-        kernels.full_nodes_kernel,
+        kernels.full_grid_kernel,
         kernels.expose_full_kernel,
         back_kernels.expose_full_back_kernel,
     ),
     BinnedView: ExposeKernels(
-        kernels.binned_nodes_kernel,
+        kernels.binned_setup_kernel,
         kernels.expose_binned_kernel,
         back_kernels.expose_binned_back_kernel,
     ),
@@ -86,12 +86,12 @@ def launch_expose(
     view_kernels, at_points = KERNELS_OF_VIEW[type(view)], isinstance(view, PointView)
 
     def read(i: int, buffers: tuple[np.ndarray, np.ndarray], each_part: Callable) -> None:
-        nodes = view_kernels.nodes(exposure, view, i)
+        setup = view_kernels.setup(exposure, view, i)
         kernels.show_kernel(*buffers, pictures, exposure, at_points, i)
 
         def read_rows(top: int, bottom: int) -> None:
             span = Span(i, top, bottom)
-            view_kernels.expose(*arrays, buffers[0], exposure, view, nodes, span)
+            view_kernels.expose(*arrays, buffers[0], exposure, view, setup, span)
 
         each_part(read_rows, h)
 
@@ -119,8 +119,8 @@ def launch_expose_back(
     def fill_grads(first: int, last: int) -> None:
         shown_grad, light_grad = _buffers(exposure, at_points)
         for i in range(first, last):
-            nodes = view_kernels.nodes(exposure, view, i)
-            view_kernels.expose_back(shown_grad, *read_grads, exposure, view, nodes, i)
+            setup = view_kernels.setup(exposure, view, i)
+            view_kernels.expose_back(shown_grad, *read_grads, exposure, view, setup, i)
             given = pictures, exposure, at_points, i
             back_kernels.show_back_kernel(grads, shown_grad, light_grad, *given)
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.cpu import vectors
-from moireaug.engine.cpu.compiling import inner
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.compiling import jit_in_place
+from moireaug.engine.cpu.vectors import load, store
 
 ROUNDING_OFFSET = 1.5 * 2.0**52  # adding it to a float64 rounds to whole numbers
 HALF, ZERO = np.float32(0.5), np.float32(0)
@@ -17,7 +17,7 @@ NARROW_TAPS, WIDE_TAPS = 4, 8  # cells along each axis that a pixel's content is
 MAX_RADIUS_OF_SIX_ROWS = 2  # cells: up to it, the outermost two of WIDE_TAPS rows have no light
 
 
-@inner
+@jit_in_place
 def split_into_cells(offset, cell, position, centre, period, low, high):
     """Split panel coordinates (n,) into whole cells, (n,) int32 between `low` and `high`, and the
     offset from there, (n,) float32 in cells.
@@ -26,13 +26,13 @@ def split_into_cells(offset, cell, position, centre, period, low, high):
     """
     scale = 1 / period
     for i in range(len(position)):
-        q = (peek(position, i) - centre) * scale
+        q = (load(position, i) - centre) * scale
         whole = (q + ROUNDING_OFFSET) - ROUNDING_OFFSET
-        poke(offset, i, q - whole)
-        poke(cell, i, np.int32(min(max(whole, low), high)))
+        store(offset, i, q - whole)
+        store(cell, i, np.int32(min(max(whole, low), high)))
 
 
-@inner
+@jit_in_place
 def locate_taps(first, index, phase_share, offset, nearest, start, phases, taps):
     """Find each pixel's first tap along one axis, and its weights in a table of
     `tap_weights.weight_tables`.
@@ -41,28 +41,28 @@ def locate_taps(first, index, phase_share, offset, nearest, start, phases, taps)
         first: (n,) int32, filled with the cell of the first tap. index, phase_share: (n,) int32 and
             float32, filled as in `records.TapWeights`.
         offset, nearest: (n,), from `split_into_cells`. start: (n,) int32, index in the table of the
-            left node's weights along this axis. phases, taps: see `records.Nodes`.
+            left node's weights along this axis. phases, taps: see `records.CoarseGrid`.
     """
     scale, last = np.float32(phases), np.int32(phases - 1)
     size, half = np.int32(taps), np.int32(taps // 2)
     for i in range(len(offset)):
-        at = (peek(offset, i) + HALF) * scale
+        at = (load(offset, i) + HALF) * scale
         whole = np.int32(min(np.int32(at), last))
-        right = np.int32(peek(offset, i) >= ZERO)
-        poke(phase_share, i, at - np.float32(whole))
-        poke(index, i, np.int32(np.int32(np.int32(whole + right) * size) + peek(start, i)))
-        poke(first, i, np.int32(np.int32(peek(nearest, i) + right) - half))
+        right = np.int32(load(offset, i) >= ZERO)
+        store(phase_share, i, at - np.float32(whole))
+        store(index, i, np.int32(np.int32(np.int32(whole + right) * size) + load(start, i)))
+        store(first, i, np.int32(np.int32(load(nearest, i) + right) - half))
 
 
-@inner
+@jit_in_place
 def fill_base(base, x, y, stride, origin):
     """Fill base (n,) int32 with the indices of cells (x, y) on the flattened panel."""
     for i in range(len(base)):
-        row = np.int32(peek(y, i) * stride)
-        poke(base, i, np.int32(np.int32(row + peek(x, i)) + origin))
+        row = np.int32(load(y, i) * stride)
+        store(base, i, np.int32(np.int32(row + load(x, i)) + origin))
 
 
-@inner
+@jit_in_place
 def fill_weights(out, weights, taps):
     """Fill out (n * taps,) float32 with the pixels' tap weights along one axis.
 
@@ -74,7 +74,7 @@ def fill_weights(out, weights, taps):
         vectors.fill_eight_weights(out, weights)
 
 
-@inner
+@jit_in_place
 def content(out, panel, base, stride, weights, weights_y, taps, radius):
     """Fill out (n,) float32 with the weighted content of `taps` x `taps` cells.
 
@@ -93,7 +93,7 @@ def content(out, panel, base, stride, weights, weights_y, taps, radius):
         vectors.eight_by_eight(out, panel, base, stride, weights, weights_y)
 
 
-@inner
+@jit_in_place
 def content_back(panel_grad, grad, base, stride, weights_x, weights_y, taps, radius):
     """Add to panel_grad, flat, the gradient in it from that in the content of pixels (n,); the
     rest as in `content`, with the tap weights along x as those along y."""

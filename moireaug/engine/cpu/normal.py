@@ -7,8 +7,8 @@ from statistics import NormalDist
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import inner
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.compiling import jit_in_place
+from moireaug.engine.cpu.vectors import load, store
 
 TAIL_STEPS, TAIL_END_SIGMAS = 256, 7  # of the tables; steps per standard deviation
 ONE32 = np.int32(1)
@@ -28,7 +28,7 @@ CUMULATIVE_TABLE = np.array([_normal.cdf(-z) for z in _places])
 DENSITY_TABLE = np.array([_normal.pdf(z) for z in _places])
 
 
-@inner
+@jit_in_place
 def tail(z):
     """Return `_tail` at z >= 0, float64."""
     at = min(z, float(TAIL_END_SIGMAS)) * TAIL_STEPS
@@ -37,13 +37,13 @@ def tail(z):
     return low + (at - i) * (TAIL_TABLE[np.uint32(np.int32(i + 1))] - low)
 
 
-@inner
+@jit_in_place
 def integral(x, sigma):
     """Return sigma (z Phi(z) + phi(z)) at z = x / sigma, float64."""
     return max(x, 0.0) + sigma * tail(abs(x) / sigma)
 
 
-@inner
+@jit_in_place
 def normal(z):
     """Return the normal distribution function at z and its derivative, float64."""
     at = min(abs(z), float(TAIL_END_SIGMAS)) * TAIL_STEPS
@@ -56,7 +56,7 @@ def normal(z):
     return (1 - below if z > 0 else below), density
 
 
-@inner
+@jit_in_place
 def integrals(out, origin, step, sigma):
     """Fill out (n,) float64 with `integral` at multiples of a step, of which 0 is at `origin`."""
     per_sigma = TAIL_STEPS / sigma
@@ -64,6 +64,6 @@ def integrals(out, origin, step, sigma):
         x = (i - origin) * step
         at = min(abs(x) * per_sigma, float(TAIL_END_SIGMAS * TAIL_STEPS))
         k = np.int32(at)
-        low = peek(TAIL_TABLE, k)
-        beyond = low + (at - k) * (peek(TAIL_TABLE, np.int32(k + ONE32)) - low)
-        poke(out, i, max(x, 0.0) + sigma * beyond)
+        low = load(TAIL_TABLE, k)
+        beyond = low + (at - k) * (load(TAIL_TABLE, np.int32(k + ONE32)) - low)
+        store(out, i, max(x, 0.0) + sigma * beyond)

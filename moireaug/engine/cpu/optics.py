@@ -9,21 +9,21 @@ import math
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.compiling import jit, jit_in_place
 from moireaug.engine.cpu.view import jacobian
 
 # of a table whose error is below any budget: at most 2e-6, as that of every table of the kernels
 MIN_TRANSFER_STEPS, TRANSFER_STEPS_PER_CYCLE, MAX_TRANSFER_STEPS = 512, 64, 2**16
 
 
-@inner
+@jit_in_place
 def transfer_steps(most):
     """Return how many steps a `transfer_table` needs up to a frequency in cycles per sensor
     pixel."""
     return min(max(MIN_TRANSFER_STEPS, int(TRANSFER_STEPS_PER_CYCLE * most)), MAX_TRANSFER_STEPS)
 
 
-@loop
+@jit
 def transfer_table(camera, most, steps):
     """Return the modulation transfer along one axis at steps + 2 frequencies in cycles per sensor
     pixel, from 0 to `most` and one step beyond."""
@@ -40,7 +40,7 @@ def transfer_table(camera, most, steps):
     return out
 
 
-@inner
+@jit_in_place
 def look_up(table, f):
     """Return the value of a table of an even, smooth function at f >= 0, in the table's steps; past
     its end, what it ends with: between the places where frequencies were sampled, some are
@@ -53,7 +53,7 @@ def look_up(table, f):
     return a + g * (b - a) - g * (1 - g) / 4 * (before - a - b + after)
 
 
-@inner
+@jit_in_place
 def transfer_at(fu, fv, table, steps_per_cycle, camera):
     """Return the transfer of aperture and lens at a frequency in cycles per sensor pixel along u
     and v.
@@ -67,7 +67,7 @@ def transfer_at(fu, fv, table, steps_per_cycle, camera):
     return passed
 
 
-@inner
+@jit_in_place
 def _fill_steps(steps, us, vs, camera, cell):
     """Fill steps (rows, cols, kinds, 4) with the cells along x and y from one sensor pixel to the
     next along u, and then along v. Return the highest frequency, in cycles per sensor pixel."""
@@ -84,7 +84,7 @@ def _fill_steps(steps, us, vs, camera, cell):
     return most
 
 
-@inner
+@jit_in_place
 def _transmit(out, coefficients, step, table, steps_per_cycle, camera):
     """Fill out (n, m), which holds zeros, with the amplitudes of harmonics (n, m) after the optics
     at a node.
@@ -101,7 +101,7 @@ def _transmit(out, coefficients, step, table, steps_per_cycle, camera):
             out[k, l] = coefficients[k, l] * transfer_at(fu, fv, table, steps_per_cycle, camera)
 
 
-@loop
+@jit
 def amplitudes(us, vs, camera, cell, coefficients):
     """Return (rows, cols, kinds, n, m) float32, each harmonic's amplitude on nodes of the photo.
 

@@ -7,39 +7,40 @@ import math
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
-from moireaug.engine.cpu.vectors import add, gather, peek, poke
+from moireaug.engine.cpu.compiling import copy, fill, jit, jit_in_place, jit_inlined
+from moireaug.engine.cpu.physics import panel as triangle
+from moireaug.engine.cpu.vectors import add, gather, load, store
 
 ZERO = np.float32(0)
 MARGIN_CELLS = 5  # beyond the cell's `radius`: half of the widest window, and one
 
 
-@inner
+@jit_in_place
 def shape(size, camera, cell):
     """Return the height and width of the panel's picture with its margins, whole cells of every
     kind."""
     height = camera.alpha * size[0] + camera.lead_y
     width = camera.alpha * size[1] + camera.lead_x
-    around, px, py = 2 * (cell.radius + MARGIN_CELLS), cell.whole[0], cell.whole[1]
+    around, px, py = 2 * (cell.radius + MARGIN_CELLS), cell.common_period[0], cell.common_period[1]
     return (math.ceil(height / py) + around) * py, (math.ceil(width / px) + around) * px
 
 
-@inner
+@jit_in_place
 def margin(cell, axis):
     """Return how many panel pixels of margin lie ahead of the picture."""
-    return (cell.radius + MARGIN_CELLS) * cell.whole[axis]
+    return (cell.radius + MARGIN_CELLS) * cell.common_period[axis]
 
 
-@inner
+@jit_in_place
 def period_of(cell, channel):
     """Return the period along x of a channel's subpixels, which share one."""
     for i in range(len(cell.channel)):
         if cell.channel[i] == channel:
-            return cell.period[cell.kind[i], 0]
+            return cell.period[cell.subpixel_kind[i], 0]
     return 1
 
 
-@inner
+@jit_in_place
 def _pixel_at(i, n, period):
     """Return the position of the panel pixel that is stored as number i of n: the first pixels of
     all cells of `period` pixels come first, then their second, and so on."""
@@ -47,20 +48,20 @@ def _pixel_at(i, n, period):
     return i % cells * period + i // cells
 
 
-@inner
+@jit_in_place
 def fill_axis(n, size, alpha, period, lead, first, share):
     """Find where each of n panel pixels lies between two picture pixels.
 
     period: see `_pixel_at`. lead: panel pixels ahead of the picture.
     """
     for i in range(n):
-        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
+        at = triangle.centre_on_picture(_pixel_at(i, n, period), lead, alpha)
         at = min(max(at - 0.5, 0.0), size - 1.0)
         first[i] = np.int32(at)
         share[i] = at - first[i]
 
 
-@inner
+@jit_in_place
 def _interpolate_rows(out, first, second, f):
     """Fill out (w + 1,) with a row interpolated between two (w,), its last pixel repeated."""
     w = len(first)
@@ -69,15 +70,15 @@ def _interpolate_rows(out, first, second, f):
     out[w] = out[w - 1]
 
 
-@inner
+@jit_in_place
 def _interpolate_row(out, row, first, share):
     for i in range(len(out)):
-        x = peek(first, i)
-        low = peek(row, x)
-        poke(out, i, low + peek(share, i) * (peek(row, np.int32(x + np.int32(1))) - low))
+        x = load(first, i)
+        low = load(row, x)
+        store(out, i, low + load(share, i) * (load(row, np.int32(x + np.int32(1))) - low))
 
 
-@loop
+@jit
 def _enlarge(panel, light, alpha, period, ahead, above):
     """Fill panel (n, m), of one colour, from its light (h, w): bilinear between pixel centres."""
     (h, w), (n, m) = light.shape, panel.shape
@@ -92,23 +93,23 @@ def _enlarge(panel, light, alpha, period, ahead, above):
         _interpolate_row(panel[i], row, x, fx)
 
 
-@inner
+@jit_in_place
 def fill_triangles(pixel, weight, size, alpha, period, lead):
     """Find which picture pixels each panel pixel shows, (taps, n) int32, and how much of each,
     (taps, n) float32; the rest as in `fill_axis`."""
     taps, n = pixel.shape
     for i in range(n):
-        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
-        first, total = math.ceil(at - 1 / alpha - 0.5), 0.0
+        at = triangle.centre_on_picture(_pixel_at(i, n, period), lead, alpha)
+        first, total = triangle.first_under_triangle(at, alpha), 0.0
         for tap in range(taps):
-            total += max(0.0, 1 - abs(first + tap + 0.5 - at) * alpha)
+            total += triangle.triangle_weight(first + tap, at, alpha)
         for tap in range(taps):
-            share = max(0.0, 1 - abs(first + tap + 0.5 - at) * alpha)
+            share = triangle.triangle_weight(first + tap, at, alpha)
             weight[tap, i] = share / total
             pixel[tap, i] = min(max(first + tap, 0), size - 1)
 
 
-@loop
+@jit
 def shrink(panel, light, alpha, period, ahead, above):
     """Fill panel (n, m), of one colour and fewer pixels than the picture, from its light (h, w):
     each with the mean under a triangle that ends one panel pixel from its centre, along each axis.
@@ -131,16 +132,16 @@ def shrink(panel, light, alpha, period, ahead, above):
         gather(panel[i], row, x, across)
 
 
-@inner
+@jit_in_place
 def _fill_on_picture(on_picture, size, alpha, period, lead):
     """Find whether each panel pixel is on the picture, (n,) bool; the rest as in `fill_axis`."""
     n = len(on_picture)
     for i in range(n):
-        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
+        at = triangle.centre_on_picture(_pixel_at(i, n, period), lead, alpha)
         on_picture[i] = 0 <= at < size
 
 
-@loop
+@jit
 def blacken(panel, size, alpha, period, ahead, above):
     """Blacken what lies beyond the picture, on one colour's panel (n, m)."""
     n, m = panel.shape
@@ -153,7 +154,7 @@ def blacken(panel, size, alpha, period, ahead, above):
                 panel[i, j] = 0
 
 
-@loop
+@jit
 def _surround(panel, light, ahead, above):
     """Fill panel (n, m), of one colour, with its light (h, w) and margins around it."""
     h, w = light.shape
@@ -164,7 +165,7 @@ def _surround(panel, light, ahead, above):
         fill(shown[ahead + w :], row[w - 1])
 
 
-@part
+@jit_inlined
 def fill_panel(panel, light, camera, cell, dark_around):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 

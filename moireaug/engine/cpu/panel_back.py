@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import fill, inner, loop, part
+from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
 from moireaug.engine.cpu.panel import blacken, fill_axis, fill_triangles, margin, period_of
 from moireaug.engine.cpu.vectors import add
 
@@ -15,7 +15,7 @@ ZERO, ONE = np.float32(0), np.float32(1)
 ONE32 = np.int32(1)
 
 
-@inner
+@jit_in_place
 def _interpolate_row_back(row, grad, first, share):
     """Add to a row the gradient in it, from that in what is interpolated between its pixels. A
     pixel past the last, where the share is 0, is the last."""
@@ -26,7 +26,7 @@ def _interpolate_row_back(row, grad, first, share):
         row[np.uint32(min(np.int32(x + ONE32), last))] += second
 
 
-@loop
+@jit
 def _enlarge_back(light, panel, alpha, period, ahead, above):
     """Add to the light of one colour (h, w) the gradient in it, from that in its panel (n, m)."""
     (h, w), (n, m) = light.shape, panel.shape
@@ -48,13 +48,13 @@ def _enlarge_back(light, panel, alpha, period, ahead, above):
         _interpolate_row_back(light[last], lines[last % 2], x, fx)
 
 
-@inner
+@jit_in_place
 def _add_across_back(row, grad, pixel, weight):
     for i in range(len(grad)):
         row[np.uint32(pixel[i])] += weight[i] * grad[i]
 
 
-@loop
+@jit
 def shrink_back(light, panel, alpha, period, ahead, above):
     """Add to the light of one colour (h, w) the gradient in it, from that in a panel (n, m) of
     fewer pixels; the rest as in `panel.shrink`."""
@@ -74,7 +74,7 @@ def shrink_back(light, panel, alpha, period, ahead, above):
                 add(light[y[tap, i]], row, down[tap, i])
 
 
-@loop
+@jit
 def _surround_back(light, panel, ahead, above):
     """Add to the light of one colour (h, w) the gradient in it, from that in the panel around
     it."""
@@ -88,7 +88,7 @@ def _surround_back(light, panel, ahead, above):
             row[w - 1] += shown[j]
 
 
-@part
+@jit_inlined
 def fill_panel_back(light_grad, panel_grad, camera, cell, dark_around):
     """Fill light_grad (3, H, W) with the gradient in a picture's light, from that in its panel,
     which is written to; arguments as in `panel.fill_panel`."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import inner, loop
+from moireaug.engine.cpu.compiling import jit, jit_in_place
 from moireaug.engine.cpu.srgb import DECODE_BYTE_TABLE, decode, decode_slope
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
-@inner
+@jit_in_place
 def _decode_row(out, row, byte, coded, black):
     """Fill out (w + 2,) with the light of a row (w,) of the picture, its end values repeated."""
     w = len(row)
@@ -32,7 +32,7 @@ def _decode_row(out, row, byte, coded, black):
     out[0], out[w + 1] = out[1], out[w]
 
 
-@inner
+@jit_in_place
 def _blur(out, before, row, after, neighbour_share):
     """Fill out with a row of which `neighbour_share` comes in equal parts from its neighbours."""
     own, half = ONE - neighbour_share, HALF * neighbour_share
@@ -40,7 +40,7 @@ def _blur(out, before, row, after, neighbour_share):
         out[i] = own * row[i] + half * (before[i] + after[i])
 
 
-@loop
+@jit
 def fill_light(light, picture, coded, black, neighbour_share):
     """Fill light (3, H, W) float32 from picture (3, H, W) float32 or uint8.
 
@@ -70,7 +70,7 @@ def fill_light(light, picture, coded, black, neighbour_share):
                 _blur(light[c, y - 1], ring[above], row, ring[below], neighbour_share)
 
 
-@inner
+@jit_in_place
 def _multiply_by_slope(grad, row, coded, black):
     """Multiply a row (w,) of the gradient in the light by the slope of the light in the picture."""
     for i in range(len(grad)):
@@ -78,7 +78,7 @@ def _multiply_by_slope(grad, row, coded, black):
         grad[i] *= slope * (ONE - black)
 
 
-@loop
+@jit
 def fill_light_back(grad, light_grad, picture, coded, black, neighbour_share):
     """Fill grad (3, H, W) with the gradient in a float32 picture, from that in its light; the rest
     as in `fill_light`."""

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.camera.exposure.displayed import EDGE_PIXELS
-from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
+from moireaug.engine.cpu.compiling import copy, fill, jit, jit_in_place, jit_inlined
 from moireaug.engine.cpu.panel import shrink
 from moireaug.engine.cpu.sensor import attenuate, read, reflect
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.vectors import load, store
 from moireaug.engine.cpu.view import look
 
 MIN_LIGHT = 1e-12  # that a weighted mean is divided by
@@ -51,26 +51,26 @@ class _AxisLight(NamedTuple):
     share: np.ndarray
 
 
-@part
+@jit_inlined
 def _empty_axis_light(n):
     """Return an _AxisLight of n pixels, without values."""
     return _AxisLight(np.empty(n, np.float32), np.empty(n, np.int32), np.empty(n, np.float32))
 
 
-@inner
+@jit_in_place
 def shown_pixels(size, alpha):
     """Return how many pixels are shown of `size` picture pixels."""
     return math.ceil(alpha * size) + 2 * EDGE_PIXELS if alpha < 1 else size
 
 
-@inner
+@jit_in_place
 def shown_values(height, width):
     """Return how many values of each colour are kept for so many pixels shown: a bilinear look-up's
     right or lower pixel may lie beyond the last, where its share is 0."""
     return (height + 1) * width + 1
 
 
-@inner
+@jit_in_place
 def _axis(size, alpha, raster, dark_around):
     """Return the _Axis of `size` picture pixels, on a panel of at most its pixels, as in
     `exposure.displayed.DisplayedPicture`."""
@@ -79,7 +79,7 @@ def _axis(size, alpha, raster, dark_around):
     return _Axis(alpha, 0, size, alpha * size, raster, dark_around)
 
 
-@inner
+@jit_in_place
 def _covered_share(column, low, high, around):
     """Return the share of a raster column that lies between `low` and `high`, or in their copies
     `around` columns before and behind."""
@@ -91,7 +91,7 @@ def _covered_share(column, low, high, around):
     return covered
 
 
-@inner
+@jit_in_place
 def _raster(out, at, low, high, period, axis):
     """Fill an _AxisLight with what is seen at panel coordinates `at` of a rectangle from `low` to
     `high`, in panel pixels, interpolated between the two nearest raster subpixels.
@@ -104,7 +104,7 @@ def _raster(out, at, low, high, period, axis):
     end, dark_around = axis.end, axis.dark_around
     low, high, around = low * n, high * n, n * period
     for i in range(len(light)):
-        place = peek(at, i) * n - 0.5
+        place = load(at, i) * n - 0.5
         left = np.floor(place)
         second_light = place - left
         first_light = 1 - second_light
@@ -121,12 +121,12 @@ def _raster(out, at, low, high, period, axis):
         x = (here + (there - here) * second_light / max(total, MIN_LIGHT)) / ratio + lead - 0.5
         x = min(max(x, 0.0), size - 1.0)
         pixel = np.int32(x)
-        poke(light, i, total)
-        poke(first, i, pixel)
-        poke(share, i, x - pixel)
+        store(light, i, total)
+        store(first, i, pixel)
+        store(share, i, x - pixel)
 
 
-@inner
+@jit_in_place
 def _add_content(out, shown, along_x, along_y, width, passed):
     """Add the content of a subpixel to out (n,).
 
@@ -137,17 +137,17 @@ def _add_content(out, shown, along_x, along_y, width, passed):
     across, left, fx = along_x
     down, top, fy = along_y
     for i in range(len(out)):
-        k = np.int32(np.int32(peek(top, i) * width) + peek(left, i))
-        f = peek(fx, i)
-        a, b = peek(shown, k), peek(shown, np.int32(k + ONE32))
+        k = np.int32(np.int32(load(top, i) * width) + load(left, i))
+        f = load(fx, i)
+        a, b = load(shown, k), load(shown, np.int32(k + ONE32))
         k = np.int32(k + width)
-        c, d = peek(shown, k), peek(shown, np.int32(k + ONE32))
+        c, d = load(shown, k), load(shown, np.int32(k + ONE32))
         above, below = a + f * (b - a), c + f * (d - c)
-        content = above + peek(fy, i) * (below - above)
-        poke(out, i, out[i] + content * peek(across, i) * peek(down, i) * passed)
+        content = above + load(fy, i) * (below - above)
+        store(out, i, out[i] + content * load(across, i) * load(down, i) * passed)
 
 
-@part
+@jit_inlined
 def fill_shown(shown, light, alpha):
     """Fill shown (3, `shown_values`) with a picture's light (3, H, W): rows one after another."""
     height, width = shown_pixels(light.shape[1], alpha), shown_pixels(light.shape[2], alpha)
@@ -181,7 +181,7 @@ class _Work(NamedTuple):
     bits: np.ndarray
 
 
-@part
+@jit_inlined
 def work_of_points(w, image):
     """Return the _Work of a reading w wide."""
     size = image.size
@@ -201,7 +201,7 @@ def work_of_points(w, image):
     )
 
 
-@inner
+@jit_in_place
 def locate_points(work, image, plane, v):
     """Fill where a plane's pixels on row v lie, and where they look."""
     sites = image.sites
@@ -211,16 +211,16 @@ def locate_points(work, image, plane, v):
     look(work.x, work.y, work.u, v, image.camera)
 
 
-@inner
+@jit_in_place
 def see(work, image, i):
     """Fill what the pixels see of subpixel i."""
     x0, y0, x1, y1 = image.point.rectangles[i]
-    px, py = image.cell.period[image.cell.kind[i]]
+    px, py = image.cell.period[image.cell.subpixel_kind[i]]
     _raster(work.along_x, work.x, x0, x1, float(px), work.columns)
     _raster(work.along_y, work.y, y0, y1, float(py), work.rows)
 
 
-@loop
+@jit
 def expose_point_image(raw, slope, shown, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of a picture.
 

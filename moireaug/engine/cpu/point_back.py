@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.camera.exposure.displayed import EDGE_PIXELS
-from moireaug.engine.cpu.compiling import copy, fill, inner, loop, part
+from moireaug.engine.cpu.compiling import copy, fill, jit, jit_in_place, jit_inlined
 from moireaug.engine.cpu.panel_back import shrink_back
 from moireaug.engine.cpu.point import locate_points, see, shown_pixels, work_of_points
 from moireaug.engine.cpu.sensor import attenuate, read_back
@@ -15,7 +15,7 @@ ZERO, ONE = np.float32(0), np.float32(1)
 ONE32 = np.int32(1)
 
 
-@inner
+@jit_in_place
 def _add_content_back(shown, grad, along_x, along_y, width, passed):
     """Add to shown the gradient in it, from that in a row of light (n,); arguments as in
     `point._add_content`."""
@@ -33,7 +33,7 @@ def _add_content_back(shown, grad, along_x, along_y, width, passed):
         shown[np.uint32(np.int32(k + ONE32))] += below * f
 
 
-@part
+@jit_inlined
 def fill_shown_back(light_grad, shown, alpha):
     """Fill light_grad (3, H, W) from the gradient in what `point.fill_shown` fills."""
     _, h, w = light_grad.shape
@@ -47,7 +47,7 @@ def fill_shown_back(light_grad, shown, alpha):
             copy(light_grad[c].reshape(-1), shown[c])
 
 
-@loop
+@jit
 def expose_point_image_back(shown_grad, grad, slope, image):
     """Add the gradient in what `point.fill_shown` fills, from that in a reading (planes, h, w);
     slope and image as in `point.expose_point_image`."""

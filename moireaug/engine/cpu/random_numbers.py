@@ -6,48 +6,37 @@ import numpy as np
 
 from moireaug.camera.effects.random_numbers import (
     INTERVALS,
-    MIX_FACTORS,
     PLACES_PER_INTERVAL,
     quantiles,
 )
-from moireaug.engine.cpu.compiling import exact, inner
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.compiling import jit_in_place, jit_in_place_exact
+from moireaug.engine.cpu.physics import random_numbers
+from moireaug.engine.cpu.vectors import load, store
 
 # compile-time constants: the compiler then knows that no row it writes overlaps them, and
 # vectorises
 LOW_QUANTILE, QUANTILE_STEP = (table.numpy() for table in quantiles())
-FIRST_FACTOR, SECOND_FACTOR = np.uint32(MIX_FACTORS[0]), np.uint32(MIX_FACTORS[1])
 INTERVAL_SHIFT = np.uint32(PLACES_PER_INTERVAL.bit_length() - 1)
 PLACE_MASK = np.uint32(PLACES_PER_INTERVAL - 1)
 INTERVAL_MASK = np.uint32(INTERVALS - 1)
 
 
-@inner
-def mix(x):
-    """Scramble a uint32. The casts keep numba from widening to 64 bits."""
-    x = np.uint32(x ^ (x >> np.uint32(16)))
-    x = np.uint32(x * FIRST_FACTOR)
-    x = np.uint32(x ^ (x >> np.uint32(15)))
-    x = np.uint32(x * SECOND_FACTOR)
-    return np.uint32(x ^ (x >> np.uint32(16)))
-
-
-@inner
+@jit_in_place
 def _hash(bits, start, first, second):
     """Fill bits (n,) int32 with those of the numbers `start`, `start` + 1, ... of an image."""
     for i in range(len(bits)):
-        keyed = np.uint32(mix(np.uint32(np.uint32(start + i) + first)) ^ second)
-        poke(bits, i, np.int32(mix(keyed)))
+        keyed = np.uint32(random_numbers.mix(np.uint32(np.uint32(start + i) + first)) ^ second)
+        store(bits, i, np.int32(random_numbers.mix(keyed)))
 
 
-@exact
+@jit_in_place_exact
 def normal_row(out, bits, start, first, second):
     """Fill out (n,) float32 with the standard normal numbers `start`, `start` + 1, ... of an image,
     from its two keys, uint32; bits: (n,) int32 workspace."""
     # in a loop without look-ups, which vectorises
     _hash(bits, start, first, second)
     for i in range(len(out)):
-        drawn = np.uint32(peek(bits, i))
+        drawn = np.uint32(load(bits, i))
         interval = np.uint32(drawn >> INTERVAL_SHIFT) & INTERVAL_MASK
         place = np.float32(np.int32(drawn & PLACE_MASK))
-        poke(out, i, peek(LOW_QUANTILE, interval) + peek(QUANTILE_STEP, interval) * place)
+        store(out, i, load(LOW_QUANTILE, interval) + load(QUANTILE_STEP, interval) * place)

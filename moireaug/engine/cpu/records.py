@@ -9,8 +9,8 @@ import numpy as np
 from moireaug.engine.lower.exposure_records import Camera, Cell, PointView, Sites
 
 
-class Nodes(NamedTuple):
-    """What varies slowly over one image's photo, from `nodes.nodes_of`.
+class CoarseGrid(NamedTuple):
+    """What varies slowly over one image's photo, from `coarse_grid.coarse_grid_of`.
 
     Args:
         terms: (T, 4) int64, see `harmonics`.
@@ -79,7 +79,7 @@ class FullImage(NamedTuple):
     camera: Camera
     panel_size: tuple[int, int]
     cell: Cell
-    nodes: Nodes
+    grid: CoarseGrid
     sites: Sites
     filters: np.ndarray
     white: np.ndarray
@@ -161,10 +161,10 @@ class BinnedSetup(NamedTuple):
     """What varies slowly over one image's binned photo.
 
     Args:
-        nodes, stencil: of the picture; one of them is empty. terms: of the beats.
+        grid, stencil: of the picture; one of them is empty. terms: of the beats.
     """
 
-    nodes: Nodes
+    grid: CoarseGrid
     stencil: BinStencil
     terms: Terms
 
@@ -174,7 +174,7 @@ class BinnedImage(NamedTuple):
 
     Args:
         camera: of photo pixels. sensor: of sensor pixels. panel_size: as in `FullImage`.
-        nodes, stencil, terms: see `BinnedSetup`.
+        grid, stencil, terms: see `BinnedSetup`.
         filters, white, flicker: the image's rows of its Exposure; see there.
     """
 
@@ -182,7 +182,7 @@ class BinnedImage(NamedTuple):
     sensor: Camera
     panel_size: tuple[int, int]
     cell: Cell
-    nodes: Nodes
+    grid: CoarseGrid
     stencil: BinStencil
     sites: Sites
     terms: Terms

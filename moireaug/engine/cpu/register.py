@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import inner, loop, part
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.common.physics.lens import MIN_RAY_DEPTH
+from moireaug.engine.cpu.compiling import jit, jit_in_place, jit_inlined
+from moireaug.engine.cpu.vectors import load, store
 from moireaug.engine.cpu.view import undistorted
-from moireaug.scene.geometry.frame import MIN_RAY_DEPTH
 
 UNDISTORTION_STEPS = 1024  # of a table
 ONE = np.float32(1)
@@ -41,7 +41,7 @@ class ImageToPhoto(NamedTuple):
     per_square: float
 
 
-@loop
+@jit
 def image_to_photo(forward, k1, k2):
     """Return the ImageToPhoto of an image; k1, k2: of the lens."""
     edge, factor = (1 + k1 + k2) ** 2, np.ones(UNDISTORTION_STEPS + 2)
@@ -68,13 +68,13 @@ class _Row(NamedTuple):
     share: np.ndarray
 
 
-@part
+@jit_inlined
 def _row_of(w):
     """Return the _Row of a photo w wide."""
     return _Row(np.empty((3, w)), np.empty(w, np.int32), np.empty((3, w), np.float32))
 
 
-@inner
+@jit_in_place
 def _fill_ideal(x, y, square, first, v, to_photo, radius_scale):
     """Fill x, y and square (w,), the `_Row`'s ideal, for a row v of an image, whose columns are
     `first` and those a pixel apart to the right of it; both about the centre. radius_scale: see
@@ -87,20 +87,20 @@ def _fill_ideal(x, y, square, first, v, to_photo, radius_scale):
         u = i + first
         nearness = 1 / max(az * u + bz, MIN_RAY_DEPTH)
         right, below = (ax * u + bx) * nearness, (ay * u + by) * nearness
-        poke(x, i, right)
-        poke(y, i, below)
-        poke(square, i, min((right * right + below * below) * radius_scale * per_square, last))
+        store(x, i, right)
+        store(y, i, below)
+        store(square, i, min((right * right + below * below) * radius_scale * per_square, last))
 
 
-@inner
+@jit_in_place
 def _factor_at(factor, square):
     """Return what an ImageToPhoto's factor is at a place in its table."""
     k = np.int32(square)
-    low = peek(factor, k)
-    return low + (square - k) * (peek(factor, np.int32(k + ONE32)) - low)
+    low = load(factor, k)
+    return low + (square - k) * (load(factor, np.int32(k + ONE32)) - low)
 
 
-@inner
+@jit_in_place
 def fill_photo_positions(u, v, ideal, first, row, to_photo, camera):
     """Fill u and v (w,) with where a row of an image lies on the whole photo, about its centre;
     pixels that it does not show are put at its nearest edge.
@@ -112,29 +112,29 @@ def fill_photo_positions(u, v, ideal, first, row, to_photo, camera):
     half_h, half_w = camera.photo_height / 2, camera.photo_width / 2
     _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], first, row, to_photo, camera.radius_scale)
     for i in range(len(u)):
-        lens_factor = _factor_at(to_photo.factor, peek(ideal[SQUARE], i))
-        poke(u, i, min(max(peek(ideal[X], i) * lens_factor, -half_w), half_w))
-        poke(v, i, min(max(peek(ideal[Y], i) * lens_factor, -half_h), half_h))
+        lens_factor = _factor_at(to_photo.factor, load(ideal[SQUARE], i))
+        store(u, i, min(max(load(ideal[X], i) * lens_factor, -half_w), half_w))
+        store(v, i, min(max(load(ideal[Y], i) * lens_factor, -half_h), half_h))
 
 
-@inner
+@jit_in_place
 def _distort(at, share, ideal, factor, h, w):
     """Fill `at` and share of a `_Row` from its `ideal`."""
     fx, fy, weight = share[X], share[Y], share[WEIGHT]
     half_w, half_h = w / 2, h / 2
     for i in range(len(at)):
-        lens_factor = _factor_at(factor, peek(ideal[SQUARE], i))
-        x, y = peek(ideal[X], i) * lens_factor, peek(ideal[Y], i) * lens_factor
+        lens_factor = _factor_at(factor, load(ideal[SQUARE], i))
+        x, y = load(ideal[X], i) * lens_factor, load(ideal[Y], i) * lens_factor
         inside = (abs(x) <= half_w) & (abs(y) <= half_h)
         x, y = min(max(x + half_w - 0.5, 0.0), w - 1.0), min(max(y + half_h - 0.5, 0.0), h - 1.0)
         left, top = np.int32(x), np.int32(y)
-        poke(at, i, np.int32(np.int32(top * np.int32(w)) + left))
-        poke(fx, i, x - left)
-        poke(fy, i, y - top)
-        poke(weight, i, 1.0 if inside else 0.0)
+        store(at, i, np.int32(np.int32(top * np.int32(w)) + left))
+        store(fx, i, x - left)
+        store(fy, i, y - top)
+        store(weight, i, 1.0 if inside else 0.0)
 
 
-@inner
+@jit_in_place
 def _place(row, r, to_photo, h, w):
     """Fill the _Row with where row r of an image (h, w) looks."""
     ideal = row.ideal
@@ -144,20 +144,20 @@ def _place(row, r, to_photo, h, w):
     _distort(row.at, row.share, ideal, to_photo.factor, h, w)
 
 
-@inner
+@jit_in_place
 def _sample(out, photo, at, share, down):
     """Fill a row from a plane of the photo, whose rows lie `down` apart."""
     fx, fy, weight, right = share[X], share[Y], share[WEIGHT], ONE32
     for i in range(len(out)):
-        k, f = peek(at, i), peek(fx, i)
-        a, b = peek(photo, k), peek(photo, np.int32(k + right))
+        k, f = load(at, i), load(fx, i)
+        a, b = load(photo, k), load(photo, np.int32(k + right))
         k = np.int32(k + down)
-        c, d = peek(photo, k), peek(photo, np.int32(k + right))
+        c, d = load(photo, k), load(photo, np.int32(k + right))
         above, below = a + f * (b - a), c + f * (d - c)
-        poke(out, i, peek(weight, i) * (above + peek(fy, i) * (below - above)))
+        store(out, i, load(weight, i) * (above + load(fy, i) * (below - above)))
 
 
-@inner
+@jit_in_place
 def _scatter(photo, grad, at, share, down):
     """Add the gradient in a row to that in a plane of the photo."""
     fx, fy, weight = share[X], share[Y], share[WEIGHT]
@@ -173,7 +173,7 @@ def _scatter(photo, grad, at, share, down):
         photo[k + down + right] += below * f
 
 
-@part
+@jit_inlined
 def rows_read(to_photo, h, w, top, bottom):
     """Return the first and one past the last row of a photo (3, h, w) that `register` reads for
     rows `top` to `bottom`."""
@@ -188,7 +188,7 @@ def rows_read(to_photo, h, w, top, bottom):
     return first, min(last + 2, h)
 
 
-@part
+@jit_inlined
 def register(out, photo, to_photo, top, bottom):
     """Resample photo to rows `top` to `bottom` of out (3, H, W) float32: bilinear, black where the
     photo does not show the image.
@@ -205,7 +205,7 @@ def register(out, photo, to_photo, top, bottom):
             _sample(out[c, r], photo[c * h * w :], row.at, row.share, np.int32(w))
 
 
-@part
+@jit_inlined
 def register_back(photo_grad, grad, to_photo):
     """Add the gradient in the photo to photo_grad, laid out as the photo of `register`, from grad
     (3, H, W), that in the registered one; arguments as in `register`."""

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu import harmonics, lookup
-from moireaug.engine.cpu.compiling import fill, inner, part
-from moireaug.engine.cpu.nodes import bracket
+from moireaug.engine.cpu.coarse_grid import bracket
+from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.tap_weights import weights_per_node
 
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -23,7 +23,7 @@ EVEN, ODD, IN_PHASE, QUADRATURE, COS_X, SIN_X = range(6)
 COS_Y, SIN_Y = range(2)
 
 
-class Places(NamedTuple):
+class RowLayout(NamedTuple):
     """Where the pixels of each plane's rows lie.
 
     Args:
@@ -31,7 +31,7 @@ class Places(NamedTuple):
         weight_start: (kinds, 2, planes, w) int32, index in a table of tap weights of those along x
             and of those along y, at the node before each pixel. node_share: (planes, w) float32,
             how far the pixel is towards the next node.
-        first: (planes,) int64, the first plane with pixels at the same places.
+        first: (planes,) int64, the first plane with pixels at the same layout.
         needs_colour: (planes, 3) bool, of first planes: whether any filter at those places passes
             each colour.
     """
@@ -43,26 +43,26 @@ class Places(NamedTuple):
     needs_colour: np.ndarray
 
 
-@inner
-def _fill_columns(u, column, node_share, sites, plane, nodes):
+@jit_in_place
+def _fill_columns(u, column, node_share, sites, plane, grid):
     """Fill where each pixel of a plane's row lies on the photo, and between which columns of
     nodes."""
     for i in range(len(u)):
         u[i] = sites.cols[sites.col[plane] + i * sites.step]
-        node, t = bracket(u[i], sites.cols[0], nodes.step_uw, nodes.columns, 1)
+        node, t = bracket(u[i], sites.cols[0], grid.step_uw, grid.columns, 1)
         column[i], node_share[i] = node, t
 
 
-@inner
+@jit_in_place
 def _fill_starts(out, column, size, offset):
     """Fill out (w,) int32 with where the weights of each pixel's node start, along one axis."""
     for i in range(len(out)):
         out[i] = column[i] * size + offset
 
 
-@inner
+@jit_in_place
 def _fill_first(first, needs_colour, sites, filters):
-    """Fill first and needs_colour of `Places`."""
+    """Fill first and needs_colour of `RowLayout`."""
     for plane in range(len(first)):
         first[plane] = plane
         if plane > 0:
@@ -75,21 +75,21 @@ def _fill_first(first, needs_colour, sites, filters):
                 needs_colour[first[plane], colour] = True
 
 
-@part
-def places_of(w, planes, sites, nodes, filters):
-    """Return the Places of a reading w wide."""
-    kinds = len(nodes.tables)
+@jit_inlined
+def row_layout_of(w, planes, sites, grid, filters):
+    """Return the RowLayout of a reading w wide."""
+    kinds = len(grid.tables)
     u, node_share = np.empty((planes, w), np.float64), np.empty((planes, w), np.float32)
     column, start = np.empty(w, np.int32), np.empty((kinds, 2, planes, w), np.int32)
     for plane in range(planes):
-        _fill_columns(u[plane], column, node_share[plane], sites, plane, nodes)
+        _fill_columns(u[plane], column, node_share[plane], sites, plane, grid)
         for kind in range(kinds):
-            along_x, along_both = weights_per_node(nodes.phases[kind], nodes.taps[kind])
+            along_x, along_both = weights_per_node(grid.phases[kind], grid.taps[kind])
             _fill_starts(start[kind, 0, plane], column, along_both, 0)
             _fill_starts(start[kind, 1, plane], column, along_both, along_x)
     first, needs_colour = np.empty(planes, np.int64), np.empty((planes, 3), np.bool_)
     _fill_first(first, needs_colour, sites, filters)
-    return Places(u, start, node_share, first, needs_colour)
+    return RowLayout(u, start, node_share, first, needs_colour)
 
 
 class Row(NamedTuple):
@@ -128,24 +128,24 @@ class Row(NamedTuple):
     sin: np.ndarray
 
 
-@inner
+@jit_in_place
 def _shifts(cos, sin, cell):
     """Fill cos and sin (n, K + 1) with those of 2 pi k x at each subpixel's centre x."""
     for i in range(len(cos)):
         for k in range(cos.shape[1]):
-            angle = 2 * math.pi * k * cell.centre[i, 0] / cell.period[cell.kind[i], 0]
+            angle = 2 * math.pi * k * cell.centre[i, 0] / cell.period[cell.subpixel_kind[i], 0]
             cos[i, k], sin[i, k] = math.cos(angle), math.sin(angle)
 
 
-@part
-def row_of(w, cell, nodes):
+@jit_inlined
+def row_of(w, cell, grid):
     """Return the Row of a reading w wide."""
-    kinds, _, n = nodes.tables.shape
+    kinds, _, n = grid.tables.shape
     orders, n_k, n_l = np.ones(kinds, np.int64), 1, 1
-    for i in range(len(nodes.terms)):
-        kind, k = nodes.terms[i, harmonics.KIND], nodes.terms[i, harmonics.K] + 1
+    for i in range(len(grid.terms)):
+        kind, k = grid.terms[i, harmonics.KIND], grid.terms[i, harmonics.K] + 1
         orders[kind], n_k = max(orders[kind], k), max(n_k, k)
-        n_l = max(n_l, nodes.terms[i, harmonics.L] + 1)
+        n_l = max(n_l, grid.terms[i, harmonics.L] + 1)
     wave, wave_y = np.empty((6, n_k, w), np.float32), np.empty((2, n_l, w), np.float32)
     # those of k = 0 and l = 0
     fill(wave[COS_X, 0], ONE)

@@ -6,18 +6,19 @@ import math
 
 import numpy as np
 
-from moireaug.camera.effects.binned_statistics import MIN_VARIANCE
 from moireaug.camera.effects.sensor import DARK_LEVEL
-from moireaug.engine.cpu.compiling import copy, fill, inner
+from moireaug.common.physics.clipping import MIN_VARIANCE
+from moireaug.engine.cpu.compiling import copy, fill, jit_in_place
 from moireaug.engine.cpu.limits import UNCLIPPED_SIGMAS
 from moireaug.engine.cpu.normal import integral, normal
+from moireaug.engine.cpu.physics import sensor
 from moireaug.engine.cpu.random_numbers import normal_row
 
 DARK32 = np.float32(DARK_LEVEL)
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
-@inner
+@jit_in_place
 def reflect(line, u, v, white, camera):
     """Add what the glass reflects to a row; u and v (w,) are photo coordinates about the centre,
     white is what the row reads of a white screen on average."""
@@ -28,7 +29,7 @@ def reflect(line, u, v, white, camera):
         line[i] += np.float32(white * glare)
 
 
-@inner
+@jit_in_place
 def attenuate(line, u, v, camera):
     """Multiply a row by gain and vignetting; u and v (w,) are photo coordinates about the
     centre."""
@@ -38,11 +39,11 @@ def attenuate(line, u, v, camera):
             line[i] *= gain
         return
     for i in range(len(line)):
-        dimmed = 1 + camera.falloff * camera.radius_scale * (u[i] * u[i] + v[i] * v[i])
-        line[i] *= np.float32(gain / (dimmed * dimmed))
+        falloff, r2 = camera.falloff * camera.radius_scale, u[i] * u[i] + v[i] * v[i]
+        line[i] *= np.float32(sensor.attenuation(gain, falloff, r2))
 
 
-@inner
+@jit_in_place
 def _scale_and_add(line, noise, read_noise, photons):
     """Add standard normal noise to a row, times its standard deviation; read_noise, photons:
     float32, see `records.Readout`."""
@@ -51,11 +52,11 @@ def _scale_and_add(line, noise, read_noise, photons):
             line[i] += noise[i] * read_noise
         return
     for i in range(len(noise)):
-        variance = read_noise * read_noise + photons * photons * max(line[i], DARK32)
+        variance = sensor.noise_variance(line[i], read_noise, photons, DARK32)
         line[i] += noise[i] * np.float32(math.sqrt(variance))
 
 
-@inner
+@jit_in_place
 def _fill_noise_slope(slope, line, noise, read_noise, photons):
     """Fill slope with the derivative of what `_scale_and_add` makes of a row."""
     fill(slope, ONE)
@@ -63,12 +64,12 @@ def _fill_noise_slope(slope, line, noise, read_noise, photons):
         return
     for i in range(len(slope)):
         if line[i] > DARK32:
-            variance = read_noise * read_noise + photons * photons * line[i]
+            variance = sensor.noise_variance(line[i], read_noise, photons, DARK32)
             sigma = np.float32(math.sqrt(variance))
             slope[i] += noise[i] * photons * photons / (TWO * sigma)
 
 
-@inner
+@jit_in_place
 def _mean_excess(mean, variance):
     """Return the mean of max(x, 0) of normally distributed x."""
     if variance <= MIN_VARIANCE or mean * mean > UNCLIPPED_SIGMAS * UNCLIPPED_SIGMAS * variance:
@@ -76,13 +77,13 @@ def _mean_excess(mean, variance):
     return integral(mean, math.sqrt(variance))
 
 
-@inner
+@jit_in_place
 def _greatest_excess(mean, noise, pattern):
     """Return a bound on the mean of max(x - 1, 0) of light of two levels, one of which is 0."""
     return mean - 1 / (1 + pattern) + math.sqrt(noise / (2 * math.pi))
 
 
-@inner
+@jit_in_place
 def _excess_slopes(mean, variance):
     """Return the derivatives of `_mean_excess`."""
     if variance <= MIN_VARIANCE or mean * mean > UNCLIPPED_SIGMAS * UNCLIPPED_SIGMAS * variance:
@@ -92,7 +93,7 @@ def _excess_slopes(mean, variance):
     return below, density / (2 * sigma)
 
 
-@inner
+@jit_in_place
 def _clip_slope(value, read_variance, photons, pattern):
     """Return the derivative of what `clip_mean` makes of a value, float64."""
     noise = read_variance + photons * max(value, DARK_LEVEL)
@@ -109,10 +110,10 @@ def _clip_slope(value, read_variance, photons, pattern):
     return 1 - by_mean + by_variance * more_noise - above
 
 
-@inner
+@jit_in_place
 def clip_mean(out, light, slope, read_variance, photons, pattern):
     """Fill a row of binned readings (w,) from its light with the mean of sensor pixels clipped to
-    [0, 1], as `effects.binned_statistics.expected_clip` does.
+    [0, 1], as `clipping.expected_clip` gives it, with short cuts and tables.
 
     Args:
         slope: as `add_noise` filled it, multiplied by that of the clip.
@@ -133,7 +134,7 @@ def clip_mean(out, light, slope, read_variance, photons, pattern):
         out[i] = np.float32(value + _mean_excess(-float(value), noise) - above)
 
 
-@inner
+@jit_in_place
 def add_noise(light, slope, start, readout, noise, bits):
     """Add noise to the light on a row of pixels (w,), the first of which is number `start` of the
     image's raw.
@@ -151,7 +152,7 @@ def add_noise(light, slope, start, readout, noise, bits):
         fill(slope, ONE)
 
 
-@inner
+@jit_in_place
 def read(out, light, slope, start, readout, noise, bits):
     """Fill a row of readings (w,) from its light: noisy, and clipped; arguments as in
     `add_noise`."""
@@ -165,7 +166,7 @@ def read(out, light, slope, start, readout, noise, bits):
         copy(out, light)
 
 
-@inner
+@jit_in_place
 def read_back(light, grad, slope):
     """Fill light (w,) with the gradient in a row's light, from that in its readings and what `read`
     filled slope with."""

@@ -9,34 +9,30 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.chebyshev import chebpts2
 
-from moireaug.engine.cpu.compiling import inner
+from moireaug.common.physics import srgb
+from moireaug.common.physics.binding import bind
+from moireaug.engine.cpu.compiling import jit_in_place
 
 DECODE_STEPS = 1024  # of a table
 HALF = np.float32(0.5)
-
-
-def _srgb_light(code: float) -> float:
-    return code / 12.92 if code <= 0.04045 else ((code + 0.055) / 1.055) ** 2.4
-
-
-def _srgb_slope(code: float) -> float:
-    """Return the derivative of `_srgb_light` above the knee."""
-    return 2.4 / 1.055 * ((code + 0.055) / 1.055) ** 1.4
-
-
+# on Python's own numbers
+_curve = bind(
+    "srgb", {"where": lambda holds, a, b: a if holds else b, "maximum": max, "power": pow}
+)
 _codes = [i / DECODE_STEPS for i in range(DECODE_STEPS + 2)]
-SRGB_CODE_KNEE, SRGB_SLOPE_AT_BLACK = np.float32(0.04045), np.float32(1 / 12.92)
-DECODE_TABLE = np.array([_srgb_light(code) for code in _codes], np.float32)
-DECODE_SLOPE_TABLE = np.array([_srgb_slope(code) for code in _codes], np.float32)
-DECODE_BYTE_TABLE = np.array([_srgb_light(i / 255) for i in range(256)], np.float32)
+SRGB_CODE_KNEE = np.float32(srgb.CODE_KNEE)
+SRGB_SLOPE_AT_BLACK = np.float32(1 / srgb.SLOPE_AT_BLACK)
+DECODE_TABLE = np.array([_curve.light_of_code(code) for code in _codes], np.float32)
+DECODE_SLOPE_TABLE = np.array([_curve.bent_slope(code) for code in _codes], np.float32)
+DECODE_BYTE_TABLE = np.array([_curve.light_of_code(i / 255) for i in range(256)], np.float32)
 
 # Encoding takes light to the power of 1 / 2.4: the mantissa by a polynomial, the octave as a whole
 # power of 2 times a polynomial for the rest. A look-up would take twice as long.
 MAX_LIGHT = np.float32(256)
-SRGB_KNEE, SRGB_LINEAR_GAIN = np.float32(0.0031308), np.float32(12.92)
+SRGB_KNEE, SRGB_LINEAR_GAIN = np.float32(srgb.LIGHT_KNEE), np.float32(srgb.SLOPE_AT_BLACK)
 # a digit less than 1.055: the code of light 1 must not be above 1, where a clip has no slope
-SRGB_GAIN = np.nextafter(np.float32(1.055), np.float32(0))
-SRGB_OFFSET, SRGB_POWER = np.float32(0.055), np.float32(1 / 2.4)
+SRGB_GAIN = np.nextafter(np.float32(srgb.GAIN), np.float32(0))
+SRGB_OFFSET, SRGB_POWER = np.float32(srgb.OFFSET), np.float32(1 / srgb.EXPONENT)
 MANTISSA_BITS, MANTISSA_MASK = np.int32(23), np.int32(2**23 - 1)
 EXPONENT_BIAS, BITS_OF_ONE = np.int32(127), np.float32(1).view(np.int32)
 MANTISSA_MIDDLE = np.float32(1.5)
@@ -49,11 +45,11 @@ def _polynomial(function: Callable[[np.ndarray], np.ndarray]) -> list[np.float32
     return [np.float32(c) for c in Polynomial.fit(at, function(at), 5).convert().coef]
 
 
-M0, M1, M2, M3, M4, M5 = _polynomial(lambda t: (1.5 + t) ** (1 / 2.4))
+M0, M1, M2, M3, M4, M5 = _polynomial(lambda t: (1.5 + t) ** (1 / srgb.EXPONENT))
 E0, E1, E2, E3, E4, E5 = _polynomial(lambda t: 2 ** (0.5 + t))
 
 
-@inner
+@jit_in_place
 def decode(code):
     """Return the light of an sRGB code in [0, 1], float32."""
     at = code * np.float32(DECODE_STEPS)
@@ -62,7 +58,7 @@ def decode(code):
     return low + (at - np.float32(i)) * (DECODE_TABLE[np.uint32(np.int32(i + 1))] - low)
 
 
-@inner
+@jit_in_place
 def decode_slope(code):
     """Return the derivative of the light of an sRGB code in [0, 1], float32; that of `decode`, a
     table, is a staircase."""
@@ -73,7 +69,7 @@ def decode_slope(code):
     return slope if code > SRGB_CODE_KNEE else SRGB_SLOPE_AT_BLACK
 
 
-@inner
+@jit_in_place
 def _root(light):
     """Return light ** (1 / 2.4), float32, to a relative 2e-6; light is clipped to [SRGB_KNEE,
     MAX_LIGHT]."""
@@ -92,14 +88,14 @@ def _root(light):
     return root * fraction * np.int32(exponent << MANTISSA_BITS).view(np.float32)
 
 
-@inner
+@jit_in_place
 def encode(light):
     """Return the sRGB code of light up to 256, float32; the linear part goes on below zero."""
     code = SRGB_GAIN * _root(light) - SRGB_OFFSET
     return code if light > SRGB_KNEE else light * SRGB_LINEAR_GAIN
 
 
-@inner
+@jit_in_place
 def encode_and_slope(light):
     """Return `encode`, and its derivative, from one root."""
     root = _root(light)

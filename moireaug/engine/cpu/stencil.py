@@ -6,30 +6,30 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
-from moireaug.engine.cpu.compiling import fill, inner, loop, part
-from moireaug.engine.cpu.footprint import SubpixelSize, fill_blurs, light_from
-from moireaug.engine.cpu.nodes import bracket, counts, node_line
+from moireaug.engine.cpu.coarse_grid import bracket, counts, node_line
+from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
+from moireaug.engine.cpu.footprint import BOX, SIGMA, SubpixelSize, fill_blurs, light_from
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import BinStencil
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.vectors import load, store
 
 ZERO = np.float32(0)
 FUSED_TAPS = 3  # along each axis, of which no sum is kept in memory
 
 
-@inner
+@jit_in_place
 def has_stencil(camera, sensor):
     """Return whether an image's bins are its pixels, on a panel that shows no fewer."""
     return sensor.rectified != 0 and camera.alpha == 1
 
 
-@part
+@jit_inlined
 def no_stencil():
     """Return the BinStencil of an image that has none."""
     return BinStencil(np.empty((0, 0), np.float32), 0, 1.0)
 
 
-@inner
+@jit_in_place
 def _fill_tap_weights(out, blur, width, past, radius):
     """Fill out (n,) with the shares of a bin's light that come from its own pixel, in the middle,
     and `radius` to each side; see `tap_weights`.
@@ -42,14 +42,14 @@ def _fill_tap_weights(out, blur, width, past, radius):
     fill(out, 0.0)
     total = 0.0
     for k in range(-radius, radius + 1):
-        light = light_from(abs(k - past), blur[0], blur[1], width)
-        out[half + k] = light + NEAREST_GUARD_SHARE * blur[0] if k == 0 else light
+        light = light_from(abs(k - past), blur[BOX], blur[SIGMA], width)
+        out[half + k] = light + NEAREST_GUARD_SHARE * blur[BOX] if k == 0 else light
         total += out[half + k]
     for k in range(len(out)):
         out[k] /= total
 
 
-@inner
+@jit_in_place
 def _reach(weights, least):
     """Return how many pixels to each side anywhere weigh more than `least`, at least 1; weights:
     (n, pixels)."""
@@ -61,7 +61,7 @@ def _reach(weights, least):
     return 1
 
 
-@inner
+@jit_in_place
 def _trim(weights, reach):
     """Make the weights of pixels up to `reach` to each side sum to 1."""
     half = weights.shape[1] // 2
@@ -73,7 +73,7 @@ def _trim(weights, reach):
             weights[i, k] /= total
 
 
-@inner
+@jit_in_place
 def _columns(ends, node_share, cols, first, step):
     """Fill ends (nodes,) with the first bin past each node of a row, and node_share (w,) float32
     with how far each bin is towards the next node."""
@@ -88,15 +88,15 @@ def _columns(ends, node_share, cols, first, step):
         ends[j] = len(cols)
 
 
-@inner
+@jit_in_place
 def _interpolate(out, share, low, high):
     """Fill out (n,) with values between two numbers; share: (n,), how far each is towards the
     second."""
     for i in range(len(out)):
-        poke(out, i, low + peek(share, i) * (high - low))
+        store(out, i, low + load(share, i) * (high - low))
 
 
-@inner
+@jit_in_place
 def _fill_lines(lines, start, weights, tap, ends, node_share):
     """Fill lines (rows, ...) from `start` on with the weights of one pixel at each bin, from those
     at nodes (rows * columns, pixels); ends, node_share: from `_columns`."""
@@ -109,14 +109,14 @@ def _fill_lines(lines, start, weights, tap, ends, node_share):
             _interpolate(line, node_share[low:high], np.float32(a), np.float32(b))
 
 
-@loop
+@jit
 def _tap_weights_at(us, vs, camera, blur_camera, cell, widths, added_variance):
     """Return the tap weights at nodes of the photo, (colours, axes, nodes, pixels) float64: at
     least a pixel to each side, without light if the cell's radius is 0."""
     radius, nodes = cell.radius, len(us) * len(vs)
     blur, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
     for i in range(len(cell.channel)):
-        colour, kind = cell.channel[i], cell.kind[i]
+        colour, kind = cell.channel[i], cell.subpixel_kind[i]
         subpixel = SubpixelSize(cell.period[kind], widths[kind], added_variance[kind])
         fill_blurs(blur, us, vs, camera, blur_camera, subpixel, radius)
         for axis in range(2):
@@ -127,7 +127,7 @@ def _tap_weights_at(us, vs, camera, blur_camera, cell, widths, added_variance):
     return out
 
 
-@loop
+@jit
 def stencil_of(camera, blur_camera, cell, widths, added_variance, sites, budget):
     """Return the BinStencil of an image that has one; widths, added_variance: (kinds, 2), see
     `exposure_records.FullView`. budget: an `ErrorBudget`."""
@@ -150,12 +150,12 @@ def stencil_of(camera, blur_camera, cell, widths, added_variance, sites, budget)
     return BinStencil(lines, taps, step_v)
 
 
-@inner
+@jit_in_place
 def _interpolated(low, high, past):
     return low + past * (high - low)
 
 
-@inner
+@jit_in_place
 def _three_by_three(out, low, high, past, pixels, start, stride):
     """Fill out (w,) with the content of 3 x 3 pixels.
 
@@ -166,30 +166,30 @@ def _three_by_three(out, low, high, past, pixels, start, stride):
     """
     w, second, third = len(out), start + stride, start + 2 * stride
     for i in range(w):
-        a = _interpolated(peek(low, i), peek(high, i), past)
-        b = _interpolated(peek(low, i + w), peek(high, i + w), past)
-        c = _interpolated(peek(low, i + 2 * w), peek(high, i + 2 * w), past)
-        d = _interpolated(peek(low, i + 3 * w), peek(high, i + 3 * w), past)
-        e = _interpolated(peek(low, i + 4 * w), peek(high, i + 4 * w), past)
-        f = _interpolated(peek(low, i + 5 * w), peek(high, i + 5 * w), past)
+        a = _interpolated(load(low, i), load(high, i), past)
+        b = _interpolated(load(low, i + w), load(high, i + w), past)
+        c = _interpolated(load(low, i + 2 * w), load(high, i + 2 * w), past)
+        d = _interpolated(load(low, i + 3 * w), load(high, i + 3 * w), past)
+        e = _interpolated(load(low, i + 4 * w), load(high, i + 4 * w), past)
+        f = _interpolated(load(low, i + 5 * w), load(high, i + 5 * w), past)
         at = start + i
-        above = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
+        above = a * load(pixels, at) + b * load(pixels, at + 1) + c * load(pixels, at + 2)
         at = second + i
-        here = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
+        here = a * load(pixels, at) + b * load(pixels, at + 1) + c * load(pixels, at + 2)
         at = third + i
-        below = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
-        poke(out, i, d * above + e * here + f * below)
+        below = a * load(pixels, at) + b * load(pixels, at + 1) + c * load(pixels, at + 2)
+        store(out, i, d * above + e * here + f * below)
 
 
-@inner
+@jit_in_place
 def _add_weighed(out, low, high, past, values, start):
     """Add values (n,) from `start` on to out (w,), weighed as in `_three_by_three`."""
     for i in range(len(out)):
-        weight = _interpolated(peek(low, i), peek(high, i), past)
-        poke(out, i, out[i] + weight * peek(values, start + i))
+        weight = _interpolated(load(low, i), load(high, i), past)
+        store(out, i, out[i] + weight * load(values, start + i))
 
 
-@inner
+@jit_in_place
 def _square(out, line, low, high, past, pixels, start, stride):
     """Do the same as `_three_by_three` for more pixels; line: (w,) float32, workspace."""
     w = len(out)
@@ -204,7 +204,7 @@ def _square(out, line, low, high, past, pixels, start, stride):
         _add_weighed(out, low[a:b], high[a:b], past, line, 0)
 
 
-@inner
+@jit_in_place
 def _locate(stencil, cell, sites, row, stride):
     """Return the row of nodes above a row of bins, how far these are towards the next one, float32,
     and the index of their first pixel on a flattened panel, whose rows lie `stride` apart."""
@@ -214,7 +214,7 @@ def _locate(stencil, cell, sites, row, stride):
     return node, np.float32(t), start
 
 
-@inner
+@jit_in_place
 def content(out, line, stencil, panel, cell, sites, row):
     """Fill out (3, w) with what a row of bins sees of the picture.
 
@@ -233,7 +233,7 @@ def content(out, line, stencil, panel, cell, sites, row):
             _square(out[colour], line, above[a:b], below[a:b], past, flat[colour], start, stride)
 
 
-@inner
+@jit_in_place
 def content_back(panel_grad, grad, line, stencil, cell, sites, row):
     """Add the gradient in the panel, of its shape, from that in the content of a row of bins, grad
     (3, w); the rest as in `content`."""
@@ -253,7 +253,7 @@ def content_back(panel_grad, grad, line, stencil, cell, sites, row):
                 _add_weighed(pixels, above[a:b], below[a:b], past, line, 0)
 
 
-@inner
+@jit_in_place
 def look_straight(x, y, row):
     """Fill x, y (n,) with the panel coordinates that a row of bins sees."""
     for i in range(len(x)):

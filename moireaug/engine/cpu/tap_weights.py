@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
-from moireaug.engine.cpu.compiling import fill, inner, loop
-from moireaug.engine.cpu.footprint import SubpixelSize, fill_blurs, light_from
+from moireaug.engine.cpu.compiling import fill, jit, jit_in_place
+from moireaug.engine.cpu.footprint import BOX, SIGMA, SubpixelSize, fill_blurs, light_from
 from moireaug.engine.cpu.harmonics import cubic_weights
 from moireaug.engine.cpu.limits import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
 from moireaug.engine.cpu.normal import TAIL_END_SIGMAS, integrals
-from moireaug.engine.cpu.vectors import peek, poke
+from moireaug.engine.cpu.vectors import load, store
 
 PHASE_MULTIPLE = 16  # of which the number of phases is a multiple
 
@@ -37,13 +37,13 @@ class Scratch(NamedTuple):
     total: np.ndarray
 
 
-@inner
+@jit_in_place
 def cubic_margin(far):
     """Return how many values beyond both ends of a line a cubic needs to move it by `far` steps."""
     return math.ceil(far) + 3
 
 
-@inner
+@jit_in_place
 def _add_moved(out, sign, line, first, by):
     """Add sign times the values of a line from `first` + `by` steps on, interpolated by cubics."""
     whole = math.floor(by)
@@ -52,11 +52,11 @@ def _add_moved(out, sign, line, first, by):
     start = first + whole - 1
     for i in range(len(out)):
         at = start + i
-        outer = a * peek(line, at) + d * peek(line, at + 3)
-        poke(out, i, out[i] + (outer + b * peek(line, at + 1) + c * peek(line, at + 2)))
+        outer = a * load(line, at) + d * load(line, at + 3)
+        store(out, i, out[i] + (outer + b * load(line, at + 1) + c * load(line, at + 2)))
 
 
-@inner
+@jit_in_place
 def _fill_light(light, integral_line, box, width, sigma, phases):
     """Fill light (n,) with that from a subpixel 0, 1, ... phases away: the integral of the normal
     distribution function, differenced over box and width."""
@@ -74,21 +74,21 @@ def _fill_light(light, integral_line, box, width, sigma, phases):
         lit[i] = max(lit[i], 0.0)  # rounding may leave it a digit below zero
 
 
-@inner
+@jit_in_place
 def _add_two(total, light, middle):
     """Add the light of the cells `middle` before and behind."""
     for q in range(len(total)):
         total[q] += light[middle - q] + light[middle + q]
 
 
-@inner
+@jit_in_place
 def _fill_phases(out, blur, width, radius, scratch):
     """Fill out (phases + 2, taps) with the tap weights at distances from -1/2 to 1/2 from the
     nearest cell's centre. Distance 0 is there twice, as the first tap changes there.
 
     blur: box and standard deviation, see `footprint.fill_blur`. width: of the subpixel, in cells.
     """
-    box, sigma = blur[0], blur[1]
+    box, sigma = blur[BOX], blur[SIGMA]
     phases, taps = out.shape[0] - 2, out.shape[1]
     half = phases // 2
     light, total = scratch.light[: (2 * radius + 1) * half + 1], scratch.total[: half + 1]
@@ -112,14 +112,14 @@ def _fill_phases(out, blur, width, radius, scratch):
             out[half + 1 + q, taps - 1 - j] = share
 
 
-@inner
+@jit_in_place
 def weights_per_node(phases, taps):
     """Return how many weights a node has along x, and along both axes; phases: (2,)."""
     along_x = (phases[0] + 2) * taps
     return along_x, along_x + (phases[1] + 2) * taps
 
 
-@inner
+@jit_in_place
 def fill_node(out, blur, widths, radius, phases, taps, scratch):
     """Fill out (n,) with the tap weights of a node along x, and then along y.
 
@@ -133,29 +133,29 @@ def fill_node(out, blur, widths, radius, phases, taps, scratch):
     _fill_phases(along_y.reshape(phases[1] + 2, taps), blur[1], widths[1], radius, scratch)
 
 
-@inner
+@jit_in_place
 def _phases(blur, axis, max_error):
     """Return how many phases a table of weights needs along an axis, over blurs (n, axis, 2)."""
     most = MAX_PHASES_OF_FEW_NODES if len(blur) <= 4 else MAX_PHASES
     needed = 1.0
     for i in range(len(blur)):
-        needed = max(needed, 1 / math.sqrt(max_error * blur[i, axis, 0] * blur[i, axis, 1]))
+        needed = max(needed, 1 / math.sqrt(max_error * blur[i, axis, BOX] * blur[i, axis, SIGMA]))
     return PHASE_MULTIPLE * min(math.ceil(needed / PHASE_MULTIPLE), most // PHASE_MULTIPLE)
 
 
-@inner
+@jit_in_place
 def _taps(blur, widths, radius, min_light):
     """Return how many taps each axis needs, over blurs (n, axis, 2): NARROW_TAPS if no cell beyond
     them gives more than a share `min_light` of the light, else WIDE_TAPS."""
     for i in range(len(blur)):
         for axis in range(2):
-            box, sigma, width = blur[i, axis, 0], blur[i, axis, 1], widths[axis]
+            box, sigma, width = blur[i, axis, BOX], blur[i, axis, SIGMA], widths[axis]
             if radius > 1 and light_from(2.0, box, sigma, width) > min_light * box * width:
                 return WIDE_TAPS
     return NARROW_TAPS
 
 
-@loop
+@jit
 def weight_tables(us, vs, camera, blur_camera, cell, widths, added_variance, budget):
     """Return the tap weights on nodes of the photo, the phases of each kind along both axes,
     (kinds, 2) int64, and its taps along each axis, (kinds,) int64.
@@ -201,9 +201,9 @@ def weight_tables(us, vs, camera, blur_camera, cell, widths, added_variance, bud
     return tables, phases, taps
 
 
-@inner
+@jit_in_place
 def blend(out, low, high, f):
     """Fill out (n,) with the values f of the way from one row of nodes to the next."""
     for i in range(len(out)):
-        a = peek(low, i)
-        poke(out, i, a + f * (peek(high, i) - a))
+        a = load(low, i)
+        store(out, i, a + f * (load(high, i) - a))

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 
-from moireaug.engine.cpu.compiling import inner
-from moireaug.engine.cpu.vectors import peek, poke
-from moireaug.engine.jacobian import panel_jacobian
-from moireaug.scene.geometry.distortion import NEWTON_STEPS
-from moireaug.scene.geometry.frame import MIN_RAY_DEPTH
-from moireaug.scene.lens import MIN_LENS_SLOPE
-
-_panel_jacobian = inner(panel_jacobian)
+from moireaug.common.physics.lens import MIN_RAY_DEPTH, NEWTON_STEPS
+from moireaug.engine.cpu.compiling import jit_in_place
+from moireaug.engine.cpu.physics import lens
+from moireaug.engine.cpu.vectors import load, store
 
 
-@inner
+@jit_in_place
 def look(x, y, cols, v, camera):
     """Fill x, y (n,) with the panel coordinates that a row v of photo columns sees, v and cols
     about the centre."""
@@ -28,54 +24,47 @@ def look(x, y, cols, v, camera):
     ay, by, dy = c.alpha * c.h10, c.alpha * c.h11 * v, c.alpha * c.h12
     az, bz, dz = c.h20, c.h21 * v, c.h22
     for i in range(len(x)):
-        u = peek(cols, i)
+        u = load(cols, i)
         a = u * u
         lens_factor = c0 + a * (c1 + a * c2)
         nearness = 1 / max((az * u + bz) * lens_factor + dz, MIN_RAY_DEPTH)
-        poke(x, i, ((ax * u + bx) * lens_factor + dx) * nearness)
-        poke(y, i, ((ay * u + by) * lens_factor + dy) * nearness)
+        store(x, i, ((ax * u + bx) * lens_factor + dx) * nearness)
+        store(y, i, ((ay * u + by) * lens_factor + dy) * nearness)
 
 
-@inner
+@jit_in_place
 def inverse(camera):
-    """Return the inverse of a camera's homography, three rows of three."""
+    """Return the inverse of a camera's homography, row by row."""
     c = camera
     x = c.h11 * c.h22 - c.h12 * c.h21, c.h02 * c.h21 - c.h01 * c.h22, c.h01 * c.h12 - c.h02 * c.h11
     y = c.h12 * c.h20 - c.h10 * c.h22, c.h00 * c.h22 - c.h02 * c.h20, c.h02 * c.h10 - c.h00 * c.h12
     z = c.h10 * c.h21 - c.h11 * c.h20, c.h01 * c.h20 - c.h00 * c.h21, c.h00 * c.h11 - c.h01 * c.h10
     s = 1 / (c.h00 * x[0] + c.h01 * y[0] + c.h02 * z[0])
     return (
-        (x[0] * s, x[1] * s, x[2] * s),
-        (y[0] * s, y[1] * s, y[2] * s),
-        (z[0] * s, z[1] * s, z[2] * s),
-    )
+        x[0] * s, x[1] * s, x[2] * s,
+        y[0] * s, y[1] * s, y[2] * s,
+        z[0] * s, z[1] * s, z[2] * s,
+    )  # fmt: skip
 
 
-@inner
+@jit_in_place
 def undistorted(ideal, k1, k2):
     """Return the radius that a lens takes to an ideal one, as `distortion.inverse_radial_factor`
     does: beyond the photo's corners, by the tangent there."""
-    beyond = 1 + (ideal - 1 - k1 - k2) / (1 + 3 * k1 + 5 * k2)
+    beyond = lens.tangent_radius(ideal, k1, k2)
     if beyond > 1:
         return beyond
-    inflection = -0.3 * k1 / k2  # squared radius, where Newton's method may start
-    r = math.sqrt(inflection) if 0 < inflection < 1 else min(ideal, 1.0)
+    r = lens.newton_start(ideal, k1, k2)
     for _ in range(NEWTON_STEPS):
-        r2 = r * r
-        error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
-        slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), MIN_LENS_SLOPE)
-        r = min(max(r - error / slope, 0.0), 1.0)
+        r = lens.newton_step(r, ideal, k1, k2)
     return r
 
 
-@inner
+@jit_in_place
 def to_photo(x, y, camera):
     """Return where an image point lies on the photo, both about the centre; camera: a rectified
     one."""
-    of_u, of_v, of_depth = inverse(camera)
-    nearness = 1 / max(of_depth[0] * x + of_depth[1] * y + of_depth[2], MIN_RAY_DEPTH)
-    u = (of_u[0] * x + of_u[1] * y + of_u[2]) * nearness
-    v = (of_v[0] * x + of_v[1] * y + of_v[2]) * nearness
+    u, v = lens.project(x, y, inverse(camera))
     if camera.k1 != 0 or camera.k2 != 0:
         ideal = math.sqrt((u * u + v * v) * camera.radius_scale)
         if ideal > 1e-9:
@@ -84,10 +73,10 @@ def to_photo(x, y, camera):
     return u, v
 
 
-@inner
+@jit_in_place
 def jacobian(u, v, camera):
-    """Return `panel_jacobian` at a photo point about the centre; of a rectified camera, at where
-    the photo shows an image point."""
+    """Return `lens.panel_jacobian` at a photo point about the centre; of a rectified camera, at
+    where the photo shows an image point."""
     if camera.rectified != 0:
         u, v = to_photo(u, v, camera)
-    return _panel_jacobian(u, v, camera)
+    return lens.panel_jacobian(u, v, camera)

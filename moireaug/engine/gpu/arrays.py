@@ -19,10 +19,7 @@ from moireaug.engine.lower.exposure_records import Camera
 
 ALIGNMENT = 16  # bytes, which a load of four floats needs
 NARROW = {np.dtype(np.float64): np.float32, np.dtype(np.int64): np.int32}
-WIDE_FIELDS = {  # which keep 64 bits
-    *("cameras", "blur_cameras", "distortion", "forward", "inverses"),
-    *("rows", "cols", "centre", "centres", "start", "period", "cells"),
-}
+WIDE_FIELDS = {"cameras", "blur_cameras", "forward", "centres", "start"}  # which keep 64 bits
 NOTHING: Any = None  # in place of a field that no kernel reads
 Record = TypeVar("Record", bound=tuple)
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from moireaug.common.physics import bins, optics
 from moireaug.engine.gpu.host_view import Arrays, cameras_of, jacobian
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
 from moireaug.engine.lower.exposure_records import Beats, Exposure
@@ -93,11 +94,7 @@ def _max_strength(step: Arrays, c: Any, beats: Beats) -> np.ndarray:
     xu, xv, yu, yv = (part.reshape(len(part), 1, -1) for part in coarse)
     k, l = (beats.orders / beats.period).T[:, :, None]
     fu, fv = k * xu + l * yu, k * xv + l * yv  # (B, K, samples)
-    moved = fu * c.motion_x + fv * c.motion_y
-    variance = c.blur**2 * (fu * fu + fv * fv) + moved * moved
-    passed = np.sinc(c.fill * fu) * np.sinc(c.fill * fv) * np.exp(-2 * math.pi**2 * variance)
-    if c.olpf.any():
-        passed *= np.cos(math.pi * c.olpf * fu) * np.cos(math.pi * c.olpf * fv)
+    passed = optics.transfer(fu, fv, (c.fill, c.blur, c.olpf, c.motion_x, c.motion_y))
     most = np.minimum(TRANSFER_MARGIN * np.abs(passed).max(2, initial=0), 1)
     return beats.strength * most * np.maximum(c.gain[:, :, 0], 1)
 
@@ -112,8 +109,8 @@ def _sides(step: Arrays, c: Any, beats: Beats) -> tuple[np.ndarray, np.ndarray]:
     if not c.rectified.any():
         across, down = c.scale_u[:, :, 0] * enlargement, c.scale_v[:, :, 0] * enlargement
         return np.stack([zero + across, zero]), np.stack([zero, zero + down])
-    by = c.alpha[:, :, 0] * enlargement / (xu * yv - xv * yu)
-    return np.stack([by * yv, -by * yu]), np.stack([-by * xv, by * xu])
+    first, second = bins.image_pixel_sides(xu, xv, yu, yv, c.alpha[:, :, 0] * enlargement)
+    return np.stack(first), np.stack(second)
 
 
 class _Aliases(NamedTuple):

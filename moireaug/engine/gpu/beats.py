@@ -14,7 +14,10 @@ from triton.language.standard import _sum_combine
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS
 from moireaug.engine.gpu.bins import along, bins_at
 from moireaug.engine.gpu.optics import sinc, sinc_within, transfer, wave, wave_of_part
+from moireaug.engine.gpu.physics import bind_for_triton
 from moireaug.engine.gpu.view import PHOTO_HEIGHT, PHOTO_WIDTH, SCALE_U, SCALE_V
+
+aliases = bind_for_triton("aliases", sinc=sinc)
 
 TURN = tl.constexpr(2.0**32)
 PART = tl.constexpr(2.0**-32)
@@ -37,11 +40,11 @@ def mean_over_bin(g, bins, triangle):
     """Return what the mean over bins leaves of frequencies along u and v, in cycles per sensor
     pixel; triangle: see `exposure_records.Beats`."""
     first, second = along(g, bins.first), along(g, bins.second)
-    passed = sinc(first) * sinc(second)
+    passed = aliases.mean_over_sides(1.0, first, second)
     if triangle == 1.0:
         passed *= passed
     else:
-        passed *= sinc(triangle * first) * sinc(triangle * second)
+        passed = aliases.mean_over_sides(passed, triangle * first, triangle * second)
     return passed
 
 
@@ -65,10 +68,11 @@ def alias_planes(f, m, even, bins, triangle, BAYER: tl.constexpr):
     passed = tl.where((tl.abs(g[0]) < 1.0) & (tl.abs(g[1]) < 1.0), passed, 0.0)
     odd_u, odd_v = m[0] % 2 != 0, m[1] % 2 != 0
     if BAYER:
-        even_u, even_v = even
-        in_u, in_v = tl.where(odd_u, 1.0 - even_u, even_u), tl.where(odd_v, 1.0 - even_v, even_v)
-        red, mean = passed * in_u * in_v, 0.5 * passed * (in_u + in_v)
-        green = tl.where(odd_u == odd_v, tl.where(odd_u, -mean, mean), 0.0)
+        in_u = aliases.interpolation_transfer(even[0], odd_u)
+        in_v = aliases.interpolation_transfer(even[1], odd_v)
+        coloured, quincunx = aliases.plane_transfers(in_u, in_v, odd_u, odd_v)
+        red, green = passed * coloured, passed * quincunx
+        green = tl.where(odd_u, -green, green)
         return red, green, tl.where(odd_u == odd_v, red, -red)
     whole = tl.where(odd_u | odd_v, 0.0, passed)
     return whole, whole, whole

@@ -13,6 +13,8 @@ from moireaug.engine.gpu.footprint import MIN_BLUR_VARIANCE, Footprint, lit_shar
 from moireaug.engine.gpu.optics import blur_variance
 from moireaug.engine.gpu.panel import pixel_scale
 from moireaug.engine.gpu.patch import Patch
+from moireaug.engine.gpu.physics import bins as geometry
+from moireaug.engine.gpu.physics import footprint as view
 from moireaug.engine.gpu.view import (
     ALPHA,
     CORNER_X,
@@ -125,8 +127,8 @@ def bins_at(u, v, image, batch, variant: tl.constexpr):
     scale, enlargement = tl.load(sensor + ALPHA), tl.load(batch.beats.enlargement + image)
     none = 0.0 * xu
     if variant.rectified:
-        by = scale.to(tl.float32) * enlargement / (xu * yv - xv * yu)
-        first, second = (by * yv, -by * yu), (-by * xv, by * xu)
+        pixel = scale.to(tl.float32) * enlargement
+        first, second = geometry.image_pixel_sides(xu, xv, yu, yv, pixel)
     else:
         first = none + load32(sensor, SCALE_U) * enlargement, none
         second = none, none + load32(sensor, SCALE_V) * enlargement
@@ -152,11 +154,11 @@ def _along_axis(channel, position, step, bins, batch, AXIS: tl.constexpr, varian
     other = tl.abs(along((by_u, by_v), bins.window[1]))
     short, hold = tl.minimum(one, other), tl.load(picture.added_variance + index)
     blur = blur_variance(by_u, by_v, blur_camera)
-    variance = short * short / 12.0 + blur + hold + MIN_BLUR_VARIANCE
+    variance = view.side_variance(short) + blur + hold + MIN_BLUR_VARIANCE
     footprint = Footprint(tl.maximum(one, other), tl.sqrt(variance))
     place = position * (1.0 / ratio.to(tl.float64)) - tl.load(batch.beats.centres + index)
     end = batch.screen.size[AXIS] * pixel_scale(blur_camera)
-    nearest, _, shares = lit_shares(
+    nearest, shares = lit_shares(
         place, footprint, tl.load(picture.widths + index), (place + 0.5, 0.5, end), variant.taps,
         variant.dark_around,
     )  # fmt: skip

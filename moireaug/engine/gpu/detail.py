@@ -15,7 +15,6 @@ import triton.language as tl
 from torch import Tensor
 
 from moireaug.engine.gpu.develop_arrays import DetailArrays
-from moireaug.engine.gpu.resize import resize_back, resized
 from moireaug.engine.gpu.tile import Pixels, black, launch, load, store, tile
 from moireaug.engine.gpu.tone import clip, clip_back
 
@@ -89,26 +88,21 @@ def filtered(source, pixels, TRANSPOSED: tl.constexpr):
 
 
 @triton.jit
-def filtered_codes(source, pixels):
-    """Return the filtered codes of pixels, clipped."""
-    return [clip(code) for code in filtered(source, pixels, False)]
-
-
-@triton.jit
 def detail_kernel(photo, codes, soft, detail, TILE: tl.constexpr):
-    """Fill photo (B, 3, H, W) with codes (B, 3, h, w) filtered, clipped and resized; soft: their
-    rows, blurred."""
-    pixels, source = tile(photo, TILE), (codes, soft, detail)
-    store(photo, pixels, resized(filtered_codes, source, pixels, detail.rows, detail.cols))
+    """Fill photo (B, 3, h, w) with codes of its shape filtered and clipped; soft: their rows,
+    blurred."""
+    pixels = tile(photo, TILE)
+    r, g, b = filtered((codes, soft, detail), pixels, False)
+    store(photo, pixels, (clip(r), clip(g), clip(b)))
 
 
 @triton.jit
 def detail_back_kernel(codes_grad, grad, codes, soft, detail, TILE: tl.constexpr):
-    """Fill codes_grad (B, 3, h, w) with the gradient in the filtered codes, from grad
-    (B, 3, H, W), that in photos; the rest as in `detail_kernel`."""
+    """Fill codes_grad (B, 3, h, w) with the gradient in the filtered codes, from that in
+    photos; the rest as in `detail_kernel`."""
     pixels = tile(codes_grad, TILE)
     r, g, b = filtered((codes, soft, detail), pixels, False)
-    red, green, blue = resize_back(grad, pixels, detail.rows, detail.cols)
+    red, green, blue = load(grad, pixels)
     store(codes_grad, pixels, (clip_back(red, r), clip_back(green, g), clip_back(blue, b)))
 
 
@@ -121,20 +115,15 @@ def filter_back_kernel(out, grad, soft, detail, TILE: tl.constexpr):
 
 
 def filter_detail(codes: Tensor, detail: DetailArrays) -> Tensor:
-    """Return the photos (B, 3, H, W) of codes of sensor pixels (B, 3, h, w), which are overwritten
-    unless photos are resized."""
-    soft, photo = torch.empty_like(codes), codes
+    """Return the photos of codes (B, 3, h, w), which it overwrites."""
+    soft = torch.empty_like(codes)
     launch(blur_rows_kernel, soft, codes, detail, TRANSPOSED=False)
-    photo_size = detail.rows.photo_size, detail.cols.photo_size
-    if photo_size != codes.shape[2:]:
-        photo = codes.new_empty(len(codes), 3, *photo_size)
-    launch(detail_kernel, photo, codes, soft, detail)
-    return photo
+    launch(detail_kernel, codes, codes, soft, detail)
+    return codes
 
 
 def filter_detail_back(grad: Tensor, codes: Tensor, detail: DetailArrays) -> Tensor:
-    """Return the gradient in codes (B, 3, h, w), which it overwrites, from that in photos
-    (B, 3, H, W)."""
+    """Return the gradient in codes (B, 3, h, w), which it overwrites, from that in photos."""
     soft, codes_grad = torch.empty_like(codes), codes
     launch(blur_rows_kernel, soft, codes, detail, TRANSPOSED=False)
     launch(detail_back_kernel, codes_grad, grad, codes, soft, detail)

@@ -17,11 +17,11 @@ import triton.language as tl
 from numpy.polynomial import Polynomial
 
 from moireaug.camera.exposure import footprint as reference
-from moireaug.engine.gpu.optics import FILL, MIN_EXPONENT, blur_variance
-from moireaug.engine.gpu.view import load32
+from moireaug.common.physics import footprint as formulas
+from moireaug.engine.gpu.optics import MIN_EXPONENT
+from moireaug.engine.gpu.physics import footprint as view
 
-MIN_BLUR_VARIANCE = tl.constexpr(reference.MIN_BLUR_VARIANCE)
-TAIL_SIGMAS = tl.constexpr(reference.TAIL_SIGMAS)
+MIN_BLUR_VARIANCE = tl.constexpr(formulas.MIN_BLUR_VARIANCE)
 NEAREST_GUARD_SHARE = tl.constexpr(reference.NEAREST_GUARD_SHARE)
 FAR_SIGMAS = tl.constexpr(8.0)  # beyond which no light is
 
@@ -47,28 +47,6 @@ class Footprint(NamedTuple):
 
     box: Any
     sigma: Any
-
-
-@triton.jit
-def footprint_of(by_u, by_v, period, added_variance, camera):
-    """Return the Footprint along one axis.
-
-    Args:
-        by_u, by_v: panel pixels per sensor pixel along u and v. period: of the cells, panel pixels.
-        added_variance: see `exposure_records.FullView`.
-    """
-    fill, across, down = load32(camera, FILL), tl.abs(by_u), tl.abs(by_v)
-    box, short = tl.maximum(across, down) * fill / period, tl.minimum(across, down) * fill
-    variance = short * short / 12.0 + blur_variance(by_u, by_v, camera)
-    variance = variance / (period * period) + added_variance + MIN_BLUR_VARIANCE
-    return Footprint(box, tl.sqrt(variance))
-
-
-@triton.jit
-def narrowing(footprint, width, TAPS: tl.constexpr):
-    """Return the factor that narrows a view to TAPS cells, as `Footprint.fitted` does."""
-    room = tl.maximum(0.5 * TAPS - 0.5 * width, MIN_BLUR_VARIANCE)
-    return tl.minimum(room / (0.5 * footprint.box + TAIL_SIGMAS * footprint.sigma), 1.0)
 
 
 @triton.jit
@@ -130,8 +108,8 @@ def share_on_picture(position, end, footprint):
 
 @triton.jit
 def lit_shares(place, footprint, width, picture, TAPS: tl.constexpr, DARK_AROUND: tl.constexpr):
-    """Return the nearest cell, float64, how far past the middle of its light a view's is, and the
-    shares of TAPS cells around it, of which those beside the picture are DARK_AROUND.
+    """Return the nearest cell, float64, and the shares of TAPS cells around it, those beside the
+    picture being DARK_AROUND.
 
     Args:
         place: of the view's middle, float64, in cells from the middle of the light of cell 0.
@@ -139,7 +117,8 @@ def lit_shares(place, footprint, width, picture, TAPS: tl.constexpr, DARK_AROUND
             picture's start, and the picture's end, in cells.
     """
     nearest = tl.floor(place + 0.5)
-    offset, narrowed = (place - nearest).to(tl.float32), narrowing(footprint, width, TAPS)
+    offset, end = (place - nearest).to(tl.float32), 0.5 * TAPS
+    narrowed = view.narrowing(footprint.box, footprint.sigma, width, end)
     fitted = Footprint(footprint.box * narrowed, footprint.sigma * narrowed)
     shares = tap_shares(offset, fitted, width, TAPS)
     if DARK_AROUND:
@@ -151,4 +130,4 @@ def lit_shares(place, footprint, width, picture, TAPS: tl.constexpr, DARK_AROUND
             # a view that is not narrowed sees each pixel by itself
             lit = lit + (shares[tap] * tl.where(narrowed < 1.0, whole, alone),)
         shares = lit
-    return nearest, offset, shares
+    return nearest, shares

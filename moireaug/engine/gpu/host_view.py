@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from moireaug.engine.jacobian import panel_jacobian
+from moireaug.common.physics import lens
 from moireaug.engine.lower.exposure_records import Camera
 from moireaug.scene.geometry.distortion import inverse_radial_factor
-from moireaug.scene.geometry.frame import MIN_RAY_DEPTH
 
 Arrays = tuple[np.ndarray, ...]
 
@@ -23,21 +22,16 @@ def cameras_of(cameras: np.ndarray) -> Any:
 
 
 def jacobian(u: np.ndarray, v: np.ndarray, c: Any) -> Arrays:
-    """Return `panel_jacobian`, (B, h, w) each, at photo points about the centre; of rectified
+    """Return `lens.panel_jacobian`, (B, h, w) each, at photo points about the centre; of rectified
     cameras, at where the photos show image points. c: from `cameras_of`."""
     if c.rectified.any():
         u, v = to_photo(u, v, c)
-    return panel_jacobian(u, v, c)
+    return lens.panel_jacobian(u, v, c)
 
 
 def to_photo(x: np.ndarray, y: np.ndarray, c: Any) -> Arrays:
     """Return where image points lie on the photos, both about the centre, (B, h, w) each."""
-    m = forward(c)
-    entries = m.reshape(-1, 9).T[:, :, None, None]
-    depth = entries[6] * x + entries[7] * y + entries[8]
-    nearness = 1 / np.maximum(depth, MIN_RAY_DEPTH)
-    u = (entries[0] * x + entries[1] * y + entries[2]) * nearness
-    v = (entries[3] * x + entries[4] * y + entries[5]) * nearness
+    u, v = lens.project(x, y, forward(c).reshape(-1, 9).T[:, :, None, None])
     if c.k1.any() or c.k2.any():
         points = torch.from_numpy(np.stack([u, v], -1).reshape(len(u), -1, 2))
         fields = (c.k1, c.k2, c.photo_height, c.photo_width)

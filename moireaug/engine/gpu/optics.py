@@ -11,13 +11,14 @@ from numpy.polynomial import Polynomial
 
 from moireaug.camera.exposure import footprint
 from moireaug.engine.gpu.arrays import camera_field
+from moireaug.engine.gpu.physics import bind_for_triton
+from moireaug.engine.gpu.physics import footprint as view
 from moireaug.engine.gpu.view import load32
 
 FILL, BLUR, OLPF = camera_field("fill"), camera_field("blur"), camera_field("olpf")
 MOTION_X, MOTION_Y = camera_field("motion_x"), camera_field("motion_y")
 
 PI_SQUARED = tl.constexpr(math.pi**2)
-TWO_PI_SQUARED = tl.constexpr(2 * math.pi**2)
 MIN_EXPONENT = tl.constexpr(footprint.MIN_EXPONENT)
 # sin and cos at t = pi d / 2, d in [-1/2, 1/2], by Taylor's series
 S0, S1, S2, S3, S4 = (
@@ -75,16 +76,27 @@ def sinc_within(x):
 
 
 @triton.jit
+def cos_pi(x):
+    """Return cos(pi x)."""
+    return wave(0.5 * x)[0]
+
+
+@triton.jit
+def bell(exponent):
+    """Return the exponential of a number that is not positive."""
+    return tl.exp(tl.maximum(exponent, MIN_EXPONENT))
+
+
+pixel = bind_for_triton("optics", sinc=sinc, cos_pi=cos_pi, exp=bell)
+
+
+@triton.jit
 def transfer(fu, fv, camera):
     """Return the modulation transfer of aperture and lens at a frequency in cycles per sensor pixel
     along u and v."""
     fill, blur, olpf = load32(camera, FILL), load32(camera, BLUR), load32(camera, OLPF)
-    moved = fu * load32(camera, MOTION_X) + fv * load32(camera, MOTION_Y)
-    variance = blur * blur * (fu * fu + fv * fv) + moved * moved
-    gaussian = tl.exp(tl.maximum(variance * -TWO_PI_SQUARED, MIN_EXPONENT))
-    doubled_u, _ = wave(0.5 * olpf * fu)
-    doubled_v, _ = wave(0.5 * olpf * fv)
-    return sinc(fill * fu) * sinc(fill * fv) * gaussian * doubled_u * doubled_v
+    motion_x, motion_y = load32(camera, MOTION_X), load32(camera, MOTION_Y)
+    return pixel.transfer(fu, fv, (fill, blur, olpf, motion_x, motion_y))
 
 
 @triton.jit
@@ -92,5 +104,5 @@ def blur_variance(by_u, by_v, camera):
     """Return the variance that lens, motion and low-pass filter add along one axis of the panel, in
     squared panel pixels; by_u, by_v: panel pixels along it per sensor pixel along u and v."""
     blur, olpf = load32(camera, BLUR), load32(camera, OLPF)
-    moved = by_u * load32(camera, MOTION_X) + by_v * load32(camera, MOTION_Y)
-    return (by_u * by_u + by_v * by_v) * (blur * blur + olpf * olpf / 4.0) + moved * moved
+    moved = view.motion_sigma(by_u, by_v, load32(camera, MOTION_X), load32(camera, MOTION_Y))
+    return view.lens_variance(by_u, by_v, blur, olpf) + moved * moved

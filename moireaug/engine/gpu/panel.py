@@ -18,6 +18,8 @@ from torch import Tensor
 
 from moireaug.camera.exposure.displayed import EDGE_PIXELS
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS, camera_field
+from moireaug.engine.gpu.physics import decoding
+from moireaug.engine.gpu.physics import panel as triangle
 from moireaug.engine.gpu.tile import block
 from moireaug.engine.gpu.view import ALPHA, load32
 from moireaug.engine.lower.exposure_records import Camera, Exposure
@@ -133,15 +135,6 @@ def pixel_scale(camera):
 
 
 @triton.jit
-def decode(code):
-    """Return the light of an sRGB code, and its derivative."""
-    is_above_knee, root = code > 0.04045, tl.maximum(code + 0.055, 0.0) / 1.055
-    log = tl.log2(tl.maximum(root, 1e-6))
-    slope = tl.where(is_above_knee, 2.4 / 1.055 * tl.exp2(1.4 * log), 1.0 / 12.92)
-    return tl.where(is_above_knee, tl.exp2(2.4 * log), code / 12.92), slope
-
-
-@triton.jit
 def light_at(pixels, at, valid, black, CODED: tl.constexpr):
     """Return the light of a picture's pixels, or what they hold if it is not CODED and black is
     0."""
@@ -149,7 +142,7 @@ def light_at(pixels, at, valid, black, CODED: tl.constexpr):
     if pixels.dtype.element_ty == tl.uint8:
         value = value * (1.0 / 255.0)
     if CODED:
-        value, _ = decode(value)
+        value = decoding.light_of_code(value)
     return value + black * (1.0 - value)
 
 
@@ -200,7 +193,7 @@ def picture_light_back_kernel(
     back = blurred_light(grad + start, pixel, size, 0.0, share, False, BLURS)
     back *= 1.0 - tl.load(added[0] + plane // 3)
     if CODED:
-        back *= decode(tl.load(picture + start + pixel, mask=valid, other=0.0))[1]
+        back *= decoding.light_slope(tl.load(picture + start + pixel, mask=valid, other=0.0))
     tl.store(out + start + pixel, back, mask=valid)
 
 
@@ -220,16 +213,17 @@ def shrink_kernel(
     line = place // sizes.short
     camera = cameras + tl.where(valid, line // sizes.lines, 0) * CAMERA_FIELDS
     scale, lead = pixel_scale(camera), load32(camera, LEAD_FIELD)
-    centre = ((place % sizes.short).to(tl.float32) + (0.5 - LEAD - lead)) / scale
-    first = tl.ceil(centre - 1.0 / scale - 0.5)
+    pixel = (place % sizes.short).to(tl.float32)
+    centre = triangle.centre_on_picture(pixel, LEAD + lead, scale)
+    first = triangle.first_under_triangle(centre, scale)
     total = tl.full([BLOCK], 0.0, tl.float32)
     for tap in range(sizes.taps):
-        total += tl.maximum(1.0 - tl.abs(first + tap + 0.5 - centre) * scale, 0.0)
+        total += triangle.triangle_weight(first + tap, centre, scale)
     light = tl.full([BLOCK], 0.0, tl.float32)
     if BACK:
         light = tl.load(short + value, mask=valid, other=0.0) / total
     for tap in range(sizes.taps):
-        weight = tl.maximum(1.0 - tl.abs(first + tap + 0.5 - centre) * scale, 0.0)
+        weight = triangle.triangle_weight(first + tap, centre, scale)
         pixel = tl.minimum(tl.maximum((first + tap).to(tl.int32), 0), sizes.long - 1)
         at = long + (line * sizes.long + pixel) * sizes.inner + beside
         if BACK:

@@ -25,44 +25,6 @@ def channel_of(light, image, colour, screen):
 
 
 @triton.jit
-def place_on_shown(position, shown_scale, screen):
-    """Return where panel coordinates lie between the centres of pixels shown, 0 for the first;
-    float64."""
-    return position * shown_scale + (screen.lead - 0.5)
-
-
-@triton.jit
-def split_place(place, count):
-    """Return the pixel before a place, of `count`, int32, and how far it is to the next one,
-    float32. Places past the edges count as on them."""
-    place = tl.minimum(tl.maximum(place, 0.0), count - 1.0)
-    pixel = tl.floor(place)
-    return pixel.to(tl.int32), (place - pixel).to(tl.float32)
-
-
-@triton.jit
-def weights_on_shown(first, step, shares, count, SPAN: tl.constexpr):
-    """Return the first of SPAN pixels shown that panel pixels take their light from, and the weight
-    of each.
-
-    Args:
-        first: place of the first panel pixel, from `place_on_shown`. step: float32, from one to the
-            next. shares: weights of the panel pixels. count: of pixels shown.
-    """
-    start = tl.floor(tl.minimum(tl.maximum(first, 0.0), count - 1.0))
-    near, low, high = (first - start).to(tl.float32), -start, count - 1.0 - start
-    low, high = low.to(tl.float32), high.to(tl.float32)
-    weights = ()
-    for pixel in tl.static_range(SPAN):
-        weight = 0.0 * near
-        for tap in tl.static_range(len(shares)):
-            place = tl.minimum(tl.maximum(near + step * tap, low), high)
-            weight += shares[tap] * tl.maximum(1.0 - tl.abs(place - pixel), 0.0)
-        weights = weights + (weight,)
-    return start.to(tl.int32), weights
-
-
-@triton.jit
 def within(first, offset, count):
     """Return pixels at an offset from the first, of `count`, or the outermost beyond the edges."""
     return tl.minimum(tl.maximum(first + offset, 0), count - 1)

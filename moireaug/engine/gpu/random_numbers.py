@@ -10,9 +10,8 @@ import triton.language as tl
 from torch import Tensor
 
 from moireaug.camera.effects import random_numbers as numbers
+from moireaug.engine.gpu.physics import random_numbers
 
-FIRST_FACTOR = tl.constexpr(numbers.MIX_FACTORS[0])
-SECOND_FACTOR = tl.constexpr(numbers.MIX_FACTORS[1])
 INTERVAL_SHIFT = tl.constexpr(numbers.PLACES_PER_INTERVAL.bit_length() - 1)
 INTERVAL_MASK = tl.constexpr(numbers.INTERVALS - 1)
 PLACE_MASK = tl.constexpr(numbers.PLACES_PER_INTERVAL - 1)
@@ -25,16 +24,6 @@ def quantiles(device: torch.device) -> Tensor:
 
 
 @triton.jit
-def mix(x):
-    """Scramble a uint32."""
-    x = x ^ (x >> 16)
-    x = x * FIRST_FACTOR
-    x = x ^ (x >> 15)
-    x = x * SECOND_FACTOR
-    return x ^ (x >> 16)
-
-
-@triton.jit
 def normal(index, keys, quantiles):
     """Return the standard normal numbers of these indices of an image, float32.
 
@@ -43,7 +32,7 @@ def normal(index, keys, quantiles):
     """
     first = tl.load(keys).to(tl.uint32, bitcast=True)
     second = tl.load(keys + 1).to(tl.uint32, bitcast=True)
-    bits = mix(mix(index.to(tl.uint32) + first) ^ second)
+    bits = random_numbers.mix(random_numbers.mix(index.to(tl.uint32) + first) ^ second)
     interval = (bits >> INTERVAL_SHIFT) & INTERVAL_MASK
     place = (bits & PLACE_MASK).to(tl.float32)
     low, step = tl.load(quantiles + 2 * interval), tl.load(quantiles + 2 * interval + 1)

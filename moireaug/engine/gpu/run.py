@@ -1,5 +1,5 @@
-"""The GPU's kernels on batches; see `engine.backends.Backend.kernels`. Nothing is saved for a
-gradient, which recomputes what it needs."""
+"""The GPU's kernels on batches of binned readings; see `engine.backends.Backend.kernels`.
+Nothing is saved for a gradient, which recomputes what it needs."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.engine.gpu import binned, full
+from moireaug.engine.gpu import binned
 from moireaug.engine.gpu import develop as developing
 from moireaug.engine.lower.development_records import Development
-from moireaug.engine.lower.exposure_records import BinnedView, Exposure, PanelView
+from moireaug.engine.lower.exposure_records import BinnedView, Exposure
 
 SUMS_IN_ORDER = False
 
@@ -21,34 +21,27 @@ def prepare() -> None:
     """Do nothing: Triton compiles within seconds."""
 
 
-def fits(exposure: Exposure, view: PanelView) -> np.ndarray:
+def fits(exposure: Exposure, view: BinnedView) -> np.ndarray:
     """Return for each image whether kernels can follow its view, (B,) bool."""
-    if isinstance(view, BinnedView):
-        return binned.fits(exposure, view)
-    return np.ones(len(exposure.cameras), bool)
+    return binned.fits(exposure, view)
 
 
 def launch_expose(
-    picture: Tensor, saves: bool, exposure: Exposure, view: PanelView
+    picture: Tensor, saves: bool, exposure: Exposure, view: BinnedView
 ) -> tuple[Tensor, Tensor]:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
     with _device_of(picture):
-        if isinstance(view, BinnedView):
-            raw = binned.expose(picture, exposure, view)
-        else:
-            raw = full.expose(picture, exposure, view)
+        raw = binned.expose(picture, exposure, view)
     return raw, raw.new_empty(0)
 
 
 def launch_expose_back(
-    grad: Tensor, picture: Tensor, saved: Tensor, exposure: Exposure, view: PanelView
+    grad: Tensor, picture: Tensor, saved: Tensor, exposure: Exposure, view: BinnedView
 ) -> Tensor:
     """Return the gradient in pictures, from that in their readings. Sums are not in a fixed
     order."""
     with _device_of(picture):
-        if isinstance(view, BinnedView):
-            return binned.expose_back(grad, picture, exposure, view)
-        return full.expose_back(grad, picture, exposure, view)
+        return binned.expose_back(grad, picture, exposure, view)
 
 
 def launch_develop(raw: Tensor, saves: bool, development: Development) -> tuple[Tensor, Tensor]:

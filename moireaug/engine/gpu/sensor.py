@@ -5,14 +5,14 @@
 
 from __future__ import annotations
 
-import math
-
 import triton
 import triton.language as tl
 
-from moireaug.camera.effects import binned_statistics, sensor
+from moireaug.camera.effects import sensor
 from moireaug.engine.gpu.arrays import camera_field
-from moireaug.engine.gpu.optics import MIN_EXPONENT
+from moireaug.engine.gpu.optics import bell
+from moireaug.engine.gpu.physics import bind_for_triton
+from moireaug.engine.gpu.physics import sensor as physics
 from moireaug.engine.gpu.random_numbers import normal
 from moireaug.engine.gpu.view import RADIUS_SCALE, load32
 
@@ -21,9 +21,7 @@ GLARE, GLARE_U, GLARE_V = camera_field("glare"), camera_field("glare_u"), camera
 DARK_NOISE, PHOTON_NOISE = camera_field("dark_noise"), camera_field("photon_noise")
 
 DARK_LEVEL = tl.constexpr(sensor.DARK_LEVEL)
-MIN_VARIANCE = tl.constexpr(binned_statistics.MIN_VARIANCE)
 ROOT_HALF = tl.constexpr(0.5**0.5)
-PEAK = tl.constexpr((2 * math.pi) ** -0.5)  # of the standard normal density
 
 
 @triton.jit
@@ -47,8 +45,8 @@ def reflected(u, v, camera):
 @triton.jit
 def attenuation(u, v, camera):
     """Return the factor of gain and vignetting."""
-    dimmed = 1.0 + load32(camera, FALLOFF) * load32(camera, RADIUS_SCALE) * (u * u + v * v)
-    return load32(camera, GAIN) / (dimmed * dimmed)
+    falloff = load32(camera, FALLOFF) * load32(camera, RADIUS_SCALE)
+    return physics.attenuation(load32(camera, GAIN), falloff, u * u + v * v)
 
 
 @triton.jit
@@ -56,7 +54,7 @@ def noise_of(light, index, keys, camera, quantiles):
     """Return the noise of a reading, and its derivative in the light; for quantiles, see
     `random_numbers.normal`."""
     read_noise, photons = load32(camera, DARK_NOISE), load32(camera, PHOTON_NOISE)
-    variance = read_noise * read_noise + photons * photons * tl.maximum(light, DARK_LEVEL)
+    variance = physics.noise_variance(light, read_noise, photons, DARK_LEVEL)
     some = variance > 0.0
     sigma = tl.where(some, tl.sqrt(tl.where(some, variance, 1.0)), 0.0)
     number = normal(index, keys, quantiles)
@@ -85,23 +83,18 @@ def reading(light, pulse, u, v, white, camera, noise, NOISY: tl.constexpr):
 
 
 @triton.jit
-def mean_excess(mean, variance):
-    """Return the mean of max(x, 0) of normally distributed x, and its derivatives in mean and
-    variance."""
-    some = variance > MIN_VARIANCE
-    sigma = tl.sqrt(tl.where(some, variance, 1.0))
-    z = mean / sigma
-    share = 0.5 + 0.5 * tl.erf(z * ROOT_HALF)
-    density = PEAK * tl.exp(tl.maximum(-0.5 * z * z, MIN_EXPONENT))
-    excess = tl.where(some, mean * share + sigma * density, tl.maximum(mean, 0.0))
-    by_mean = tl.where(some, share, tl.where(mean > 0.0, 1.0, 0.0))
-    return excess, by_mean, tl.where(some, 0.5 * density / sigma, 0.0)
+def normal_cdf(z):
+    """Return the normal distribution function."""
+    return 0.5 + 0.5 * tl.erf(z * ROOT_HALF)
+
+
+clipping = bind_for_triton("clipping", exp=bell, normal_cdf=normal_cdf)
 
 
 @triton.jit
 def clipped_mean(light, read_variance, photons, pattern):
-    """Return the mean of sensor pixels clipped to [0, 1], as `binned_statistics.expected_clip`,
-    from their mean light, and its derivative in that.
+    """Return the mean of sensor pixels clipped to [0, 1], from their mean light, and its derivative
+    in that.
 
     Args:
         read_variance, photons: variance of the noise that was averaged away, in the dark, and what
@@ -110,16 +103,6 @@ def clipped_mean(light, read_variance, photons, pattern):
     """
     noise = read_variance + photons * tl.maximum(light, DARK_LEVEL)
     noise_slope = tl.where(light > DARK_LEVEL, photons, 0.0)
-    below, below_by_mean, below_by_noise = mean_excess(-light, noise)
-    spread = tl.maximum(light, 0.0) * pattern
-    above, above_slope, above_by_variance = mean_excess(light - 1.0, noise + light * spread)
-    above_slope += above_by_variance * (noise_slope + 2.0 * spread)
-    # no light of two levels, one of which is 0, has more above 1
-    some = noise > MIN_VARIANCE
-    sigma = tl.sqrt(tl.where(some, noise, 1.0))
-    bound = light - 1.0 / (1.0 + pattern) + tl.where(some, PEAK * sigma, 0.0)
-    bounded = (light * (1.0 + pattern) > 2.0) & (bound < above)  # else it is never the smaller
-    bound_slope = 1.0 + tl.where(some, 0.5 * PEAK * noise_slope / sigma, 0.0)
-    clipped = light + below - tl.where(bounded, bound, above)
-    slope = 1.0 - below_by_mean + below_by_noise * noise_slope
-    return clipped, slope - tl.where(bounded, bound_slope, above_slope)
+    lost = light * tl.maximum(light, 0.0) * pattern
+    mean = clipping.expected_clip(light, noise, lost)
+    return mean, clipping.clip_slope(light, noise, lost, noise_slope)

@@ -37,21 +37,14 @@ class Pixels(NamedTuple):
 
 
 @triton.jit
-def tile_corner(images, TILE: tl.constexpr):
-    """Return the image, int64, and the first row and column of a program's tile."""
+def tile(images, TILE: tl.constexpr):
+    """Return the Pixels of a program's tile."""
     down = (images.height + TILE[0] - 1) // TILE[0]
     across = (images.width + TILE[1] - 1) // TILE[1]
     index = tl.program_id(0)
+    row = index // across % down * TILE[0] + tl.arange(0, TILE[0])[:, None]
+    col = index % across * TILE[1] + tl.arange(0, TILE[1])[None, :]
     image = (index // (across * down)).to(tl.int64)
-    return image, index // across % down * TILE[0], index % across * TILE[1]
-
-
-@triton.jit
-def tile(images, TILE: tl.constexpr):
-    """Return the Pixels of a program's tile."""
-    image, first_row, first_col = tile_corner(images, TILE)
-    row = first_row + tl.arange(0, TILE[0])[:, None]
-    col = first_col + tl.arange(0, TILE[1])[None, :]
     return Pixels(image, row, col, (row < images.height) & (col < images.width))
 
 

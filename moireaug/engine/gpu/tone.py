@@ -5,17 +5,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
 import triton
 import triton.language as tl
 
-SRGB_KNEE = tl.constexpr(0.0031308)
-SRGB_LINEAR_GAIN = tl.constexpr(12.92)
-# a digit of float32 less than 1.055: the code of light 1 must not be above 1, where a clip has no
-# slope
-SRGB_GAIN = tl.constexpr(float(np.nextafter(np.float32(1.055), np.float32(0))))
-SRGB_OFFSET = tl.constexpr(0.055)
-SRGB_POWER = tl.constexpr(1 / 2.4)
+from moireaug.engine.gpu.physics import encoding
+from moireaug.engine.gpu.physics import tone as curve
 
 
 class Tone(NamedTuple):
@@ -30,16 +24,6 @@ class Tone(NamedTuple):
     shoulder: Any
     contrast: Any
     brighten: Any
-
-
-@triton.jit
-def encode(light):
-    """Return the sRGB code of light, whose straight part goes on below 0, and its derivative."""
-    is_above_knee, bright = light > SRGB_KNEE, tl.maximum(light, SRGB_KNEE)
-    power = SRGB_GAIN * tl.exp2(tl.log2(bright) * SRGB_POWER)
-    slope = SRGB_POWER * power / bright
-    code = tl.where(is_above_knee, power - SRGB_OFFSET, light * SRGB_LINEAR_GAIN)
-    return code, tl.where(is_above_knee, slope, SRGB_LINEAR_GAIN)
 
 
 @triton.jit
@@ -78,15 +62,13 @@ def code(light, tone, variant: tl.constexpr):
     """Return the code of one colour's light, in [0, 1], and its derivative."""
     x, slope = light, tl.full(light.shape, 1.0, tl.float32)
     if variant.coded:
-        x, slope = encode(light)
+        x, slope = encoding.code_of_light(light), encoding.code_slope(light)
     if variant.toned:
         slope = clip_back(slope, x)
         x = clip(x)
-        inverse = 1 / (1 + tone.shoulder * x)
-        slope *= (1 + tone.shoulder) * inverse * inverse
-        x *= (1 + tone.shoulder) * inverse
-        slope *= 1 + tone.contrast * (6 * x * (1 - x) - 1)
-        x += tone.contrast * (2 * x - 1) * x * (1 - x)
+        x, steepness = curve.shoulder_and_slope(x, tone.shoulder)
+        slope *= steepness * curve.contrast_slope(x, tone.contrast)
+        x = curve.contrast_curve(x, tone.contrast)
     x += tone.brighten
     return clip(x), clip_back(slope, x)
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from moireaug.camera.effects.binned_statistics import pixels_per_value
-from moireaug.camera.exposure.bin_content import Content, content_of
+from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
 from moireaug.camera.panel.fourier import amplitudes_of
 from moireaug.engine.lower import pose
@@ -66,7 +66,7 @@ class _BinScales(NamedTuple):
     enlargement: np.ndarray
 
 
-def _place_of(shot: ShotRecord, frame: Frame, content: Content) -> dict[str, np.ndarray]:
+def _place_of(shot: ShotRecord, frame: Frame, content: BinContent) -> dict[str, np.ndarray]:
     """Return the fields of cameras that say where on the whole photo the bins lie, and where the
     panel that shows the picture begins."""
     zero, (h, w) = np.zeros(len(shot)), shot.size
@@ -105,7 +105,7 @@ def _bin_cameras(
     shot: ShotRecord,
     inverse: np.ndarray,
     fields: dict[str, np.ndarray],
-    content: Content,
+    content: BinContent,
     scales: _BinScales,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a shot's cameras, (B, fields) each: of photo pixels, of what blurs them and of sensor
@@ -132,7 +132,7 @@ def _bin_cameras(
     )
 
 
-def _picture_view(blur_cameras: np.ndarray, content: Content) -> FullView:
+def _picture_view(blur_cameras: np.ndarray, content: BinContent) -> FullView:
     width = content.width.detach().numpy()
     interpolation = content.interpolation_variance.detach().numpy()
     light = np.ones((len(width), 3, 1, 1))
@@ -140,7 +140,9 @@ def _picture_view(blur_cameras: np.ndarray, content: Content) -> FullView:
     return FullView(blur_cameras, light, np.ascontiguousarray(width), added_variance)
 
 
-def _beats_of(shot: ShotRecord, sensors: np.ndarray, content: Content, scales: _BinScales) -> Beats:
+def _beats_of(
+    shot: ShotRecord, sensors: np.ndarray, content: BinContent, scales: _BinScales
+) -> Beats:
     """Return a shot's Beats; sensors: the cameras of sensor pixels."""
     layout, method = shot.scene.panel.cell, shot.plan.method
     parts = amplitudes_of(layout, method.harmonics, shot.panel)

@@ -30,11 +30,11 @@ def lower_cell(
     centre = np.array(centres, np.float64)
     y_group = _numbered(period[kind, 1], centre[:, 1])
     return Cell(
-        whole=np.lcm.reduce(period),
+        common_period=np.lcm.reduce(period),
         period=period,
         orders=np.array([highest_orders(o) for o in orders], np.int64),
         channel=np.array(channels, np.int64),
-        kind=kind,
+        subpixel_kind=kind,
         y_group=y_group,
         kind_y_group=_numbered(kind, y_group),
         centre=centre,

@@ -16,8 +16,7 @@ class Resize(NamedTuple):
         taps: (m, T) float32, the weights from there on.
         first, last: (n,) int64, the photo pixels that each sensor pixel contributes to; none where
             last < first.
-        size: n. photo_size: m. tap_count: T. target_count: the most photo pixels that a sensor
-            pixel contributes to.
+        size: n.
         halves: each photo pixel is the mean of two sensor pixels.
     """
 
@@ -26,9 +25,6 @@ class Resize(NamedTuple):
     first: np.ndarray
     last: np.ndarray
     size: int
-    photo_size: int
-    tap_count: int
-    target_count: int
     halves: bool
 
 

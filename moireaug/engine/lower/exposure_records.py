@@ -70,21 +70,22 @@ class Cell(NamedTuple):
     repeats with that period.
 
     Args:
-        whole: (2,) int64, a common period of all kinds, panel pixels along x and y.
+        common_period: (2,) int64, of all kinds, panel pixels along x and y.
         period: (kinds, 2) int64, panel pixels along x and y.
         orders: (kinds, 2) int64, the highest harmonic along x and y, in cycles per cell.
-        channel, kind: (n,) int64. y_group: (n,) int64, equal for subpixels whose centres have the
-            same y and period along it. kind_y_group: (n,) int64, equal for those of one kind, too.
+        channel, subpixel_kind: (n,) int64. y_group: (n,) int64, equal for subpixels whose centres
+            have the same y and period along it. kind_y_group: (n,) int64, equal for those of one
+            kind, too.
         centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it
             shows.
         radius: r in cells; content is taken from 2 r + 1 of them along each axis.
     """
 
-    whole: np.ndarray
+    common_period: np.ndarray
     period: np.ndarray
     orders: np.ndarray
     channel: np.ndarray
-    kind: np.ndarray
+    subpixel_kind: np.ndarray
     y_group: np.ndarray
     kind_y_group: np.ndarray
     centre: np.ndarray
@@ -158,7 +159,7 @@ class FullView(NamedTuple):
             of each kind's mask, in cycles per cell.
         widths: (B, kinds, 2) float64, of each kind along x and y, in cells.
         added_variance: (B, kinds, 2) float64, squared cells: of a kind's slant; in bins,
-            `interpolation_variance` of `bin_content.Content`.
+            `interpolation_variance` of `bin_content.BinContent`.
     """
 
     blur_cameras: np.ndarray

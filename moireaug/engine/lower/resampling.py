@@ -72,9 +72,6 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int) -> Resize:
         first=first,
         last=last,
         size=read,
-        photo_size=size,
-        tap_count=tap_count,
-        target_count=max(int((last - first).max()) + 1, 0),
         halves=read == 2 * size and tap_count == 2 and bool((taps == 0.5).all()),
     )
 

@@ -8,11 +8,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from moireaug.common.physics.lens import MIN_RAY_DEPTH
 from moireaug.scene.sensor import SHORTER_SIDE
-
-# a ray that meets the screen a thousand times as far away as its centre, or farther, counts as past
-# the horizon
-MIN_RAY_DEPTH = 1e-3
 
 Number = float | Tensor  # a number, or one per image, (B,) float64
 FrameSize = tuple[Any, Any]  # height and width, a `Number` each

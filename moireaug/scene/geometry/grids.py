@@ -7,9 +7,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from moireaug.common import tensor_physics
 from moireaug.common.numeric import may_be_dual
+from moireaug.common.physics.lens import MIN_RAY_DEPTH
 from moireaug.scene.geometry.distortion import inverse_radial_factor, radial_factor
-from moireaug.scene.geometry.frame import MIN_RAY_DEPTH, FrameSize, per_pixel, planar
+from moireaug.scene.geometry.frame import FrameSize, per_pixel, planar
 from moireaug.scene.geometry.homography import apply_homography, translation
 
 # image pixels per photo pixel, far more than any picture has, whose squares float32 can hold on the
@@ -86,26 +88,12 @@ def jacobian(
     last axis over u and v. Where an entry exceeds `MAX_STEP`, all four are scaled down to it,
     without a gradient."""
     p = points - _centre(points, size)
-    if lens is not None:
-        lens = lens[0].to(points.dtype), lens[1].to(points.dtype)
-    x, y, depth = _lift(_through_lens(p, size, lens), inverse, size)
-    m = _entries(inverse, size)
-    if lens is not None:
-        # the lens scales a point by a factor, which itself changes along the radius
-        k1, k2 = (k[:, None, None] for k in lens)
-        c = per_pixel(4 / (size[0] ** 2 + size[1] ** 2), p.dtype)
-        u, v = p.unbind(-1)
-        r2 = c * (u * u + v * v)
-        factor, growth = 1 + r2 * (k1 + k2 * r2), 2 * c * (k1 + 2 * k2 * r2)
-    found = []
-    for row, at in ((0, x / depth), (1, y / depth)):
-        # derivatives by the ideal point's u and v
-        du, dv = ((m[row][column] - at * m[2][column]) / depth for column in (0, 1))
-        if lens is not None:
-            radial = growth * (du * u + dv * v)
-            du, dv = factor * du + radial * u, factor * dv + radial * v
-        found.append(_planar(du, dv))
-    steps = torch.stack(found).movedim(0, -2)
+    k1, k2 = (k[:, None, None].to(p.dtype) for k in lens) if lens is not None else (0.0, 0.0)
+    radius_scale = per_pixel(4 / (size[0] ** 2 + size[1] ** 2), p.dtype)
+    u, v = p.unbind(-1)
+    entries = [entry for row in _entries(inverse, size) for entry in row]
+    xu, xv, yu, yv = tensor_physics.lens.image_jacobian(u, v, (radius_scale, k1, k2), entries)
+    steps = torch.stack((_planar(xu, xv), _planar(yu, yv))).movedim(0, -2)
     largest = steps.detach().abs().amax((-2, -1), keepdim=True)
     bounded = steps.detach() * (MAX_STEP / largest)
     return torch.where(largest > MAX_STEP, bounded, steps)

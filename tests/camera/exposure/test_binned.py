@@ -9,7 +9,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.camera import pipeline
-from moireaug.camera.effects import binned_statistics
+from moireaug.common import tensor_physics
 from moireaug.engine import switch
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
@@ -106,8 +106,8 @@ def test_a_saturated_binned_photo_is_nearly_the_full_one(monkeypatch):
     with switch.reference():
         full, _ = photo("full", **case)
         binned, _ = photo("binned", **case)
-        clip = "moireaug.camera.effects.sensor.expected_clip"
-        monkeypatch.setattr(clip, lambda raw, noise, pattern: raw.clamp(0, 1))
+        clip = tensor_physics.clipping
+        monkeypatch.setattr(clip, "expected_clip", lambda raw, noise, pattern: raw.clamp(0, 1))
         naive, _ = photo("binned", **case)
     assert rms(binned - full) < 0.013 and rms(binned - full) < 0.6 * rms(naive - full)
 
@@ -127,9 +127,9 @@ def test_clipped_light_of_two_levels_is_exact():
     mean, level = torch.tensor([0.2, 0.9, 2.0]).double(), torch.tensor([3.0, 9.0, 40.0]).double()
     variance = mean * level - mean.square()
     none = torch.zeros_like(mean)
-    bound = mean - binned_statistics._greatest_excess(mean, none, variance)
+    bound = mean - tensor_physics.clipping.greatest_excess(mean, none, variance)
     assert torch.allclose(bound, mean / level)
-    assert (binned_statistics.expected_clip(mean, none, variance) >= bound - 1e-12).all()
+    assert (tensor_physics.clipping.expected_clip(mean, none, variance) >= bound - 1e-12).all()
 
 
 def test_one_camera_stated_in_two_ways_sees_the_same():
@@ -143,8 +143,8 @@ def test_a_pattern_is_never_darker_than_black():
     """Noise is clipped at 0, and lightens the dark; a panel's pattern is light, and does not."""
     raw = torch.tensor([0.0, 0.01, 0.1], dtype=torch.float64)
     none = torch.zeros_like(raw)
-    assert torch.allclose(binned_statistics.expected_clip(raw, none, raw.square()), raw)
-    noisy = binned_statistics.expected_clip(raw, none + 1e-4, none)
+    assert torch.allclose(tensor_physics.clipping.expected_clip(raw, none, raw.square()), raw)
+    noisy = tensor_physics.clipping.expected_clip(raw, none + 1e-4, none)
     drawn = raw + 0.01 * torch.randn(200_000, 1, dtype=torch.float64)
     assert torch.allclose(noisy, drawn.clamp(0, 1).mean(0), atol=2e-4) and noisy[0] > 0.003
 

@@ -72,7 +72,7 @@ def engine_shows(scene, picture):
     expose_kernels.show_kernel(shown, light, picture.numpy(), exposure, False, 0)
     cell, camera = exposure.cell, Camera(*exposure.cameras[0])
     h, w = panel.shape.py_func(exposure.size, camera, cell)
-    period = int(cell.period[cell.kind[cell.channel.tolist().index(0)], 0])
+    period = int(cell.period[cell.subpixel_kind[cell.channel.tolist().index(0)], 0])
     red = torch.from_numpy(shown).reshape(3, h, period, w // period)[0]
     return red.mT.reshape(h, w), tuple(panel.margin.py_func(cell, axis) for axis in (1, 0))
 

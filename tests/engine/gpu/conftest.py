@@ -24,8 +24,7 @@ def quick_calls(monkeypatch):
 @pytest.fixture(autouse=True)
 def one_program_an_image(monkeypatch, quick_calls):
     """The interpreter takes as long for a program of one pixel as of hundreds."""
-    from moireaug.engine.gpu import binned, point, spectral, tile
+    from moireaug.engine.gpu import binned, tile
 
     monkeypatch.setattr(tile, "TILE", (32, 64))
-    for module in (binned, point, spectral):
-        monkeypatch.setattr(module, "BLOCK", 256)
+    monkeypatch.setattr(binned, "BLOCK", 256)

@@ -11,8 +11,8 @@ import triton.language as tl
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
 from moireaug.camera import pipeline
 from moireaug.camera.effects import random_numbers
-from moireaug.camera.effects.binned_statistics import expected_clip
 from moireaug.camera.exposure.displayed import EDGE_PIXELS, shrink
+from moireaug.common.tensor_physics import clipping
 from moireaug.engine.dispatch import DECODING
 from moireaug.engine.gpu import panel, sensor
 from moireaug.engine.gpu import random_numbers as gpu_random_numbers
@@ -52,7 +52,7 @@ def test_the_mean_of_clipped_pixels_and_its_slope(variances):
     _clipped_mean[(1,)](out, slope, light, *variances, N=N)
     light = light.double().requires_grad_()
     lost = dark + photons * light.clamp(min=1e-4)
-    expected = expected_clip(light, lost, light.square() * pattern)
+    expected = clipping.expected_clip(light, lost, light.square() * pattern)
     (grad,) = torch.autograd.grad(expected.sum(), light)
     assert (out - expected).abs().max() < 1e-6
     assert (slope - grad).abs().max() < 1e-6

@@ -11,7 +11,7 @@ from moireaug.engine.gpu import run
 from tests.engine.readings import assert_equal
 
 SIZE = (9, 12)
-SCENES = {"bins": Scene.preset("screen_photo"), "point": Scene.preset("paper_code")}
+SCENES = {"bins": Scene.preset("screen_photo"), "crops": Scene.preset("phone_at_laptop")}
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 
 
@@ -45,7 +45,7 @@ def test_photos_and_their_gradients_are_the_references(name):
 
 
 def test_a_deterministic_gradient_is_the_references(monkeypatch):
-    shot, images = shot_and_images("point")
+    shot, images = shot_and_images("bins")
     _, expected = photo_and_gradient(images.double(), shot)
     monkeypatch.setattr(run, "launch_expose_back", lambda *_, **__: pytest.fail("kernels run"))
     torch.use_deterministic_algorithms(True)
@@ -61,3 +61,9 @@ def test_what_a_gpu_runs_is_explained(monkeypatch):
     lines = engine.explain(SCENES["bins"]).splitlines()
     assert [line.split()[2] for line in lines] == ["cpu"] * 3 + ["cuda"] * 3
     assert all("Triton kernels" in line for line in lines[3:])
+
+
+def test_full_readings_are_the_references(monkeypatch):
+    monkeypatch.undo()
+    for line in engine.explain(Scene.preset("paper_code")).splitlines()[3:]:
+        assert "reference: Triton kernels take binned readings alone" in line

@@ -21,7 +21,7 @@ from moireaug.scene.subpixel import Subpixel
 WHOLE_PIXEL = Subpixel(0, (0.5, 0.5), (1.0, 0.0), (0.0, 1.0))
 
 
-class Sight(NamedTuple):
+class PanelPoints(NamedTuple):
     """Where sensor pixels look on the panel: position (B, h, w, 2) in panel pixels, float64, and
     its change per sensor pixel along u and v, (B, h, w, 2, 2), in the dtype in which shares are
     computed."""
@@ -45,12 +45,12 @@ class AxisShares(NamedTuple):
 
 def look_at_panel(
     rows: Tensor, cols: Tensor, inverse: Tensor, dtype: torch.dtype, shot: ShotRecord
-) -> Sight:
+) -> PanelPoints:
     """Return where the sensor pixels at photo coordinates rows x cols look on the panel."""
     points = grids.grid(rows, cols)
     position = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
     step = panel_steps(points.to(dtype), inverse, shot.distortion, shot)
-    return Sight(position * shot.panel_scale[:, None, None, None], step)
+    return PanelPoints(position * shot.panel_scale[:, None, None, None], step)
 
 
 def panel_steps(
@@ -92,7 +92,7 @@ def axis_view(
     and its width (B, 1, 1). The slant of a subpixel adds variance to the view.
 
     Args:
-        step: (B, h, w, 2, 2), change in panel pixels per sensor pixel; see `Sight`.
+        step: (B, h, w, 2, 2), change in panel pixels per sensor pixel; see `PanelPoints`.
         lit: the shares of the subpixel's width and height that emit light, (B,) each.
         optics: (B,) fields.
     """
@@ -119,19 +119,19 @@ def axis_shares(
     axis: int,
     subpixel: Subpixel,
     lit: tuple[Tensor, Tensor],
-    sight: Sight,
+    points: PanelPoints,
     shot: ShotRecord,
     screen: Screen,
 ) -> AxisShares:
     """Return the shares of sensor pixels' views on the subpixels of one kind around them, along x
     (axis 0) or y (axis 1); lit: see `axis_view`."""
-    view = axis_view(subpixel, axis, sight.step, lit, optics_of(shot))
-    place = Place(axis, subpixel.centre[axis], view.period, subpixel.pixel[axis])
-    at = sight.position[..., axis]
+    view = axis_view(subpixel, axis, points.step, lit, optics_of(shot))
+    place = SubpixelPosition(axis, subpixel.centre[axis], view.period, subpixel.pixel[axis])
+    at = points.position[..., axis]
     return axis_shares_at(place, at, view.footprint, view.width, shot, screen)
 
 
-class Place(NamedTuple):
+class SubpixelPosition(NamedTuple):
     """Where one kind of subpixel lies along x (axis 0) or y (axis 1), in panel pixels: its centre
     in its cell, the cell's period, and the middle of the panel pixel whose value it shows."""
 
@@ -142,7 +142,12 @@ class Place(NamedTuple):
 
 
 def axis_shares_at(
-    place: Place, at: Tensor, footprint: Footprint, width: Tensor, shot: ShotRecord, screen: Screen
+    place: SubpixelPosition,
+    at: Tensor,
+    footprint: Footprint,
+    width: Tensor,
+    shot: ShotRecord,
+    screen: Screen,
 ) -> AxisShares:
     """Return the same of sensor pixels at positions `at` (B, h, w) in panel pixels; `footprint` and
     `width` as of an `AxisView`."""

@@ -7,24 +7,24 @@ import math
 
 import numpy as np
 
-from moireaug.camera.exposure.footprint import MIN_BLUR_VARIANCE
+from moireaug.common.physics.footprint import MIN_BLUR_VARIANCE
 from moireaug.engine.cpu import footprint, harmonics, optics, tap_weights
-from moireaug.engine.cpu.compiling import fill, inner, loop, part
+from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
 from moireaug.engine.cpu.limits import MAX_NODES, MAX_STEP, PASSED_CYCLES_PER_BLUR
-from moireaug.engine.cpu.records import Nodes
+from moireaug.engine.cpu.records import CoarseGrid
 from moireaug.engine.cpu.view import jacobian
 
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
 BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken
 
 
-@inner
+@jit_in_place
 def sample(positions, k, count):
     """Return the k-th of `count` positions from the first to the last."""
     return positions[(len(positions) - 1) * k // (count - 1)]
 
 
-@inner
+@jit_in_place
 def _fill_scales(scales, rows, cols, camera, blur_camera):
     """Fill scales (samples along v, along u, 2) with how many panel pixels a pixel spans along both
     axes of the panel."""
@@ -40,7 +40,7 @@ def _fill_scales(scales, rows, cols, camera, blur_camera):
             scales[i, j, 0], scales[i, j, 1] = math.sqrt(x), math.sqrt(y)
 
 
-@inner
+@jit_in_place
 def _fill_highest(highest, cell):
     """Fill highest (2,) with the highest harmonic along both axes, in cycles per panel pixel."""
     fill(highest, 0.0)
@@ -49,7 +49,7 @@ def _fill_highest(highest, cell):
             highest[axis] = max(highest[axis], cell.orders[kind, axis] / cell.period[kind, axis])
 
 
-@inner
+@jit_in_place
 def _fastest_change(scales, axis_of_photo, highest, passed):
     """Return how much the logarithm of the view's scale, and the highest frequency, would change
     along u (0) or v (1), if they did over the whole photo as they do where they change fastest.
@@ -70,7 +70,7 @@ def _fastest_change(scales, axis_of_photo, highest, passed):
     return -math.log(least) * (VIEW_SAMPLES - 1), cycles * (VIEW_SAMPLES - 1)
 
 
-@inner
+@jit_in_place
 def _motion_change(rows, cols, camera, blur_camera, axis_of_photo):
     """Return how much motion along the panel's axes would change along u (0) or v (1), as a share
     of the rest of the blur, if it did over the whole photo as it does where it changes sign. There
@@ -98,14 +98,14 @@ def _motion_change(rows, cols, camera, blur_camera, axis_of_photo):
     return most * (VIEW_SAMPLES - 1)
 
 
-@inner
+@jit_in_place
 def _count(steps, fewest):
     """Return how many nodes a change of so many steps needs: at least `fewest`, and at most
     MAX_NODES + 1."""
     return int(min(max(steps + 2, fewest), MAX_NODES + 1))
 
 
-@loop
+@jit
 def counts(rows, cols, camera, blur_camera, cell, budget):
     """Return how many nodes the amplitudes and the tap weights (first axis) need along u and v
     (second axis): (2, 2) int64, at most MAX_NODES + 1; budget: an `ErrorBudget`."""
@@ -129,7 +129,7 @@ def counts(rows, cols, camera, blur_camera, cell, budget):
     return out
 
 
-@loop
+@jit
 def _narrowed(rows, cols, camera, blur_camera, cell, widths, added_variance):
     """Return whether any of a few sensor pixels over the photo sees more cells than its taps."""
     blur = np.empty((2, 2), np.float64)
@@ -145,7 +145,7 @@ def _narrowed(rows, cols, camera, blur_camera, cell, widths, added_variance):
     return False
 
 
-@loop
+@jit
 def _largest_step(rows, cols, camera):
     """Return the most panel pixels that a pixel spans along an axis, at a few places of the
     photo."""
@@ -158,11 +158,11 @@ def _largest_step(rows, cols, camera):
     return most
 
 
-@loop
+@jit
 def can_follow_view(camera, blur_camera, cell, widths, added_variance, sites, dark_around, budget):
     """Return whether the kernels can follow a view: not one near the horizon, nor, if
     `dark_around`, one from so far away that a pixel sees more cells than its taps. Arguments as in
-    `nodes_of` and `panel.fill_panel`."""
+    `coarse_grid_of` and `panel.fill_panel`."""
     rows, cols = sites.rows, sites.cols
     # not a comparison that NaN passes
     if (
@@ -178,7 +178,7 @@ def can_follow_view(camera, blur_camera, cell, widths, added_variance, sites, da
     return most <= MAX_NODES
 
 
-@part
+@jit_inlined
 def node_line(positions, count):
     """Return `count` nodes from the first to the last position, and the step between two; for one
     position all nodes are there, and the step is 1."""
@@ -190,7 +190,7 @@ def node_line(positions, count):
     return out, apart if last > first else 1.0
 
 
-@inner
+@jit_in_place
 def bracket(at, first, step, count, degree):
     """Return the first of `degree` + 1 neighbouring nodes around a position, and how many steps
     past it the position is.
@@ -202,7 +202,7 @@ def bracket(at, first, step, count, degree):
     return base, t - base
 
 
-@part
+@jit_inlined
 def fill_cubics(ends, weight, positions, first, step):
     """Fill ends and weight of `harmonics.interpolate_line` for pixels at ascending positions
     (n,).
@@ -222,9 +222,9 @@ def fill_cubics(ends, weight, positions, first, step):
         ends[j] = len(positions)
 
 
-@part
-def nodes_of(camera, blur_camera, cell, coefficients, widths, added_variance, sites, budget):
-    """Return the Nodes of an image; coefficients, widths, added_variance: see
+@jit_inlined
+def coarse_grid_of(camera, blur_camera, cell, coefficients, widths, added_variance, sites, budget):
+    """Return the CoarseGrid of an image; coefficients, widths, added_variance: see
     `exposure_records.FullView`, the rest as in `can_follow_view`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
     count = counts(rows, cols, camera, blur_camera, cell, budget)
@@ -245,12 +245,12 @@ def nodes_of(camera, blur_camera, cell, coefficients, widths, added_variance, si
     tables, phases, taps = tap_weights.weight_tables(
         us, vs, camera, blur_camera, cell, widths, added_variance, budget
     )
-    return Nodes(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)
+    return CoarseGrid(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)
 
 
-@part
-def no_nodes(kinds):
-    """Return the Nodes of an image that needs none."""
+@jit_inlined
+def no_coarse_grid(kinds):
+    """Return the CoarseGrid of an image that needs none."""
     tables, phases = np.empty((kinds, 0, 0), np.float32), np.zeros((kinds, 2), np.int64)
     terms, lines = np.empty((0, 4), np.int64), np.empty((1, 0, 0), np.float32)
-    return Nodes(terms, lines, 1.0, tables, phases, np.zeros(kinds, np.int64), 2, 1.0, 1.0)
+    return CoarseGrid(terms, lines, 1.0, tables, phases, np.zeros(kinds, np.int64), 2, 1.0, 1.0)
