@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -108,7 +109,11 @@ class ShotRecord(Draws):
 
     def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
         numbers = {name: f(values) for name, values in self.numbers().items()}
-        return dataclasses.replace(self, **parts_with(self, numbers), seed=f(self.seed))
+        return self.with_numbers(numbers, f(self.seed))
+
+    def with_numbers(self, numbers: Mapping[str, Tensor], seed: Tensor) -> Self:
+        """Return the shot of other numbers, (B,) float64 each by name, and seeds, (B,) int64."""
+        return dataclasses.replace(self, **parts_with(self, numbers), seed=seed)
 
     @property
     def requires_grad(self) -> bool:
@@ -317,6 +322,11 @@ class ShotRecord(Draws):
     def numbers(self) -> dict[str, Tensor]:
         """Return the drawn numbers, (B,) each, by name, such as "view.yaw"."""
         return dict(self._numbers)
+
+    def host_numbers(self) -> np.ndarray:
+        """Return a copy of the drawn numbers, (numbers, B) float64 in the order of `numbers`, by
+        one transfer from a GPU."""
+        return torch.stack(list(self._numbers.values())).detach().cpu().numpy()
 
     def to_dict(self) -> dict[str, Any]:
         """Return exact plain numbers and lists; `Shot.from_dict` is the inverse."""

@@ -24,7 +24,6 @@ from moireaug.engine.lower.numbers import (
     bin_scale_of,
     distortion_of,
     homography_of,
-    number_table,
 )
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
 from moireaug.scene.geometry.lattice import SampledPixels
@@ -33,7 +32,7 @@ from moireaug.scene.shot import DEMOSAIC_REACH, ShotRecord, sampled_rows_and_col
 
 
 class _LastDevelopment(NamedTuple):
-    """A Development, and what it was made of; numbers: see `number_table`."""
+    """A Development, and what it was made of; numbers: see `ShotRecord.host_numbers`."""
 
     scene: SceneRecord
     sizes: tuple[tuple[int, int], tuple[int, int]]
@@ -45,11 +44,12 @@ _last: _LastDevelopment | None = None
 
 
 def lower_development(shot: ShotRecord) -> Development:
-    """Return a shot's Development, without `Program.reference_effects`; if it is denoised, it ends
-    at the codes of every sensor pixel. Made once for equal shots in a row, as of an attack's steps.
+    """Return a shot's Development, without `Execution.reference_effects`; if it is denoised, it
+    ends at the codes of every sensor pixel. Made once for equal shots in a row, as of an attack's
+    steps.
     """
     global _last
-    last, numbers = _last, number_table(shot)  # a copy, as tensors may be changed in place
+    last, numbers = _last, shot.host_numbers()  # a copy, as tensors may be changed in place
     if (
         last is None
         or last.scene is not shot.scene
@@ -57,7 +57,7 @@ def lower_development(shot: ShotRecord) -> Development:
         or not np.array_equal(last.numbers, numbers)
     ):
         drawn = dict(zip(shot.numbers(), numbers, strict=True))
-        development = _development_of(shot.to("cpu"), drawn)
+        development = _development_of(shot, drawn)
         _last = last = _LastDevelopment(
             shot.scene, (shot.size, shot.whole_size), numbers, development
         )

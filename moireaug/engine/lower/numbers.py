@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from moireaug.engine.lower import pose
 from moireaug.scene.fields import bounds
@@ -16,12 +15,7 @@ MAX_CACHED_SCENES = 64  # scenes and sizes whose tables are cached
 
 def numbers_of(shot: ShotRecord) -> dict[str, np.ndarray]:
     """Return the drawn numbers by name, "view.yaw", (B,) float64 each."""
-    return dict(zip(shot.numbers(), number_table(shot), strict=True))
-
-
-def number_table(shot: ShotRecord) -> np.ndarray:
-    """Return a copy of the drawn numbers, (numbers, B) float64, by one transfer from a GPU."""
-    return torch.stack(list(shot.numbers().values())).detach().cpu().numpy()
+    return dict(zip(shot.numbers(), shot.host_numbers(), strict=True))
 
 
 def distortion_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,95 @@
+"""From readings to photos: by kernels, and by the reference from the first effect on for which
+there are none."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from moireaug.camera import pipeline
+from moireaug.engine import autograd, kernel_check
+from moireaug.engine.execution import Call
+from moireaug.engine.stage import KernelStage, RowSplit
+from moireaug.engine.torch_operators import OperatorStage
+from moireaug.scene.shot import ShotRecord
+
+if TYPE_CHECKING:
+    from moireaug.engine.lower.development_records import Development
+
+# a photo that is registered is smoother than its reading, see `exposing.MAX_SHIFT`
+MAX_SHIFT = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Developing(KernelStage):
+    """The stage from readings (B, planes, h, w) float32 to photos.
+
+    is_finite: the readings are known to be finite.
+    """
+
+    is_finite: bool
+
+    @property
+    def title(self) -> str:
+        return f"developing, {self.shot.scene.develop.demosaic}"
+
+    @property
+    def max_shift(self) -> float:
+        return MAX_SHIFT
+
+    def lower(self, shot: ShotRecord, exactness: int) -> Development:
+        from moireaug.engine.lower.development import lower_development
+
+        return lower_development(shot)
+
+    def can_follow(self, records: Development) -> np.ndarray:
+        return np.ones(len(records.codes.matrix), bool)
+
+    def launch(self, values: Tensor, saves: bool, records: Development) -> tuple[Tensor, Tensor]:
+        return self.kernels.launch_develop(values, saves, records)
+
+    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
+        return self.kernels.launch_develop_back(grad, values, saved, self.records)
+
+    def __call__(self, raw: Tensor) -> Tensor:
+        if self.is_finite or raw.device.type != "cpu":
+            photo = autograd.run(self, raw)
+            return pipeline.apply(self.call.execution.reference_effects, photo, self.shot)
+        return self._split(raw.detach().sum((1, 2, 3)).isfinite())(raw)
+
+    def _split(self, finite: Tensor) -> Callable[[Tensor], Tensor]:
+        """Return the function of readings of which those of a mask (B,) are finite: NaN and
+        infinity are not in the tables of the CPU's kernels."""
+        if finite.all():
+            return dataclasses.replace(self, is_finite=True)
+        if not finite.any():
+            return lambda raw: pipeline.develop(raw, self.shot)
+        stage = dataclasses.replace(self, call=self.call.part(finite), is_finite=True)
+        others = self.call.part(~finite).shot
+        return RowSplit(finite, stage, lambda raw: pipeline.develop(raw, others))
+
+
+def developing(call: Call, *, is_finite: bool = False) -> Callable[[Tensor], Tensor]:
+    """Return the function from a call's readings to their photos; differentiable in them.
+
+    is_finite: the readings are known to be finite.
+    """
+    shot, execution = call.shot, call.execution
+
+    def reference(raw: Tensor) -> Tensor:
+        return pipeline.develop(raw, shot)
+
+    if execution.why_not_develop:
+        return reference
+    if torch.compiler.is_compiling():
+        return OperatorStage("develop", shot, reference)
+    kernels = kernel_check.kernels_of(execution.backend)
+    if kernels is None:
+        return reference
+    return Developing(call, kernels, execution.engine_effects, is_finite)
