@@ -78,7 +78,7 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     1], of the reading's dtype; half precision is computed in float32.
 
     Differentiable in raw, and in every field of the shot that developing reads, except the JPEG
-    quality.
+    quality. On a GPU, the photo of a reading that holds NaN or infinity is NaN.
 
     Raises:
         TypeError: a raw reading that is not a floating point tensor.

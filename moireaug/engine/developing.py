@@ -58,21 +58,33 @@ class Developing(KernelStage):
         return self.kernels.launch_develop_back(grad, values, saved, self.records)
 
     def __call__(self, raw: Tensor) -> Tensor:
-        if self.is_finite or raw.device.type != "cpu":
+        if self.is_finite:
             photo = autograd.run(self, raw)
             return pipeline.apply(self.call.execution.reference_effects, photo, self.shot)
-        return self._split(raw.detach().sum((1, 2, 3)).isfinite())(raw)
-
-    def _split(self, finite: Tensor) -> Callable[[Tensor], Tensor]:
-        """Return the function of readings of which those of a mask (B,) are finite: NaN and
-        infinity are not in the tables of the CPU's kernels."""
+        finite, checked = finite_images(raw), dataclasses.replace(self, is_finite=True)
+        if raw.device.type != "cpu":  # which looks nothing up; to split would wait for it
+            return nan_where(~finite, checked(raw))
         if finite.all():
-            return dataclasses.replace(self, is_finite=True)
+            return checked(raw)
         if not finite.any():
-            return lambda raw: pipeline.develop(raw, self.shot)
-        stage = dataclasses.replace(self, call=self.call.part(finite), is_finite=True)
-        others = self.call.part(~finite).shot
-        return RowSplit(finite, stage, lambda raw: pipeline.develop(raw, others))
+            return pipeline.develop(raw, self.shot)
+        # NaN and infinity are not in the tables of the CPU's kernels
+        checked, others = checked.part(finite), self.call.part(~finite).shot
+        return RowSplit(finite, checked, lambda raw: pipeline.develop(raw, others))(raw)
+
+    def part(self, mask: Tensor) -> Developing:
+        """Return the stage of the images of a mask (B,) alone."""
+        return dataclasses.replace(self, call=self.call.part(mask))
+
+
+def finite_images(raw: Tensor) -> Tensor:
+    """Return which images' readings (B, planes, h, w) are finite, (B,) bool."""
+    return raw.detach().sum((1, 2, 3)).isfinite()
+
+
+def nan_where(mask: Tensor, photos: Tensor) -> Tensor:
+    """Return photos (B, 3, H, W) with those of a mask (B,) all NaN."""
+    return torch.where(mask[:, None, None, None], torch.nan, photos)
 
 
 def developing(call: Call, *, is_finite: bool = False) -> Callable[[Tensor], Tensor]:

@@ -12,7 +12,7 @@ from torch.autograd import forward_ad
 from moireaug import Scene, Sensor, View, capture, develop, expose
 from moireaug.camera import pipeline
 from moireaug.camera.effects.base import Effect, called
-from moireaug.engine import execution, explain, exposing, kernel_check, reference, switch
+from moireaug.engine import developing, execution, explain, exposing, kernel_check, reference, switch
 from moireaug.engine.backends import BACKENDS
 from moireaug.scene.by_name import with_values
 
@@ -177,3 +177,14 @@ def test_the_environment_turns_the_engine_off(monkeypatch):
     monkeypatch.setenv(switch.ENGINE_VARIABLE, "of")
     with pytest.raises(ValueError, match="MOIREAUG_ENGINE must be 'off', or unset; got 'of'"):
         Scene.preset("screen_photo").capture(torch.rand(1, 3, 8, 8))
+
+
+def test_on_a_gpu_the_photo_of_a_reading_that_is_not_finite_is_nan():
+    """Nothing is asked of the values, which would wait for the GPU."""
+    raw = expose(IMAGES, SHOT)
+    photo = develop(raw, SHOT).requires_grad_()
+    raw[1, 2, 3, 4] = float("inf")
+    marked = developing.nan_where(~developing.finite_images(raw), photo)
+    assert marked[1].isnan().all() and torch.equal(marked[[0, 2, 3]], photo[[0, 2, 3]])
+    marked[0].sum().backward()
+    assert photo.grad[0].eq(1).all() and not photo.grad[1:].any()
