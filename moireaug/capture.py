@@ -101,11 +101,11 @@ def photo_of(
 
 def _photo_in_scene(shot: ShotRecord, image: Tensor, noise: Tensor | None) -> Tensor:
     """Return the photo of images in one scene; see `photo_of`."""
-    numbers = checked_numbers(shot)
+    table = checked_numbers(shot)
     if noise is not None:
         check_noise(noise, shot)
     light = as_single(image)
-    call = call_of(shot, numbers, light, noise)
+    call = call_of(shot, table, light, noise)
     with torch.autocast(light.device.type, enabled=False):
         expose_light, develop_raw = exposing(call), developing(call, is_finite=True)
         raw = expose_light(light)

@@ -43,10 +43,12 @@ class Developing(KernelStage):
     def max_shift(self) -> float:
         return MAX_SHIFT
 
-    def lower(self, shot: ShotRecord, exactness: int) -> Development:
+    def lower(
+        self, shot: ShotRecord, exactness: int, table: np.ndarray | None = None
+    ) -> Development:
         from moireaug.engine.lower.development import lower_development
 
-        return lower_development(shot)
+        return lower_development(shot, table)
 
     def can_follow(self, records: Development) -> np.ndarray:
         return np.ones(len(records.codes.matrix), bool)

@@ -76,39 +76,37 @@ class Call(NamedTuple):
     """A call of `capture`, `expose` or `develop`: one shot, and who computes it.
 
     Args:
-        numbers: the shot's drawn numbers on the host, (B,) float64 each; none where they are
-            unknown, see `numeric.is_transformed`.
+        table: the shot's numbers, from `host_numbers`; None where they are unknown, see
+            `numeric.is_transformed`.
         moved_numbers: names of those in which a gradient may be asked for.
     """
 
     shot: ShotRecord
-    numbers: dict[str, np.ndarray]
+    table: np.ndarray | None
     execution: Execution
     moved_numbers: tuple[str, ...]
 
     def part(self, mask: Tensor) -> Call:
         """Return the call of the images of a mask (B,) alone."""
-        numbers = {name: values[mask.numpy()] for name, values in self.numbers.items()}
-        return self._replace(shot=self.shot[mask.to(self.shot.device)], numbers=numbers)
+        table = None if self.table is None else self.table[:, mask.numpy()]
+        return self._replace(shot=self.shot[mask.to(self.shot.device)], table=table)
 
     def host_shot(self) -> ShotRecord:
         """Return the shot on the CPU, without a gradient in its numbers."""
         if self.shot.device.type == "cpu" and not self.moved_numbers:
             return self.shot
-        numbers = {name: torch.from_numpy(values) for name, values in self.numbers.items()}
+        rows = torch.from_numpy(self.shot.host_numbers() if self.table is None else self.table)
+        numbers = dict(zip(self.shot.numbers(), rows, strict=True))
         return self.shot.with_numbers(numbers, self.shot.seed.cpu())
 
 
 def call_of(
-    shot: ShotRecord,
-    numbers: dict[str, np.ndarray],
-    values: Tensor,
-    noise: Tensor | None = None,
+    shot: ShotRecord, table: np.ndarray | None, values: Tensor, noise: Tensor | None = None
 ) -> Call:
     """Return the Call of photographing images (B, 3, H, W), or of developing readings.
 
     Args:
-        numbers: see `Call`.
+        table: see `Call`.
         noise: to be added to the images' readings.
     """
     moved_numbers: tuple[str, ...] = ()
@@ -121,7 +119,7 @@ def call_of(
     execution = execution_of(shot.scene, shot.plan, values.device.type, why_not)
     if moved_numbers and not execution.why_not_expose:
         execution = execution._replace(why_not_expose=_why_not_moved(shot.plan))
-    return Call(shot, numbers, execution, moved_numbers)
+    return Call(shot, table, execution, moved_numbers)
 
 
 def explain(scene: SceneRecord) -> str:

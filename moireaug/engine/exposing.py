@@ -56,11 +56,12 @@ class Exposing(KernelStage):
     def sums_in_order(self) -> bool:
         return self.kernels.SUMS_IN_ORDER
 
-    def lower(self, shot: ShotRecord, exactness: int) -> Records:
+    def lower(self, shot: ShotRecord, exactness: int, table: np.ndarray | None = None) -> Records:
         # with the first photo: importing the package would take a tenth longer
         from moireaug.engine.lower.exposure import lower_exposure
 
-        return lower_exposure(shot, decoded=self.is_decoded, exactness=exactness)
+        is_decoded = self.is_decoded
+        return lower_exposure(shot, decoded=is_decoded, exactness=exactness, table=table)
 
     def can_follow(self, records: Records) -> np.ndarray:
         return self.kernels.fits(*records)

@@ -61,7 +61,7 @@ class KernelStage(Stage):
     @functools.cached_property
     def records(self) -> Any:
         """The records of the shot, from `lower`."""
-        return self.lower(self.call.host_shot(), 1)
+        return self.lower(self.call.host_shot(), 1, self.call.table)
 
     @property
     @abstractmethod
@@ -74,9 +74,13 @@ class KernelStage(Stage):
         """Sensor pixels by which the panel moves, at most, in a difference of results."""
 
     @abstractmethod
-    def lower(self, shot: ShotRecord, exactness: int) -> Any:
-        """Return the records of a shot on the CPU; exactness: by how much their errors are smaller
-        than a photo's."""
+    def lower(self, shot: ShotRecord, exactness: int, table: np.ndarray | None = None) -> Any:
+        """Return the records of a shot on the CPU.
+
+        Args:
+            exactness: by how much their errors are smaller than a photo's.
+            table: the shot's numbers, from `host_numbers`, if they are at hand.
+        """
 
     @abstractmethod
     def can_follow(self, records: Any) -> np.ndarray:

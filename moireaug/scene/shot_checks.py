@@ -46,22 +46,21 @@ def check_is_shot(shot: object) -> None:
         )
 
 
-def checked_numbers(shot: ShotRecord) -> dict[str, np.ndarray]:
-    """Return a shot's numbers on the host, (B,) float64 each; none where torch.compile or
-    torch.func hides them.
+def checked_numbers(shot: ShotRecord) -> np.ndarray | None:
+    """Return `shot.host_numbers()`, or None where torch.compile or torch.func hides them.
 
     Raises:
         ValueError: a number that no scene may have: kernels would look up out of bounds.
     """
     if is_transformed():
-        return {}
+        return None
     table = shot.host_numbers()
     low, high = limits()
     if not ((table >= low) & (table <= high)).all():  # nor does NaN lie between them
         _refuse_numbers(shot.numbers())
-    numbers = dict(zip(shot.numbers(), table, strict=True))
-    _check_lens(numbers["lens.k1"], numbers["lens.k2"])
-    return numbers
+    k1, k2 = (table[list(shot.numbers()).index(name)] for name in ("lens.k1", "lens.k2"))
+    _check_lens(k1, k2)
+    return table
 
 
 def _refuse_numbers(numbers: dict[str, Tensor]) -> None:

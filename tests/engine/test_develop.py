@@ -78,7 +78,7 @@ def assert_equals_the_reference(scene, size):
     reading = torch.rand(shot.raw_shape()) * 1.3 - 0.1
     reading[..., :3] = reading[..., :3].round()  # exactly on the bounds, too
     raw, precise = reading.clone().requires_grad_(), reading.double().requires_grad_()
-    assert not execution.call_of(shot, {}, raw).execution.why_not_develop
+    assert not execution.call_of(shot, None, raw).execution.why_not_develop
     photo, expected = develop(raw, shot), pipeline.develop(precise, shot)
     ahead = torch.randn_like(photo)
     (grad,) = torch.autograd.grad(photo, raw, ahead)

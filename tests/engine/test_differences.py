@@ -134,7 +134,7 @@ def test_a_number_at_its_limit_has_a_one_sided_difference(field, limit):
 
 def test_numbers_that_do_not_vary_cost_nothing(monkeypatch):
     launched, images, shot = [], picture((12, 12), 2), small_shot()
-    kernels = kernel_check.kernels_of(execution.call_of(shot, {}, images).execution.backend)
+    kernels = kernel_check.kernels_of(execution.call_of(shot, None, images).execution.backend)
     for name in ("launch_expose", "launch_develop"):
         launch = getattr(kernels, name)
 

@@ -12,7 +12,15 @@ from torch.autograd import forward_ad
 from moireaug import Scene, Sensor, View, capture, develop, expose
 from moireaug.camera import pipeline
 from moireaug.camera.effects.base import Effect, called
-from moireaug.engine import developing, execution, explain, exposing, kernel_check, reference, switch
+from moireaug.engine import (
+    developing,
+    execution,
+    explain,
+    exposing,
+    kernel_check,
+    reference,
+    switch,
+)
 from moireaug.engine.backends import BACKENDS
 from moireaug.scene.by_name import with_values
 

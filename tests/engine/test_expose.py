@@ -67,7 +67,7 @@ def test_random_scenes(part):
         scene = random_scene(5 * part + i)
         shot = scene.sample(1, (14, 19), torch.Generator().manual_seed(i))
         images = torch.rand(1, 3, 14, 19, generator=torch.Generator().manual_seed(i))
-        if not execution.call_of(shot, {}, images).execution.why_not_expose:
+        if not execution.call_of(shot, None, images).execution.why_not_expose:
             assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
 
 

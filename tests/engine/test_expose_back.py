@@ -64,7 +64,7 @@ def error(got, expected):
 @pytest.mark.parametrize("name", SCENES)
 def test_equals_the_references_and_changes_no_reading(name, monkeypatch):
     shot, images = shot_and_images(name)
-    assert not execution.call_of(shot, {}, images).execution.why_not_expose
+    assert not execution.call_of(shot, None, images).execution.why_not_expose
     expected, _ = gradient(pipeline.expose, images.double(), shot)
     got, raw = gradient(expose, images, shot)
     assert torch.equal(raw, expose(images, shot))

@@ -38,7 +38,7 @@ SCENES = {
 def test_equals_the_reference(name, size):
     shot = SCENES[name].sample(3, size, torch.Generator().manual_seed(2))
     images = torch.rand(3, 3, *size, generator=torch.Generator().manual_seed(3))
-    assert not execution.call_of(shot, {}, images).execution.why_not_expose
+    assert not execution.call_of(shot, None, images).execution.why_not_expose
     got, expected = expose(images, shot).double(), pipeline.expose(images.double(), shot)
     different = (got - expected).abs() > 1e-5
     # a pixel that falls on the border between two may be rounded to either

@@ -40,7 +40,7 @@ def of(scene, *size):
 
 
 def assert_reads_alike(images, shot):
-    assert not execution.call_of(shot, {}, images).execution.why_not_expose
+    assert not execution.call_of(shot, None, images).execution.why_not_expose
     assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
 
 
