@@ -22,12 +22,14 @@ from moireaug.scene.draws import (
     numbers_needed,
     random_numbers,
 )
+from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.presets import MIXTURES, PRESETS
-from moireaug.scene.record import NOMINAL_SIZE, SceneRecord
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.sized import NOMINAL_SIZE, scene_of_size, size_octave
 
 UNPLANNED_MESSAGE = (
     "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
@@ -35,9 +37,6 @@ UNPLANNED_MESSAGE = (
 )
 CACHES = ("_plans", "_json")  # plans by octave, and the scene as JSON, for a graph
 MOIRE_SHOTS = 128  # of which the expected moiré is found
-# codes of a photo by which a reading's standard deviation of its own mean is seen: about, for the
-# presets' tone curves and light; measured 40 to 70
-CODES_PER_CONTRAST = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,27 +89,18 @@ class Scene(SceneRecord):
         return self._planned(check_size(size))
 
     def _planned(self, size: tuple[int, int]) -> Plan:
-        octave = self.octave(size)
+        octave = size_octave(self, size)
         plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
         if octave not in plans:
             if torch.compiler.is_compiling():
                 raise RuntimeError(UNPLANNED_MESSAGE)
-            plan = make_plan(self.at(size))
+            plan = make_plan(scene_of_size(self, size))
             object.__setattr__(self, "_plans", {**plans, octave: plan})
-            plans = {**plans, octave: replace(plan, moire=self._moire(size))}
+            shot = self.sample(MOIRE_SHOTS, size, torch.Generator().manual_seed(0))
+            plans = {**plans, octave: replace(plan, moire=moire_of(shot))}
             object.__setattr__(self, "_plans", plans)
             self.as_json()  # made ready: torch.compile cannot follow how
         return plans[octave]
-
-    @torch.no_grad()
-    def _moire(self, size: tuple[int, int]) -> Moire | None:
-        """Find what `expected_moire` returns, of shots of a planned scene."""
-        shot = self.sample(MOIRE_SHOTS, size, torch.Generator().manual_seed(0))
-        variance = shot.plan.method.seen_variance(shot)
-        if variance is None:
-            return None
-        codes = CODES_PER_CONTRAST * variance.mean(1).sqrt()
-        return Moire(*codes.quantile(codes.new_tensor((0.1, 0.5, 0.9))).tolist())
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the plans out of copies and pickles: another version may plan otherwise."""
@@ -137,14 +127,14 @@ class Scene(SceneRecord):
             TypeError: a generator that is not a torch.Generator.
         """
         size = check_size(size)
-        return self.shot_of(self.random_numbers(n, generator), size)
+        return self.draw(self.random_numbers(n, generator), size)
 
     def random_numbers(self, n: int, generator: torch.Generator | None = None) -> Tensor:
-        """Return the random numbers of `n` images, of whatever size, from which `shot_of` draws;
+        """Return the random numbers of `n` images, of whatever size, from which `draw` does;
         arguments and errors as of `sample`."""
         return random_numbers(n, numbers_needed(self), generator)
 
-    def shot_of(self, u: Tensor, size: tuple[int, int]) -> Shot:
+    def draw(self, u: Tensor, size: tuple[int, int]) -> Shot:
         """Return the shot that `random_numbers` give of images of `size` (height, width)."""
         return self.shot_from_numbers(size, *draw_numbers(self, u))
 

@@ -16,6 +16,7 @@ from moireaug.engine.backends import BACKENDS, Backend, backend_of, why_no_kerne
 from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.sized import scene_of_size
 
 ENGINE_EXPOSURES = ("spectral", "mean", "point")
 ENGINE_DTYPES = (torch.float32, torch.uint8)
@@ -140,7 +141,7 @@ def explain(scene: SceneRecord) -> str:
         raise TypeError(
             f"scene must be a Scene; got {scene!r}. For a preset, pass Scene.preset(name)."
         )
-    plan, lines = pipeline.make_plan(scene.at()), []
+    plan, lines = pipeline.make_plan(scene_of_size(scene)), []
     for backend in BACKENDS:
         execution = execution_of(scene, plan, backend.device_type)
         reasons = {"expose": execution.why_not_expose, "develop": execution.why_not_develop}

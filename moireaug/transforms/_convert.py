@@ -19,6 +19,7 @@ from moireaug.common.numeric import as_float, luma
 from moireaug.mixtures import Mixture, as_scenes, scenes_of
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.presets import MIXTURES
+from moireaug.scene.sized import size_octave
 from moireaug.scenes import Scene, Shot, preset_name
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
@@ -67,7 +68,7 @@ def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
     if torch.compiler.is_compiling():
         return
     scenes = scenes_of(scene)
-    octaves = tuple(one.octave(size) for one in scenes)
+    octaves = tuple(size_octave(one, size) for one in scenes)
     if (scene, octaves) in _asked:
         return
     _asked.add((scene, octaves))

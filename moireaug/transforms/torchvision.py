@@ -16,7 +16,7 @@ from torchvision.transforms.v2 import functional as F
 from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
 
 from moireaug.common.numeric import as_dtype
-from moireaug.mixtures import shot_of_one
+from moireaug.mixtures import draw_one
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._convert import (
@@ -121,9 +121,9 @@ class RandomMoire(v2.Transform):
         warn_without_moire(self.scene, (height, width))
         shot: Shot | MixedShot
         if len(chosen) == 1:  # of one scene: a mixture's takes three times as long
-            shot = shot_of_one(self.scene, u[chosen], (height, width))
+            shot = draw_one(self.scene, u[chosen], (height, width))
         else:
-            shot = self.scene.shot_of(u[chosen], (height, width))
+            shot = self.scene.draw(u[chosen], (height, width))
         if len(chosen) == len(u):
             return apply_shot(inpt, shot)
         plain, rows = inpt.as_subclass(Tensor), chosen.to(inpt.device)

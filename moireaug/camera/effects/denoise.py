@@ -10,7 +10,7 @@ from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, left_out
 from moireaug.camera.effects.codes import check_only_backward, from_codes, to_codes
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 WINDOW = 5  # pixels: larger than the 3 x 3 that demosaicing has already smoothed
@@ -24,7 +24,7 @@ class Denoise(Effect):
 
     name = "denoise"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.develop.denoise is None:
             return left_out("not asked for")
         return called(f"{scene.develop.denoise}, on every sensor pixel")

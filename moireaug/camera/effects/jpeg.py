@@ -13,7 +13,7 @@ from torch import Tensor
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out
 from moireaug.camera.effects.codes import check_only_backward, from_codes, to_codes
 from moireaug.scene.fields import bounds
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 # Kornia's rounding has no slope where a coefficient is a whole multiple of its step, as all are in
@@ -27,7 +27,7 @@ class Jpeg(Effect):
 
     name = "jpeg"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         quality = scene.develop.jpeg
         if bounds(quality)[1] == 0:
             return left_out("no quality given")

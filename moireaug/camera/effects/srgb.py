@@ -7,14 +7,14 @@ from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, left_out
 from moireaug.common.numeric import clip
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 SLOPE_AT_BLACK = 12.92  # codes per light: the slope of sRGB at black
 CODE_KNEE, LIGHT_KNEE = 0.04045, 0.0031308  # where the curve leaves its straight part
 
 
-def in_codes(light: float, scene: SizedScene) -> float:
+def in_codes(light: float, scene: SceneRecord) -> float:
     """Return the most by which a change of light can change a code: sRGB is steepest at black."""
     return light * SLOPE_AT_BLACK if scene.develop.linear_light else light
 
@@ -37,7 +37,7 @@ class Decode(Effect):
 
     name = "decode"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.develop.linear_light:
             return called("sRGB codes to light")
         return left_out("linear_light is off")
@@ -51,7 +51,7 @@ class Encode(Effect):
 
     name = "encode"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.develop.linear_light:
             return called("light to sRGB codes")
         return left_out("linear_light is off")
@@ -66,7 +66,7 @@ class Clip(Effect):
     name = "clip"
     is_listed = False
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         return called("codes end at 0 and 1")
 
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:

@@ -8,7 +8,7 @@ from moireaug.camera.effects.base import Effect, Verdict, format_range, verdict_
 from moireaug.camera.effects.readings import in_planes, photo_coordinates, photo_size
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.frame import FrameSize
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 
@@ -17,7 +17,7 @@ class Vignetting(Effect):
 
     name = "vignetting"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         lost = bounds(scene.lens.vignetting)[1]
         why = f"{format_range(scene.lens.vignetting)} of the light lost in the corners"
         return verdict_of(
