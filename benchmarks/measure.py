@@ -20,7 +20,8 @@ import torch
 
 from training.system import machine
 
-RESULTS = Path(__file__).resolve().parent / "results"
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "benchmarks/results"
 LIBRARIES = ("albumentations", "numba")  # beside those of `machine.environment`
 MIN_RUNS = 3  # runs that even a slow candidate gets
 Sizes = TypeVar("Sizes")

@@ -20,6 +20,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
+from moireaug.nn import ScreenCamera
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
 
@@ -71,11 +72,12 @@ def main() -> None:
     torch.manual_seed(0)
     images = signs.make("train", 364, SIDE)[0].float() / 255
     test, bits = images[:64], torch.randint(0, 2, (64, BITS)).float()
-    for name, camera in {"no camera": nn.Identity(), "the camera": SCENE.capture}.items():
+    screen = ScreenCamera(SCENE, jitter=0.5)
+    for name, camera in {"no camera": nn.Identity(), "the camera": screen}.items():
         encoder, decoder = train(camera, images[64:], args.steps)
         with torch.no_grad():
             marked = encoder(test, bits)
-            photos = SCENE.capture(marked)
+            photos = screen(marked)
             read = [((decoder(x) > 0) == bits).float().mean() for x in (marked, photos)]
         psnr = -10 * F.mse_loss(marked, test).log10()
         print(f"{name}: {read[0]:.0%} read in images, {read[1]:.0%} in photos, {psnr:.0f} dB")

@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 # subpackages imported on first use
-LAZY = ("attacks", "defenses", "evaluation", "synthesis", "transforms")
+LAZY = ("attacks", "defenses", "evaluation", "nn", "synthesis", "transforms")
 
 
 def __getattr__(name: str) -> Any:

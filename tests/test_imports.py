@@ -19,7 +19,7 @@ LIBRARY = (
     ("synthesis",),
     ("attacks", "defenses"),
     ("transforms",),
-    ("evaluation",),
+    ("evaluation", "nn"),
 )
 APPLICATION = (
     ("system",),

@@ -14,7 +14,8 @@ from moireaug.attacks.bounds import Bound
 from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.attacks.problem import Point, Problem
 from moireaug.capture import expose, photo_of_reading
-from moireaug.common.numeric import clip
+from moireaug.common.numeric import choose, clip
+from moireaug.scene.by_name import parts_with
 from moireaug.scene.plan import Plan
 from moireaug.scene.shot import ShotRecord
 from moireaug.scenes import Shot
@@ -96,6 +97,24 @@ class CameraProblem(Problem):
         return dataclasses.replace(
             self, images=self.images[rows], shot=shot, clean=self.clean[rows]
         )
+
+    def drawn_again(self) -> CameraProblem:
+        """Return the problem of a fresh draw of the scene."""
+        size = self.images.shape[-2], self.images.shape[-1]
+        shot = self.shot.scene.sample(len(self.images), size, self.generator)
+        return self._at(shot.to(self.images.device))
+
+    def where(self, chosen: Tensor, other: CameraProblem) -> CameraProblem:
+        """Return the problem with the other's shot of the images of which `chosen` (B,) is true."""
+        rows, own, others = chosen.to(self.shot.device), self.shot.numbers(), other.shot.numbers()
+        numbers = {name: torch.where(rows, others[name], own[name]) for name in own}
+        seed = torch.where(rows, other.shot.seed, self.shot.seed)
+        shot = dataclasses.replace(self.shot, **parts_with(self.shot, numbers), seed=seed)
+        return self._at(shot, choose(chosen, other.clean, self.clean))
+
+    def _at(self, shot: Shot, clean: Tensor | None = None) -> CameraProblem:
+        clean = self.before_noise(self.images, shot) if clean is None else clean
+        return dataclasses.replace(self, shot=shot, clean=clean)
 
     def noise_of(self, point: Point) -> Tensor:
         box = self.box

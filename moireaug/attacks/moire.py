@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import torch
 from torch import Tensor
 
+from moireaug.attacks.answers import predicted
 from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
 from moireaug.attacks.checks import check_goals
 from moireaug.attacks.loop import Attack
+from moireaug.attacks.losses import attack_margin
 from moireaug.attacks.mixed import join_results
+from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_count, one_of
@@ -59,6 +63,9 @@ class MoireAttack(Attack):
             shot, a restart at a fresh draw. ("view",) searches for the worst pose without noise. A
             field that no effect of the plan reads keeps its value. All scenes of a mixture must
             allow it.
+        draws: shots of the scene, of which the one whose photo fools the model most without noise
+            is attacked, image by image (worst of k: Engstrom et al., 2019). The first is `shot`;
+            the others are drawn. A success still counts images that are right in `shot`.
         shrink: images are crops, parts of larger photos with so many sensor pixels per image pixel;
             None leaves the scene as it is. See `Scene.with_shrink`.
         others: see `Attack`.
@@ -75,6 +82,7 @@ class MoireAttack(Attack):
     noise_at: str = "raw"
     bound: str = "codes"
     optimise: tuple[str, ...] = ("noise",)
+    draws: int = 1
     shrink: float | tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -96,6 +104,12 @@ class MoireAttack(Attack):
         object.__setattr__(self, "optimise", tuple(self.optimise))
         for one in scenes_of(as_scenes(self.scene)):
             searched_fields(one, self.optimise)
+        check_count("draws", self.draws, 1, "the shots of which the worst is attacked")
+        if self.draws > 1 and self.eot > 1:
+            raise ValueError(
+                f"draws = {self.draws} attacks the worst of several shots, and eot = {self.eot} an "
+                "unknown one: set one of them to 1."
+            )
         if self.rule == "printed" and (self.eot > 1 or self.optimise != ("noise",)):
             raise ValueError(
                 "the rule 'printed' adds to the reading of one shot: it needs eot = 1 and optimise "
@@ -114,6 +128,8 @@ class MoireAttack(Attack):
         """Search the images of each scene as a batch of their own, and join what `reduce` makes of
         them; see `Attack`. A shot of one scene is attacked in that scene."""
         search = super().attack_batch
+        if self.draws > 1:
+            reduce = functools.partial(_reduce_at_worst_draw, reduce, self.draws)
         scene = as_scenes(self.scene)
         if shot is None and isinstance(scene, Mixture):
             check_images(images)
@@ -157,3 +173,27 @@ class MoireAttack(Attack):
         return CameraProblem(
             images, shot, clean, bound, self.noise_at, self.optimise, self.eot, generator
         )
+
+
+def _reduce_at_worst_draw(reduce: Callable[[Search], R], draws: int, search: Search) -> R:
+    """Return what `reduce` makes of a search at each image's worst shot: that of the greatest
+    margin without noise, among its own and `draws` - 1 others."""
+    worst = problem = cast(CameraProblem, search.problem)
+    logits, margins = _natural_margins(search, problem)
+    search.check(logits)
+    search.clean_correct = predicted(logits) == search.labels
+    for _ in range(draws - 1):
+        drawn = problem.drawn_again()
+        drawn_margins = _natural_margins(search, drawn)[1]
+        worst = worst.where(drawn_margins > margins, drawn)
+        margins = torch.maximum(margins, drawn_margins)
+    search.problem = search.active = worst
+    return reduce(search)
+
+
+@torch.no_grad()
+def _natural_margins(search: Search, problem: CameraProblem) -> tuple[Tensor, Tensor]:
+    """Return the model's logits (B, K) of a problem's photos without noise, and their margins."""
+    photos = problem.render(problem.clean_point())
+    logits = attacked_logits(search.model, photos, search.labels)
+    return logits, attack_margin(logits, search.labels, search.targets)

@@ -51,7 +51,10 @@ class Result:
         is not counted as fooled."""
         n, right = len(self.success), int(self.clean_correct.sum())
         fooled = int((self.success & self.clean_correct).sum())
-        parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of the {right} right images fooled"]
+        parts = [
+            f"eps {255 * self.eps:.3g}/255 in {self.bound}",
+            f"{fooled} of the {right} right images fooled",
+        ]
         if n:
             before, after = 100 * right / n, 100 * int(self.correct.sum()) / n
             parts.append(f"accuracy {before:.0f} to {after:.0f} % of {n}")

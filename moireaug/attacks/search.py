@@ -147,7 +147,7 @@ class Search:
         of the active images, and drop fooled images where `drops_fooled`."""
         labels, targets = self.active_goals(self.targets)
         views = self.active.views
-        if not self.best and views == 1 and not point["noise"].any():
+        if self.clean_correct is None and views == 1 and not self.best and not point["noise"].any():
             self.clean_correct = predicted(logits) == self.labels
         margins = attack_margin(logits, labels, targets).view(views, -1).mean(0)
         sizes = logits.amax(1).float().abs().view(views, -1).amax(0) + margins.abs()

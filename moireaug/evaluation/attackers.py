@@ -105,7 +105,7 @@ class MoireAttacker(Attacker):
 
     Args:
         variant: word that the name of a special attacker adds.
-        rule, loss, restarts, noise_at, optimise: as of `attacks.MoireAttack`.
+        rule, loss, restarts, noise_at, optimise, draws: as of `attacks.MoireAttack`.
         until_fooled: the same; False where other judges see the noise, or where it is measured at
             its strongest.
     """
@@ -117,6 +117,7 @@ class MoireAttacker(Attacker):
     restarts: int = 1
     noise_at: str = "raw"
     optimise: tuple[str, ...] = ("noise",)
+    draws: int = 1
     until_fooled: bool = True
 
     def name_words(self) -> list[str]:
@@ -137,12 +138,15 @@ class MoireAttacker(Attacker):
             restarts=self.restarts,
             noise_at=self.noise_at,
             optimise=self.optimise,
+            draws=self.draws,
             until_fooled=self.until_fooled,
         )
         return attack_shot(attack, batch, *self.goals(batch)).images
 
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
-        if self.optimise != ("noise",):  # there is no photo of the same pose to compare with
+        if (
+            self.optimise != ("noise",) or self.draws > 1
+        ):  # there is no photo of the same pose to compare with
             return {}
         return super().measure(batch, images)
 

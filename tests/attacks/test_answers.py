@@ -151,7 +151,10 @@ def test_a_result_prints_as_one_line(model, batch):
     assert str(PGD(model, steps=0)(*batch)).endswith(" % of 6)")
     assert str(PGD(model, steps=1)(*batch)).endswith(" in 1 step)")
     none = (batch[0][:0], batch[1][:0])
-    assert str(PGD(model, steps=1)(*none)) == "Result(eps 4/255, 0 of the 0 right images fooled)"
+    assert (
+        str(PGD(model, steps=1)(*none))
+        == "Result(eps 4/255 in codes, 0 of the 0 right images fooled)"
+    )
 
 
 class Darkness(nn.Module):

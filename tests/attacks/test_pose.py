@@ -8,6 +8,7 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks, capture
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
+from moireaug.mixtures import as_scenes
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from tests.attacks.common import refusal
@@ -100,6 +101,34 @@ def test_what_no_effect_reads_stays(model, small):
     result = attack(*small, shot=shot)
     assert torch.equal(result.shot.panel.phase, shot.panel.phase)
     assert torch.allclose(result.shot.develop.jpeg, shot.develop.jpeg, atol=1e-12)
+
+
+@pytest.mark.parametrize("scene", [SCENE, "paper_code", ["screen_photo", "phone_at_laptop"]])
+def test_the_worst_of_several_draws_is_attacked(scene, model, small):
+    (images, labels), model = small, model.eval()
+    scene = as_scenes(scene)
+    shot = scene.sample(6, (8, 8), torch.Generator().manual_seed(0))
+    margins = []
+    for draws in (1, 2, 16):
+        attack = MoireAttack(model, scene=scene, eps=0.0, steps=1, draws=draws)
+        g = torch.Generator().manual_seed(1)
+        result = attack(images, labels, shot=shot, generator=g)
+        assert torch.equal(capture(images, result.shot), result.images)
+        margins.append(attacks.margin(model(result.images), labels).detach())
+        # an image counts as right by the shot that was asked for, not by the worst draw
+        natural = model(capture(images, shot))
+        assert torch.equal(result.clean_correct, natural.argmax(1) == labels)
+    assert torch.allclose(margins[0], attacks.margin(natural, labels), atol=1e-4)
+    assert all((found >= margins[0] - 1e-4).all() for found in margins[1:])
+    assert margins[2].mean() > max(margins[1].mean(), margins[0].mean() + 1e-3)
+    numbers = result.shot.numbers()
+    assert any(not torch.equal(drawn, numbers[name]) for name, drawn in shot.numbers().items())
+    assert not torch.equal(result.shot.seed, shot.seed)
+
+
+def test_draws_are_at_least_one_and_of_a_known_shot(model):
+    assert "draws must be" in refusal(lambda: MoireAttack(model, draws=0))
+    assert "set one of them to 1" in refusal(lambda: MoireAttack(model, draws=2, eot=2))
 
 
 def test_a_pose_and_its_shot_are_inverse():

@@ -32,6 +32,7 @@ CHANGES = {
     "loss": "margin",
     "noise_at": "photo",
     "optimise": ("noise", "view"),
+    "draws": 3,
     "until_fooled": False,
     "known_judge": Judge("j", defence=JPEG(60)),
     "variant": "other",

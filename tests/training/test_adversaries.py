@@ -58,6 +58,7 @@ COSTS = [
     (Adversary(kind="moire_attack", share=0.5, eps=0.02, steps=3), 2.5),
     (Adversary(kind="pgd", share=1.0, eps=0.02, steps=2), 3.0),
     (Adversary(kind="moire_attack", share=0.5, natural=0.25, eps=0.02, steps=2), 2.0),
+    (Adversary(kind="moire_attack", share=0.5, eps=0.02, steps=2, optimise=["view"], draws=3), 2.5),
 ]
 
 
@@ -118,6 +119,8 @@ def test_adversaries_that_cannot_be_get_a_sentence():
         ({"share": 0.5}, "the kind none attacks none: use moire_attack or pgd"),
         (pgd | {"share": 0.75, "natural": 0.5}, "must not add up to"),
         (pgd, "needs a share, steps and eps above 0; got 0.0, 2"),
+        (pgd | {"share": 0.5, "draws": 3}, "are for adversary.kind=moire_attack"),
+        (pgd | {"share": 0.5, "optimise": ["view"]}, "are for adversary.kind=moire_attack"),
     ):
         with pytest.raises(ValueError, match=sentence):
             check_adversary(Adversary(**settings))

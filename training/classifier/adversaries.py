@@ -56,6 +56,8 @@ def _attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack 
             bound=cfg.bound,
             steps=cfg.steps,
             random_start=1.0,
+            optimise=tuple(cfg.optimise),
+            draws=cfg.draws,
         )
     if cfg.kind == "pgd":
         return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
@@ -68,5 +70,7 @@ def strengthen(cfg: Adversary) -> Adversary:
 
 
 def passes(cfg: Adversary) -> float:
-    """Return the forward and backward passes per image in a training step."""
-    return 1 + cfg.share * cfg.steps
+    """Return the forward and backward passes per image in a training step; a forward pass alone, of
+    each of several draws, is a third of one."""
+    draws = cfg.draws / 3 if cfg.draws > 1 else 0
+    return 1 + cfg.share * (cfg.steps + draws)

@@ -29,7 +29,11 @@ def check_classifier(cfg: Config) -> None:
     if len(set(eps)) < len(eps):
         raise ValueError(f"reattack.eps must be different bounds; got {list(eps)}.")
     check_bounds(eps)
-    MoireAttack(nn.Identity(), scene=scene_of(cfg), steps=cfg.reattack.steps)
+    scene, adversary = scene_of(cfg), cfg.adversary
+    MoireAttack(nn.Identity(), scene=scene, steps=cfg.reattack.steps)
+    MoireAttack(
+        nn.Identity(), scene=scene, optimise=tuple(adversary.optimise), draws=adversary.draws
+    )
 
 
 def require_used(cfg: Data) -> None:
@@ -64,6 +68,12 @@ def check_adversary(cfg: Adversary) -> None:
         raise ValueError(
             f"adversary.kind={cfg.kind} needs a share, steps and eps above 0; got "
             f"{cfg.share}, {cfg.steps} and {cfg.eps}. Without an attack, the kind is none."
+        )
+    moves = Adversary(optimise=cfg.optimise, draws=cfg.draws)
+    if cfg.kind != "moire_attack" and moves != Adversary():
+        raise ValueError(
+            "adversary.optimise and adversary.draws are for adversary.kind=moire_attack; got "
+            f"{list(cfg.optimise)}, {cfg.draws} and the kind {cfg.kind}."
         )
     if cfg.share + cfg.natural > 1:
         raise ValueError(

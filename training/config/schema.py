@@ -46,6 +46,13 @@ class Adversary:
         choices=BOUNDS,
     )
     steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
+    optimise: list[str] = setting(
+        lambda: ["noise"],
+        "what a moire_attack moves: noise, and parts of the scene such as view and panel, at about "
+        "three times the cost of the noise alone",
+        example="[noise,view]",
+    )
+    draws: int = setting(1, "shots of which a moire_attack takes the worst", bounds=(1, 10_000))
     warmup: float = setting(0.0, "share of training over which eps rises from 0", bounds=(0, 1))
 
 

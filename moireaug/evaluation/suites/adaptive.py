@@ -3,6 +3,8 @@ them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from moireaug.attacks.pose import searched_fields
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, APGDAttacker, SquareAttacker
@@ -18,10 +20,12 @@ from moireaug.evaluation.tables import (
     worst_of,
 )
 from moireaug.mixtures import Mixture, scenes_of
+from moireaug.scene.parts import PARTS
 from moireaug.scenes import Scene
 
 # of the paper's defences: a codec, a filter, a randomised one
 ATTACKED_DEFENCES = ("jpeg_60", "median_3", "pixel_deflection")
+SCENE_DRAWS = 10
 
 
 def adaptive(config: SuiteConfig) -> Table:
@@ -63,7 +67,7 @@ def attackers_of_the_camera(config: SuiteConfig, eps: float) -> tuple[dict[str, 
     no scene lets it be turned, the reason."""
     steps = config.steps
     attackers: dict[str, Condition] = {"pose_unknown": PoseUnknownAttacker(eps=eps, steps=steps)}
-    parts, reason = movable_parts(config.scene)
+    parts, reason = movable_parts(config.scene, ("view", "panel"))
     if parts:
         attackers["turning"] = MoireAttacker(
             eps=eps, steps=steps, variant="turns_the_camera", optimise=("noise", *parts)
@@ -71,11 +75,24 @@ def attackers_of_the_camera(config: SuiteConfig, eps: float) -> tuple[dict[str, 
     return attackers, reason
 
 
-def movable_parts(scene: Scene | Mixture) -> tuple[tuple[str, ...], str]:
-    """Return the parts, of view and panel, that an attacker can search in every scene of a mixture,
-    and, where there is none, the reason."""
+def attacker_of_the_scene(config: SuiteConfig, eps: float) -> MoireAttacker:
+    """Return the attacker who moves all that varies in the scene, with the noise: screen, pose,
+    lens, exposure and development, from the worst of `SCENE_DRAWS` shots."""
+    parts, _ = movable_parts(config.scene, tuple(PARTS))
+    return MoireAttacker(
+        eps=eps,
+        steps=config.steps,
+        variant="moves_the_scene",
+        optimise=("noise", *parts),
+        draws=SCENE_DRAWS,
+    )
+
+
+def movable_parts(scene: Scene | Mixture, candidates: Sequence[str]) -> tuple[tuple[str, ...], str]:
+    """Return those parts that an attacker can search in every scene of a mixture, and, where there
+    is none, the reason."""
     parts, reason = [], ""
-    for part in ("view", "panel"):
+    for part in candidates:
         try:
             for one in scenes_of(scene):
                 searched_fields(one, (part,))

@@ -10,7 +10,7 @@ from moireaug.evaluation.autoattack import (
     SquareAttacker,
 )
 from moireaug.evaluation.conditions import Condition, controls
-from moireaug.evaluation.suites.adaptive import attackers_of_the_camera
+from moireaug.evaluation.suites.adaptive import attacker_of_the_scene, attackers_of_the_camera
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, eps_row, undefended_row, worst_of
 
 WORST_EPS = (4 / 255, 8 / 255)
@@ -18,7 +18,9 @@ WORST_EPS = (4 / 255, 8 / 255)
 
 def standard(config: SuiteConfig) -> Table:
     """Lay out an ensemble after AutoAttack (Croce & Hein, 2020), on the raw reading: APGD-CE,
-    APGD-T and Square, without FAB-T; with attackers of the camera, and the worst case."""
+    APGD-T and Square, without FAB-T; with attackers of the camera, and the worst case. Beside it
+    stands the worst case over scene and noise, with an attacker who also chooses light, lens,
+    exposure and development within the scene's ranges: nobody does, but a photo may come so."""
     steps, queries = config.steps, QUERIES_PER_STEP * config.steps
     cells: list[Cell] = []
     for eps in config.bounds(WORST_EPS):
@@ -31,6 +33,8 @@ def standard(config: SuiteConfig) -> Table:
         row = eps_row(eps)
         row_cells = undefended_row(row, columns | camera_attackers)
         cells += [*row_cells, worst_of(row_cells, row, eps)]
+        row_cells += undefended_row(row, {"scene": attacker_of_the_scene(config, eps)})
+        cells += [row_cells[-1], worst_of(row_cells, row, eps, "worst_scene")]
     facts = {"why_not_turned": reason, "steps": steps, "queries": queries}
     return Table("standard", tuple(cells), pictures=_first_row_places(cells), facts=facts)
 

@@ -1,0 +1,163 @@
+"""A screen and a camera in front of it, as a layer: images to photos, differentiable."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import torch
+from kornia.geometry.transform import get_perspective_transform, warp_perspective
+from torch import Tensor, nn
+
+from moireaug.capture import capture
+from moireaug.common.argument_checks import check_positive
+from moireaug.common.image_checks import check_shape
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scenes import Scene, Shot
+from moireaug.synthesis.twins import without_moire
+from moireaug.transforms._convert import describe, planned_scenes, warn_without_moire
+
+# the corners of a picture from the top left one clockwise, as shares of its sides
+CORNERS = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
+
+
+class ScreenDraw(NamedTuple):
+    """What `ScreenCamera` draws for a batch: another call with it takes the same photos.
+
+    Args:
+        shot: draw from the scene.
+        corner_errors: (B, 4, 2) float32, by how many pixels, x then y, each corner of the screen is
+            misplaced, from the top left one clockwise; None without jitter.
+    """
+
+    shot: Shot | MixedShot
+    corner_errors: Tensor | None = None
+
+
+class ScreenCamera(nn.Module):
+    """Show images on a screen and photograph them: a layer between an encoder and a decoder, such
+    as of a watermark or a code, that must be read from a photo.
+
+        photos = ScreenCamera("screen_photo", shrink=(1, 3), jitter=2.0)(images)
+
+    Args:
+        scene: a Scene, a preset's name or a dict; or a list of these, a mixture: each image is then
+            photographed in one of them.
+        shrink: images are parts of larger photos, with so many sensor pixels per pixel, a number or
+            a (low, high) pair; None leaves the scene as it is. See `Scene.with_shrink`.
+        jitter: pixels by which a corner of the screen is found too far along x and along y, at
+            most; drawn uniformly. The photo is brought to the image's frame by these corners, as by
+            a detector's, with bilinear interpolation; past its edges its outermost pixels go on.
+        seed: of the draws in evaluation mode.
+
+    In training mode each call draws a shot for each image, from torch's global generator. In
+    evaluation mode draws come from a generator that `eval()` sets to `seed`: passes over the same
+    batches take the same photos, if each begins with `eval()`.
+
+    It has no weights and no buffers, and computes where the images are. Gradients reach the images,
+    and a `noise` if given; cost and accuracy are those of `capture`. In a checkpointed or compiled
+    network it needs nothing of its own; torch.compile breaks the graph at a mixture of scenes.
+
+    Raises:
+        TypeError, ValueError: a scene that cannot be photographed; a jitter below 0, or one of a
+            scene whose photos stay in the camera's frame.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | str | dict | list | tuple = "screen_photo",
+        *,
+        shrink: float | tuple[float, float] | None = None,
+        jitter: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        self.scene = planned_scenes(scene, shrink)
+        check_positive("jitter", jitter, "pixels", or_zero=True)
+        if jitter and self.scene.moves:
+            raise ValueError(
+                f"jitter misplaces the corners that bring a photo to the image's frame; got "
+                f"{jitter!r} for a scene whose photos stay in the camera's frame. Set "
+                "Develop(registered=True), or jitter=0."
+            )
+        self.jitter, self.seed = float(jitter), seed
+        self._generator = torch.Generator().manual_seed(seed)
+
+    def train(self, mode: bool = True) -> ScreenCamera:
+        """Set training mode, or evaluation mode with its draws from the beginning; see the
+        class."""
+        if not mode:
+            self._generator.manual_seed(self.seed)
+        return super().train(mode)
+
+    def forward(
+        self, images: Tensor, draw: ScreenDraw | None = None, noise: Tensor | None = None
+    ) -> Tensor:
+        """Return the photos of images.
+
+        Args:
+            images: (B, 3, H, W) float in [0, 1], sRGB codes; clamp what an encoder makes.
+            draw: a draw for this batch, which another call or `draw` has made; None makes one.
+            noise: an attacker's noise on the raw reading, of `draw.shot.raw_shape()`, as of
+                `capture`.
+
+        Returns:
+            (B, 3, H, W) in [0, 1], of the images' dtype.
+
+        Raises:
+            TypeError, ValueError: as `capture`.
+        """
+        draw = self.draw(images) if draw is None else draw
+        return _registered(capture(images, draw.shot, noise), draw.corner_errors)
+
+    def twin(self, images: Tensor, draw: ScreenDraw) -> Tensor:
+        """Return the same photos without moiré: of the same draw, of a panel without subpixels;
+        arguments and errors as of a call."""
+        shot = draw.shot
+        if isinstance(shot, MixedShot):
+            photos = shot.map_shots(
+                lambda rows, one: capture(images[rows.to(images.device)], without_moire(one))
+            )
+        else:
+            photos = capture(images, without_moire(shot))
+        return _registered(photos, draw.corner_errors)
+
+    def draw(self, images: Tensor) -> ScreenDraw:
+        """Draw for a batch of images (B, 3, H, W), as a call does."""
+        check_shape(images)
+        n, size = len(images), (images.shape[-2], images.shape[-1])
+        warn_without_moire(self.scene, size)
+        generator = None if self.training else self._generator
+        shot = self.scene.sample(n, size, generator)
+        if not self.jitter:
+            return ScreenDraw(shot)
+        fraction = torch.rand(n, 4, 2, generator=generator, dtype=torch.float32, device="cpu")
+        return ScreenDraw(shot, self.jitter * (2 * fraction - 1))
+
+    def extra_repr(self) -> str:
+        return f"{describe(self.scene)}, jitter={self.jitter:g}"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Keep the generator as numbers: it is not copied otherwise."""
+        return vars(self) | {"_generator": self._generator.get_state()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        generator = torch.Generator()
+        generator.set_state(state["_generator"])
+        super().__setstate__(state | {"_generator": generator})
+
+
+def _registered(photos: Tensor, corner_errors: Tensor | None) -> Tensor:
+    """Return photos (B, 3, H, W) in the frame of corners that are misplaced by `corner_errors` (B,
+    4, 2) pixels."""
+    if corner_errors is None or not len(photos):
+        return photos
+    height, width = photos.shape[-2:]
+    sides = photos.new_tensor((width, height), dtype=torch.float32)
+    corners = photos.new_tensor(CORNERS, dtype=torch.float32) * sides - 0.5  # centres are integers
+    found = corners + corner_errors.to(corners)
+    to_image = get_perspective_transform(found, corners.expand_as(found))
+    with torch.autocast(photos.device.type, enabled=False):
+        moved = warp_perspective(
+            photos.float(), to_image, (height, width), padding_mode="border", align_corners=True
+        )
+    return moved.to(photos.dtype)
