@@ -12,9 +12,12 @@ from torch import Tensor
 from moireaug.scene.draws import check_size, numbers_needed, random_numbers
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.plan import Plan
+from moireaug.scene.preset_names import MixtureName, PresetName
 from moireaug.scene.presets import MIXTURES
 from moireaug.scene.sized import NOMINAL_SIZE
 from moireaug.scenes import Scene, Shot, as_scene
+
+OneScene = Scene | PresetName | Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -73,8 +76,12 @@ class Mixture:
         return [scene.to_dict() for scene in self.scenes]
 
 
+# what every public `scene=` argument takes, see `as_scenes`
+SceneLike = OneScene | Mixture | MixtureName | Sequence[OneScene]
+
+
 def as_scenes(
-    scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any],
+    scene: SceneLike | str | Sequence[Any],
     shrink: float | Sequence[float] | None = None,
 ) -> Scene | Mixture:
     """Return a Scene from a Scene, a preset's name or a mapping, such as a dict, and a Mixture from

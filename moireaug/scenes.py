@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import torch
 from torch import Tensor
@@ -26,6 +26,7 @@ from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scene.plan import Moire, Plan
+from moireaug.scene.preset_names import PresetName
 from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
@@ -60,20 +61,19 @@ class Scene(SceneRecord):
     """
 
     @staticmethod
-    def preset(name: str) -> Scene:
-        """Return the scene of that name, one of the keys of `moireaug.scene.presets.PRESETS`.
+    def preset(name: PresetName) -> Scene:
+        """Return the scene of that name, one of `presets`.
 
         Raises:
             ValueError: an unknown name, where the message lists the known ones and the closest; or
                 a mixture's, such as "anywhere", which is several scenes: see `mixtures.as_scenes`.
         """
-        if one_of("a preset", name, (*PRESETS, *MIXTURES)) in MIXTURES:
-            raise ValueError(
-                f"{name!r} is a mixture of {len(MIXTURES[name])} presets, where one scene is "
-                f"needed. Name one of them ({', '.join(MIXTURES[name])}), or pass scene={name!r} "
-                "alone, in no list, to a transform, an attack, Pairs or evaluate."
-            )
-        return _PRESETS[name]
+        return _preset_of(name)
+
+    @staticmethod
+    def presets() -> tuple[PresetName, ...]:
+        """Return the names of all presets."""
+        return get_args(PresetName)
 
     def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
         """Return the ordered effects that this scene calls for in photos of `size` (height, width),
@@ -212,6 +212,17 @@ def _scene(record: SceneRecord) -> Scene:
 _PRESETS = {name: _scene(record) for name, record in PRESETS.items()}
 
 
+def _preset_of(name: str) -> Scene:
+    """Return `Scene.preset` of any text."""
+    if one_of("a preset", name, (*PRESETS, *MIXTURES)) in MIXTURES:
+        raise ValueError(
+            f"{name!r} is a mixture of {len(MIXTURES[name])} presets, where one scene is needed. "
+            f"Name one of them ({', '.join(MIXTURES[name])}), or pass scene={name!r} alone, in no "
+            "list, to a transform, an attack, Pairs or evaluate."
+        )
+    return _PRESETS[name]
+
+
 def preset_name(scene: Scene) -> str:
     """Return the name of the preset that equals a scene, or an empty string."""
     return next((name for name, preset in _PRESETS.items() if preset == scene), "")
@@ -300,7 +311,7 @@ def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
                 f"a scene's file is for the commands; got {scene!r}. Pass what it holds, "
                 f"yaml.safe_load(open({scene!r}))."
             )
-        return Scene.preset(scene)
+        return _preset_of(scene)
     if isinstance(scene, Mapping):
         return Scene.from_dict(scene)
     raise TypeError(

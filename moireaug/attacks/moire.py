@@ -22,10 +22,10 @@ from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_count, one_of
 from moireaug.common.image_checks import check_images
-from moireaug.mixtures import Mixture, as_scenes, scenes_of
+from moireaug.mixtures import Mixture, SceneLike, as_scenes, scenes_of
 from moireaug.scene.mixed_shot import MixedShot, join_rows, per_scene
 from moireaug.scene.shot_checks import check_batch
-from moireaug.scenes import Scene, Shot
+from moireaug.scenes import Shot
 
 R = TypeVar("R")
 
@@ -77,7 +77,7 @@ class MoireAttack(Attack):
             without an answer to any of a batch's images; in a mixture, to any of a scene's.
     """
 
-    scene: Scene | Mixture | str | dict | list | tuple = "screen_photo"
+    scene: SceneLike = "screen_photo"
     eot: int = 1
     noise_at: str = "raw"
     bound: str = "codes"

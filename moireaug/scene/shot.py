@@ -14,6 +14,13 @@ from torch import Tensor
 
 from moireaug.common.numeric import as_dtype
 from moireaug.scene.by_name import by_part, parts_with, values_of
+from moireaug.scene.drawn_parts import (
+    DrawnDevelop,
+    DrawnLens,
+    DrawnPanel,
+    DrawnSensor,
+    DrawnView,
+)
 from moireaug.scene.draws import Draws, check_drawn
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.frame import Frame
@@ -79,12 +86,11 @@ class ShotRecord(Draws):
 
     scene: SceneRecord
     size: tuple[int, int]
-    # a Panel, View, Lens, Sensor and Develop, whose annotations are those of a scene's
-    panel: Any
-    view: Any
-    lens: Any
-    sensor: Any
-    develop: Any
+    panel: DrawnPanel
+    view: DrawnView
+    lens: DrawnLens
+    sensor: DrawnSensor
+    develop: DrawnDevelop
     seed: Tensor
     part_of: Whole | None = None
     plan: Plan = field(init=False, repr=False)

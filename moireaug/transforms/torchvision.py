@@ -16,9 +16,9 @@ from torchvision.transforms.v2 import functional as F
 from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
 
 from moireaug.common.numeric import as_dtype
-from moireaug.mixtures import draw_one
+from moireaug.mixtures import SceneLike, draw_one
 from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scenes import Scene, Shot
+from moireaug.scenes import Shot
 from moireaug.transforms._convert import (
     check_format,
     check_probability,
@@ -82,7 +82,7 @@ class RandomMoire(v2.Transform):
 
     def __init__(
         self,
-        scene: Scene | str | dict | list | tuple = "screen_photo",
+        scene: SceneLike = "screen_photo",
         p: float = 0.5,
         shrink: float | tuple[float, float] | None = None,
     ) -> None:

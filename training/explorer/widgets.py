@@ -7,7 +7,7 @@ from typing import Any
 import gradio as gr
 
 from moireaug.scene.parts import PARTS
-from moireaug.scenes import Scene
+from moireaug.scenes import Scene, as_scene
 from training.explorer.controls import CONTROLS, Control, values_of
 
 PART_TITLES = {
@@ -41,7 +41,7 @@ def visible(control: Control, scene: Scene) -> Any:
 
 def preset_updates(name: str) -> list[Any]:
     """Return the values of all widgets for a preset, and which groups are visible."""
-    scene = Scene.preset(name)
+    scene = as_scene(name)
     updates = [gr.update(visible=visible(control, scene)) for control in CONTROLS]
     return [*values_of(scene), *updates]
 

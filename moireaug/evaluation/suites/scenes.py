@@ -12,7 +12,7 @@ from moireaug.evaluation.suites.threat_scenes import (
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, undefended_row
 from moireaug.mixtures import as_scenes, scenes_of
 from moireaug.scene.presets import PRESETS
-from moireaug.scenes import Scene, preset_name
+from moireaug.scenes import Scene, as_scene, preset_name
 
 OWN_SCENE_ROW = "own_scene"
 
@@ -50,7 +50,7 @@ def _registered_presets(config: SuiteConfig) -> dict[str, Scene]:
     """Return the presets in the image's frame, of crops where the images are crops."""
     presets = {}
     for name in PRESETS:
-        preset = Scene.preset(name)
+        preset = as_scene(name)
         if preset.develop.registered:
             (presets[name],) = scenes_of(as_scenes(preset, config.shrink))
     return presets
