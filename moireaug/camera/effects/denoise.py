@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
-from kornia.filters import bilateral_blur
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, left_out
@@ -63,6 +62,9 @@ def bilateral(photo: Tensor) -> Tensor:
 
     Takes and returns (B, 3, H, W) float32 or float64 in [0, 1]. Differentiable.
     """
+    # on first use: importing kornia takes as long as all of this package
+    from kornia.filters import bilateral_blur
+
     sigma = (SIGMA_SPACE, SIGMA_SPACE)
     # reflect, kornia's default, fails on images of 2 pixels or less
     return bilateral_blur(photo, WINDOW, SIGMA_COLOUR, sigma, border_type="replicate")

@@ -7,7 +7,6 @@ import functools
 import math
 
 import torch
-from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
@@ -95,6 +94,9 @@ def brightness(photo: Tensor) -> Tensor:
 def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
     """Return planes (B, C, H, W) blurred by Gaussians of sigma (B,) pixels; edge pixels are
     repeated past the border."""
+    # on first use, as in `denoise.bilateral`
+    from kornia.filters import filter2d_separable, get_gaussian_kernel1d
+
     sigmas = sigma.clamp(min=MIN_SIGMA).to(planes.dtype)[:, None]
     kernel, half = get_gaussian_kernel1d(size, sigmas), size // 2
     wide = repeat_edges(planes, half, half, half, half)

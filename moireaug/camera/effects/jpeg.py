@@ -6,7 +6,6 @@ import io
 
 import numpy as np
 import torch
-from kornia.enhance import jpeg_codec_differentiable
 from PIL import Image
 from torch import Tensor
 
@@ -87,6 +86,9 @@ def _backward(ctx, gradient):
     photo, quality = ctx.saved_tensors
     if not photo.numel():  # kornia refuses an empty batch
         return gradient, None
+    # on first use, as in `denoise.bilateral`
+    from kornia.enhance import jpeg_codec_differentiable
+
     create_graph = torch.is_grad_enabled()  # the gradient itself is to be differentiated
     # autocast may be on where backward is called
     with torch.enable_grad(), torch.autocast(photo.device.type, enabled=False):
