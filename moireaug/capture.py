@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from moireaug.common.image_checks import check_images
-from moireaug.common.numeric import as_single
+from moireaug.common.numeric import widen_half
 from moireaug.engine.developing import developing
 from moireaug.engine.execution import call_of
 from moireaug.engine.exposing import exposing
@@ -104,7 +104,7 @@ def _photo_in_scene(shot: ShotRecord, image: Tensor, noise: Tensor | None) -> Te
     table = checked_numbers(shot)
     if noise is not None:
         check_noise(noise, shot)
-    light = as_single(image)
+    light = widen_half(image)
     call = call_of(shot, table, light, noise)
     with torch.autocast(light.device.type, enabled=False):
         expose_light, develop_raw = exposing(call), developing(call, is_finite=True)
@@ -119,7 +119,7 @@ def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
     The engine reads uint8 as it is."""
     check_is_shot(shot)
     check_batch(image.shape, shot)
-    light = as_single(image)
+    light = widen_half(image)
     call = call_of(shot, checked_numbers(shot), light)
     with torch.autocast(light.device.type, enabled=False):
         return exposing(call)(light)
@@ -127,7 +127,7 @@ def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
 
 def photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photo of a reading that has passed `check_raw`; see `develop`."""
-    reading = as_single(raw)
+    reading = widen_half(raw)
     call = call_of(shot, checked_numbers(shot), reading)
     with torch.autocast(raw.device.type, enabled=False):
         return developing(call)(reading).to(raw.dtype)

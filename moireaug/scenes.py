@@ -36,7 +36,7 @@ UNPLANNED_MESSAGE = (
     "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
     "Scene.sample does; copies and unpickled scenes have no plan yet."
 )
-CACHES = ("_plans", "_json")  # plans by octave, and the scene as JSON, for a graph
+CACHE_FIELDS = ("_plans", "_json")  # plans by octave, and the scene as JSON, for a graph
 MOIRE_SHOTS = 128  # of which the expected moiré is found
 
 
@@ -104,7 +104,7 @@ class Scene(SceneRecord):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the plans out of copies and pickles: another version may plan otherwise."""
-        return {name: value for name, value in vars(self).items() if name not in CACHES}
+        return {name: value for name, value in vars(self).items() if name not in CACHE_FIELDS}
 
     def expected_moire(self, size: tuple[int, int] = NOMINAL_SIZE) -> Moire | None:
         """Return about how much moiré photos of `size` (height, width) will show, from the panel's

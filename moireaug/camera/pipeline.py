@@ -25,7 +25,7 @@ from moireaug.camera.effects.tone import Balance, Brighten, ColourMatrix, ToneCu
 from moireaug.camera.effects.vignetting import Vignetting
 from moireaug.camera.exposure.choose import method_of
 from moireaug.scene.fields import bounds
-from moireaug.scene.plan import Plan, Step
+from moireaug.scene.plan import Plan, PlanStep
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
@@ -104,7 +104,7 @@ def make_plan(scene: SceneRecord) -> Plan:
     verdicts = {name: effect.verdict(scene) for name, effect in effects.items()}
     listed = [name for name, effect in effects.items() if effect.is_listed]
     return Plan(
-        steps=tuple(Step(name, *verdicts[name]) for name in listed),
+        steps=tuple(PlanStep(name, *verdicts[name]) for name in listed),
         exposing=tuple(effect.name for effect in EXPOSE if verdicts[effect.name].called),
         developing=tuple(effect.name for effect in DEVELOP if verdicts[effect.name].called),
         method=method_of(scene),

@@ -68,7 +68,7 @@ def sampled_rows_and_columns(
     return rows, cols
 
 
-class Whole(NamedTuple):
+class WholeImage(NamedTuple):
     """The image of which another is a part: its height and width, and the row and column at which
     the part begins."""
 
@@ -92,7 +92,7 @@ class ShotRecord(Draws):
     sensor: DrawnSensor
     develop: DrawnDevelop
     seed: Tensor
-    part_of: Whole | None = None
+    part_of: WholeImage | None = None
     plan: Plan = field(init=False, repr=False)
     _numbers: dict[str, Tensor] = field(init=False, repr=False)  # which a photo asks for often
 
@@ -206,7 +206,7 @@ class ShotRecord(Draws):
                 "a part needs a binned reading, whose scene states Panel.width, Sensor.pitch or "
                 "Sensor.shrink; this shot's is full. Capture the image, and cut the photo."
             )
-        whole = Whole(self.whole_size, (self.corner[0] + top, self.corner[1] + left))
+        whole = WholeImage(self.whole_size, (self.corner[0] + top, self.corner[1] + left))
         return dataclasses.replace(self, size=(height, width), part_of=whole)
 
     @property
