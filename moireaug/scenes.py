@@ -14,8 +14,9 @@ from moireaug.capture import capture, develop, reading_of
 from moireaug.common.argument_checks import one_of
 from moireaug.common.image_checks import check_shape
 from moireaug.engine import operators
-from moireaug.scene.by_name import part_from_dict, parts_with
+from moireaug.scene.by_name import parts_from_dict, parts_with
 from moireaug.scene.draws import (
+    check_shot_keys,
     check_size,
     draw_numbers,
     numbers_from_dict,
@@ -24,7 +25,6 @@ from moireaug.scene.draws import (
 )
 from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.fields import bounds
-from moireaug.scene.parts import PARTS
 from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.preset_names import PresetName
 from moireaug.scene.presets import MIXTURES, PRESETS
@@ -193,23 +193,12 @@ class Scene(SceneRecord):
                 "Scene.preset."
             )
         values = dict(values)
-        base = Scene.preset(values.pop("preset")) if "preset" in values else Scene()
-        for key in values:
-            one_of("a key of a scene", key, (*PARTS, "tolerance", "preset"))
-        merged, parts = base.to_dict(), {}
-        for name in PARTS:
-            given = {} if values.get(name) is None else values[name]
-            if not isinstance(given, Mapping):
-                raise TypeError(f"Scene.{name} must be a mapping of its fields; got {given!r}.")
-            parts[name] = part_from_dict(name, merged[name] | dict(given))
-        return Scene(**parts, tolerance=values.get("tolerance", base.tolerance))
+        base = _preset_of(values.pop("preset")) if "preset" in values else Scene()
+        tolerance = values.pop("tolerance", base.tolerance)
+        return Scene(**parts_from_dict(values, base.to_dict()), tolerance=tolerance)
 
 
-def _scene(record: SceneRecord) -> Scene:
-    return Scene(**{name: getattr(record, name) for name in (*PARTS, "tolerance")})
-
-
-_PRESETS = {name: _scene(record) for name, record in PRESETS.items()}
+_PRESETS = {name: Scene(**vars(record)) for name, record in PRESETS.items()}
 
 
 def _preset_of(name: str) -> Scene:
@@ -259,8 +248,7 @@ class Shot(ShotRecord):
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the plan, which another version may make otherwise, and the table of numbers,
         which `__post_init__` makes again."""
-        derived_fields = ("plan", "_numbers")
-        return {name: value for name, value in vars(self).items() if name not in derived_fields}
+        return {n: value for n, value in vars(self).items() if n not in ("plan", "_numbers")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -274,16 +262,7 @@ class Shot(ShotRecord):
             ValueError, TypeError: a missing or unknown key, fields of different lengths, a number
                 that no scene may have, or a seed or a size that is not in whole numbers.
         """
-        if not isinstance(values, Mapping):
-            raise TypeError(f"a shot's values must be a mapping; got {values!r}.")
-        keys = ("scene", "size", "seed", *PARTS)
-        for key in values:
-            one_of("a key of a shot", key, (*keys, "part_of"))
-        missing = [key for key in keys if key not in values]
-        if missing:
-            raise ValueError(
-                f"a shot's dict must have the keys {', '.join(keys)}; missing {missing}."
-            )
+        check_shot_keys(values)
         scene = as_scene(values["scene"])
         numbers, seed = numbers_from_dict(scene, values)
         size = check_size(values["size"])

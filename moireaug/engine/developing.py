@@ -22,9 +22,6 @@ from moireaug.scene.shot import ShotRecord
 if TYPE_CHECKING:
     from moireaug.engine.lower.development_records import Development
 
-# a photo that is registered is smoother than its reading, see `exposing.MAX_SHIFT`
-MAX_SHIFT = 0.03
-
 
 @dataclass(frozen=True, eq=False)
 class Developing(KernelStage):
@@ -33,15 +30,9 @@ class Developing(KernelStage):
     is_finite: the readings are known to be finite.
     """
 
+    max_shift = 0.03  # a photo that is registered is smoother than its reading
+
     is_finite: bool
-
-    @property
-    def title(self) -> str:
-        return f"developing, {self.shot.scene.develop.demosaic}"
-
-    @property
-    def max_shift(self) -> float:
-        return MAX_SHIFT
 
     def lower(
         self, shot: ShotRecord, exactness: int, table: np.ndarray | None = None
@@ -106,4 +97,5 @@ def developing(call: Call, *, is_finite: bool = False) -> Callable[[Tensor], Ten
     kernels = kernel_check.kernels_of(execution.backend)
     if kernels is None:
         return reference
-    return Developing(call, kernels, execution.engine_effects, is_finite)
+    demosaic = shot.scene.develop.demosaic
+    return Developing(call, kernels, execution.engine_effects, demosaic, is_finite)

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     Records = tuple[Exposure, PanelView]
 
 DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
-# lens and aperture pass about a cycle per sensor pixel, so phases that are seen turn by 0.01 rad
-MAX_SHIFT = 0.002
 # scenes of which it was said that the reference computes some of their photos
 _reported: set[SceneRecord] = set()
 
@@ -42,15 +40,10 @@ class Exposing(KernelStage):
         as where the blur differs from place to place.
     """
 
+    # lens and aperture pass a cycle per sensor pixel or so: phases that are seen turn by 0.01 rad
+    max_shift = 0.002
+
     is_decoded: bool
-
-    @property
-    def title(self) -> str:
-        return f"exposing, {self.shot.plan.exposure}"
-
-    @property
-    def max_shift(self) -> float:
-        return MAX_SHIFT
 
     @property
     def sums_in_order(self) -> bool:
@@ -98,7 +91,7 @@ def exposing(call: Call) -> Callable[[Tensor], Tensor]:
     effects = shot.plan.exposing
     if is_decoded:
         effects = tuple(name for name in effects if name not in DECODING)
-    stage = Exposing(call, kernels, effects, is_decoded)
+    stage = Exposing(call, kernels, effects, shot.plan.exposure, is_decoded)
     followed = torch.from_numpy(stage.can_follow(stage.records))
     if followed.all():
         return stage

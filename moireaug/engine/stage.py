@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from torch import Tensor
@@ -48,11 +48,16 @@ class KernelStage(Stage):
         call: whose shot it is of.
         kernels: see `Backend.kernels`.
         effects: names of those that the kernels compute.
+        method: of exposing or demosaicing, by name.
     """
+
+    # sensor pixels by which the panel moves, at most, in a difference of results
+    max_shift: ClassVar[float]
 
     call: Call
     kernels: ModuleType
     effects: tuple[str, ...]
+    method: str
 
     @property
     def shot(self) -> ShotRecord:
@@ -62,16 +67,6 @@ class KernelStage(Stage):
     def records(self) -> Any:
         """The records of the shot, from `lower`."""
         return self.lower(self.call.host_shot(), 1, self.call.table)
-
-    @property
-    @abstractmethod
-    def title(self) -> str:
-        """The stage, and its method, in words."""
-
-    @property
-    @abstractmethod
-    def max_shift(self) -> float:
-        """Sensor pixels by which the panel moves, at most, in a difference of results."""
 
     @abstractmethod
     def lower(self, shot: ShotRecord, exactness: int, table: np.ndarray | None = None) -> Any:
@@ -103,8 +98,8 @@ class KernelStage(Stage):
         frame = "image" if scene.develop.registered else "camera"
         # registration undoes the one; bins average what the other clips
         others = [name for name in ("lens", "saturate") if name in self.shot.plan]
-        names = (self.title, reading, scene.filter_cell, f"{frame} frame", *self.effects, *others)
-        return ", ".join(names)
+        stage = (type(self).__name__, self.method, reading, scene.filter_cell, f"{frame} frame")
+        return ", ".join((*stage, *self.effects, *others))
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,6 @@ from moireaug.scene.drawn_parts import (
 )
 from moireaug.scene.draws import Draws, check_drawn
 from moireaug.scene.fields import bounds
-from moireaug.scene.geometry.frame import Frame
 from moireaug.scene.geometry.homography import about_corners
 from moireaug.scene.geometry.lattice import (
     CFA,
@@ -35,7 +34,7 @@ from moireaug.scene.geometry.lattice import (
 from moireaug.scene.geometry.moved import mask_in_photo, points_in_photo
 from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
-from moireaug.scene.shot_geometry import ShotGeometry
+from moireaug.scene.shot_geometry import HostGeometry, ShotGeometry
 
 # sensor pixels to each side from which a colour is demosaiced
 DEMOSAIC_REACH = {"bilinear": 1, "malvar": 2}
@@ -77,7 +76,7 @@ class WholeImage(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ShotRecord(Draws):
+class ShotRecord(Draws, ShotGeometry[Tensor]):
     """The five parts with each ranged field a `(B,)` float64 tensor, scene, image size, and the
     plan of that scene at that size; users hold a `Shot`, which makes the plan.
 
@@ -127,50 +126,19 @@ class ShotRecord(Draws):
         """Whether any drawn number requires a gradient."""
         return any(values.requires_grad for values in self.numbers().values())
 
-    @property
-    def geometry(self) -> ShotGeometry:
-        """Where the images lie on panel, sensor and photo."""
-        return ShotGeometry(self.scene, self.view, self._numbers, self.whole_size, self.corner)
-
-    def host_geometry(self, table: np.ndarray) -> ShotGeometry:
-        """Return `geometry` in arrays; table: from `host_numbers`."""
+    def host_geometry(self, table: np.ndarray) -> HostGeometry:
+        """Return the shot's geometry in arrays; table: from `host_numbers`."""
         numbers = dict(zip(self._numbers, table, strict=True))
         view = self.view.drawn({name: numbers[f"view.{name}"] for name in self.view.ranged})
-        geometry = ShotGeometry(self.scene, view, numbers, self.whole_size, self.corner, np)
-        return geometry.with_pose()
+        return HostGeometry(self.scene, view, numbers, self.whole_size, self.corner)
 
     @property
-    def panel_scale(self) -> Tensor:
-        """See `ShotGeometry`."""
-        return self.geometry.panel_scale
-
-    @property
-    def sensor_scale(self) -> Tensor:
-        """See `ShotGeometry`."""
-        return self.geometry.sensor_scale
-
-    @property
-    def bin_scale(self) -> Tensor:
-        """See `ShotGeometry`."""
-        return self.geometry.bin_scale
-
-    @property
-    def frame(self) -> Frame:
-        """See `ShotGeometry`."""
-        return self.geometry.frame
-
-    @property
-    def panel_corner(self) -> Tensor:
-        """See `ShotGeometry`."""
-        return self.geometry.panel_corner
-
-    @property
-    def whole_size(self) -> tuple[int, int]:
+    def whole_size(self) -> tuple[int, int]:  # type: ignore[override]
         """Height and width of the image, or of the larger one of which it is a part."""
         return self.size if self.part_of is None else self.part_of.size
 
     @property
-    def corner(self) -> tuple[int, int]:
+    def corner(self) -> tuple[int, int]:  # type: ignore[override]
         """Row and column at which the image begins in the larger one of which it is a part."""
         return (0, 0) if self.part_of is None else self.part_of.corner
 
@@ -219,8 +187,7 @@ class ShotRecord(Draws):
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
         Differentiable in every View field that the scene's pose reads."""
-        geometry = self.geometry
-        return about_corners(geometry.homography, geometry.photo_size)
+        return about_corners(self.homography, self.photo_size)
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
         """Return which sensor rows and columns this photo reads."""
@@ -281,10 +248,6 @@ class ShotRecord(Draws):
             return mask
         shot = self.to(mask.device)
         return mask_in_photo(mask, shot.matrix(), shot.frame, shot.distortion)
-
-    def numbers(self) -> dict[str, Tensor]:
-        """Return the drawn numbers, (B,) each, by name, such as "view.yaw"."""
-        return dict(self._numbers)
 
     def host_numbers(self) -> np.ndarray:
         """Return a copy of the drawn numbers, (numbers, B) float64 in the order of `numbers`, by

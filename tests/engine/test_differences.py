@@ -107,7 +107,7 @@ def test_every_field_of_each_stage(name):
 @pytest.mark.parametrize("shift", [1e-8, 0.5])
 def test_a_step_that_is_far_too_small_or_too_large_is_found(shift, monkeypatch):
     """The negative control: the panel moves by `shift` sensor pixels."""
-    monkeypatch.setattr(exposing, "MAX_SHIFT", shift)
+    monkeypatch.setattr(exposing.Exposing, "max_shift", shift)
     monkeypatch.setattr(shot_steps, "MAX_RELATIVE_STEP", 1e3 * shift)
     preset, size, changes = CASES["LEDs"]
     shot = scene_of(preset, size, changes).sample(1, (size, size), torch.Generator().manual_seed(0))

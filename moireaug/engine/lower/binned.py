@@ -18,12 +18,12 @@ from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, Full
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.frame import Frame
 from moireaug.scene.shot import ShotRecord
-from moireaug.scene.shot_geometry import ShotGeometry
+from moireaug.scene.shot_geometry import HostGeometry
 
 BORDER_POINTS = 9  # along each axis, where the rows are taken that a part of a photo sees
 
 
-def binned_view(shot: ShotRecord, geometry: ShotGeometry) -> tuple[np.ndarray, Cell, BinnedView]:
+def binned_view(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarray, Cell, BinnedView]:
     """Return a shot's cameras, of photo pixels, (B, fields), its Cell and its BinnedView."""
     with torch.no_grad():
         content = content_of(shot)
@@ -48,7 +48,7 @@ class BinScales(NamedTuple):
     enlargement: np.ndarray
 
     @staticmethod
-    def of(shot: ShotRecord, geometry: ShotGeometry) -> BinScales:
+    def of(shot: ShotRecord, geometry: HostGeometry) -> BinScales:
         bin_scale = geometry.bin_scale
         enlarged = enlargement(torch.from_numpy(bin_scale), shot.scene).numpy()
         return BinScales(geometry.panel_scale, geometry.sensor_scale, bin_scale, enlarged)

@@ -24,7 +24,7 @@ from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lowe
 from moireaug.scene.geometry.lattice import SampledPixels
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import DEMOSAIC_REACH, ShotRecord, sampled_rows_and_columns
-from moireaug.scene.shot_geometry import ShotGeometry
+from moireaug.scene.shot_geometry import HostGeometry
 
 
 class _LastDevelopment(NamedTuple):
@@ -61,8 +61,8 @@ def lower_development(shot: ShotRecord, table: np.ndarray | None = None) -> Deve
     return last.development
 
 
-def _development_of(shot: ShotRecord, geometry: ShotGeometry) -> Development:
-    plan, sensor, drawn = shot.plan, shot.scene.sensor, geometry.numbers
+def _development_of(shot: ShotRecord, geometry: HostGeometry) -> Development:
+    plan, sensor, drawn = shot.plan, shot.scene.sensor, geometry.numbers()
     whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
     demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
     if "colour_matrix" in plan:
@@ -114,15 +114,15 @@ def _warps(shot: ShotRecord) -> bool:
     return "register" in shot.plan and not shot.scene.is_rectified
 
 
-def _registration_of(shot: ShotRecord, geometry: ShotGeometry) -> Registration:
+def _registration_of(shot: ShotRecord, geometry: HostGeometry) -> Registration:
     if not _warps(shot):
         return Registration(np.empty((0, 3, 3)), np.empty((0, 2)))
-    return Registration(geometry.homography, np.stack(geometry.distortion, 1))
+    return Registration(geometry.homography, np.stack(geometry.lens_distortion, 1))
 
 
-def _detail_of(shot: ShotRecord, geometry: ShotGeometry) -> Detail:
+def _detail_of(shot: ShotRecord, geometry: HostGeometry) -> Detail:
     """Return a shot's Detail; neutral values for effects that are not planned."""
-    plan, how, drawn = shot.plan, shot.scene.develop, geometry.numbers
+    plan, how, drawn = shot.plan, shot.scene.develop, geometry.numbers()
     rows, cols = shot.sampled_pixels()
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
     chroma, sharp = drawn["develop.chroma_blur"], drawn["develop.sharpen_radius"]

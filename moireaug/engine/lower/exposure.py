@@ -39,7 +39,7 @@ def lower_exposure(
     """
     plan = shot.plan
     geometry = shot.host_geometry(shot.host_numbers() if table is None else table)
-    drawn = geometry.numbers
+    drawn = geometry.numbers()
     view: PanelView
     if shot.scene.is_binned:
         cameras, cell, view = binned_view(shot, geometry)

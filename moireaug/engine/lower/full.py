@@ -19,13 +19,13 @@ from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
 from moireaug.scene.exposure_method import ExposureMethod
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
-from moireaug.scene.shot_geometry import ShotGeometry
+from moireaug.scene.shot_geometry import HostGeometry
 from moireaug.scene.subpixel import Subpixel
 
 MAX_CACHED_SCENES = 64  # scenes and sizes whose tables are cached
 
 
-def cameras_and_cell(shot: ShotRecord, geometry: ShotGeometry) -> tuple[np.ndarray, Cell]:
+def cameras_and_cell(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarray, Cell]:
     """Return a shot's cameras, of sensor pixels, (B, fields), and its Cell."""
     rows, cols = shot.sampled_pixels()
     h, w = shot.size
