@@ -119,9 +119,11 @@ def pose_of(
     pixel is as large. scale: sensor pixels per photo pixel, which only that pose reads."""
     if view.pose != "released":
         return camera_pose(view, k1, k2, size, xp)
-    tensors = {name: torch.as_tensor(getattr(view, name)) for name in view.ranged}
-    pose = released_pose(view.drawn(tensors), size, scale)
-    return (pose if xp is torch else pose.numpy()), xp.ones_like(view.zoom)
+    one = xp.ones_like(view.zoom)
+    if xp is torch:
+        return released_pose(view, size, scale), one
+    tensors = {name: torch.from_numpy(getattr(view, name)) for name in view.ranged}
+    return released_pose(view.drawn(tensors), size, scale).numpy(), one
 
 
 def homography(view: DrawnView, k1: Tensor, k2: Tensor, size: FrameSize, scale: float) -> Tensor:
