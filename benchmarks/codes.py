@@ -130,13 +130,15 @@ def plot(table: pd.DataFrame, path: Path) -> None:
         for shrink, colour in zip(table["shrink"].unique(), ("C0", "C1", "C2", "C3"), strict=False):
             chosen = table[(table["code"] == code) & (table["shrink"] == shrink)]
             means = chosen.groupby("module")[[f"photo, {PLOTTED}", f"twin, {PLOTTED}"]].mean()
-            label = "whole photo" if shrink == WHOLE else f"{shrink:g} sensor pixels a pixel"
+            label = "whole photo" if shrink == WHOLE else f"{float(shrink):g} x {float(shrink):g}"
             panel.plot(means.index, 100 * means.iloc[:, 0], "o-", color=colour, label=label)
             panel.plot(means.index, 100 * means.iloc[:, 1], "--", color=colour, alpha=0.6)
-        panel.set(title=code, xlabel="pixels a module", ylim=(-4, 104))
+        modules = sorted(table.loc[table["code"] == code, "module"].unique())
+        panel.set(title=code, xlabel="pixels a module", ylim=(-4, 104), xticks=modules)
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("photos that are read, %")
-    panels[0].legend(fontsize=7, title="dashed: without moiré", title_fontsize=7)
+    title = "sensor pixels a pixel\n(dashed: without moiré)"
+    panels[0].legend(fontsize=7, title=title, title_fontsize=7)
     figure.savefig(path, dpi=110)
 
 

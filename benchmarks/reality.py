@@ -39,12 +39,14 @@ from torch import Tensor
 from benchmarks import agreement, measure, told_apart
 from moireaug import Scene
 from training.calibration.compare import (
+    Crops,
     compare_statistics,
+    cut_crops,
     mean_distance,
     measure_crops,
+    photograph_crops,
     terminal_parts,
 )
-from training.calibration.crops import Crops, cut_crops, photograph_crops
 from training.config import scenes
 from training.data.real_pairs import find_pairs, read_pairs
 from training.photographs.tone import ColourMap

@@ -24,7 +24,7 @@ from moireaug.evaluation import SUITES
 from training.attack.protocol import SuiteAttack
 from training.attack.subject import subject_of_run
 from training.attack.suites import fabric_of, suite_config
-from training.config.overrides import merge_run_settings
+from training.config.checks import merge_run_settings
 from training.config.schema import Reattack, ReattackConfig
 from training.runs import trained
 

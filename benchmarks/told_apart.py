@@ -10,8 +10,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from training.calibration.crops import Crops
-from training.comparison.statistics import t_interval
+from training.calibration.compare import Crops
+from training.comparison.summaries import t_interval
 
 DETAIL = (3,)  # sigmas, pixels
 

@@ -36,26 +36,34 @@ COMMANDS = (
 
 def page() -> str:
     """Return the page."""
-    parts = [INTRODUCTION.rstrip() + "\n"]
-    training = {one.key: row_of(one) for one in settings_of(Config).values()}
-    for title, command, schema in COMMANDS:
-        parts.append(f"\n## {title}\n\n`python {command}`\n")
-        rows = {one.key: row_of(one) for one in settings_of(schema).values()}
-        if issubclass(schema, RunConfig) and schema is not Config:
-            shared = [key for key, row in rows.items() if training.get(key) == row]
-            rows = {key: row for key, row in rows.items() if key not in shared}
-            names = "" if schema is ReattackConfig else f" named {', '.join(groups_of(shared))}"
-            parts.append(f"Those of training classifiers{names}, and:\n")
-        lines = ["| setting and default | |", "|---|---|", *rows.values()]
-        parts.append("\n".join(lines) + "\n")
-    return "\n".join(parts)
+    return INTRODUCTION.rstrip() + "\n\n" + "\n".join(section(*command) for command in COMMANDS)
+
+
+def section(title: str, command: str, schema: type) -> str:
+    """Return the section of a command: a table of its settings, without those of training a
+    classifier, which are named."""
+    rows = rows_of(schema)
+    lines = [f"\n## {title}\n\n`python {command}`\n"]
+    if issubclass(schema, RunConfig) and schema is not Config:
+        training = rows_of(Config)
+        shared = [key for key in rows if training.get(key) == rows[key]]
+        names = "" if schema is ReattackConfig else f" named {', '.join(groups_of(shared))}"
+        lines.append(f"Those of training classifiers{names}, and:\n")
+        rows = {key: row for key, row in rows.items() if key not in shared}
+    lines += ["| setting and default | |", "|---|---|", *rows.values()]
+    return "\n".join(lines) + "\n"
+
+
+def rows_of(schema: type) -> dict[str, str]:
+    """Return the rows of a table of settings, by key."""
+    return {one.key: row_of(one) for one in settings_of(schema).values()}
 
 
 def row_of(one: Setting) -> str:
     """Return a setting's row of the table: with its words, as `--help` has the ranges."""
     key = one.key.removesuffix(".name")  # a group is chosen by its own name
-    words = allowed_values(one) if one.facts.choices else ""
-    return f"| `{key}={as_argument(one.default)}` | {one.facts.help}{words} |"
+    words = allowed_values(one) if one.choices else ""
+    return f"| `{key}={as_argument(one.default)}` | {one.help}{words} |"
 
 
 def groups_of(keys: list[str]) -> list[str]:

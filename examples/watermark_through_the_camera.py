@@ -7,8 +7,7 @@ camera. Trained without a camera, the mark does not survive a photo.
 
     python examples/watermark_through_the_camera.py
 
-Prints the share of bits read correctly from marked images and from photos of them, and the mark's
-PSNR.
+Prints the share of bits read from marked images and from photos of them, and the mark's PSNR.
 """
 
 import argparse
@@ -39,8 +38,7 @@ class Encoder(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.spread = nn.Linear(BITS, 3 * SIDE * SIDE)
-        first, last = nn.Conv2d(6, 16, 3, 1, 1), nn.Conv2d(16, 3, 3, 1, 1)
-        self.blend = nn.Sequential(first, nn.ReLU(), last)
+        self.blend = nn.Sequential(nn.Conv2d(6, 16, 3, 1, 1), nn.ReLU(), nn.Conv2d(16, 3, 3, 1, 1))
 
     def forward(self, images: Tensor, bits: Tensor) -> Tensor:
         pattern = self.spread(2 * bits - 1).view_as(images)

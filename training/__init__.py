@@ -1,4 +1,8 @@
-"""Recipes for robust training: `fit.py` trains, `reattack.py` attacks, `frontier.py` compares."""
+"""Recipes for robust training: `fit.py` trains, `reattack.py` attacks, `frontier.py` compares.
+
+What a user can mend is raised everywhere as a ValueError or TypeError, before time is spent if it
+can be; its message is the sentence that the commands print. Docstrings name other errors alone.
+"""
 
 import gc
 import os

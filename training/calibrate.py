@@ -17,8 +17,6 @@ Writes report.html, statistics.csv, crops.csv (one line per crop) and statistics
 runs/calibrate/<pairs or photos>-<scene>-<hash>/, or where out=DIR says.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -41,14 +39,14 @@ from training.calibration import fit
 from training.calibration.compare import (
     StatisticRow,
     compare_statistics,
+    cut_crops,
     measure_crops,
+    photograph_crops,
     terminal_parts,
 )
-from training.calibration.crops import cut_crops, photograph_crops
-from training.calibration.page import crop_table, example_blocks, page
-from training.calibration.plot import draw
+from training.calibration.page import crop_table, draw, example_blocks, page
 from training.config import scenes
-from training.config.plain import parse, report_errors
+from training.config.commands import parse, report_errors
 from training.config.settings import setting
 from training.data.real_pairs import (
     ScreenPhoto,
@@ -84,11 +82,7 @@ class Config:
 
 
 def calibrate(cfg: Config) -> list[StatisticRow]:
-    """Measure, fit if asked to, write and print; return the table.
-
-    Raises:
-        ValueError: settings that do not go together, or files that cannot be read.
-    """
+    """Measure, fit if asked to, write and print; return the table."""
     check(cfg)
     scene, name = scenes.load_one(cfg.scene), shown(Path(cfg.scene).stem)
     if cfg.pairs or cfg.picture:
@@ -134,11 +128,7 @@ def folder_of(cfg: Config, scene: Scene) -> Path:
 
 
 def check(cfg: Config) -> None:
-    """Refuse settings that do not go together.
-
-    Raises:
-        ValueError: with what to do instead.
-    """
+    """Refuse settings that do not go together."""
     if (cfg.pairs is None) == (cfg.photos is None):
         raise ValueError(f"pass either pairs= or photos=, as in: {EXAMPLE}")
     if cfg.picture and not cfg.photos:

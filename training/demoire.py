@@ -6,8 +6,6 @@
 What each does, and its settings: python training/demoire.py train --help, and likewise clean.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

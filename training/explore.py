@@ -6,8 +6,6 @@
 It listens on 127.0.0.1 only and sends nothing anywhere else.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

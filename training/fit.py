@@ -14,8 +14,6 @@ first, with the same settings, or reused if they were trained before; for a repo
 recipe=baseline. The same command resumes an interrupted run.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -24,7 +22,6 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
-import time
 from typing import Any
 
 import hydra
@@ -34,11 +31,12 @@ from training.config import commands, scenes
 from training.config.checks import check_classifier
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import RECIPES, Adversary, Config, as_config
-from training.data.load import load, require_training_images
+from training.data.load import require_training_images
 from training.models.classifiers import require_known
-from training.recipe.phases import complete, plain_runs, report_finished
+from training.recipe.phases import complete, report_finished
+from training.runs.identity import Origin
 from training.runs.metrics import RunMetrics
-from training.runs.resume import require_resumable, require_same_data, require_same_weights
+from training.runs.resume import require_resumable, require_same_origin
 from training.runs.run import PLAIN_RECIPES, Run, baseline_of, start_of
 from training.system.processes import is_first
 from training.trainer.ranks import run_job
@@ -55,22 +53,13 @@ def fit(cfg: Config) -> dict[str, Any]:
     check(cfg)
     run = Run(cfg)
     if cfg.resume is not False:
-        require_same_weights(run)
+        require_same_origin(run, Origin.of(cfg.weights))
         if run.stage() == "finished":  # only read, and where nothing can be written too
             return as_dict(report_finished(run))
     with run.locked():
         if cfg.resume and is_first():
             require_resumable(run, start_of(run), baseline_of(run))
-        from training.classifier.train import try_out  # Lightning, which takes seconds to import
-
-        start_time = time.perf_counter()
-        splits = load(cfg.data)
-        if cfg.resume is not False:
-            require_same_data(run, splits.files, splits.classes)
-        try_out(run, splits)
-        seconds = {"data": time.perf_counter() - start_time}
-        start, baseline = plain_runs(run, splits)
-        return as_dict(complete(run, splits, start, baseline, seconds))
+        return as_dict(complete(run))
 
 
 def as_dict(metrics: RunMetrics | None) -> dict[str, Any]:
@@ -79,11 +68,7 @@ def as_dict(metrics: RunMetrics | None) -> dict[str, Any]:
 
 
 def check(cfg: Config) -> None:
-    """Refuse invalid settings before any time is spent.
-
-    Raises:
-        TypeError, ValueError: with what was got and what is allowed.
-    """
+    """Refuse invalid settings before any time is spent."""
     check_classifier(cfg)
     require_known(cfg.model)
     require_training_images(cfg.data)
@@ -101,7 +86,7 @@ def check(cfg: Config) -> None:
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="fit")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.report_errors(kept_work="Every complete epoch is kept"):
+    with commands.report_job_errors(kept_work="Every complete epoch is kept"):
         config: Config = as_config(cfg)
         run_job(config.trainer, fit, config)
 

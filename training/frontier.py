@@ -11,8 +11,6 @@ that attacks it is printed. Lines of several CSVs make one table; its intervals 
 seeds alone.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -32,11 +30,7 @@ from training.system.messages import prepare_output
 
 def frontier(source: Path, out: Path) -> list[RecipeSummary]:
     """Read a folder of runs, or the CSV of such tables, and write and print its table; return the
-    recipes, cheapest first.
-
-    Raises:
-        ValueError: runs that are missing or cannot be compared.
-    """
+    recipes, cheapest first."""
     table = read_csv(source) if source.suffix == ".csv" else read(source)
     recipes = summarise(table.runs)
     write_bytes(out / "frontier.png", draw(recipes, table.shared))

@@ -15,8 +15,6 @@ too, if its folder holds it with the same settings. Every finished piece is kept
 same command continues where it stopped, and another suite reuses what is there.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -38,36 +36,31 @@ from training.attack.protocol import attack, attack_run
 from training.attack.results import publish, publish_suite, run_metrics
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suites import attack_by_suite
-from training.config import commands, overrides, scenes
-from training.config.checks import check_classifier
+from training.config import commands, scenes
+from training.config.checks import check_classifier, check_overrides, keys_of, merge_run_settings
 from training.config.compose import DATA_GROUPS, register
 from training.config.schema import RECIPES, ReattackConfig, as_config
 from training.runs.metrics import Metrics, PlainMetrics, RunMetrics
-from training.runs.reuse import read_baseline_of
 from training.runs.run import Run, locked_folder
-from training.runs.trained import TrainedRun, read, read_training_cost
+from training.runs.trained import TrainedRun, read, read_baseline_of, read_training_cost
 from training.system.processes import join_launch
 from training.trainer.ranks import run_job
 
 
-def reattack(config: ReattackConfig, given: list[str]) -> dict[str, Any]:
+def reattack(config: ReattackConfig, overrides: list[str]) -> dict[str, Any]:
     """Attack a run or a named model; returns the metrics, {} in all processes but the first.
 
     Args:
-        config: settings.
-        given: overrides of the command line, which take precedence over a run's own settings.
-
-    Raises:
-        TypeError, ValueError: invalid settings, before any time is spent.
+        overrides: those of the command line, which take precedence over a run's own settings.
     """
     config = scenes.with_files(config)
-    overrides.check(config, given)
+    check_overrides(config, overrides)
     run = None if config.run is None else read(Path(config.run))
     if run:
-        config = overrides.merge_run_settings(run.cfg, config, given)
+        config = merge_run_settings(run.cfg, config, overrides)
     check(config)
     home = None
-    if run and "runs" in overrides.keys(given):  # where the run would lie in that folder
+    if run and "runs" in keys_of(overrides):  # where the run would lie in that folder
         home = Run(replace(run.cfg, runs=config.runs)).folder
     subject = subject_of_run(config, run, home or run.folder) if run else subject_of_weights(config)
     metrics = attack_subject(config, subject, run, home)
@@ -75,11 +68,7 @@ def reattack(config: ReattackConfig, given: list[str]) -> dict[str, Any]:
 
 
 def check(cfg: ReattackConfig) -> None:
-    """Refuse invalid settings before any time is spent.
-
-    Raises:
-        TypeError, ValueError: with what was got and what is allowed.
-    """
+    """Refuse invalid settings before any time is spent."""
     check_classifier(cfg)
     one_of("suite", cfg.suite, (*SUITES, *GROUPS))
 
@@ -131,14 +120,14 @@ def plain_metrics(run: TrainedRun) -> PlainMetrics:
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="reattack")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.report_errors(kept_work="Every record is kept"):
+    with commands.report_job_errors(kept_work="Every record is kept"):
         config: ReattackConfig = as_config(cfg)
-        given = list(HydraConfig.get().overrides.task)
+        overrides = list(HydraConfig.get().overrides.task)
         if config.suite == "ladder":  # in one process
             join_launch(1)
-            reattack(config, given)
+            reattack(config, overrides)
         else:
-            run_job(config.trainer, reattack, config, given)
+            run_job(config.trainer, reattack, config, overrides)
 
 
 register("reattack", ReattackConfig, DATA_GROUPS, __doc__)

@@ -15,8 +15,6 @@ the settings in dataset.json alone: not on the commands, machines or processes t
 If a command is interrupted, the same command continues after the last whole file.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -33,12 +31,11 @@ import torch
 from moireaug.common.files import remove
 from moireaug.synthesis import Pairs
 from training.config import scenes
-from training.config.plain import parse, report_errors
+from training.config.commands import parse, report_errors
 from training.pairs.files import FORMATS
-from training.pairs.make import make
-from training.pairs.schema import Config
+from training.pairs.make import Config, make
 from training.pairs.sets import PairSet, Share, claim, share_of
-from training.system.locks import locked
+from training.system.files import locked
 from training.system.messages import count_text
 
 EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
@@ -50,22 +47,14 @@ LOST_WORKER = (
 
 
 def configure(argv: Sequence[str]) -> Config:
-    """Return the settings of a command line.
-
-    Raises:
-        ValueError: an unknown key, a value of another type, or out of its bounds.
-    """
+    """Return the settings of a command line."""
     settings = parse(argv, Config, EXAMPLE, __doc__)
     check(settings)
     return settings
 
 
 def check(cfg: Config) -> None:
-    """Refuse invalid settings that `Pairs` does not check.
-
-    Raises:
-        ValueError: with what was got and what is allowed.
-    """
+    """Refuse invalid settings that `Pairs` does not check."""
     if cfg.encoding == "png" and cfg.quality is not None:
         raise ValueError("quality= is for encoding=webp and jpeg; PNG is lossless: leave it out.")
     images, out = Path(cfg.images).resolve(), Path(cfg.out).resolve()
@@ -117,9 +106,9 @@ def synthesise(cfg: Config) -> None:
         make(cfg, pairs, pair_set, share)
     others = pairs.pictures.others
     if others:
+        names = ", ".join(others[:5]) + (", ..." if len(others) > 5 else "")
         print(
-            f"Files in {cfg.images} that are not pictures by their names: {len(others)}, "
-            f"{_first_five(others)}."
+            f"Files in {cfg.images} that are not pictures by their names: {len(others)}, {names}."
         )
     everything = Share(0, 1)
     files, missing = pair_set.numbers(everything), pair_set.missing(everything)
@@ -128,10 +117,6 @@ def synthesise(cfg: Config) -> None:
         print(f"{pair_set.folder} holds {len(files) - len(missing)} of its {file_count}.")
     else:
         print(f"{pair_set.folder} is complete: {count_text(cfg.n, 'pair')} in {file_count}.")
-
-
-def _first_five(names: Sequence[str]) -> str:
-    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def main(argv: Sequence[str]) -> None:

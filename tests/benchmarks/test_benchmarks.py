@@ -8,6 +8,7 @@ import runpy
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 import torch
@@ -16,6 +17,7 @@ from benchmarks import (
     accuracy_vs_time,
     attack_budget,
     bins,
+    codes,
     effects_cost,
     memory_and_starts,
     other_libraries,
@@ -213,3 +215,21 @@ def test_the_recommended_budget_is_the_cheapest_that_is_near():
     ]
     assert attack_budget.recommended(rows)["attacker"] == "near"
     assert attack_budget.recommended([rows[0], rows[2]])["attacker"] == "best"
+
+
+def test_codes(ran, tmp_path):
+    _, table = ran("codes")
+    assert set(table["code"]) == {"Data Matrix"}  # others are too large at this size
+    assert table["photo, zxing-cpp"].between(0, 1).all() and (table["moire"] > 0.1).all()
+    assert (tmp_path / "codes.png").stat().st_size > 1000
+
+
+def test_codes_as_they_are_drawn_are_read():
+    for code in codes.TEXTS:
+        picture = codes.drawn(code, 2, 256)
+        photo = (255 * picture).byte().permute(1, 2, 0).contiguous().numpy()
+        readers = [name for name in codes.READERS if (name, code) != ("OpenCV", "Data Matrix")]
+        assert all(codes.READERS[name](code, photo) for name in readers), code
+        blank = np.full_like(photo, 255)
+        assert not any(codes.READERS[name](code, blank) for name in readers)
+    assert codes.drawn("QR", 8, 128) is None

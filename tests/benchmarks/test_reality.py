@@ -13,7 +13,7 @@ from PIL import Image
 
 from benchmarks import told_apart
 from moireaug import Scene
-from training.calibration.crops import Crops, photograph_crops
+from training.calibration.compare import Crops, photograph_crops
 
 ROOT = Path(__file__).resolve().parents[2]
 EFFORT = told_apart.Effort(steps=80, batch=10, side=32, judged=64)

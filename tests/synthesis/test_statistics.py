@@ -9,7 +9,7 @@ import torch
 from moireaug import Scene, capture
 from moireaug.synthesis.twins import without_moire
 from training.photographs.spectra import peaks, spectrum
-from training.photographs.statistics import BANDS, STATISTICS, compare, measure, span
+from training.photographs.statistics import BANDS, STATISTICS, compare, measure, percentiles
 from training.photographs.tone import ColourMap, psnr
 
 SIDE = 192
@@ -168,7 +168,7 @@ def test_numbers_are_compared_by_their_ratio_where_they_are_large():
     assert compare(4.0, 8.0, chroma) == pytest.approx(math.log(2), abs=0.01)
     assert compare(8.0, 4.0, chroma) == pytest.approx(-math.log(2), abs=0.01)
     assert compare(0.0, 0.01, chroma) == pytest.approx(0.04, rel=0.01)
-    assert span(range(101)) == (10, 50, 90)
+    assert percentiles(range(101)) == (10, 50, 90)
 
 
 def test_a_window_of_nothing_has_no_peaks():

@@ -91,7 +91,7 @@ def _run(args, cwd, said, ranks, signal_at):
 
 
 def _signal_at(epoch, number):
-    from training.trainer.checkpoints import AtomicCheckpointIO
+    from training.trainer.make import AtomicCheckpointIO
 
     save = AtomicCheckpointIO.save_checkpoint
 

@@ -12,7 +12,7 @@ from training.config.settings import settings_of, with_values
 from training.demoireing.schema import DemoireConfig
 
 SCHEMAS = (ReattackConfig, DemoireConfig)
-BOUNDED = [key for key, one in settings_of(Config).items() if one.facts.bounds]
+BOUNDED = [key for key, one in settings_of(Config).items() if one.bounds]
 UNBOUNDED = {"demoire.width"}  # the networks check it
 
 
@@ -20,12 +20,12 @@ def test_every_number_of_the_settings_has_bounds():
     for schema in SCHEMAS:
         for key, one in settings_of(schema).items():
             is_number = one.type in (int, float, int | None, float | None)
-            assert is_number == bool(one.facts.bounds) or key in UNBOUNDED, key
+            assert is_number == bool(one.bounds) or key in UNBOUNDED, key
 
 
 def test_every_setting_says_what_it_is():
     for schema in SCHEMAS:
-        assert all(one.facts.help for one in settings_of(schema).values())
+        assert all(one.help for one in settings_of(schema).values())
 
 
 def test_every_default_and_recipe_is_within_them():
@@ -37,7 +37,7 @@ def test_every_default_and_recipe_is_within_them():
 
 @pytest.mark.parametrize("key", BOUNDED)
 def test_a_number_beyond_its_bounds_is_refused(key):
-    low, high = settings_of(Config)[key].facts.bounds
+    low, high = settings_of(Config)[key].bounds
     tried = [low - 1, float("nan"), float("inf")] + ([] if high is None else [high * 1.01 + 1])
     for value in tried:
         with pytest.raises(

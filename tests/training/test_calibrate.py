@@ -10,8 +10,13 @@ from PIL import Image
 from moireaug import Develop, Scene, Sensor, View
 from tests.training.screens import PLAIN, picture
 from training import calibrate
-from training.calibration.compare import compare_statistics, mean_distance, measure_crops
-from training.calibration.crops import cut_crops, photograph_crops
+from training.calibration.compare import (
+    compare_statistics,
+    cut_crops,
+    mean_distance,
+    measure_crops,
+    photograph_crops,
+)
 from training.config import scenes
 from training.data.real_pairs import find_pairs, read_pairs
 from training.photographs.statistics import STATISTICS

@@ -10,11 +10,14 @@ from moireaug import Lens, Panel, Scene, Sensor
 from tests.training.screens import PLAIN, picture
 from training import calibrate
 from training.calibration import fit as fitting
-from training.calibration import ranges
-from training.calibration.compare import compare_statistics, mean_distance, measure_crops
-from training.calibration.crops import Crops, photograph_crops
-from training.calibration.fit import fit
-from training.calibration.ranges import SearchedField
+from training.calibration.compare import (
+    Crops,
+    compare_statistics,
+    mean_distance,
+    measure_crops,
+    photograph_crops,
+)
+from training.calibration.fit import SearchedField, fit
 from training.config import scenes
 
 
@@ -35,6 +38,7 @@ def hidden():
     return measured(replace(PLAIN, lens=Lens(blur=(0.7, 0.8)), sensor=sensor))
 
 
+DECODE, FIELDS_TO_SEARCH = fitting.decode, fitting.fields_to_search  # as they are
 SEARCHED = (SearchedField("lens.blur", 0.2, 1.2), SearchedField("sensor.gain", 1.0, 5.0))
 START = replace(PLAIN, sensor=Sensor(scale=2.0, gain=(1.6, 2.0)))
 
@@ -71,7 +75,7 @@ def test_an_interrupted_fit_keeps_the_best(hidden, monkeypatch):
         points.append(point)
         if len(points) > 9:
             raise KeyboardInterrupt
-        return ranges.decode(start, limits, point)
+        return DECODE(start, limits, point)
 
     monkeypatch.setattr(fitting, "decode", interrupt)
     found = fit(START, crops, real, 1000, math.inf, 0)
@@ -97,11 +101,11 @@ def test_a_scene_that_overfits_the_search_is_not_taken(monkeypatch, hidden, caps
 def test_every_searched_field_is_a_range_of_a_scene():
     for name in ("screen_photo", "dashcam_at_led_sign", "paper"):
         scene = Scene.preset(name)
-        limits = tuple(ranges.widen(scene, one) for one in ranges.fields_to_search(scene))
-        again = ranges.decode(scene, limits, ranges.encode(scene, limits))
+        limits = tuple(fitting.widen(scene, one) for one in FIELDS_TO_SEARCH(scene))
+        again = fitting.decode(scene, limits, fitting.encode(scene, limits))
         for field, low, high in limits:
-            wanted = pytest.approx(ranges.range_of(scene, field), abs=0.021 * (high - low))
-            assert ranges.range_of(again, field) == wanted, field
+            wanted = pytest.approx(fitting.range_of(scene, field), abs=0.021 * (high - low))
+            assert fitting.range_of(again, field) == wanted, field
 
 
 def test_a_screen_is_searched_by_its_width_and_pitch():
@@ -115,14 +119,14 @@ def test_a_screen_is_searched_by_its_width_and_pitch():
         (Scene.preset("paper"), ["panel.scale"]),
     ]
     for scene, fields in given:
-        searched = ranges.fields_to_search(scene)
+        searched = FIELDS_TO_SEARCH(scene)
         assert [one.field for one in searched[: len(fields)]] == fields
-        assert searched[len(fields) :] == ranges.CAMERA_FIELDS
-        limits = tuple(ranges.widen(scene, one) for one in searched)
+        assert searched[len(fields) :] == fitting.CAMERA_FIELDS
+        limits = tuple(fitting.widen(scene, one) for one in searched)
         for share in (0.02, 0.5, 0.98):  # no point of the search is refused for its size
-            point = ranges.encode(scene, limits)
+            point = fitting.encode(scene, limits)
             point[: 2 * len(fields)] = share
-            assert ranges.decode(scene, limits, point) is not None
+            assert fitting.decode(scene, limits, point) is not None
 
 
 def test_a_fit_finds_how_large_a_picture_was_shown(monkeypatch):
@@ -152,7 +156,7 @@ def test_a_fits_distance_is_that_of_the_written_scene(hidden, monkeypatch):
 def test_rounding_leaves_every_range_its_width():
     """Without width a range draws nothing, and shifts all other draws."""
     scene = replace(START, lens=Lens(blur=(0.75, 0.7500008)), sensor=Sensor(gain=(1.23456, 2.0)))
-    found = ranges.rounded(scene, SEARCHED)
+    found = fitting.round_ranges(scene, SEARCHED)
     assert found.lens.blur == (0.75, 0.7500008) and found.sensor.gain == (1.235, 2.0)
 
 

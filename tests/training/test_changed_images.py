@@ -13,6 +13,7 @@ from training.data.load import load
 from training.models import classifiers as models
 from training.recipe import phases
 from training.runs import resume
+from training.runs.identity import Origin
 from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -57,11 +58,8 @@ def test_no_run_goes_on_with_other_weights_classes_or_files(tmp_path, settings, 
     cfg, baseline = (configured(f"recipe={name}", *given) for name in ("clean", "baseline"))
     run, _ = train(cfg)
 
-    def differences():
-        splits = load(cfg.data)
-        return resume.weights_difference(run), resume.data_difference(
-            run, splits.files, splits.classes
-        )
+    def difference():
+        return resume.origin_difference(run, Origin.of(cfg.weights, load(cfg.data)))
 
     def refused(message):
         with pytest.raises(ValueError, match=message):
@@ -72,16 +70,16 @@ def test_no_run_goes_on_with_other_weights_classes_or_files(tmp_path, settings, 
         said = f"The start cannot be reused and is trained again: {because}"
         assert said in capsys.readouterr().out
 
-    assert differences() == (None, None)
+    assert difference() is None
     (images / "train/red/0.png").rename(images / "train/red/24.png")
     refused("cannot go on: the files that it was trained on are not")
     (images / "train/red/24.png").rename(images / "train/red/0.png")
-    assert differences() == (None, None)
+    assert difference() is None
     overwrite()
     refused(r"weights\.pt no longer holds the weights that it began")
     start_is_trained_again(f"{weights} no longer holds the weights")
     weights.rename(tmp_path / "elsewhere")  # a finished run needs it no more
-    assert differences() == (None, None)
+    assert difference() is None
     for half in ("train", "test"):
         (images / half / "blue").rename(images / half / "green")
     refused("cannot go on: it was trained on other classes")

@@ -8,8 +8,8 @@ import pytest
 
 from tests.training.small import configured
 from training.config.command_line import check_keys, quote_paths
+from training.config.commands import parse
 from training.config.compose import recipe_files
-from training.config.plain import parse
 from training.config.schema import Config, ReattackConfig
 from training.demoireing import clean
 
@@ -97,8 +97,16 @@ def test_what_to_train_must_be_said():
         assert listed == [path.stem for path in recipe_files()], "with a line each"
     for given in (["--help"], ["--cfg", "job"], ["-c", "job", "seed=1"], ["--info", "defaults"]):
         check_keys(given, Config)
-    check_keys(["-m", "recipe=baseline,clean", "--config-dir", "DIR"], Config)
     check_keys(["seed=1"], ReattackConfig)
+
+
+def test_a_folder_of_configurations_must_be_there(tmp_path):
+    """Hydra would pass over one that is not."""
+    for flag in ([f"--config-dir={tmp_path}"], ["--config-dir", str(tmp_path)]):
+        check_keys(["-m", "recipe=baseline,clean", *flag], Config)
+    for flag in (["--config-dir=gone"], ["--config-dir", "gone"], ["-cd", "gone"]):
+        with pytest.raises(SystemExit, match="error: --config-dir gone: there is no such folder"):
+            check_keys(["recipe=clean", *flag], Config)
 
 
 def test_a_recipe_is_not_given_to_an_attack():

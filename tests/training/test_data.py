@@ -10,11 +10,11 @@ from torch.utils.data import TensorDataset
 
 from tests.training.small import configured
 from training import fit
-from training.config.data_sets import Data
+from training.config.schema import Data
 from training.data import image_sets, signs
 from training.data.batches import Batches
 from training.data.load import load, require_training_images
-from training.system.locks import locked
+from training.system.files import locked
 
 
 @pytest.fixture

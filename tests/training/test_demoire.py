@@ -11,7 +11,7 @@ from PIL import Image, ImageOps
 from moireaug.defenses import demoire
 from training import demoire as command
 from training.demoireing import clean as cleaning
-from training.demoireing.starting import start_as_identity
+from training.demoireing.train import start_as_identity
 
 
 @pytest.fixture(scope="module")

@@ -25,10 +25,10 @@ from training.demoireing import fit as demoireing
 from training.demoireing import testing
 from training.demoireing.batches import PairNumbers
 from training.demoireing.clean import clean_codes
-from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.module import Demoireing
 from training.demoireing.pairs import SimulatedPairs, tone_to
-from training.demoireing.starting import start_as_identity
+from training.demoireing.testing import fidelity_scores
+from training.demoireing.train import start_as_identity
 from training.runs.run import Run
 from training.system.files import read_checkpoint, read_metrics
 from training.trainer import ranks

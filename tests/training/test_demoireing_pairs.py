@@ -20,7 +20,7 @@ from training.demoireing.pairs import (
     SimulatedPairs,
     TurnedPairs,
     as_jpeg,
-    enlarged,
+    enlarge_scene,
     shrink,
     training_scenes,
 )
@@ -62,14 +62,14 @@ def test_a_picture_of_more_pixels_shows_the_same_part_of_the_screen():
         for name in ("phone_at_monitor", "dashcam_at_led_sign")
     )
     for scene in (crop, thing):
-        large = enlarged(scene, 2)
+        large = enlarge_scene(scene, 2)
         shots = [
             one.sample(4, size, torch.Generator().manual_seed(0))
             for one, size in ((scene, (32, 32)), (large, (64, 64)))
         ]
         assert torch.allclose(shots[0].panel_scale, 2 * shots[1].panel_scale)
         assert torch.allclose(shots[0].sensor_scale, 2 * shots[1].sensor_scale)
-    assert enlarged(Scene.preset("phone_at_monitor"), 3) == Scene.preset("phone_at_monitor")
+    assert enlarge_scene(Scene.preset("phone_at_monitor"), 3) == Scene.preset("phone_at_monitor")
 
 
 def test_a_clean_target_has_no_noise_and_a_twin_has():

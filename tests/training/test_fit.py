@@ -14,7 +14,7 @@ from training.attack.results import run_metrics, with_baseline
 from training.data import signs
 from training.data.load import load
 from training.recipe import phases
-from training.runs import reuse, trained
+from training.runs import trained
 from training.runs.run import Run, baseline_of, start_of
 from training.system import machine
 from training.system.files import read_metrics
@@ -194,10 +194,10 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
 
 def test_a_baseline_of_other_settings_is_not_attacked(copied, capsys):
     run = trained.read(copied / "moire_at/seed0")
-    assert reuse.read_baseline_of(run).cfg.recipe == "baseline"
+    assert trained.read_baseline_of(run).cfg.recipe == "baseline"
     path = copied / "baseline/seed0/config.yaml"
     path.write_text(path.read_text().replace("epochs: 2", "epochs: 3"))
-    assert reuse.read_baseline_of(run) is None
+    assert trained.read_baseline_of(run) is None
     assert "no baseline is attacked beside this run" in capsys.readouterr().out
 
 
@@ -206,7 +206,9 @@ def test_an_interrupted_start_is_resumed_before_its_recipe(tmp_path, monkeypatch
     cfg = configured(*given)
     train(start_of(Run(cfg)).config)
     seen = []
-    monkeypatch.setattr(fit, "complete", lambda run, splits, *plain: seen.extend(plain[:2]))
+    monkeypatch.setattr(
+        phases, "train_and_report", lambda run, splits, *plain: seen.extend(plain[:2])
+    )
     fit.fit(cfg)
     assert "Training is complete: the weights are read from" in capsys.readouterr().out
     assert [run.recipe for run in seen] == ["clean", "baseline"]

@@ -12,7 +12,7 @@ from training import fit
 from training.attack.results import run_metrics
 from training.classifier.train import train_model
 from training.comparison.frame import read
-from training.config import overrides
+from training.config.command_line import command_line
 from training.data.load import load
 from training.recipe import phases
 from training.runs import resume
@@ -87,7 +87,7 @@ def test_a_command_line_gives_the_settings_back():
     several = ["trainer.precision=bf16-mixed", "train.batch_statistics=true", "seed=3"]
     for given in (["recipe=moire_at", *folder, *several], ["recipe=moire_fast", *scene]):
         cfg = configured(*given)
-        assert configured(*overrides.command_line(cfg)) == cfg
+        assert configured(*command_line(cfg)) == cfg
 
 
 def test_a_setting_that_cannot_be_used_moves_no_run(tmp_path):

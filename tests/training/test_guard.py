@@ -58,13 +58,14 @@ def trained(tmp_path, monkeypatch, accuracies, *overrides):
     best = ModelCheckpoint(
         tmp_path, "best", monitor="val_score", mode="max", enable_version_counter=False
     )
+    undo = guard.CollapseGuard(tmp_path / "best.ckpt")
     quiet = dict.fromkeys(("logger", "enable_model_summary", "enable_progress_bar"), False)
     trainer = L.Trainer(
         max_epochs=3,
         accelerator="cpu",
         num_sanity_val_steps=0,
         use_distributed_sampler=False,
-        callbacks=[EMAWeightAveraging(decay=0.5), best, guard.Guard(tmp_path / "best.ckpt"), seen],
+        callbacks=[EMAWeightAveraging(decay=0.5), best, undo, seen],
         **quiet,
     )
     trainer.fit(model, Batches(load(cfg.data), cfg.train.batch_size, workers=0, seed=cfg.seed))

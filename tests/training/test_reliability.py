@@ -26,7 +26,7 @@ from training.classifier.tuning import tuning_of
 from training.recipe import phases
 from training.runs import resume
 from training.runs.run import Run
-from training.trainer import checkpoints
+from training.trainer import make
 from training.trainer.make import EpochLines
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -105,7 +105,7 @@ def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight
 
 def test_a_file_size_limit_leaves_no_half_written_file(tmp_path):
     """The kernel itself refuses to write on."""
-    path, io = tmp_path / "last.ckpt", checkpoints.AtomicCheckpointIO()
+    path, io = tmp_path / "last.ckpt", make.AtomicCheckpointIO()
     io.save_checkpoint({"state": torch.zeros(10)}, path)
     _, hard = limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, hard))
@@ -221,7 +221,7 @@ def test_a_moved_folder_knows_its_best_score(tmp_path):
         new.load_state_dict(old.state_dict())
         return new.best_k_models
 
-    kept = after(checkpoints.RunCheckpoint, "best")
+    kept = after(make.RunCheckpoint, "best")
     assert kept == {str(tmp_path / "b/best.ckpt"): torch.tensor(0.9)}
     assert after(ModelCheckpoint) == {}, (
         "Lightning can do this by itself now: drop RunCheckpoint.load_state_dict"

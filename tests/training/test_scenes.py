@@ -14,7 +14,7 @@ from training.classifier.adversaries import TrainingAdversary
 from training.comparison import comparable
 from training.config import scenes
 from training.config.checks import check_classifier
-from training.config.overrides import command_line
+from training.config.command_line import command_line
 from training.config.schema import Adversary
 from training.runs import trained
 

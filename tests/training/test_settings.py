@@ -11,12 +11,12 @@ from training import fit, reattack
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of, seed_of_draws, trainer_of
 from training.classifier.tuning import tuning_of
-from training.config.data_sets import Data
-from training.config.overrides import command_line
-from training.config.schema import Train, Trainer
+from training.config.command_line import command_line
+from training.config.schema import Data, Train, Trainer
 from training.config.settings import with_absolute_paths
 from training.data.augmentation import augment
 from training.data.load import load
+from training.recipe import phases
 from training.runs.identity import result_settings
 from training.runs.run import Run
 from training.system import machine
@@ -52,7 +52,7 @@ def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
 
 
 def test_a_wrong_model_is_found_before_the_data_are_made(monkeypatch, tmp_path):
-    monkeypatch.setattr(fit, "load", lambda cfg: pytest.fail("time was spent"))
+    monkeypatch.setattr(phases, "load", lambda cfg: pytest.fail("time was spent"))
     cfg = configured("recipe=clean", "model=resnet19", f"runs={tmp_path}")
     with pytest.raises(ValueError, match=r"no model named 'resnet19'.*resnet18"):
         fit.fit(cfg)

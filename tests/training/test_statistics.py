@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from moireaug.evaluation import wilson
-from training.comparison.statistics import bootstrap
+from training.comparison.summaries import bootstrap
 
 
 def two_way(rng, seeds, images, between):

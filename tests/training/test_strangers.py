@@ -12,8 +12,8 @@ from tests.training import frontier_runs
 from tests.training.forked import Command
 from tests.training.small import TINY, configured
 from tests.training.strangers import attack, put
-from training.config import overrides
-from training.runs import reuse, trained
+from training.config import checks
+from training.runs import trained
 from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -79,7 +79,7 @@ def test_options_that_act_come_from_the_command_line_alone(tmp_path):
     folder = put(tmp_path, *own)
     given = [f"run={folder}", "suite=defences", "demoire=torch:relu", "reattack.n=3"]
     assert trained.read(folder).cfg.data.download is False  # as the explorer reads it
-    cfg = overrides.merge_run_settings(
+    cfg = checks.merge_run_settings(
         trained.read(folder).cfg, configured(*given, name="reattack"), given
     )
     assert (cfg.demoire, cfg.suite, cfg.targets) == ("torch:relu", "defences", None)
@@ -117,7 +117,7 @@ def test_no_baseline_is_attacked_whose_checkpoint_is_not_tensors(tmp_path, capsy
     again = f"python training/fit.py recipe=baseline 'runs='\"'\"'{tmp_path}'\"'\"''"
     for content in (Bomb(tmp_path / "burst"), *NO_WEIGHTS):
         torch.save(content, bad / "best.ckpt")
-        assert reuse.read_baseline_of(trained.read(run)) is None
+        assert trained.read_baseline_of(trained.read(run)) is None
         said = capsys.readouterr().out
         assert "no baseline is attacked beside this run" in said
         assert again in said and "resume=false" in said

@@ -18,8 +18,7 @@ from training.attack.subject import subject_of_weights
 from training.attack.suites import networks_of
 from training.config.command_line import check_keys
 from training.config.schema import Reattack, ReattackConfig
-from training.data.eval_batches import EvalBatches
-from training.data.splits import Splits
+from training.data.splits import EvalBatches, Splits
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 

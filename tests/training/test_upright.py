@@ -11,7 +11,7 @@ from moireaug.synthesis import Pairs
 from training.data.image_sets import UprightFolder
 from training.data.real_pairs import PairFiles, read_codes, read_pairs, require_one_size
 from training.demoireing import clean as cleaning
-from training.demoireing.starting import start_as_identity
+from training.demoireing.train import start_as_identity
 from training.explorer import photo
 
 SIDE = 16

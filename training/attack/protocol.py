@@ -1,7 +1,5 @@
 """Attack a model with a suite: the protocol, the jobs that are left, and the results."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterable
@@ -23,8 +21,7 @@ from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
 from training.config.scenes import scene_of
 from training.config.schema import Config, Reattack
-from training.data.eval_batches import EvalBatches
-from training.data.splits import Splits
+from training.data.splits import EvalBatches, Splits
 from training.report.published import with_paper
 from training.runs.trained import TrainedRun
 from training.system import machine
@@ -37,9 +34,6 @@ class Protocol(NamedTuple):
     """How every model of a comparison is attacked.
 
     Args:
-        batches: test images.
-        scene: scene in which they are photographed.
-        settings: strength of the attacks.
         lpips: network that measures LPIPS; None for none.
         shrink: that of the scene, for a suite's other scenes; None where images are whole photos.
     """
@@ -75,7 +69,6 @@ class AttackResult:
     """The results of a suite on one model.
 
     Args:
-        tables: tables of the suite.
         cells: rates of these tables, one row per cell.
         checks: metrics `trust`, the checks of whether the figures can be trusted, and `trust_n`,
             their number of images; empty without checks.
@@ -95,9 +88,6 @@ class SuiteAttack:
 
     Args:
         model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).
-        suite: name of the suite.
-        protocol: protocol of the attack.
-        records: folder of the records of finished jobs.
         config: configuration of the suite; None is the protocol's.
         check: whether to check that the figures can be trusted.
     """
@@ -136,13 +126,7 @@ class SuiteAttack:
         self.seconds: dict[str, float] = {}
 
     def run(self, title: str, rank: int = 0, world: int = 1) -> None:
-        """Do this process's share of the jobs that are left: every `world`-th batch.
-
-        Args:
-            title: name of the model, for the progress bar.
-            rank: number of this process, from 0.
-            world: number of processes.
-        """
+        """Do this process's share of the jobs that are left: every `world`-th batch."""
         with self.records:
             for phase, (jobs, all_indices) in self.phases.items():
                 start = time.perf_counter()
@@ -155,11 +139,7 @@ class SuiteAttack:
                 self.seconds[phase] = time.perf_counter() - start
 
     def results(self) -> AttackResult:
-        """Return the rates and checks, from the records of all processes.
-
-        Raises:
-            ValueError: records are missing, because another process did not finish.
-        """
+        """Return the rates and checks, from the records of all processes."""
         self.records.read()
         require_all_records(self.runner, self.phases.values())
         images = images_frame(self.tables, self.runner, self.all_batches)
@@ -182,12 +162,7 @@ class SuiteAttack:
 def attack(
     model: nn.Module, protocol: Protocol, records: Path, title: str, *, check: bool = True
 ) -> AttackResult:
-    """Attack a model with the ladder; records that are there are not computed again.
-
-    Args:
-        model, protocol, records, check: arguments of `SuiteAttack`.
-        title: name of the model, for the progress bar.
-    """
+    """Attack a model with the ladder; records that are there are not computed again."""
     ladder = SuiteAttack(model, "ladder", protocol, records, check=check)
     ladder.run(title)
     return ladder.results()
@@ -203,11 +178,7 @@ def attack_run(
 
 
 def require_all_records(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> None:
-    """Check that no records are missing.
-
-    Raises:
-        ValueError: some are; says how many, and what to do.
-    """
+    """Check that no records are missing."""
     missing = total = 0
     for jobs, indices in phases:
         missing += runner.missing(jobs, indices)

@@ -1,8 +1,6 @@
 """The results of an attack as metrics, beside those of the runs that it is compared with; and their
 reports."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +26,7 @@ from training.system import machine
 
 def ladder_metrics(result: AttackResult) -> dict[str, Any]:
     """Return the fields of `RunMetrics` that a ladder fills."""
-    rows, outcomes = [], {}
+    rows, correct = [], {}
     headline = main_attack(result.tables[0]).name
     for cell in result.cells.to_dict("records"):
         row = {"name": cell["row"], "headline": cell["row"] == headline}
@@ -43,44 +41,34 @@ def ladder_metrics(result: AttackResult) -> dict[str, Any]:
             if not pd.isna(cell[name]):
                 row[name] = cell[name]
         rows.append(row)
-        outcomes[cell["row"]] = cell["outcomes"]
+        correct[cell["row"]] = cell["outcomes"]
     return {
         "clean_accuracy": rows[0]["accuracy"],
         "reattack": rows,
-        "correct": outcomes,
+        "correct": correct,
         "identity": result.runner.model_identity,
         **result.checks,
     }
 
 
 def run_metrics(cfg: Config, train: TrainCost | None, start: PlainMetrics | None) -> RunMetrics:
-    """Return the metrics of a run that is not attacked yet, nor compared.
-
-    Args:
-        cfg: settings of the run.
-        train: cost of its training; None where it was not trained here.
-        start: metrics of the run whose weights it started from.
-    """
+    """Return the metrics of a run that is not attacked yet, nor compared."""
     return RunMetrics(
-        **run_facts(cfg), train=train, start=start, baseline=None, gain={}, gain_interval={}
+        **metrics_of(cfg), train=train, start=start, baseline=None, gain={}, gain_interval={}
     )
 
 
 def with_baseline(
     metrics: RunMetrics, baseline: PlainMetrics, ladder: Mapping[str, Any]
 ) -> RunMetrics:
-    """Return the metrics of an attacked run with those of its baseline, and its gain over it.
-
-    Args:
-        ladder: metrics of the baseline's ladder.
-    """
+    """Return the metrics of an attacked run with those of its baseline, and its gain over it."""
     attacked = replace(
         baseline, clean_accuracy=ladder["clean_accuracy"], reattack=ladder["reattack"]
     )
     return replace(metrics, baseline=attacked, **gains(metrics.correct or {}, ladder["correct"]))
 
 
-def run_facts(cfg: Config) -> dict[str, Any]:
+def metrics_of(cfg: Config) -> dict[str, Any]:
     """Return the fields of `Metrics` that need no attack: settings, scene, machine and command."""
     scene, settings = scene_of(cfg), result_settings(cfg)
     size = cfg.data.size, cfg.data.size
@@ -112,12 +100,12 @@ def gains(ours: Mapping[str, str], theirs: Mapping[str, str]) -> dict[str, Any]:
     gain, interval = {}, {}
     for name in ours:
         if name in theirs:
-            gain[name], low, high = paired_gain(_outcomes(ours[name]), _outcomes(theirs[name]))
+            gain[name], low, high = paired_gain(_is_correct(ours[name]), _is_correct(theirs[name]))
             interval[name] = [low, high]
     return {"gain": gain, "gain_interval": interval}
 
 
-def _outcomes(text: str) -> torch.Tensor:
+def _is_correct(text: str) -> torch.Tensor:
     return torch.tensor([outcome == "1" for outcome in text], device="cpu")
 
 
@@ -132,10 +120,8 @@ def publish(
     summary; return the metrics.
 
     Args:
-        out: folder of the report.
         metrics: metrics of the run, without those of the attack.
         results: results of the ladder by recipe: the run's own come first, then its baseline's.
-        classes: names of the classes.
         baseline: metrics of the baseline, without those of the attack; None for none.
     """
     own_result = next(iter(results.values()))
@@ -161,7 +147,7 @@ def publish_suite(cfg: ReattackConfig, subject: Subject, result: AttackResult) -
         columns = cells.drop(columns="table").astype(object)
         tables[str(name)] = columns.where(columns.notna(), None).to_dict("records")
     metrics = SuiteMetrics(
-        **run_facts(cfg),
+        **metrics_of(cfg),
         **result.checks,
         suite=cfg.suite,
         n=protocol.batches.n,

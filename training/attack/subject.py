@@ -1,7 +1,5 @@
 """A trained classifier to attack: a run's, or one with given weights."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,10 +23,7 @@ class Subject(NamedTuple):
     """A classifier to attack.
 
     Args:
-        name: name of its results.
         model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).
-        splits: the data.
-        protocol: protocol of the attack.
         records: folder of the records of finished jobs.
         folder: folder of the results.
         seconds: time spent so far, by phase.
@@ -49,9 +44,6 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
     Args:
         home: folder of the records and the results: the run's own, or where that cannot be written
             another.
-
-    Raises:
-        ValueError: classes or images that are not the run's; a folder that cannot be written.
     """
     lpips = lpips_of(cfg)
     make_folder(home / "reattack")
@@ -63,21 +55,15 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
     start = time.perf_counter()
     splits = load(cfg.data)
     run.check_classes(splits, cfg.data)
-    model = run.model()
-    protocol = protocol_of(cfg, splits, lpips)
+    model, protocol = run.model(), protocol_of(cfg, splits, lpips)
     same_data = result_settings(cfg)["data"] == result_settings(run.cfg)["data"]
     name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
-    folder = home / "reattack" / name / cfg.suite
-    seconds = {"data": time.perf_counter() - start}
+    folder, seconds = home / "reattack" / name / cfg.suite, {"data": time.perf_counter() - start}
     return Subject(cfg.recipe, model, splits, protocol, home / "records", folder, seconds)
 
 
 def subject_of_weights(cfg: ReattackConfig) -> Subject:
-    """Return a named model with given weights.
-
-    Raises:
-        ValueError: no weights, or some that do not fit; images of another size than the model's.
-    """
+    """Return a named model with given weights."""
     if cfg.weights is None:
         raise ValueError(
             "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE "
@@ -93,17 +79,13 @@ def subject_of_weights(cfg: ReattackConfig) -> Subject:
     if cfg.data.class_index:
         splits = splits._replace(classes=class_names(cfg.model) or splits.classes)
     protocol = protocol_of(cfg, splits, lpips)
-    folder = home / protocol_name(cfg, protocol.batches.n, with_data=True) / cfg.suite
-    seconds = {"data": time.perf_counter() - start}
+    name = protocol_name(cfg, protocol.batches.n, with_data=True)
+    folder, seconds = home / name / cfg.suite, {"data": time.perf_counter() - start}
     return Subject(cfg.model, model, splits, protocol, home / "records", folder, seconds)
 
 
 def lpips_of(cfg: ReattackConfig) -> LPIPS | None:
-    """Return the network that measures LPIPS; None where no weights are given for it.
-
-    Raises:
-        ValueError: a file of other weights, or images that are too small for them.
-    """
+    """Return the network that measures LPIPS; None where no weights are given for it."""
     if cfg.lpips is None:
         return None
     lpips = LPIPS(cfg.lpips)
@@ -112,22 +94,16 @@ def lpips_of(cfg: ReattackConfig) -> LPIPS | None:
 
 
 def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
-    """Return the name of a folder for all attacks with these settings.
-
-    Args:
-        cfg: settings of the attack.
-        n: number of images.
-        with_data: whether the name includes the data set and the weights.
-    """
+    """Return the name of a folder for all attacks with these settings."""
     parts = [scene_name(cfg), f"n{n}", f"steps{cfg.reattack.steps}"]
-    settings, defaults = cfg.reattack, Reattack()
     changes: dict[str, Any] = {}
     for name in ("eps", "bound", "seed", "batch_size"):
-        if getattr(settings, name) != getattr(defaults, name):
-            changes[name] = getattr(settings, name)
+        value = getattr(cfg.reattack, name)
+        if value != getattr(Reattack, name):
+            changes[name] = value
     for name in ("targets", "networks", "demoire", "lpips"):
-        if getattr(cfg, name):
-            changes[name] = getattr(cfg, name)
+        if value := getattr(cfg, name):
+            changes[name] = value
     if with_data:
         parts.insert(0, group_of(cfg.data, Config.model) or cfg.data.name)
         changes |= {"data": result_settings(cfg)["data"], "weights": cfg.weights}

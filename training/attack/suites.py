@@ -25,8 +25,7 @@ from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.suites import OPTION_SUITES
 from training.attack.protocol import AttackResult, SuiteAttack
 from training.attack.subject import Subject
-from training.config.data_sets import Data
-from training.config.schema import ReattackConfig, Trainer
+from training.config.schema import Data, ReattackConfig, Trainer
 from training.data.splits import Splits
 from training.models.classifiers import as_model, model_names
 from training.runs.identity import fingerprint_of, result_settings
@@ -76,11 +75,7 @@ def fabric_of(trainer: Trainer) -> Fabric:
 
 
 def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> SuiteConfig:
-    """Return the configuration of the suite that these settings name.
-
-    Raises:
-        ValueError: a target or defence that cannot be loaded.
-    """
+    """Return the configuration of the suite that these settings name."""
     splits, protocol = subject.splits, subject.protocol
     targets: Mapping[str, nn.Module | None] = {}
     if cfg.suite in OPTION_SUITES["targets"]:
@@ -116,11 +111,7 @@ def targets_of(
     """Return the models that attacks transfer to, by name.
 
     Those are the given ones, by a file of weights or a run's folder; and with `class_index` the
-    paper's, None where no weights are given.
-
-    Raises:
-        ValueError: a target that is neither a model's name with weights nor a run.
-    """
+    paper's, None where no weights are given."""
     if targets is not None and not isinstance(targets, Mapping):
         raise ValueError(
             f"targets={targets!r} must be names with weights, as in targets='{{resnet18: FILE}}'."
@@ -164,11 +155,6 @@ def networks_of(networks: Any, device: torch.device) -> dict[str, ImageTransform
     Args:
         networks: folder of files FILE.pt, which name the networks; or a file of weights or a run's
             folder by name.
-        device: device of the networks.
-
-    Raises:
-        ValueError: no such file or folder, a file that is damaged or holds no network, or one
-            that is named after a network other than the one it holds.
     """
     places = networks
     if isinstance(networks, str):
@@ -197,11 +183,7 @@ def callable_of(name: str, device: torch.device) -> ImageTransform:
     """Import the callable `package.module:name`, as `python -c` in the working folder would.
 
     The working folder stays the first that is searched: a function may import more once it is
-    called.
-
-    Raises:
-        ValueError: nothing of that name, or nothing that can be called.
-    """
+    called."""
     module, _, attribute = name.partition(":")
     working_folder = os.getcwd()
     if sys.path[0] != working_folder:

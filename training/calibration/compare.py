@@ -1,20 +1,23 @@
-"""Statistics of real photos beside those of a scene's photos of the same crops."""
+"""Crops of real photos and of a scene's photos of the same originals; their statistics compared."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
+import numpy as np
+import torch
 from torch import Tensor
 
-from training.photographs.statistics import STATISTICS, Statistic, compare, measure, span
+from moireaug import Scene, capture
+from training.data.real_pairs import ScreenPhoto
+from training.photographs.statistics import STATISTICS, Statistic, compare, measure, percentiles
 from training.report.terminal import Grid, Part
 
 Rows = Sequence[Mapping[str, float]]
 Span = tuple[float, float, float]
 
 BATCH_CROPS = 16  # that are measured at a time
+PHOTO_BATCH_CROPS = 8  # that are photographed at a time
 
 
 @dataclass(frozen=True)
@@ -60,11 +63,11 @@ def compare_statistics(real: Rows, simulated: Rows | None) -> list[StatisticRow]
     """Return a row for every statistic of the real photos."""
     table = []
     for name in real[0]:
-        ours = span([row[name] for row in real])
+        ours = percentiles([row[name] for row in real])
         if simulated is None:
             table.append(StatisticRow(name, ours))
             continue
-        theirs = span([row[name] for row in simulated])
+        theirs = percentiles([row[name] for row in simulated])
         distance = None
         statistic = STATISTICS[name]
         if statistic.compared:
@@ -81,18 +84,12 @@ def mean_distance(table: Sequence[StatisticRow]) -> float:
     10th percentiles, medians and 90th percentiles of all compared statistics.
 
     0.7 is a factor of two. Values near zero count by their difference, see
-    `training.photographs.statistics.compare`.
-    """
+    `training.photographs.statistics.compare`."""
     return fmean(row.distance for row in table if row.distance is not None)
 
 
 def terminal_parts(table: Sequence[StatisticRow], name: str) -> list[Part]:
-    """Return the table for the terminal.
-
-    Args:
-        table: rows of all statistics.
-        name: name of the scene.
-    """
+    """Return the table for the terminal."""
     with_scene = table[0].simulated is not None
     heads = ["median (10 to 90 %)", "unit", "real"]
     if with_scene:
@@ -112,7 +109,7 @@ def terminal_parts(table: Sequence[StatisticRow], name: str) -> list[Part]:
 
 
 def span_text(values: Span | None) -> str:
-    """Return a median with its span."""
+    """Return a median with its percentiles."""
     if values is None:
         return ""
     low, median, high = (number_text(value) for value in values)
@@ -132,3 +129,64 @@ def number_text(value: float) -> str:
     if float(rounded) == 0:
         return rounded.lstrip("-")
     return rounded.replace("-", "−")
+
+
+@dataclass(frozen=True, eq=False)
+class Crops:
+    """Crops at the same places of photos and originals.
+
+    Args:
+        photos: (N, 3, S, S) uint8.
+        originals: (N, 3, S, S) uint8 of the originals; None where only photos are known.
+        picture: (N,) int64 index of each crop's picture.
+    """
+
+    photos: Tensor
+    originals: Tensor | None
+    picture: Tensor
+    names: tuple[str, ...]
+
+
+def cut_crops(pictures: Iterable[ScreenPhoto], side: int, each: int, seed: int = 0) -> Crops:
+    """Cut `each` square crops of `side` pixels out of every picture, at random places.
+
+    Args:
+        pictures: photos, all of them with originals, or none.
+    """
+    draw = np.random.default_rng(seed)
+    photos: list[Tensor] = []
+    originals: list[Tensor] = []
+    index: list[int] = []
+    names: list[str] = []
+    for name, photo, original in pictures:
+        height, width = photo.shape[-2:]
+        if min(height, width) < side:
+            raise ValueError(
+                f"{name} is {width} x {height} pixels, smaller than a crop of {side}: make the "
+                "crops smaller."
+            )
+        for _ in range(each):
+            y = int(draw.integers(0, height - side + 1))
+            x = int(draw.integers(0, width - side + 1))
+            # a view would keep the whole photo
+            photos.append(photo[:, y : y + side, x : x + side].clone())
+            index.append(len(names))
+            if original is not None:
+                originals.append(original[:, y : y + side, x : x + side].clone())
+        names.append(name)
+    both = torch.stack(originals) if originals else None
+    return Crops(torch.stack(photos), both, torch.tensor(index, device="cpu"), tuple(names))
+
+
+@torch.no_grad()
+def photograph_crops(scene: Scene, originals: Tensor, seed: int = 0) -> Tensor:
+    """Photograph crops (N, 3, S, S) uint8 in a scene; return the photos as 8-bit codes of the same
+    shape, as files hold them."""
+    generator = torch.Generator().manual_seed(seed)
+    height, width = originals.shape[-2:]
+    shot = scene.sample(len(originals), (height, width), generator)
+    photos = []
+    for start in range(0, len(originals), PHOTO_BATCH_CROPS):
+        rows = slice(start, start + PHOTO_BATCH_CROPS)
+        photos.append(capture(originals[rows].float() / 255, shot[rows]))
+    return (255 * torch.cat(photos)).round().clamp(0, 255).to(torch.uint8)

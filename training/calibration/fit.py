@@ -7,32 +7,129 @@ random numbers), so that the distance is a function of the ranges alone. A searc
 too: whether the scene has become better is judged on others.
 """
 
-from __future__ import annotations
-
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from moireaug import Scene
-from training.calibration.compare import Rows, compare_statistics, mean_distance, measure_crops
-from training.calibration.crops import Crops, photograph_crops
-from training.calibration.ranges import (
-    SearchedField,
-    decode,
-    encode,
-    fields_to_search,
-    range_of,
-    rounded,
-    widen,
+from moireaug.scene.by_name import with_values
+from moireaug.scene.fields import bounds
+from training.calibration.compare import (
+    Crops,
+    Rows,
+    compare_statistics,
+    mean_distance,
+    measure_crops,
+    photograph_crops,
 )
 
+# share of a field's limits: a range without width draws no number, and shifts others' draws
+MIN_WIDTH = 1e-6
 MAX_CROPS = 24  # of an evaluation
 INITIAL_STEP = 0.15  # of the search, as a share of each field's limits
 REFUSED_DISTANCE = 10.0  # of ranges that no scene can have
+
+
+class SearchedField(NamedTuple):
+    """A ranged field of a scene, "part.field", and the limits of its search."""
+
+    field: str
+    low: float
+    high: float
+
+
+# A new field takes one line. A scene whose own range is wider widens these limits. JPEG quality is
+# not searched: 0 is no JPEG and 1 the worst one, a jump that no search crosses.
+CAMERA_FIELDS = (
+    SearchedField("panel.lit", 0.3, 1.0),
+    SearchedField("panel.black", 0.0, 0.05),
+    SearchedField("panel.glare", 0.0, 0.2),
+    SearchedField("view.roll", -20.0, 20.0),
+    SearchedField("lens.blur", 0.2, 2.0),
+    SearchedField("lens.motion_x", -2.0, 2.0),
+    SearchedField("sensor.gain", 1.0, 6.0),
+    SearchedField("sensor.read_noise", 0.0, 0.03),
+    SearchedField("sensor.crosstalk", 0.0, 0.3),
+    SearchedField("develop.red", 0.7, 1.4),
+    SearchedField("develop.blue", 0.7, 1.4),
+    SearchedField("develop.saturation", 0.3, 1.6),
+    SearchedField("develop.shoulder", 0.0, 3.0),
+    SearchedField("develop.contrast", -0.5, 1.0),
+    SearchedField("develop.brighten", -0.1, 0.2),
+    SearchedField("develop.chroma_blur", 0.0, 3.0),
+    SearchedField("develop.sharpen", 0.0, 2.0),
+)
+# of a screen, where a scene states them; else the scale is searched
+SCREEN_FIELDS = (
+    SearchedField("panel.width", 64.0, 2500.0),
+    SearchedField("sensor.pitch", 1.0, 3.5),
+)
+SCALE_FIELD = SearchedField("panel.scale", 0.4, 2.0)
+
+
+def fields_to_search(scene: Scene) -> tuple[SearchedField, ...]:
+    """Return the fields of a scene to search. Width and pitch of a screen are ranges in a binned
+    reading alone."""
+    fields = [one for one in SCREEN_FIELDS if scene.is_binned and range_of(scene, one.field)[1]]
+    if not range_of(scene, "panel.width")[1]:
+        fields.append(SCALE_FIELD)
+    return (*fields, *CAMERA_FIELDS)
+
+
+def range_of(scene: Scene, field: str) -> tuple[float, float]:
+    """Return the range of a field, "part.field"."""
+    part, name = field.split(".")
+    return bounds(getattr(getattr(scene, part), name))
+
+
+def widen(scene: Scene, field: SearchedField) -> SearchedField:
+    """Return a field with limits that include a scene's own range of it."""
+    low, high = range_of(scene, field.field)
+    return SearchedField(field.field, min(low, field.low), max(high, field.high))
+
+
+def encode(scene: Scene, limits: Sequence[SearchedField]) -> NDArray[np.float64]:
+    """Return the ranges of F fields as 2 F numbers in [0, 1]: the low end and the width of each."""
+    numbers = []
+    for field, low, high in limits:
+        begin, end = range_of(scene, field)
+        numbers += [(begin - low) / (high - low), (end - begin) / (high - low)]
+    return np.clip(numbers, 0.01, 0.99)
+
+
+def decode(
+    scene: Scene, limits: Sequence[SearchedField], point: NDArray[np.float64]
+) -> Scene | None:
+    """Return the scene that these numbers encode; None if no scene can have its ranges."""
+    ranges = {}
+    for (field, low, high), (begin, width) in zip(limits, point.reshape(-1, 2), strict=True):
+        first = low + (high - low) * min(float(begin), 1 - MIN_WIDTH)
+        last = min(high, first + (high - low) * max(float(width), MIN_WIDTH))
+        ranges[field] = (first, last)
+    try:
+        decoded = with_values(scene, ranges)
+        decoded.plan()
+    except ValueError:
+        return None
+    return decoded
+
+
+def round_ranges(scene: Scene, limits: Sequence[SearchedField]) -> Scene:
+    """Return a scene with its searched ranges rounded to four digits; a range that would lose its
+    width, and with it its draws, stays."""
+    ranges = {}
+    for field, _, _ in limits:
+        first, last = range_of(scene, field)
+        low, high = float(f"{first:.4g}"), float(f"{last:.4g}")
+        if low < high:
+            ranges[field] = low, high
+    return with_values(scene, ranges)
 
 
 @dataclass(frozen=True)
@@ -40,14 +137,9 @@ class FittedScene:
     """The best scene of a search, and the cost of that.
 
     Args:
-        scene: best scene.
-        start: scene at the start.
         before, after: mean distances of both, see `compare.mean_distance`, on all crops, in shots
             that the search did not see.
         searched_before, searched_after: mean distances on the crops and shots of the search.
-        evaluations: number of evaluations.
-        seconds: time of the search.
-        searched: searched fields, with their limits.
     """
 
     scene: Scene
@@ -60,19 +152,14 @@ class FittedScene:
     seconds: float
     searched: tuple[SearchedField, ...]
 
-    def report_values(self) -> dict[str, Any]:
-        """Return the values of the report: a sentence, and a row for each field."""
+    def range_rows(self) -> list[dict[str, str]]:
+        """Return a row of the report for each field that was searched."""
         rows = []
         for field, low, high in self.searched:
-            rows.append(
-                {
-                    "field": field,
-                    "before": _range_text(range_of(self.start, field)),
-                    "after": _range_text(range_of(self.scene, field)),
-                    "within": f"{low:g} to {high:g}",
-                }
-            )
-        return {"lead": self.sentence(), "rows": rows}
+            before, after = (range_of(scene, field) for scene in (self.start, self.scene))
+            texts = {"before": _range_text(before), "after": _range_text(after)}
+            rows.append({"field": field, "within": f"{low:g} to {high:g}", **texts})
+        return rows
 
     def sentence(self) -> str:
         """Return the result as a sentence."""
@@ -87,26 +174,15 @@ class FittedScene:
 
 
 def fit(
-    start: Scene,
-    crops: Crops,
-    real: Rows,
-    evaluations: int,
-    seconds: float,
-    seed: int,
+    start: Scene, crops: Crops, real: Rows, evaluations: int, seconds: float, seed: int
 ) -> FittedScene:
     """Search the ranges of a scene, from its own on; Ctrl-C ends the search, and the best so far is
     judged.
 
     Args:
         start: scene to begin with; its other fields stay as they are.
-        crops: crops with originals.
-        real: statistics of each crop.
-        evaluations: greatest number of evaluations.
         seconds: time of the search, which ends with the generation that reaches it.
         seed: seed of the shots that judge. The search and its shots have the next one.
-
-    Raises:
-        ValueError: crops without originals.
 
     Returns:
         The best scene of the search, or `start` where that is no better in other shots.
@@ -147,7 +223,7 @@ def fit(
     except KeyboardInterrupt:
         print(f"fit: interrupted after {count} evaluations; the best so far is kept")
     if best is not start:
-        best = rounded(best, limits)
+        best = round_ranges(best, limits)
     before, after = (distance_to(scene, crops.originals, real, seed) for scene in (start, best))
     if after >= before:
         best, after = start, before

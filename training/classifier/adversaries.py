@@ -1,7 +1,5 @@
 """Adversaries of training by name, and their cost."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from torch import Tensor, nn
@@ -16,13 +14,7 @@ MIN_STRONG_STEPS = 3  # of the validation's attack, and of training once fewer h
 
 
 class TrainingAdversary:
-    """Photographs or attacks training images, by the settings `adversary.*`.
-
-    Args:
-        model: classifier in training.
-        scene: scene of the shots.
-        cfg: settings of the adversary.
-    """
+    """Photographs or attacks training images, by the settings `adversary.*`."""
 
     def __init__(self, model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> None:
         self.scene, self.cfg = scene, cfg
@@ -33,8 +25,6 @@ class TrainingAdversary:
         "none", photographed.
 
         Args:
-            images: (B, 3, H, W) in [0, 1].
-            labels: (B,) int64 classes.
             strength: share of eps that is in force, in [0, 1].
         """
         if self.attack is None:

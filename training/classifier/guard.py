@@ -1,7 +1,5 @@
 """Catastrophic overfitting of few-step adversarial training: detected on validation, undone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +8,15 @@ from lightning.pytorch.callbacks import WeightAveraging
 
 from training.classifier.module import Classifier
 from training.system.files import read_checkpoint
-from training.system.processes import say
+from training.system.processes import print_once
 
 
-class Guard(L.Callback):
+class CollapseGuard(L.Callback):
     """Restores the best epoch of a collapsed model, and continues with three steps.
 
     A model that learns against one step may learn to defeat that step alone (catastrophic
     overfitting, Wong et al., 2020): within an epoch its accuracy under more steps falls to nothing.
     The event is printed and kept in the run's history; the schedule of the learning rate continues.
-
-    Args:
-        best: file of the best checkpoint.
     """
 
     def __init__(self, best: Path) -> None:
@@ -49,7 +44,7 @@ class Guard(L.Callback):
 def _report(module: Classifier, consequence: str) -> None:
     *earlier, last = [row["perturbed"] for row in module.history]
     epoch = int(module.collapsed_at or 0) + 1
-    say(
+    print_once(
         f"\nCatastrophic overfitting in epoch {epoch}: accuracy under three steps fell to "
         f"{last:.0%} from {max(earlier):.0%}. {consequence}"
     )

@@ -42,19 +42,13 @@ class Classifier(L.LightningModule):
     Validation scores the mean of clean accuracy and accuracy under the recipe's own adversary, on
     draws that are the same in every epoch; an adversary of fewer than three steps is validated with
     three, so that a model that only defeats single steps (catastrophic overfitting) is noticed.
-    `guard.Guard` acts on it.
+    `guard.CollapseGuard` acts on it.
 
     Args:
         model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).
-        train: settings of the training.
-        adversary: settings of the adversary.
         scene: scene in which training images are photographed.
-        seed: seed of all random draws.
         augment: augmentation of the clean images, one of `AUGMENTATIONS`.
         fine: whether given weights are fine-tuned.
-
-    Raises:
-        ValueError: invalid settings of the adversary.
     """
 
     def __init__(
@@ -70,7 +64,8 @@ class Classifier(L.LightningModule):
     ) -> None:
         super().__init__()
         self.model, self.scene, self.seed = model, scene, seed
-        self.settings, self.threat, self.augment = train, adversary, augment
+        self.train_cfg, self.adversary_cfg = train, adversary
+        self.augment = augment
         if train.compile:
             self.model.compile()
         self.adversary = TrainingAdversary(model, scene, adversary)
@@ -93,8 +88,7 @@ class Classifier(L.LightningModule):
         """Switch the mode of all but batch normalisation with fixed statistics.
 
         Fine-tuning keeps the statistics of the given weights: few images give no better ones, and
-        published weights may have theirs folded into the convolutions.
-        """
+        published weights may have theirs folded into the convolutions."""
         super().train(mode)
         for module in self._fixed_normalisations:
             module.eval()
@@ -107,7 +101,7 @@ class Classifier(L.LightningModule):
     @property
     def has_few_steps(self) -> bool:
         """Return whether the model may learn to defeat only the few steps of its adversary."""
-        return self.threat.kind != "none" and self.threat.steps < MIN_STRONG_STEPS
+        return self.adversary_cfg.kind != "none" and self.adversary_cfg.steps < MIN_STRONG_STEPS
 
     @property
     def is_hardened(self) -> bool:
@@ -116,7 +110,7 @@ class Classifier(L.LightningModule):
     def harden(self, epoch: int) -> None:
         """Attack in three steps from now on: the model has collapsed in `epoch`."""
         self.collapsed_at = epoch
-        self.adversary = TrainingAdversary(self.model, self.scene, strengthen(self.threat))
+        self.adversary = TrainingAdversary(self.model, self.scene, strengthen(self.adversary_cfg))
 
     def on_train_epoch_start(self) -> None:
         self._loss, self._epoch_start = [], time.perf_counter()
@@ -152,8 +146,8 @@ class Classifier(L.LightningModule):
     def _attack_and_photograph(self, images: Tensor, labels: Tensor) -> Tensor:
         """Return the images of a batch with the first ones attacked, the next ones photographed and
         the rest clean; batches are shuffled, so that each part is random."""
-        n = round(self.threat.share * len(images))
-        end = round((self.threat.share + self.threat.natural) * len(images))
+        n = round(self.adversary_cfg.share * len(images))
+        end = round((self.adversary_cfg.share + self.adversary_cfg.natural) * len(images))
         attacked, photos, clean = images[:n], images[n:end], images[end:]
         if len(photos):
             photos = self.adversary.photograph(photos)
@@ -164,9 +158,9 @@ class Classifier(L.LightningModule):
     def _strength(self) -> float:
         """Return the share of eps in force, which rises linearly over `adversary.warmup`."""
         total = self.trainer.estimated_stepping_batches
-        if not self.threat.warmup:
+        if not self.adversary_cfg.warmup:
             return 1.0
-        return min(1.0, (self.global_step + 1) / (self.threat.warmup * total))
+        return min(1.0, (self.global_step + 1) / (self.adversary_cfg.warmup * total))
 
     def on_validation_epoch_start(self) -> None:
         self._training_seconds = time.perf_counter() - self._epoch_start
@@ -178,7 +172,7 @@ class Classifier(L.LightningModule):
         images, labels = batch
         images = images.float() / 255
         self._hits["clean"].append((predicted(self(images)) == labels).float())
-        if self.threat.kind != "none" or self.threat.natural:
+        if self.adversary_cfg.kind != "none" or self.adversary_cfg.natural:
             try:
                 perturbed = self.validation_adversary(images, labels)
             except NoAnswerError:  # no answer is wrong, attacked or not
@@ -211,7 +205,7 @@ class Classifier(L.LightningModule):
         return has_collapsed([float(row["perturbed"]) for row in history])
 
     def configure_optimizers(self) -> Any:
-        momentum = self.settings.momentum
+        momentum = self.train_cfg.momentum
         optimizer = make_optimizer(self.parameters(), self.tuning, momentum)
         # with five steps the warm-up would have length 0, which OneCycleLR divides by
         total = max(6, int(self.trainer.estimated_stepping_batches) + 1)

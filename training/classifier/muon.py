@@ -1,7 +1,5 @@
 """Muon: gradient descent whose step of a weight matrix is an orthogonal matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -25,7 +23,6 @@ class Muon(torch.optim.Optimizer):
     processor that does not multiply it.
 
     Args:
-        params: parameters of a model.
         lr: learning rate, about the singular values of a matrix's step, times sqrt(N / M) where it
             is taller (N) than wide (M). SGD has `sgd_lr` times that rate.
         momentum: Nesterov's momentum, in [0, 1).
@@ -90,8 +87,7 @@ def orthogonal(matrix: Tensor) -> Tensor:
     Gram matrix, so that all but the first and the last product are square, of the shorter side;
     half precision is computed in float32. The result is longer by sqrt(N / M) where N > M.
 
-    Source: Jordan et al. (2024), who apply the polynomial to the whole matrix.
-    """
+    Source: Jordan et al. (2024), who apply the polynomial to the whole matrix."""
     rows, columns = matrix.shape
     if rows > columns:
         return (rows / columns) ** 0.5 * orthogonal(matrix.mT).mT

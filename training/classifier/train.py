@@ -1,7 +1,5 @@
 """Training of one run: begun, resumed, or read back where it is complete."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,7 +9,7 @@ import lightning as L
 from moireaug.common.files import write_text
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes
-from training.classifier.guard import Guard
+from training.classifier.guard import CollapseGuard
 from training.classifier.module import Classifier
 from training.classifier.tuning import Tuning, weight_averaging
 from training.config.scenes import scene_of
@@ -19,26 +17,21 @@ from training.config.schema import Config, Trainer
 from training.data.batches import Batches, require_even
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side
+from training.runs.identity import Origin
 from training.runs.metrics import TrainCost
-from training.runs.reuse import read_trained
 from training.runs.run import Run, start_of
+from training.runs.trained import read_trained
 from training.system import machine
-from training.system.files import digest, read_checkpoint
+from training.system.files import read_checkpoint
 from training.system.messages import count_text
-from training.system.processes import is_first, say
+from training.system.processes import is_first, print_once
 from training.trainer import ranks
-from training.trainer.checkpoints import Origin, RunCheckpoint
-from training.trainer.make import make_trainer
+from training.trainer.make import OriginRecord, RunCheckpoint, make_trainer
 
 
 def try_out(run: Run[Config], splits: Splits) -> None:
     """Make the model and the trainer once, show the model a picture, and read an image of each
-    part, before any run is moved or any time is spent.
-
-    Raises:
-        ValueError: weights, a trainer's setting, a size of images, of a batch, or data that cannot
-            be used.
-    """
+    part, before any run is moved or any time is spent."""
     cfg = run.config
     if splits.num_classes < 2:
         raise ValueError(
@@ -46,7 +39,7 @@ def try_out(run: Run[Config], splits: Splits) -> None:
         )
     classifier = classifier_of(cfg, splits.num_classes)
     check_side(classifier.model, cfg.model, cfg.data.size)
-    origin = origin_of(cfg.weights, splits)
+    origin = Origin.of(cfg.weights, splits)
     trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, origin)
     require_even(cfg.train.batch_size, trainer.world_size)
     for part in (splits.train, splits.val, splits.test):
@@ -59,8 +52,6 @@ def train_model(
     """Train, and return the averaged weights that did best on validation, and the cost.
 
     Args:
-        run: settings and folder of the run.
-        splits: images of the run.
         start_cost: cost of the run whose weights it starts from, for the totals.
 
     Raises:
@@ -79,16 +70,16 @@ def train_model(
         run.write_settings()
     if resumes and (train := TrainCost.read(out)):
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
-        say(f"Training is complete: the weights are read from {best}.")
+        print_once(f"Training is complete: the weights are read from {best}.")
         return classifier.eval(), train
     start = start_of(run)
     if start and not resumes:
         classifier.model.load_state_dict(read_trained(start).state)
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
-    say(_plan_line(cfg, epochs, classifier.tuning.lr, start_cost))
+    print_once(_plan_line(cfg, epochs, classifier.tuning.lr, start_cost))
     history = read_checkpoint(last)["history"] if resumes else []
     if history:
-        say(f"Resuming from {last} after {count_text(len(history), 'epoch')}.")
+        print_once(f"Resuming from {last} after {count_text(len(history), 'epoch')}.")
     batches = Batches(
         splits,
         cfg.train.batch_size,
@@ -96,9 +87,8 @@ def train_model(
         seed=seed_of_draws(cfg),
         first_epoch=len(history),
     )
-    trainer = trainer_of(
-        cfg.trainer, classifier.tuning, epochs, out, origin_of(cfg.weights, splits)
-    )
+    origin = Origin.of(cfg.weights, splits)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin)
     best_checkpoint, wall_seconds = ranks.fit(trainer, classifier, batches, out)
     # an incomplete last batch is left out of an epoch
     epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
@@ -144,40 +134,24 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
     )
 
 
-def origin_of(weights: str | None, splits: Splits) -> Origin:
-    """Return the origin of checkpoints: their data and their file of weights."""
-    if weights is None or not Path(weights).is_file():  # random, or published by a name
-        return Origin(splits.files, splits.classes)
-    return Origin(splits.files, splits.classes, digest(weights))
-
-
 def seed_of_draws(cfg: Config) -> int:
     """Return the seed of the batches and of all draws in them.
 
     It is far from that of the start, whose epochs would be repeated otherwise: a sampler's order in
-    epoch e is that of seed + e.
-    """
+    epoch e is that of seed + e."""
     return mix_seeds(cfg.seed, int(cfg.train.init == "clean"), 0)
 
 
 def trainer_of(
     settings: Trainer, tuning: Tuning, epochs: int, out: Path, origin: Origin
 ) -> L.Trainer:
-    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder.
-
-    Args:
-        settings: settings of Lightning's trainer, passed on except for a precision of null.
-        tuning: tuning, of which the average of the weights and the clipping are used.
-        epochs: number of epochs.
-        out: folder of the run.
-        origin: origin that is written into the checkpoints.
-    """
+    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder."""
     callbacks = [
         weight_averaging(tuning),
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),
-        Guard(out / "best.ckpt"),
+        CollapseGuard(out / "best.ckpt"),
         RunCheckpoint(out, "last"),
-        origin,
+        OriginRecord(origin),
     ]
     trainer_settings = replace(
         settings, precision=machine.precision(settings.precision, settings.accelerator)

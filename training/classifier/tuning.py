@@ -1,7 +1,5 @@
 """Defaults of training that depend on its start: random weights, or given ones."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -23,8 +21,6 @@ class Tuning(NamedTuple):
 
     Args:
         fine: whether the weights of `weights=` are fine-tuned: then by SGD, else by Muon.
-        lr: peak learning rate of the schedule.
-        weight_decay: weight decay of the optimizer.
         clip: bound of the gradient's norm; None for none.
         ema: decay per step of the averaged weights.
         rising: whether that decay rises from zero over the first steps.
@@ -43,11 +39,7 @@ def tuning_of(train: Train, *, fine: bool) -> Tuning:
 
     From scratch: Muon, lr 0.02, weight decay 0.05, ema 0.98. Fine-tuning: SGD, lr 0.002 for a batch
     of 128, in proportion to the batch, weight decay 5e-4; gradients clipped to norm 1; and an
-    average whose decay rises to 0.98, so that it follows even a few steps.
-
-    Args:
-        fine: whether training starts from given weights.
-    """
+    average whose decay rises to 0.98, so that it follows even a few steps."""
     lr, weight_decay, ema = SCRATCH_LR, SCRATCH_DECAY, EMA
     if fine:
         lr, weight_decay = FINE_LR * train.batch_size / 128, FINE_DECAY

@@ -1,6 +1,5 @@
-"""Whether runs and their re-attacks can be compared: the settings that they must share."""
-
-from __future__ import annotations
+"""Whether runs and their re-attacks can be compared: the settings that they must share, and what a
+reader should not trust beside them."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -9,11 +8,12 @@ from typing import Any
 
 import pandas as pd
 
-from training.config.overrides import literal
+from training.config.command_line import literal
 from training.config.schema import Config
 from training.config.settings import settings_of
 from training.runs.metrics import Metrics, RunMetrics, SuiteMetrics
 from training.runs.run import PLAIN_RECIPES
+from training.system.messages import count_text
 
 Settings = dict[str, Any]
 Runs = Mapping[Path, RunMetrics]
@@ -21,28 +21,16 @@ Attacks = Mapping[Path, SuiteMetrics]
 
 
 def require_comparable(trained: Runs, attacked: Attacks) -> None:
-    """Refuse runs, seeds of one recipe or re-attacks of different settings.
-
-    Args:
-        trained: metrics of the runs, by their folders.
-        attacked: metrics of their re-attacks, by the same folders.
-
-    Raises:
-        ValueError: as `require_shared`.
-    """
-    runs: dict[Path, Settings] = {}
-    seeds: dict[str, dict[Path, Settings]] = {}
-    for folder, metrics in trained.items():
-        runs[folder] = run_settings(metrics)
-        seeds.setdefault(metrics.recipe, {})[folder] = recipe_settings(metrics)
-    require_shared(runs, "runs")
-    for recipe, settings in sorted(seeds.items()):
-        require_shared(settings, f"seeds of {recipe}")
+    """Refuse runs, seeds of one recipe or re-attacks of different settings."""
+    require_shared({folder: run_settings(run) for folder, run in trained.items()}, "runs")
+    for recipe in sorted({run.recipe for run in trained.values()}):
+        seeds = {f: recipe_settings(run) for f, run in trained.items() if run.recipe == recipe}
+        require_shared(seeds, f"seeds of {recipe}")
     attacks = {}
     for folder, attack in attacked.items():
-        cells = attack.tables["worst_case"]
-        attackers = sorted({cell["column"] for cell in cells})  # which differ between versions
-        attacks[folder] = protocol_settings(attack) | {"attackers": attackers}
+        columns = {cell["column"] for cell in attack.tables["worst_case"]}
+        # the attackers differ between versions
+        attacks[folder] = protocol_settings(attack) | {"attackers": sorted(columns)}
     require_shared(attacks, "re-attacks")
 
 
@@ -50,11 +38,7 @@ def require_shared(settings_by_run: Mapping[Path, Settings], noun: str) -> None:
     """Refuse runs of different settings.
 
     Args:
-        settings_by_run: settings of each run, by its folder.
         noun: name of the runs in the error message, in the plural.
-
-    Raises:
-        ValueError: one differs from most; names it and the setting that differs.
     """
     rows = []
     for settings in settings_by_run.values():
@@ -74,30 +58,25 @@ def require_shared(settings_by_run: Mapping[Path, Settings], noun: str) -> None:
 
 def run_settings(metrics: RunMetrics) -> Settings:
     """Return the settings that the runs of a table must share."""
-    settings = {
-        "model": metrics.model,
-        "weights": metrics.config["weights"],
-        "scene": metrics.scene_name,
-    }
+    settings = {"model": metrics.model, "weights": metrics.config["weights"]}
+    settings["scene"] = metrics.scene_name
     for key, declared in settings_of(Config).items():
         part, _, name = key.partition(".")
-        if part in ("data", "train") and not declared.facts.may_differ:
+        is_shared = declared.changes_result and not declared.may_differ
+        if part in ("data", "train") and is_shared:
             settings[key] = metrics.config[part][name]
-    scene = metrics.scene  # or, of a mixture, a list
-    for number, one in enumerate(scene if isinstance(scene, list) else [scene], 1):
-        prefix = f"scene {number}" if isinstance(scene, list) else "scene"
-        for name, value in one.items():
-            settings[f"{prefix}.{name}"] = value
+    is_mixture = isinstance(metrics.scene, list)
+    for number, one in enumerate(metrics.scene if is_mixture else [metrics.scene], 1):
+        prefix = f"scene {number}" if is_mixture else "scene"
+        settings |= {f"{prefix}.{name}": value for name, value in one.items()}
     return settings
 
 
 def recipe_settings(metrics: RunMetrics) -> Settings:
     """Return the settings that the seeds of one recipe must share."""
-    settings: Settings = {}
-    for part in ("adversary", "train"):
-        for name, value in metrics.config[part].items():
-            settings[f"{part}.{name}"] = value
-    return settings
+    adversary, train = metrics.config["adversary"], metrics.config["train"]
+    settings = {f"adversary.{name}": value for name, value in adversary.items()}
+    return settings | {f"train.{name}": value for name, value in train.items()}
 
 
 def image_settings(metrics: Metrics) -> Settings:
@@ -111,13 +90,9 @@ def image_settings(metrics: Metrics) -> Settings:
 
 def protocol_settings(attack: SuiteMetrics) -> Settings:
     """Return the settings of a re-attack, of which those of a table must share all."""
-    return {
-        "reattack.n": attack.n,
-        "reattack.steps": attack.steps,
-        "reattack.bound": attack.bound,
-        "reattack.seed": attack.config["reattack"]["seed"],
-        "reattack.batch_size": attack.config["reattack"]["batch_size"],
-    }
+    settings = {name: getattr(attack, name) for name in ("n", "steps", "bound")}
+    settings |= {name: attack.config["reattack"][name] for name in ("seed", "batch_size")}
+    return {f"reattack.{name}": value for name, value in settings.items()}
 
 
 def data_name(metrics: Iterable[RunMetrics]) -> str:
@@ -133,10 +108,48 @@ def baseline_recipe(metrics: RunMetrics, trained: Iterable[RunMetrics]) -> str |
     if metrics.recipe in PLAIN_RECIPES:
         return None
     ours = metrics.config["train"]
-    for other in trained:
-        if other.recipe == "baseline":
-            theirs = other.config["train"]
-            is_shorter = theirs["epochs"] * theirs["length"] < ours["epochs"] * ours["length"]
-            if is_shorter or theirs["init"] != ours["init"]:
-                return None
+    for theirs in [other.config["train"] for other in trained if other.recipe == "baseline"]:
+        is_shorter = theirs["epochs"] * theirs["length"] < ours["epochs"] * ours["length"]
+        if is_shorter or theirs["init"] != ours["init"]:
+            return None
     return "baseline"
+
+
+def caveats(runs: pd.DataFrame, trained: Runs, attacked: Attacks) -> list[str]:
+    """Return the warnings beside a table, each a sentence."""
+    sentences = []
+    machines = set().union(*(_machines(trained[folder]) for folder in attacked))
+    if len(machines) > 1:
+        names = "; ".join(sorted(machines))
+        sentences.append(
+            f"The runs were trained in different ways ({names}): do not compare their times."
+        )
+    has_no_baseline = runs["baseline"].isna() & ~runs["recipe"].isin(PLAIN_RECIPES)
+    for recipe in runs["recipe"][has_no_baseline].unique():
+        sentences.append(
+            f"No gain is given for {recipe}: baseline was trained for fewer epochs, or from "
+            "another start. Train it with the same train.epochs and train.init."
+        )
+    for folder, attack in attacked.items():
+        failed = [check["name"] for check in attack.trust or [] if check["verdict"] == "fail"]
+        if failed:
+            sentences.append(f"Checks of the attack failed on {folder}: {'; '.join(failed)}.")
+    return sentences
+
+
+def _machines(metrics: RunMetrics) -> set[str]:
+    """Return the machines, and the precision if one was set, on which a run, its start and its
+    baseline were trained."""
+    settings = ""
+    for name, default in (("devices", 1), ("num_nodes", 1), ("precision", None)):
+        if metrics.config["trainer"][name] != default:
+            settings += f", {name}={metrics.config['trainer'][name]}"
+    machines = set()
+    for run in (metrics, metrics.start, metrics.baseline):
+        if run and run.environment:
+            machine = run.environment["device"]
+            if machine == "cpu":
+                threads = count_text(run.environment["threads"], "thread")
+                machine = f"{run.environment['cpu']}, {threads}"
+            machines.add(machine + settings)
+    return machines

@@ -1,8 +1,6 @@
 """Finished runs and their re-attacks as one frame, a row per run, which is written as CSV and read
 from it; or a sentence that says why there is none."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,31 +9,25 @@ import numpy as np
 import pandas as pd
 
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW
-from training.comparison.caveats import caveats
 from training.comparison.comparable import (
     Attacks,
     Runs,
     baseline_recipe,
+    caveats,
     data_name,
+    image_settings,
     protocol_settings,
     require_comparable,
 )
-from training.comparison.runs import read_attack, read_classifiers
 from training.config.settings import as_argument
 from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
+from training.system.files import read_metrics
 
 # of the re-attack that is suggested for a run without one
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
-SHARED = (
-    "data",
-    "model",
-    "scene",
-    "n",
-    "steps",
-    "bound",
-)  # what the runs of a table have in common
+SHARED_COLUMNS = ("data", "model", "scene", "n", "steps", "bound")  # what the runs of a table share
 # each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
 RATES = {
     "clean": ("worst_case", "eps_4", "clean"),
@@ -81,12 +73,7 @@ class RunTable(NamedTuple):
 
 def read(root: Path) -> RunTable:
     """Read every finished run of `root`/<recipe>/seed<k>/ that suite `recipes` has attacked in its
-    own scene.
-
-    Raises:
-        ValueError: no run, none attacked, runs or re-attacks that cannot be compared, or an
-            incomplete file.
-    """
+    own scene."""
     try:
         trained, warnings = read_classifiers(root)
         table = _table(root, trained)
@@ -99,11 +86,7 @@ def read(root: Path) -> RunTable:
 
 
 def read_csv(file: Path) -> RunTable:
-    """Read the table that `RunTable.to_csv` wrote, without the outcomes of single images.
-
-    Raises:
-        ValueError: another file, runs that cannot be compared, or a recipe of one seed.
-    """
+    """Read the table that `RunTable.to_csv` wrote, without the outcomes of single images."""
     try:
         runs = pd.read_csv(file)
         if {*RATES, "recipe"} <= {*runs} and "bound" not in runs:
@@ -112,7 +95,7 @@ def read_csv(file: Path) -> RunTable:
                 "it. Add a column bound, with light where the runs are of that version."
             )
         runs = runs.assign(**{name: [np.array([mean]) for mean in runs[name]] for name in RATES})
-        shared = {name: runs[name].unique().tolist() for name in SHARED}
+        shared = {name: runs[name].unique().tolist() for name in SHARED_COLUMNS}
         seeds = runs.groupby("recipe")["seed"].nunique()
     except (KeyError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise ValueError(
@@ -133,8 +116,7 @@ def read_csv(file: Path) -> RunTable:
 def _table(root: Path, trained: Runs) -> RunTable:
     attacked: dict[Path, SuiteMetrics] = {}
     for folder, metrics in trained.items():
-        largest = read_attack(folder, metrics)
-        if largest:
+        if largest := read_attack(folder, metrics):
             attacked[folder] = largest
     require_comparable(trained, attacked)
     commands = _commands(trained, attacked)
@@ -144,12 +126,12 @@ def _table(root: Path, trained: Runs) -> RunTable:
     rows = []
     for folder, attack in attacked.items():
         metrics = trained[folder]
-        row = _row(metrics, attack)
-        rows.append(row | {"baseline": baseline_recipe(metrics, trained.values())})
+        rows.append(_row(metrics, attack))
+        rows[-1]["baseline"] = baseline_recipe(metrics, trained.values())
     runs = pd.DataFrame(rows)
     shared: dict[str, Any] = {"data": data_name(trained.values()), "model": metrics.model}
-    shared |= {"scene": metrics.scene_name, "n": attack.n, "steps": attack.steps}
-    shared["bound"] = attack.bound
+    shared["scene"] = metrics.scene_name
+    shared |= {name: getattr(attack, name) for name in ("n", "steps", "bound")}
     return RunTable(runs, shared, commands, caveats(runs, trained, attacked))
 
 
@@ -175,7 +157,7 @@ def _commands(trained: Runs, attacked: Attacks) -> list[str]:
 def _row(metrics: RunMetrics, attack: SuiteMetrics) -> dict[str, Any]:
     row: dict[str, Any] = {"recipe": metrics.recipe, "seed": metrics.seed, "n": attack.n}
     for name, cell in RATES.items():
-        row[name] = _outcomes(attack, *cell)
+        row[name] = _correct(attack, *cell)
     train = _cost(metrics)
     seconds, start_seconds = train.steady_seconds, _start_seconds(train, metrics)
     plain_seconds = None
@@ -205,7 +187,7 @@ def _cost(metrics: RunMetrics | PlainMetrics | None) -> TrainCost:
     return metrics.train
 
 
-def _outcomes(attack: SuiteMetrics, table: str, row: str, column: str) -> np.ndarray:
+def _correct(attack: SuiteMetrics, table: str, row: str, column: str) -> np.ndarray:
     """Return the outcomes of a cell, one per image; over all scenes but the run's own, their mean
     or those of the worst scene."""
     of_other_scenes = row in (MEAN_ROW, WORST_ROW)
@@ -217,5 +199,49 @@ def _outcomes(attack: SuiteMetrics, table: str, row: str, column: str) -> np.nda
     if not scenes:
         raise KeyError(f"{table}, {row}, {column}")
     if row == WORST_ROW:
-        return min(scenes, key=lambda outcomes: float(outcomes.mean()))
+        return min(scenes, key=lambda scene: float(scene.mean()))
     return np.mean(scenes, axis=0)
+
+
+def read_classifiers(root: Path) -> tuple[dict[Path, RunMetrics], list[str]]:
+    """Return the metrics of the finished classifiers in `root`/<recipe>/seed<k>/, and a sentence on
+    each that is damaged. A demoiréing network has no adversary and no place in the table."""
+    classifiers, warnings = {}, []
+    for path in sorted(root.glob("*/seed*/metrics.json")):
+        folder = path.parent
+        if not folder.name.removeprefix("seed").isdecimal():  # set aside by fit.py
+            continue
+        values = read_metrics(folder)
+        if values is None:
+            warnings.append(
+                f"{path} is damaged, and the run left out: its command, given again, writes it "
+                "anew."
+            )
+        elif "adversary" in values.get("config", {}) and (metrics := RunMetrics.read(folder)):
+            classifiers[folder] = metrics
+    if classifiers:
+        return classifiers, warnings
+    problem = (
+        f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as "
+        "training/fit.py writes them."
+    )
+    groups = {path.parents[2] for path in root.glob("*/*/seed*/metrics.json")}
+    if groups:
+        names = ", ".join(shlex.quote(str(path)) for path in sorted(groups))
+        problem += f" A table is of one data set and model: pass one of {names}."
+    raise ValueError(problem)
+
+
+def read_attack(folder: Path, metrics: RunMetrics) -> SuiteMetrics | None:
+    """Read the largest re-attack, by images and then steps, of a run's final weights in its own
+    scene, on its own images; None where there is none."""
+    attacks = []
+    for path in sorted(folder.glob("reattack/*/recipes")):
+        attack = SuiteMetrics.read(path)
+        if not attack or attack.scene != metrics.scene:
+            continue
+        # the weights of an unfinished run can be attacked, too
+        is_of_these_weights = metrics.identity in (None, attack.identity)
+        if is_of_these_weights and image_settings(attack) == image_settings(metrics):
+            attacks.append(attack)
+    return max(attacks, key=lambda attack: (attack.n, attack.steps), default=None)

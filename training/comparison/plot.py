@@ -1,8 +1,5 @@
 """The plot of robustness against training time: a point for each recipe, with its name."""
 
-from __future__ import annotations
-
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,6 +14,7 @@ from training.report.plots import (
     GRID_COLOUR,
     MODEL_COLOUR,
     TEXT_COLOUR,
+    png,
     style_axes,
 )
 
@@ -43,18 +41,11 @@ BELOW_RIGHT: dict[str, Any] = {"xytext": (6, -4), "verticalalignment": "top"}
 
 def draw(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> bytes:
     """Return the figure as a PNG of 1000 x 490 pixels."""
-    file = io.BytesIO()
-    figure(recipes, shared).savefig(file, format="png")
-    return file.getvalue()
+    return png(figure(recipes, shared))
 
 
 def figure(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> Figure:
-    """Draw worst-case accuracy against training time relative to plain training, one panel a bound.
-
-    Args:
-        recipes: recipes, as `summarise` returns them.
-        shared: data, model, scene, n, steps and what eps counts, for the title.
-    """
+    """Draw worst-case accuracy against the time of training, one panel a bound."""
     fig = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained", facecolor="white")
     panels = fig.subplots(1, len(PANELS), sharex=True)
     for ax, (rate, title) in zip(panels, PANELS.items(), strict=True):

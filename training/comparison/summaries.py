@@ -1,20 +1,21 @@
-"""Recipes summarised over their seeds: means, intervals and the Pareto front."""
+"""Recipes summarised over their seeds: means, confidence intervals and the Pareto front."""
 
-from __future__ import annotations
-
+import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from statistics import fmean
+from statistics import fmean, stdev
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.special import stdtrit
 
-from moireaug.evaluation.statistics import wilson
+from moireaug.evaluation.statistics import Z95, wilson
 from training.comparison.frame import RATES
-from training.comparison.statistics import bootstrap, t_interval
 
 COSTS = ["seconds", "start_seconds", "passes", "images_per_second"]
+ROUNDING_ERROR = 1e-12  # of equal outcomes
 
 
 class Estimate(NamedTuple):
@@ -30,8 +31,6 @@ class RecipeSummary:
     """The means of a recipe over its seeds.
 
     Args:
-        name: name of the recipe.
-        seeds: seeds of its runs.
         rates: accuracies in [0, 1], by the names of `RATES`.
         gains: their gains over plain training with the same seeds; empty where that was not
             attacked.
@@ -57,14 +56,7 @@ class RecipeSummary:
 
 
 def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
-    """Return the recipes, cheapest first.
-
-    Args:
-        runs: runs, as in `RunTable`.
-
-    Raises:
-        ValueError: as `relative_times`.
-    """
+    """Return the recipes, cheapest first."""
     runs = runs.assign(relative_time=relative_times(runs))
     baseline = runs[runs["recipe"] == "baseline"]
     summaries, places = [], []
@@ -90,11 +82,7 @@ def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
 
 def relative_times(runs: pd.DataFrame) -> pd.Series:
     """Return the time of each run, its start included, over that of its own plain training, which
-    ran on the same machine; where that is not known, over the mean.
-
-    Raises:
-        ValueError: no run says it.
-    """
+    ran on the same machine; where that is not known, over the mean."""
     plain_seconds = runs["plain_seconds"].astype(float)
     if plain_seconds.isna().all():
         raise ValueError(
@@ -104,14 +92,14 @@ def relative_times(runs: pd.DataFrame) -> pd.Series:
     return runs["total_seconds"] / plain_seconds.fillna(plain_seconds.mean())
 
 
-def estimate_rate(outcomes: pd.Series) -> Estimate:
+def estimate_rate(correct: pd.Series) -> Estimate:
     """Return a mean accuracy with an interval over seeds and images; for a single seed, over its
     images alone (Wilson); of means, over seeds alone.
 
     Args:
-        outcomes: (seeds,) of (n,) outcomes, or of their mean (1,).
+        correct: (seeds,) of (n,) whether each image is right, or of their mean (1,).
     """
-    values = np.stack(outcomes.tolist())
+    values = np.stack(correct.tolist())
     mean = float(values.mean())
     if len(values) == 1:
         return Estimate(mean, *wilson(mean * values.size, values.size))
@@ -150,3 +138,50 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
         no_worse = [(c, g) for c, g in points if c <= cost and g >= gain]
         on_front.append(all(point == (cost, gain) for point in no_worse))
     return on_front
+
+
+def t_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Return the 95 % interval of the mean of two or more measurements, such as seeds (Student,
+    1908)."""
+    half = float(stdtrit(len(values) - 1, 0.975)) * stdev(values) / math.sqrt(len(values))
+    return fmean(values) - half, fmean(values) + half
+
+
+def bootstrap(values: np.ndarray, draws: int = 4000) -> tuple[float, float]:
+    """Return the 95 % interval of a mean over seeds and images, for the choice of both.
+
+    Args:
+        values: (seeds, images), numbers in [-1, 1], the same images in every row.
+
+    Seeds and images are drawn again with replacement, independently (Owen's pigeonhole bootstrap,
+    2007), by a generator of fixed seed. Few seeds scatter less when resampled than in truth: their
+    part is widened by sqrt(S / (S - 1)), and by as much as Student's t is wider than a normal
+    distribution. On simulated tables of three seeds and 200 images, 97 to 100 % of these intervals
+    hold the truth, and 86 to 95 % of those by Student's t over the seeds alone. Where all outcomes
+    are the same, the interval is as wide as Wilson's of no hit among so many images.
+    """
+    seeds, images = values.shape
+    mean = float(values.mean())
+    if np.ptp(values) < ROUNDING_ERROR:
+        _, width = wilson(0, images)
+        low, high = mean - width, mean + width
+        return max(-1.0, low), min(1.0, high)
+    image_shares, seed_rows = _resample(seeds, images, draws)
+    rows = image_shares @ values.T  # (draws, seeds): each seed's mean on the drawn images
+    centre = rows.mean(1, keepdims=True)
+    widening = 1.0
+    if seeds > 1:
+        student = float(stdtrit(seeds - 1, 0.975)) / Z95
+        widening = student * math.sqrt(seeds / (seeds - 1))
+    means = np.take_along_axis(rows - centre, seed_rows, 1).mean(1) * widening + centre[:, 0]
+    low, high = np.quantile(means, [0.025, 0.975])
+    return max(-1.0, float(low)), min(1.0, float(high))
+
+
+@functools.lru_cache(maxsize=1)  # a table has many figures of one shape, and drawing takes longest
+def _resample(seeds: int, images: int, draws: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the share of each image in each draw (draws, images), and the drawn seeds (draws,
+    seeds)."""
+    rng = np.random.default_rng(0)
+    image_shares = rng.multinomial(images, np.full(images, 1 / images), draws) / images
+    return image_shares, rng.integers(0, seeds, (draws, seeds))

@@ -1,7 +1,5 @@
 """The table of recipes: as a page, and for the terminal."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +13,7 @@ from training.report.terminal import Grid, Part
 TERMINAL_WIDTH = 100  # characters
 MAX_NAME_WIDTH = 26  # characters of a recipe's name in the terminal
 TEMPLATE = Path(__file__).with_name("frontier.md.j2")
+CAPTION = Path(__file__).with_name("caption.j2")
 RATE_TITLES = {
     "clean": "clean",
     "natural": "natural moiré",
@@ -38,56 +37,22 @@ TERMINAL_HEADS = (
 
 def caption(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
     """Return the caption: the meaning of the figures and their intervals."""
-    intervals = []
-    if table.is_of_means:
-        intervals.append("95 % intervals cover the choice of seeds alone (Student's).")
-    elif any(len(recipe.seeds) > 1 for recipe in recipes):
-        intervals.append(
-            "95 % intervals of several seeds cover the choice of seeds and of images (two-way "
-            "bootstrap)."
-        )
-    if any(len(recipe.seeds) == 1 for recipe in recipes):
-        intervals.append(
-            "95 % intervals of a single seed cover the choice of images alone: Wilson's for "
-            "accuracies, a bootstrap for gains."
-        )
-    images = (
-        "{n} test images: {data}, {model}, scene {scene}, {steps} steps per attack, eps in {bound}"
-    )
-    sentences = [
-        f"Accuracy in % of {images.format(**table.shared)}.",
-        *intervals,
-        "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
-        "Time is of training alone, by the median epoch, on top of the clean weights that a recipe "
-        "starts from; × plain is both together, divided by the same time of plain training.",
-        "● marks recipes that no other matches at 4/255 in less time.",
-    ]
-    collapsed = []
-    for recipe in recipes:
-        if recipe.collapsed_count:
-            collapsed.append(
-                f"{recipe.name} in {recipe.collapsed_count} of {len(recipe.seeds)} seeds"
-            )
-    if collapsed:
-        names = ", ".join(collapsed)
-        sentences.append(f"† training collapsed (catastrophic overfitting): {names}.")
-    return " ".join(sentences)
+    template = environment().from_string(CAPTION.read_text("utf-8"))
+    text = template.render(recipes=recipes, shared=table.shared, is_of_means=table.is_of_means)
+    return " ".join(line for line in text.splitlines() if line)
 
 
 def markdown(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
     """Return the table, its caption, warnings, and the commands that would complete it."""
-    return (
-        environment()
-        .from_string(TEMPLATE.read_text("utf-8"))
-        .render(
-            name_of=name_of,
-            recipes=recipes,
-            gained=[recipe for recipe in recipes if recipe.gains],
-            titles=RATE_TITLES,
-            caption=caption(recipes, table),
-            warnings=table.warnings,
-            commands=table.commands,
-        )
+    template = environment().from_string(TEMPLATE.read_text("utf-8"))
+    return template.render(
+        name_of=name_of,
+        recipes=recipes,
+        gained=[recipe for recipe in recipes if recipe.gains],
+        titles=RATE_TITLES,
+        caption=caption(recipes, table),
+        warnings=table.warnings,
+        commands=table.commands,
     )
 
 

@@ -1,27 +1,31 @@
-"""Settings checked against each other and against the machine, before any time is spent."""
+"""Settings checked against each other, the machine and the run that is attacked, before any time is
+spent."""
 
-from __future__ import annotations
-
+import copy
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import nn
 
 from moireaug.attacks import MoireAttack
+from moireaug.evaluation.suites import OPTION_SUITES, check_used
 from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
-from training.config.data_sets import DATA, Data
 from training.config.scenes import scene_of
-from training.config.schema import Adversary, Config, RunConfig, Trainer
-from training.config.settings import check, settings_of
+from training.config.schema import DATA, Adversary, Config, Data, ReattackConfig, RunConfig, Trainer
+from training.config.settings import check, settings_of, value_of, with_values
+
+# the suites that have a use for an option of a re-attack
+SUITES_OF_OPTIONS = {
+    "reattack.eps": OPTION_SUITES["eps"],
+    **{option: OPTION_SUITES[option] for option in ("targets", "networks", "lpips")},
+    "demoire": ("defences", "demoireing", "paper"),
+}
 
 
 def check_classifier(cfg: Config) -> None:
-    """Refuse invalid settings of a classifier's data, scene and attack.
-
-    Raises:
-        TypeError, ValueError: with what was got and what is allowed.
-    """
+    """Refuse invalid settings of a classifier's data, scene and attack."""
     check_run(cfg)
     require_used(cfg.data)
     check_adversary(cfg.adversary)
@@ -37,14 +41,10 @@ def check_classifier(cfg: Config) -> None:
 
 
 def require_used(cfg: Data) -> None:
-    """Refuse settings that the data set would not use.
-
-    Raises:
-        ValueError: with what to do.
-    """
+    """Refuse settings that the data set would not use."""
     for key, declared in settings_of(Data).items():
         value = getattr(cfg, key)
-        is_used = not declared.facts.only_for or cfg.name in declared.facts.only_for
+        is_used = not declared.only_for or cfg.name in declared.only_for
         if not is_used and value != getattr(DATA[cfg.name], key):
             raise ValueError(
                 f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "
@@ -53,11 +53,7 @@ def require_used(cfg: Data) -> None:
 
 
 def check_adversary(cfg: Adversary) -> None:
-    """Refuse settings of an adversary that do not go together.
-
-    Raises:
-        ValueError: with what was got, what is allowed and what to do.
-    """
+    """Refuse settings of an adversary that do not go together."""
     if cfg.kind == "none" and cfg.share:
         raise ValueError(
             f"adversary.share={cfg.share} is the share of images that are attacked, and the kind "
@@ -84,11 +80,7 @@ def check_adversary(cfg: Adversary) -> None:
 
 def check_run(cfg: RunConfig) -> None:
     """Refuse settings out of their bounds, more devices than there are, and a trainer's other
-    settings that cannot be used.
-
-    Raises:
-        ValueError: with what was got and what is allowed.
-    """
+    settings that cannot be used."""
     check(cfg)
     check_devices(cfg.trainer)
     if cfg.trainer.deterministic not in (True, False, "warn"):
@@ -99,11 +91,7 @@ def check_run(cfg: RunConfig) -> None:
 
 def check_devices(trainer: Trainer) -> None:
     """Refuse more devices than there are; -1, "auto" and lists of GPUs are left to Lightning, which
-    takes no such names of processes on a CPU.
-
-    Raises:
-        ValueError: with how many there are.
-    """
+    takes no such names of processes on a CPU."""
     kind, devices = trainer.accelerator, trainer.devices
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if kind in ("gpu", "cuda") and not gpus:
@@ -123,3 +111,68 @@ def check_devices(trainer: Trainer) -> None:
         raise ValueError(
             f"trainer.devices must be 1 to {available} {unit}, or auto; got {devices}."
         )
+
+
+def check_overrides(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
+    """Refuse overrides that a re-attack would ignore.
+
+    Args:
+        overrides: overrides of the command line, key=value each.
+    """
+    table = settings_of(ReattackConfig)
+    for key in keys_of(overrides):
+        top = key.split(".")[0]
+        # the setting of a key, or those that start with it
+        settings = [one for name, one in table.items() if f"{name}.".startswith(f"{key}.")]
+        if settings and all(one.trains for one in settings):
+            hint = " reattack.seed is the attack's." if top == "seed" else ""
+            raise ValueError(
+                f"{key}= says how a model is trained, and this one is only attacked: "
+                f"leave it out.{hint}"
+            )
+        if cfg.run is not None and settings and settings[0].run_has:
+            raise ValueError(
+                f"{key}= does not go with run={cfg.run}, which has {settings[0].run_has}: leave "
+                "out one of the two."
+            )
+        for option, suites in SUITES_OF_OPTIONS.items():
+            if f"{key}.".startswith(f"{option}.") and value_of(cfg, option) is not None:
+                check_used(cfg.suite, option, suites)
+        if top == "trainer" and _has_no_effect(key.removeprefix("trainer."), cfg):
+            raise ValueError(
+                f"{key}= has no effect here: an attack is computed in float32, "
+                "and suite=ladder by one process. Leave it out."
+            )
+
+
+def _has_no_effect(key: str, cfg: ReattackConfig) -> bool:
+    """Return whether a setting of the trainer would be ignored; giving its default is allowed."""
+    default = getattr(Trainer, key, None)
+    if key == "accelerator" or getattr(cfg.trainer, key, default) == default:
+        return False
+    return cfg.suite == "ladder" or key in ("precision", "deterministic")
+
+
+def keys_of(overrides: Sequence[str]) -> list[str]:
+    """Return the keys that a command line sets."""
+    return [override.lstrip("+~").split("=", 1)[0] for override in overrides]
+
+
+def merge_run_settings(
+    run_cfg: Config, cfg: ReattackConfig, overrides: Sequence[str]
+) -> ReattackConfig:
+    """Return a re-attack's settings: those of the run, except for those of the command line.
+
+    Options that make a command import, fetch or start something come from the command line alone.
+    """
+    given_keys = keys_of(overrides)
+    values: dict[str, Any] = {}
+    for key, declared in settings_of(Config).items():
+        is_given = any(key == name or key.startswith(f"{name}.") for name in given_keys)
+        if declared.from_run and declared.changes_result and not is_given:
+            values[key] = copy.deepcopy(value_of(run_cfg, key))
+    if "data.size" not in given_keys:
+        values["data.size"] = run_cfg.data.size  # what the model was trained on, whatever the data
+    if cfg.suite not in OPTION_SUITES["eps"]:
+        values["reattack.eps"] = None  # a run's own is of its ladder
+    return with_values(cfg, values)

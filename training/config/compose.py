@@ -1,8 +1,8 @@
 """The configurations that Hydra composes, of settings, data sets and recipes; and the text of
 --help."""
 
-from __future__ import annotations
-
+import contextlib
+import functools
 import inspect
 import itertools
 import re
@@ -11,11 +11,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from hydra import compose, initialize
 from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
-from training.config.data_sets import DATA, DEFAULT_DATA, EPOCHS
-from training.config.schema import RECIPES
+from training.config.schema import DATA, DEFAULT_DATA, EPOCHS, RECIPES, Config, as_config
 from training.config.settings import Setting, as_argument, settings_of
 
 HYDRA_FOLDERS = {
@@ -23,14 +24,11 @@ HYDRA_FOLDERS = {
     "sweep": {"dir": "${runs}", "subdir": "."},
     "output_subdir": None,
 }
-NO_LOGGING = (
-    {"override hydra/job_logging": "none"},
-    {"override hydra/hydra_logging": "none"},
-)
+NO_LOGGING = ({"override hydra/job_logging": "none"}, {"override hydra/hydra_logging": "none"})
 DATA_GROUPS = ({"data": DEFAULT_DATA},)
 RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean"})
 # of a line of help
-INDENTED: Any = {"width": 100, "initial_indent": " " * 6, "subsequent_indent": " " * 6}
+HELP_WRAPPING: Any = {"width": 100, "initial_indent": " " * 6, "subsequent_indent": " " * 6}
 MIN_FAR_BOUND = 10_000  # a bound that only a mistake exceeds
 
 
@@ -40,10 +38,7 @@ def register(
     """Register a command with Hydra: its settings, and the data sets and recipes that set them.
 
     Args:
-        name: name of the configuration.
-        schema: dataclass of the settings.
         defaults: default choice of each group of settings.
-        description: text on the command, for --help.
     """
     store = ConfigStore.instance()
     for data, node in DATA.items():
@@ -51,7 +46,7 @@ def register(
     for data, epochs in EPOCHS.items():
         store.store(group="epochs", name=data, package="train", node={"epochs": epochs})
     for path in recipe_files():
-        recipe = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
+        recipe = {"recipe": path.stem, **OmegaConf.load(path)}
         store.store(group="recipe", name=path.stem, package="_global_", node=recipe)
     store.store(name=f"{name}_schema", node=schema)
     # the settings of a command line stand above those of a recipe
@@ -62,6 +57,17 @@ def register(
     text = help_text(description, schema, default_groups).replace("$", "$$")  # of string.Template
     help_page = {"help": {"template": text}}
     store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS | help_page})
+
+
+@functools.cache
+def default_config(recipe: str, data: str) -> Config:
+    """Return the settings of a recipe on a data set, as Hydra composes them."""
+    register("default", Config, RECIPE_GROUPS, None)
+    with contextlib.ExitStack() as stack:
+        if not GlobalHydra().is_initialized():  # in a command's own process it is
+            stack.enter_context(initialize(version_base="1.3", config_path=None))
+        config: Config = as_config(compose("default", [f"recipe={recipe}", f"data={data}"]))
+    return config
 
 
 def recipe_files() -> list[Path]:
@@ -77,30 +83,24 @@ def purpose(recipe: Path) -> str:
 
 
 def help_text(description: str | None, schema: type, default_groups: Mapping[str, str]) -> str:
-    """Return the text of --help: the command's description, and each setting with its default.
-
-    Args:
-        default_groups: default choice of each group of settings, by its key.
-    """
+    """Return the text of --help: the command's description, and each setting with its default."""
     lines = [inspect.cleandoc(description or ""), "", "Settings:", ""]
     for one in settings_of(schema).values():
         key = one.key.removesuffix(".name")  # a group is chosen by its own name
         lines.append(f"  {key}={default_groups.get(key, as_argument(one.default))}")
-        if one.facts.help:
-            text = f"{one.facts.help}{allowed_values(one)}"
-            lines += textwrap.wrap(text, **INDENTED)
+        if one.help:
+            lines += textwrap.wrap(f"{one.help}{allowed_values(one)}", **HELP_WRAPPING)
     return "\n".join(lines)
 
 
 def allowed_values(one: Setting) -> str:
     """Return which values a setting may have, as the end of a sentence; "" for any, for words that
     its help names, and where only a mistake is out of bounds."""
-    facts = one.facts
-    if not set(facts.choices) <= set(re.findall(r"[\w-]+", facts.help)):
-        return f" ({', '.join(facts.choices)})"
-    if facts.bounds is None:
+    if not set(one.choices) <= set(re.findall(r"[\w-]+", one.help)):
+        return f" ({', '.join(one.choices)})"
+    if one.bounds is None:
         return ""
-    low, high = facts.bounds
+    low, high = one.bounds
     if high is None or high >= MIN_FAR_BOUND:
         return f" (at least {low})" if low > 1 else ""
     return f" ({low} to {high})"

@@ -1,7 +1,5 @@
 """Scenes on a command line: a preset's name, or a YAML file of a scene or of a list of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,9 +31,6 @@ def inline_files(scene: Any) -> Any:
     Args:
         scene: a preset's name, a file's name that ends with .yaml or .yml, a mapping, or a list of
             these.
-
-    Raises:
-        ValueError: a file that holds no scene.
     """
     if isinstance(scene, (list, tuple)):
         several = []
@@ -48,11 +43,7 @@ def inline_files(scene: Any) -> Any:
 
 
 def scene_of(cfg: RunConfig) -> Scene | Mixture:
-    """Return the scene of a run, of crops where its settings say so.
-
-    Raises:
-        ValueError, TypeError: no scene, or a shrink out of its range.
-    """
+    """Return the scene of a run, of crops where its settings say so."""
     return as_scenes(cfg.scene, cfg.shrink)
 
 
@@ -64,21 +55,12 @@ def shrink_text(shrink: float | Sequence[float]) -> str:
 
 def load(scene: str, shrink: Any = None) -> Scene | Mixture:
     """Return the scene of a preset's name or of a YAML file, or the mixture of a file's list or of
-    a name such as "anywhere"; of crops where a shrink is given.
-
-    Raises:
-        ValueError, TypeError: an unknown name, a file that holds no scene, or a shrink out of its
-            range.
-    """
+    a name such as "anywhere"; of crops where a shrink is given."""
     return as_scenes(inline_files(scene), shrink)
 
 
 def load_one(scene: str) -> Scene:
-    """Return the scene of a preset's name or of a YAML file.
-
-    Raises:
-        ValueError: as `load`, and a file that holds a list of several.
-    """
+    """Return the scene of a preset's name or of a YAML file."""
     scene_or_mixture = load(scene)
     if isinstance(scene_or_mixture, Mixture):
         raise ValueError(
@@ -98,11 +80,7 @@ def read(path: Path) -> dict[str, Any] | list[Any]:
         panel: {lit: [0.6, 0.9]}
         lens: {blur: 0.3}
 
-    In a list, `- phone_at_monitor` is a preset, too.
-
-    Raises:
-        ValueError: no such file, no YAML mapping or list, or no scene; with what is wrong.
-    """
+    In a list, `- phone_at_monitor` is a preset, too."""
     try:
         values: Any = OmegaConf.to_container(OmegaConf.load(path))
     except OSError as error:

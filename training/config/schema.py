@@ -1,9 +1,8 @@
-"""Every setting of a classifier's run, and of an attack on it; `recipes/` holds differences.
+"""Every setting of a classifier's run, and of an attack on it, with the defaults of each data set;
+`recipes/` holds differences.
 
 Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +11,12 @@ from typing import Any, TypeVar
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
 from moireaug.attacks.bounds import BOUNDS
-from training.config.data_sets import Data
 from training.config.settings import section, setting
 
+AUGMENTATIONS = ("none", "shift", "shift_flip", "affine")
+TORCHVISION_SETS = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
+DEFAULT_DATA = "signs"
+EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"
 MAX_SEED = 2**32 - 1
 # weights are float32 in all of them: the average, the attack and every re-attack need that
@@ -26,6 +28,60 @@ SHRINK_HELP = (
     "[low, high]; null: whole photos, or what the scene says"
 )
 Settings = TypeVar("Settings", bound="RunConfig")
+
+
+@dataclass
+class Data:
+    """The images, their size and their numbers."""
+
+    name: str = setting(MISSING, "the data set", choices=("signs", *TORCHVISION_SETS, "folder"))
+    root: str | None = setting(
+        None,
+        "the data's folder; data=folder: with train/ and test/, or class folders alone, then all "
+        "test data",
+        is_path=True,
+        only_for=("folder", *TORCHVISION_SETS),
+        may_differ=True,
+    )
+    size: int = setting(
+        64, "side of the images, in pixels; the lens blurs small ones more", bounds=(16, 8192)
+    )
+    train: int | None = setting(None, "training images; null is all there are", bounds=(1, None))
+    val: int | None = setting(
+        None, "validation images; null is 10 % of the training images", bounds=(1, None)
+    )
+    test: int | None = setting(
+        None, "test images; null is all there are", bounds=(1, None), tests=True
+    )
+    class_index: str | None = setting(
+        None,
+        "CSV of folder (or wnid) and class_index among the 1000 of published weights",
+        is_path=True,
+        only_for=("folder",),
+    )
+    augment: str = setting(
+        "none",
+        "of clean training images: none, shift (by up to 12.5 %), shift_flip, or affine (small "
+        "changes of place, form and tone, and erased parts)",
+        choices=AUGMENTATIONS,
+        trains=True,
+    )
+    workers: int = setting(0, "processes that read images", bounds=(0, 1024), changes_result=False)
+    download: bool = setting(
+        False,
+        "whether to fetch a published data set",
+        changes_result=False,
+        only_for=TORCHVISION_SETS,
+    )
+
+
+DATA = {
+    "signs": Data(name="signs", size=48, train=12000, val=320, test=1600),
+    "cifar10": Data(name="cifar10", root="data", augment="shift_flip"),
+    "cifar100": Data(name="cifar100", root="data", augment="shift_flip"),
+    "gtsrb": Data(name="gtsrb", root="data", augment="affine"),
+    "folder": Data(name="folder", augment="shift"),
+}
 
 
 @dataclass
@@ -83,13 +139,10 @@ class Train:
         may_differ=True,
     )
     ema: float | None = setting(
-        None,
-        "decay per step of the averaged weights; null: 0.98",
-        bounds=(0, 0.999999),
+        None, "decay per step of the averaged weights; null: 0.98", bounds=(0, 0.999999)
     )
     batch_statistics: bool | None = setting(
-        None,
-        "whether batch normalisation uses those of a batch; null: unless weights= are given",
+        None, "whether batch normalisation uses those of a batch; null: unless weights= are given"
     )
     compile: bool = setting(False, "torch.compile of the model")
 
@@ -137,13 +190,7 @@ class RunConfig:
 
     recipe: str = setting(MISSING, "a file of recipes/, without .yaml", trains=True)
     seed: int = setting(0, "of the weights and of all draws", bounds=(0, MAX_SEED), trains=True)
-    runs: str = setting(
-        "runs",
-        "the folder of all runs",
-        is_path=True,
-        changes_result=False,
-        from_run=False,
-    )
+    runs: str = setting("runs", "the folder of all runs", is_path=True, changes_result=False)
     scene: Any = setting(
         "screen_photo",
         "a preset's name, a mapping of Scene's fields with an optional `preset`, a YAML file, or "
@@ -166,7 +213,6 @@ class RunConfig:
         "null: resume where possible; true: resume or fail; false: train again",
         changes_result=False,
         trains=True,
-        from_run=False,
     )
 
 

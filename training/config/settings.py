@@ -1,16 +1,15 @@
-"""How a setting is declared: once, with its default and everything that is known of it."""
-
-from __future__ import annotations
+"""How a setting is declared: once, with its default and everything that is known of it; all else is
+derived from the table of these."""
 
 import dataclasses
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field, is_dataclass, replace
 from keyword import iskeyword
 from numbers import Real
 from operator import attrgetter
-from typing import Any, NamedTuple, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 from omegaconf import MISSING
 
@@ -20,11 +19,10 @@ Schema = TypeVar("Schema")
 
 
 @dataclass(frozen=True)
-class Facts:
-    """What is known of a setting besides its name, its type and its default.
+class Setting:
+    """A declared setting.
 
     Args:
-        help: description, in a line or two.
         bounds: least and greatest number; None is no bound.
         choices: allowed words; empty for any.
         example: a value on a command line, for the error messages of a list or a mapping.
@@ -32,17 +30,20 @@ class Facts:
             in a run's settings. An identifier in place of a path of weights is a name of weights.
         only_for: data sets that it has an effect on; empty for all.
         changes_result: whether a run's result depends on it, so that a run with another value is
-            another run.
-        may_differ: whether compared runs may differ in it.
+            another run. Compared runs may differ in the others, and a run's own say nothing to an
+            attack on it.
+        may_differ: whether compared runs may differ in it all the same.
         trains: whether it is a setting of training, which an attack on a trained model refuses.
         tests: whether it is a setting of the attack or test of a trained model alone: a run with
             another value is tested again, and not trained again.
         from_run: whether an attack on a run takes it from the run's folder, which may be a
             stranger's; else from the command line alone.
         run_has: the run's counterpart, as a noun; a setting that has one does not go with `run=`.
+        key, type, default: key on a command line, such as "train.lr", type of its values, and
+            value where none is given; `settings_of` reads them off the dataclass.
     """
 
-    help: str = ""
+    help: str
     bounds: tuple[float, float | None] | None = None
     choices: tuple[str, ...] = ()
     example: str = ""
@@ -54,45 +55,9 @@ class Facts:
     tests: bool = False
     from_run: bool = True
     run_has: str = ""
-
-
-def setting(default: Any, help: str, **facts: Any) -> Any:
-    """Declare a setting: the field of a dataclass.
-
-    Args:
-        default: default value, or a function that makes one for each instance.
-        help, facts: fields of `Facts`.
-    """
-    metadata = {"facts": Facts(help, **facts)}
-    if callable(default):
-        return field(default_factory=default, metadata=metadata)
-    return field(default=default, metadata=metadata)
-
-
-def section(schema: Callable[[], Any], **facts: Any) -> Any:
-    """Declare settings that share a prefix: those of a dataclass.
-
-    Args:
-        schema: dataclass of the settings.
-        facts: `trains`, `tests` or `from_run` of `Facts`, of all of these settings.
-    """
-    return field(default_factory=schema, metadata={"facts": Facts(**facts)})
-
-
-class Setting(NamedTuple):
-    """A declared setting.
-
-    Args:
-        key: key on a command line, such as "train.lr".
-        type: type of its values.
-        default: value where none is given.
-        facts: its other facts.
-    """
-
-    key: str
-    type: Any
-    default: Any
-    facts: Facts
+    key: str = ""
+    type: Any = None
+    default: Any = None
 
     @property
     def is_list(self) -> bool:
@@ -100,78 +65,87 @@ class Setting(NamedTuple):
         return "list[" in str(self.type)
 
 
+def setting(default: Any, help: str, **properties: Any) -> Any:
+    """Declare a setting: the field of a dataclass.
+
+    Args:
+        default: default value, or a function that makes one for each instance.
+        help, properties: fields of `Setting`.
+    """
+    metadata = {"setting": Setting(help, **properties)}
+    if callable(default):
+        return field(default_factory=default, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+def section(schema: Callable[[], Any], **properties: Any) -> Any:
+    """Declare settings that share a prefix: those of a dataclass.
+
+    Args:
+        properties: fields of `Setting` that all of these settings have.
+    """
+    return field(default_factory=schema, metadata={"section": properties})
+
+
 def settings_of(schema: Any) -> Mapping[str, Setting]:
     """Return the settings of a dataclass and of its sections, by their keys on a command line.
 
-    A field that is named after a keyword of Python with an underscore loses it: in_ is in=.
-    """
+    A field that is named after a keyword of Python with an underscore loses it: in_ is in=."""
     settings: dict[str, Setting] = {}
     types = get_type_hints(schema)
     for one in dataclasses.fields(schema):
-        key, facts = one.name.removesuffix("_"), one.metadata.get("facts", Facts())
+        key = one.name.removesuffix("_")
         if is_dataclass(one.default_factory):
             for inner in settings_of(one.default_factory).values():
                 inner_key = f"{key}.{inner.key}"
-                inner_facts = dataclasses.replace(
-                    inner.facts,
-                    trains=facts.trains or inner.facts.trains,
-                    tests=facts.tests or inner.facts.tests,
-                    from_run=facts.from_run and inner.facts.from_run,
-                )
-                settings[inner_key] = inner._replace(key=inner_key, facts=inner_facts)
+                settings[inner_key] = replace(inner, key=inner_key, **one.metadata["section"])
             continue
         default = one.default
         if one.default_factory is not dataclasses.MISSING:
             default = one.default_factory()
-        settings[key] = Setting(key, types[one.name], default, facts)
+        declared: Setting = one.metadata["setting"]
+        settings[key] = replace(declared, key=key, type=types[one.name], default=default)
     return settings
+
+
+def field_of(key: str) -> str:
+    """Return the dataclass's field of a key: in_ of in."""
+    return f"{key}_" if iskeyword(key) else key
 
 
 def value_of(cfg: Any, key: str) -> Any:
     """Return the value of a setting in a configuration."""
-    fields = [f"{part}_" if iskeyword(part) else part for part in key.split(".")]
-    return attrgetter(".".join(fields))(cfg)
+    return attrgetter(field_of(key))(cfg)
 
 
-def with_values(cfg: Schema, values: dict[str, Any]) -> Schema:
+def with_values(cfg: Schema, values: Mapping[str, Any]) -> Schema:
     """Return a copy of a configuration with other values, by key."""
-    direct: dict[str, Any] = {}
-    nested: dict[str, dict[str, Any]] = {}
     for key, value in values.items():
         name, _, inner_key = key.partition(".")
         if inner_key:
-            nested.setdefault(name, {})[inner_key] = value
-        else:
-            direct[name] = value
-    for name, inner_values in nested.items():
-        direct[name] = with_values(direct.get(name, getattr(cfg, name)), inner_values)
-    return dataclasses.replace(cfg, **direct)  # type: ignore[type-var]
+            value = with_values(getattr(cfg, name), {inner_key: value})
+        cfg = replace(cfg, **{name: value})  # type: ignore[type-var]
+    return cfg
 
 
 def check(cfg: Any) -> None:
     """Refuse numbers out of their bounds, and words that are none of the choices.
 
-    A null is not checked: the types say where it is allowed.
-
-    Raises:
-        ValueError: with what was got and what is allowed.
-    """
-    for key, declared in settings_of(type(cfg)).items():
+    A null is not checked: the types say where it is allowed."""
+    for key, one in settings_of(type(cfg)).items():
         value = value_of(cfg, key)
         if value is None:
             continue
-        if declared.facts.bounds:
-            _check_number(key, value, *declared.facts.bounds)
-        if declared.facts.choices:
-            one_of(key, str(value), declared.facts.choices)
+        if one.bounds:
+            _check_number(key, value, *one.bounds)
+        if one.choices:
+            one_of(key, str(value), one.choices)
 
 
 def _check_number(key: str, value: Any, low: float, high: float | None) -> None:
-    allowed = f"at least {low}" if high is None else f"in [{low}, {high}]"
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value):
-        raise ValueError(f"{key} must be {allowed}; got {value}.")
-    if value < low or (high is not None and value > high):
+    is_number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    if not is_number or value < low or (high is not None and value > high):
+        allowed = f"at least {low}" if high is None else f"in [{low}, {high}]"
         raise ValueError(f"{key} must be {allowed}; got {value}.")
 
 
@@ -179,9 +153,9 @@ def with_absolute_paths(cfg: Schema) -> Schema:
     """Return the settings with absolute paths, so that runs of two projects that share a folder of
     runs are not taken for each other."""
     absolute: dict[str, Any] = {}
-    for key, declared in settings_of(type(cfg)).items():
+    for key, one in settings_of(type(cfg)).items():
         path = value_of(cfg, key)
-        if not (declared.facts.is_path and declared.facts.changes_result and path):
+        if not (one.is_path and one.changes_result and path):
             continue
         if key != "weights" or not path.isidentifier():  # torchvision's names of weights are
             absolute[key] = os.path.abspath(path)

@@ -1,7 +1,5 @@
 """Augmentations of clean training images by name, each drawn per image by kornia."""
 
-from __future__ import annotations
-
 import functools
 
 import kornia.augmentation as K

@@ -1,23 +1,16 @@
 """Loaders of the splits, in the same order on any number of ranks."""
 
-from __future__ import annotations
-
 import lightning as L
 from torch.utils.data import DataLoader, Dataset
 from torch.utils.data.distributed import DistributedSampler
 
-from training.data.eval_batches import batch_size_for
-from training.data.splits import Splits
+from training.data.splits import Splits, batch_size_for
 
 MAX_VAL_BATCH = 320  # images
 
 
 def require_even(batch_size: int, processes: int) -> None:
-    """Refuse a batch that the processes cannot share evenly.
-
-    Raises:
-        ValueError: with the nearest that they can.
-    """
+    """Refuse a batch that the processes cannot share evenly."""
     if batch_size % processes:
         near = max(1, round(batch_size / processes)) * processes
         raise ValueError(
@@ -34,10 +27,8 @@ class Batches(L.LightningDataModule):
     training and in validation.
 
     Args:
-        splits: the images.
         batch_size: training images of a batch on all ranks together; a multiple of their number.
         workers: processes of each loader that read images.
-        seed: seed of the order of the images.
         first_epoch: epoch that training begins or resumes with.
     """
 

@@ -1,8 +1,6 @@
 """Pictures as screens show them, drawn: dead leaves, textures, pages, interfaces, charts, gradients
 and signs. A picture is a pure function of its generator, and nobody else's work is in it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -11,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 from training.data import signs
 from training.data.sign_backgrounds import noise
 
-FINE = 2  # shapes are drawn at this multiple of the final resolution
+SUPERSAMPLING = 2  # shapes are drawn at this multiple of the final resolution
 LETTERS = "etaoinshrdlcumwfgypbvk"
 LEAF_SIDES = (3, 4, 4, 5, 6, 16, 16, 16, 16)
 SLOPES = (0.5, 0.8, 1.2, 2.0)  # of fractal noise, whose tiles are kept
@@ -30,7 +28,7 @@ def render(rng: np.random.Generator, side: int) -> tuple[str, Image.Image]:
 def dead_leaves(rng: np.random.Generator, side: int) -> Image.Image:
     """Draw shapes that cover one another, their radii as 1 / r^3 as in photographs (Lee, Mumford
     and Huang, 2001), with texture and light."""
-    extent = FINE * side
+    extent = SUPERSAMPLING * side
     palette = [_colour(rng) for _ in range(rng.integers(3, 9))]
     colours = Image.new("RGB", (extent, extent), palette[0])
     grains = Image.new("L", (extent, extent))
@@ -42,8 +40,8 @@ def dead_leaves(rng: np.random.Generator, side: int) -> Image.Image:
         base = palette[rng.integers(len(palette))]
         colour_pen.polygon(corners, fill=_near(rng, base))
         grain_pen.polygon(corners, fill=int(rng.integers(256)))
-    picture = _codes(colours.reduce(FINE))
-    amount = _codes(grains.reduce(FINE))[..., None] ** 2
+    picture = _codes(colours.reduce(SUPERSAMPLING))
+    amount = _codes(grains.reduce(SUPERSAMPLING))[..., None] ** 2
     grain = noise(rng, side, rng.uniform(40, 200), _slope(rng)) - 0.5
     return _image((picture * (1 + 1.2 * amount * grain)) * _light(rng, side))
 
@@ -62,21 +60,21 @@ def texture(rng: np.random.Generator, side: int) -> Image.Image:
 def page(rng: np.random.Generator, side: int) -> Image.Image:
     """Draw lines of text on paper, or on a dark page."""
     paper, ink = _page_colours(rng)
-    extent = FINE * side
+    extent = SUPERSAMPLING * side
     canvas = Image.new("RGB", (extent, extent), paper)
     pen = ImageDraw.Draw(canvas)
     top = rng.uniform(-30, 30)
     while top < extent:
-        height = int(rng.uniform(7, 24 if rng.random() < 0.8 else 60) * FINE)
+        height = int(rng.uniform(7, 24 if rng.random() < 0.8 else 60) * SUPERSAMPLING)
         lines = int(rng.integers(1, 12))
         _paragraph(pen, rng, (rng.uniform(-40, 0.3 * extent), top), height, lines, ink)
         top += height * (1.3 * lines + rng.uniform(0.2, 2))
-    return canvas.reduce(FINE)
+    return canvas.reduce(SUPERSAMPLING)
 
 
 def interface(rng: np.random.Generator, side: int) -> Image.Image:
     """Draw windows with bars, buttons, words and small pictures."""
-    extent = FINE * side
+    extent = SUPERSAMPLING * side
     paper, ink = _page_colours(rng)
     canvas = Image.new("RGB", (extent, extent), paper)
     pen = ImageDraw.Draw(canvas)
@@ -92,7 +90,7 @@ def interface(rng: np.random.Generator, side: int) -> Image.Image:
             radius = rng.uniform(0, 0.3) * min(width, height)
             pen.rounded_rectangle(box, radius, fill, outline, int(rng.integers(0, 4)))
         elif part == "words":
-            size = int(rng.uniform(7, 22) * FINE)
+            size = int(rng.uniform(7, 22) * SUPERSAMPLING)
             _paragraph(pen, rng, (left, top), size, int(rng.integers(1, 6)), ink, width)
         elif part == "picture":
             inner = dead_leaves if rng.random() < 0.5 else texture
@@ -100,19 +98,19 @@ def interface(rng: np.random.Generator, side: int) -> Image.Image:
             canvas.paste(inner(rng, small), (int(left), int(top)))
         else:
             pen.line((left, top, left + width, top), _near(rng, ink, 60), int(rng.integers(1, 4)))
-    return canvas.reduce(FINE)
+    return canvas.reduce(SUPERSAMPLING)
 
 
 def chart(rng: np.random.Generator, side: int) -> Image.Image:
     """Draw a grid with curves, bars or sectors."""
-    extent = FINE * side
+    extent = SUPERSAMPLING * side
     paper, ink = _page_colours(rng)
     canvas = Image.new("RGB", (extent, extent), paper)
     pen = ImageDraw.Draw(canvas)
     grid = _near(rng, paper, 60)
     for place in np.arange(0, extent, rng.uniform(0.06, 0.25) * extent):
-        pen.line((place, 0, place, extent), grid, FINE)
-        pen.line((0, place, extent, place), grid, FINE)
+        pen.line((place, 0, place, extent), grid, SUPERSAMPLING)
+        pen.line((0, place, extent, place), grid, SUPERSAMPLING)
     for _ in range(rng.integers(1, 6)):
         colour, kind = _colour(rng), rng.integers(3)
         if kind == 0:
@@ -128,8 +126,8 @@ def chart(rng: np.random.Generator, side: int) -> Image.Image:
             first = rng.uniform(0, 360)
             box = (x - radius, y - radius, x + radius, y + radius)
             pen.pieslice(box, first, first + rng.uniform(30, 330), colour)
-    _paragraph(pen, rng, (0.1 * extent, 0), int(rng.uniform(8, 20) * FINE), 2, ink)
-    return canvas.reduce(FINE)
+    _paragraph(pen, rng, (0.1 * extent, 0), int(rng.uniform(8, 20) * SUPERSAMPLING), 2, ink)
+    return canvas.reduce(SUPERSAMPLING)
 
 
 def gradient(rng: np.random.Generator, side: int) -> Image.Image:

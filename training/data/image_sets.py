@@ -1,7 +1,5 @@
 """Folders of images and torchvision's data sets, as uint8 images (3, size, size)."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib
@@ -16,10 +14,9 @@ from torchvision.transforms import v2
 
 from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
-from training.config.data_sets import Data
+from training.config.schema import Data
 from training.data.splits import ImageSet, has_parts
-from training.system.files import read_table
-from training.system.locks import locked
+from training.system.files import locked, read_table
 
 UNNAMED_CLASSES = {"gtsrb": 43}  # numbers of classes that torchvision does not name
 IMAGENET_CLASSES = 1000  # of torchvision's published weights, which a class_index refers to
@@ -38,11 +35,7 @@ def _resize(size: int) -> v2.Compose:
 
 
 def read(cfg: Data) -> ImageSet:
-    """Read a folder of images, or one of torchvision's data sets.
-
-    Raises:
-        ValueError: a missing folder, or folders that do not fit; says what to do.
-    """
+    """Read a folder of images, or one of torchvision's data sets."""
     return _read_folder(cfg) if cfg.name == "folder" else _read_from_torchvision(cfg)
 
 
@@ -154,14 +147,10 @@ class UprightFolder(ImageFolder):
     def find_classes(self, directory: str | Path) -> tuple[list[str], dict[str, int]]:
         """Return the names of the class folders, and the number of each."""
         folders = (path for path in Path(directory).iterdir() if path.is_dir())
-        names = sorted(path.name for path in folders if not _hidden(Path(path.name)))
+        names = sorted(path.name for path in folders if not path.name.startswith("."))
         if not names:
             raise FileNotFoundError(f"there are no class folders in {directory}")
         return names, {name: number for number, name in enumerate(names)}
-
-
-def _hidden(path: Path) -> bool:
-    return any(part.startswith(".") for part in path.parts)
 
 
 def _read_pictures(root: Path, cfg: Data) -> ImageFolder:

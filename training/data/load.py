@@ -1,24 +1,18 @@
 """Data sets by name: uint8 images (3, size, size) and labels, split into train, val and test."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from training.config.data_sets import DATA, Data
+from training.config.schema import DATA, Data
 from training.data import signs
 from training.data.splits import Splits, has_parts, split
 
 
 def load(cfg: Data) -> Splits:
-    """Load a data set by its name, `cfg.name`.
-
-    Raises:
-        ValueError: a missing folder, or folders that do not fit; says what to do.
-    """
+    """Load a data set by its name, `cfg.name`."""
     if cfg.name == "signs":
         return _load_signs(cfg)
     from training.data import image_sets
@@ -27,11 +21,7 @@ def load(cfg: Data) -> Splits:
 
 
 def require_training_images(cfg: Data) -> None:
-    """Refuse a folder of class folders alone, whose images are all for testing.
-
-    Raises:
-        ValueError: with what to do.
-    """
+    """Refuse a folder of class folders alone, whose images are all for testing."""
     if cfg.name != "folder" or not cfg.root or not Path(cfg.root).is_dir():
         return
     if not has_parts(cfg.root):

@@ -1,7 +1,5 @@
 """Real pairs: photos of screens and the pictures on them, from files."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 from collections.abc import Iterable, Iterator
@@ -40,11 +38,7 @@ def find_pairs(source: Path) -> list[PairFiles]:
     """Find the pairs of a CSV file with the columns photo and original, of a folder with such a
     file pairs.csv, or of one with the folders `photo` and `original`, paired by the files' stems.
 
-    A CSV's relative paths are relative to its own folder.
-
-    Raises:
-        ValueError: none found, a column or a file that is missing.
-    """
+    A CSV's relative paths are relative to its own folder."""
     if (source / TABLE_NAME).is_file():
         source = source / TABLE_NAME
     if source.is_dir():
@@ -67,11 +61,7 @@ def find_pairs(source: Path) -> list[PairFiles]:
 
 def require_one_size(pair: PairFiles) -> None:
     """Refuse a photo of another size than its original, as their files say, before either is
-    decoded.
-
-    Raises:
-        ValueError: with both sizes, or a file that is no picture.
-    """
+    decoded."""
     photo, original = size_of(pair.photo), size_of(pair.original)
     if photo != original:
         raise ValueError(_not_one_size(pair, photo, original))
@@ -122,11 +112,7 @@ def _of_table(path: Path) -> Iterator[PairFiles]:
 
 def find_images(folder: Path) -> list[Path]:
     """Return the image files in a folder and below, in the order of their paths; hidden ones are
-    skipped.
-
-    Raises:
-        ValueError: no such folder, or one that may not be read.
-    """
+    skipped."""
     if not folder.is_dir():
         raise ValueError(f"the folder {folder} does not exist.")
     paths = sorted(folder / name for name in files_below(folder))
@@ -134,21 +120,13 @@ def find_images(folder: Path) -> list[Path]:
 
 
 def read_codes(path: Path) -> Tensor:
-    """Return the codes of a picture, (3, H, W) uint8, upright.
-
-    Raises:
-        ValueError: a file that cannot be read as one.
-    """
+    """Return the codes of a picture, (3, H, W) uint8, upright."""
     picture = read_picture(path)
     return torch.from_numpy(np.asarray(picture).copy()).permute(2, 0, 1)
 
 
 def read_pairs(pairs: Iterable[PairFiles]) -> Iterator[ScreenPhoto]:
-    """Read pairs one by one.
-
-    Raises:
-        ValueError: a photo and its original differ in size.
-    """
+    """Read pairs one by one."""
     for pair in pairs:
         photo, original = read_codes(pair.photo), read_codes(pair.original)
         if photo.shape != original.shape:
@@ -167,11 +145,7 @@ def _not_one_size(pair: PairFiles, photo: tuple[int, int], original: tuple[int, 
 
 def read_registered(photos: Iterable[Path], picture: Path) -> Iterator[ScreenPhoto]:
     """Read photos of a screen that shows a picture, and register each to the picture; the parts of
-    the picture that a photo does not show are cut off both.
-
-    Raises:
-        ValueError: a photo in which the picture was not found.
-    """
+    the picture that a photo does not show are cut off both."""
     on_screen = read_codes(picture)
     for path in photos:
         photo, original = register(read_codes(path), on_screen, str(path))

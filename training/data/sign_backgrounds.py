@@ -19,12 +19,8 @@ def noise_tile(slope: float) -> Image.Image:
     frequency = np.hypot(np.fft.fftfreq(512)[:, None], np.fft.rfftfreq(512))
     frequency[0, 0] = 1.0
     white = np.fft.rfft2(np.random.default_rng(7).standard_normal((512, 512)))
-    rank = (
-        np.fft.irfft2(white / frequency**slope)
-        .ravel()
-        .argsort(kind="stable")
-        .argsort(kind="stable")
-    )
+    pixels = np.fft.irfft2(white / frequency**slope).ravel()
+    rank = pixels.argsort(kind="stable").argsort(kind="stable")
     return Image.fromarray((rank.reshape(512, 512) / 512**2).astype(np.float32))
 
 
@@ -35,52 +31,42 @@ def noise(
     as high."""
     x, y = rng.uniform(0, 512 - extent), rng.uniform(0, 512 - extent * flat)
     box = (x, y, x + extent, y + extent * flat)
-    return np.asarray(noise_tile(slope).resize((side, side), Image.Resampling.BILINEAR, box))[
-        ..., None
-    ]
+    window = noise_tile(slope).resize((side, side), Image.Resampling.BILINEAR, box)
+    return np.asarray(window)[..., None]
 
 
 def _colour(
     rng: np.random.Generator, low: tuple[float, ...], high: tuple[float, ...]
 ) -> np.ndarray:
     """Draw a colour between two, (3,), with a little noise in every channel."""
-    return (np.array(low) + rng.random() * np.subtract(high, low) + rng.normal(0, 0.03, 3)).astype(
-        np.float32
-    )
+    colour = np.array(low) + rng.random() * np.subtract(high, low) + rng.normal(0, 0.03, 3)
+    return colour.astype(np.float32)
 
 
 def _sky(rng: np.random.Generator, side: int) -> np.ndarray:
     fall = np.linspace(0, 1, side, dtype=np.float32)[:, None, None]
-    zenith, horizon = (
-        _colour(rng, (0.2, 0.42, 0.75), (0.62, 0.66, 0.72)),
-        _colour(rng, (0.7,) * 3, (0.95,) * 3),
-    )
+    zenith = _colour(rng, (0.2, 0.42, 0.75), (0.62, 0.66, 0.72))
+    horizon = _colour(rng, (0.7,) * 3, (0.95,) * 3)
     sky = zenith + (horizon - zenith) * fall
     clouds = np.clip(noise(rng, side, rng.uniform(50, 120), 2.0) * 3 - rng.uniform(1, 3), 0, 1)
     return sky + (_colour(rng, (0.75,) * 3, (0.98,) * 3) - sky) * clouds
 
 
 def _foliage(rng: np.random.Generator, side: int) -> np.ndarray:
-    leaves = (
-        noise(rng, side, rng.uniform(50, 110), 1.0) * 0.6
-        + noise(rng, side, rng.uniform(20, 60), 1.5) * 0.4
-    )
+    leaves = noise(rng, side, rng.uniform(50, 110), 1.0) * 0.6
+    leaves = leaves + noise(rng, side, rng.uniform(20, 60), 1.5) * 0.4
     shade = _colour(rng, (0.03, 0.06, 0.02), (0.16, 0.14, 0.06))
-    return shade + (_colour(rng, (0.30, 0.50, 0.14), (0.72, 0.60, 0.26)) - shade) * np.clip(
-        1.6 * leaves - 0.3, 0, 1
-    )
+    light = _colour(rng, (0.30, 0.50, 0.14), (0.72, 0.60, 0.26))
+    return shade + (light - shade) * np.clip(1.6 * leaves - 0.3, 0, 1)
 
 
 def _road(rng: np.random.Generator, side: int) -> np.ndarray:
     grain = noise(rng, side, rng.uniform(60, 140), 0.5, 0.4) + noise(rng, side, 80, 1.5, 0.5)
     road = _colour(rng, (0.22,) * 3, (0.52, 0.5, 0.47)) * (0.6 + 0.4 * grain)
-    down, across = (
-        np.linspace(0, 1, side, dtype=np.float32)[:, None],
-        np.linspace(-1, 1, side, dtype=np.float32),
-    )
-    off_lane = (
-        np.abs(across - rng.uniform(-0.8, 0.8) - rng.uniform(-1, 1) * down) - 0.02 - 0.08 * down
-    )
+    down = np.linspace(0, 1, side, dtype=np.float32)[:, None]
+    across = np.linspace(-1, 1, side, dtype=np.float32)
+    off_middle = np.abs(across - rng.uniform(-0.8, 0.8) - rng.uniform(-1, 1) * down)
+    off_lane = off_middle - 0.02 - 0.08 * down
     return road + (0.6 - 0.7 * road) * np.clip(0.5 - off_lane * side / 2, 0, 1)[..., None]
 
 
@@ -91,10 +77,8 @@ def _part(x: np.ndarray) -> np.ndarray:
 def _facade(rng: np.random.Generator, side: int) -> np.ndarray:
     wall = _colour(rng, (0.48, 0.26, 0.18), (0.84, 0.78, 0.68))
     y, x = np.mgrid[:side, :side].astype(np.float32)
-    x, y = (
-        x + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * y,
-        y + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * x,
-    )
+    right = x + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * y
+    x, y = right, y + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * x
     row, brick = rng.uniform(3, 6), rng.uniform(7, 15)
     wide, high = (float(length) for length in rng.uniform(16, 40, 2))
     course = y / row
@@ -135,16 +119,11 @@ def clutter(pen: Pen, rng: np.random.Generator, side: int) -> None:
     for _ in range(rng.integers(0, 5)):
         # Farther off than the sign, so duller.
         dull, grey = rng.uniform(0.3, 0.9), rng.uniform(40, 160)
-        colours = np.array(SIGN_COLOURS)[rng.integers(len(SIGN_COLOURS), size=3)] * dull + grey * (
-            1 - dull
-        )
+        bright = np.array(SIGN_COLOURS)[rng.integers(len(SIGN_COLOURS), size=3)]
+        colours = bright * dull + grey * (1 - dull)
         x, y = rng.uniform(-0.1, 1.1, 2) * side
-        radius, turn, sides = (
-            rng.uniform(0.05, 0.3) * side,
-            rng.uniform(-30, 30),
-            int(rng.choice((3, 4, 4, 8, 24))),
-        )
+        radius, turn = rng.uniform(0.05, 0.3) * side, rng.uniform(-30, 30)
+        sides = int(rng.choice((3, 4, 4, 8, 24)))
         for shrink, colour in zip((1, 0.8, 0.35), colours[: rng.integers(1, 4)], strict=False):
-            pen.polygon(
-                polygon(sides, radius * shrink, turn, x, y), fill=tuple(int(c) for c in colour)
-            )
+            corners = polygon(sides, radius * shrink, turn, x, y)
+            pen.polygon(corners, fill=tuple(int(c) for c in colour))

@@ -14,10 +14,8 @@ Pen = ImageDraw.ImageDraw
 _FACE = 512  # side of the canvas on which a sign face is drawn, once
 STYLES = 3  # looks per class: colours, weight of the lettering, painted or lit
 _WHITE, _BLACK, _YELLOW = (244, 244, 240), (18, 18, 20), (250, 196, 20)
-_REDS, _BLUES = (
-    ((196, 20, 32), (214, 36, 28), (170, 16, 36)),
-    ((16, 82, 170), (24, 104, 196), (10, 60, 140)),
-)
+_REDS = ((196, 20, 32), (214, 36, 28), (170, 16, 36))
+_BLUES = ((16, 82, 170), (24, 104, 196), (10, 60, 140))
 _LIGHTS = ((255, 168, 24), (250, 250, 236), (255, 84, 40))
 SIGN_COLOURS = (*_REDS, *_BLUES, _YELLOW, _WHITE, _BLACK, (20, 130, 70), _LIGHTS[0])
 # Dot-matrix letters, five columns by seven rows; each number is a row, its highest bit at the left.
@@ -55,9 +53,7 @@ def _arrow(pen: Pen, points: Box, width: int, head: float, fill: Colour | int) -
 
 def _text(pen: Pen, text: str, height: int, fill: Colour, weight: int) -> None:
     font = ImageFont.load_default(size=height)
-    pen.text(
-        (256, 256), text, font=font, fill=fill, anchor="mm", stroke_width=weight, stroke_fill=fill
-    )
+    pen.text((256, 256), text, fill, font, "mm", stroke_width=weight, stroke_fill=fill)
 
 
 def _stop(pen: Pen, style: int) -> None:
@@ -78,12 +74,9 @@ def _no_entry(pen: Pen, style: int) -> None:
 
 
 def _priority_road(pen: Pen, style: int) -> None:
-    for radius, fill in (
-        (254, _BLACK if style == 1 else _WHITE),
-        (242, _WHITE),
-        (170 + 10 * style, _YELLOW),
-    ):
-        pen.polygon(polygon(4, radius, 0), fill=fill)
+    pen.polygon(polygon(4, 254, 0), fill=_BLACK if style == 1 else _WHITE)
+    pen.polygon(polygon(4, 242, 0), fill=_WHITE)
+    pen.polygon(polygon(4, 170 + 10 * style, 0), fill=_YELLOW)
 
 
 def _speed(pen: Pen, style: int, text: str) -> None:
@@ -96,11 +89,9 @@ def _speed(pen: Pen, style: int, text: str) -> None:
 def _turn(pen: Pen, style: int, side: int) -> None:
     _disc(pen, 252, _WHITE)
     _disc(pen, 240, _BLUES[style])
-    bend = (
-        [(256 - 70, 400), (256 - 70, 246), (256 + 60, 246)]
-        if style
-        else [(256 - 130, 256), (256 + 60, 256)]
-    )
+    bend = [(256 - 130, 256), (256 + 60, 256)]
+    if style:
+        bend = [(256 - 70, 400), (256 - 70, 246), (256 + 60, 246)]
     _arrow(pen, [(256 + side * (x - 256), y) for x, y in bend], 62, 110, _WHITE)
 
 
@@ -109,13 +100,8 @@ def _roundabout(pen: Pen, style: int) -> None:
     _disc(pen, 240, _BLUES[style])
     for start in (30, 150, 270):
         angles = np.radians(start + np.linspace(0, 62, 9))
-        _arrow(
-            pen,
-            [(256 + 130 * math.cos(a), 256 + 130 * math.sin(a)) for a in angles],
-            46,
-            66,
-            _WHITE,
-        )
+        arc = [(256 + 130 * math.cos(a), 256 + 130 * math.sin(a)) for a in angles]
+        _arrow(pen, arc, 46, 66, _WHITE)
 
 
 def _warning(pen: Pen, style: int) -> tuple[float, float]:
@@ -143,11 +129,8 @@ def _warning_crossing(pen: Pen, style: int) -> None:
     arms = ((-50, -4, -2, -48), (-2, -48, 54, -6))
     for limbs, width in ((legs_and_trunk, 34), (arms, 22)):
         for x0, y0, x1, y1 in limbs:
-            pen.line(
-                (256 + k * x0, y + k * y0, 256 + k * x1, y + k * y1),
-                fill=_BLACK,
-                width=round(width * k),
-            )
+            limb = (256 + k * x0, y + k * y0, 256 + k * x1, y + k * y1)
+            pen.line(limb, fill=_BLACK, width=round(width * k))
 
 
 def _lamps(pen: Pen, dots: np.ndarray, colour: Colour) -> None:
@@ -163,11 +146,12 @@ def _lamps(pen: Pen, dots: np.ndarray, colour: Colour) -> None:
 
 
 def _word(pen: Pen, style: int, text: str) -> None:
-    rows = [
-        [_LETTERS[letter][row] >> (4 - bit) & 1 for letter in text for bit in range(-1, 5)]
-        for row in range(7)
-    ]
-    # Bit -1 shifts by five and so reads a zero: the gap before each letter.
+    rows = []
+    for row in range(7):
+        # Bit -1 shifts by five and so reads a zero: the gap before each letter.
+        rows.append(
+            [_LETTERS[letter][row] >> (4 - bit) & 1 for letter in text for bit in range(-1, 5)]
+        )
     _lamps(pen, np.pad(np.array(rows, bool), ((2 + style, 2 + style), (0, 1))), _LIGHTS[style])
 
 
@@ -178,11 +162,8 @@ def _lane(pen: Pen, style: int, opened: bool) -> None:
     else:
         for line in ((3, 3, 13, 13), (13, 3, 3, 13)):
             ImageDraw.Draw(mask).line(line, fill=1, width=2 + (style > 0))
-    _lamps(
-        pen,
-        np.asarray(mask),
-        ((60, 235, 120), _LIGHTS[1], _LIGHTS[0])[style] if opened else _LIGHTS[2 - style],
-    )
+    colour = ((60, 235, 120), _LIGHTS[1], _LIGHTS[0])[style] if opened else _LIGHTS[2 - style]
+    _lamps(pen, np.asarray(mask), colour)
 
 
 FACES: dict[str, Callable[[Pen, int], None]] = {

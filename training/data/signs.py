@@ -18,7 +18,7 @@ from training.data.sign_faces import FACES, SIGN_COLOURS, STYLES, Pen, face, pol
 CLASSES: tuple[str, ...] = tuple(FACES)
 SPLITS: tuple[str, ...] = ("train", "val", "test")
 
-_FINE = 2  # supersampling of a picture; the faces are filtered to match beforehand
+_SUPERSAMPLING = 2  # supersampling of a picture; the faces are filtered to match beforehand
 
 
 def _pose(rng: np.random.Generator, side: int) -> tuple[np.ndarray, float]:
@@ -34,17 +34,15 @@ def _pose(rng: np.random.Generator, side: int) -> tuple[np.ndarray, float]:
     plane = about_z @ about_y @ about_x
     distance = 4.0  # in radii of the sign: near enough for the perspective to show
     plane[:, 2] = (0, 0, distance)
-    return np.array(
-        [[radius * distance, 0, x], [0, radius * distance, y], [0, 0, 1]]
-    ) @ plane, radius
+    projection = np.array([[radius * distance, 0, x], [0, radius * distance, y], [0, 0, 1]])
+    return projection @ plane, radius
 
 
 def _warp(face: Image.Image, pose: np.ndarray, side: int) -> Image.Image:
     onto_face = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 2 / face.width]]) @ np.linalg.inv(pose)
     warp = tuple((onto_face / onto_face[2, 2]).ravel()[:8])
-    return face.transform(
-        (side, side), Image.Transform.PERSPECTIVE, warp, Image.Resampling.BILINEAR
-    )
+    kind, filter_ = Image.Transform.PERSPECTIVE, Image.Resampling.BILINEAR
+    return face.transform((side, side), kind, warp, filter_)
 
 
 def _wear(rng: np.random.Generator, paint: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -66,18 +64,13 @@ def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float
         pen.polygon(sticker, fill=tuple(SIGN_COLOURS[rng.integers(len(SIGN_COLOURS))]))
     if rng.random() < 0.1:
         scribble = middle + rng.uniform(-0.7, 0.7, (6, 2)) * radius
-        pen.line(
-            [tuple(p) for p in scribble],
-            fill=tuple(rng.integers(0, 200, 3)),
-            width=2,
-            joint="curve",
-        )
+        ink = tuple(rng.integers(0, 200, 3))
+        pen.line([tuple(p) for p in scribble], fill=ink, width=2, joint="curve")
     if rng.random() < 0.3:
         angle = rng.uniform(0, 2 * math.pi)
         rim = middle + 1.3 * radius * np.array((math.cos(angle), math.sin(angle)))
-        twig = rim + np.linspace(0, 1, 5)[:, None] * (
-            middle + rng.uniform(-0.6, 0.6, 2) * radius - rim
-        )
+        tip = middle + rng.uniform(-0.6, 0.6, 2) * radius
+        twig = rim + np.linspace(0, 1, 5)[:, None] * (tip - rim)
         twig += rng.normal(0, 0.05, twig.shape) * radius
         pen.line([tuple(p) for p in twig], fill=(62, 48, 34), width=2)
         for x, y in np.repeat(twig, 3, 0) + rng.normal(0, 0.12, (15, 2)) * radius:
@@ -93,12 +86,8 @@ def _light(rng: np.random.Generator, side: int) -> np.ndarray:
     slope = rng.normal(0, 0.22, 2).astype(np.float32)
     light = 1 + (slope[0] * ramp[:, None] + slope[1] * ramp).clip(-0.6, 0.6)[..., None]
     if rng.random() < 0.4:
-        edge = np.clip(
-            noise(rng, side, rng.uniform(30, 90), 2.0) * rng.uniform(4, 20) - rng.uniform(1, 8),
-            0,
-            1,
-        )
-        light = light * (1 - rng.uniform(0.3, 0.65) * edge)
+        shade = noise(rng, side, rng.uniform(30, 90), 2.0) * rng.uniform(4, 20) - rng.uniform(1, 8)
+        light = light * (1 - rng.uniform(0.3, 0.65) * np.clip(shade, 0, 1))
     return light * (math.exp(rng.normal(-0.1, 0.25)) * rng.normal(1, 0.05, 3)).astype(np.float32)
 
 
@@ -124,22 +113,19 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
     """Draw one photograph, uint8 (size, size, 3), sRGB, of the sign CLASSES[label]; all randomness
     comes from rng.
 
-    Raises ValueError for a size below 16.
-    """
+    Raises ValueError for a size below 16."""
     _check_size(size)
-    fine = _FINE * size
-    canvas = Image.fromarray(_uint8(scene(rng, size))).resize(
-        (fine, fine), Image.Resampling.NEAREST
-    )
+    fine = _SUPERSAMPLING * size
+    street = Image.fromarray(_uint8(scene(rng, size)))
+    canvas = street.resize((fine, fine), Image.Resampling.NEAREST)
     pen = ImageDraw.Draw(canvas)
     clutter(pen, rng, fine)
     pose, radius = _pose(rng, fine)
     middle = pose[:2, 2] / pose[2, 2]
     if rng.random() < 0.6:
         grey, half = int(rng.integers(60, 180)), rng.uniform(0.03, 0.08) * radius
-        pen.rectangle(
-            (middle[0] - half, middle[1], middle[0] + half, fine), fill=(grey, grey, grey)
-        )
+        post = (middle[0] - half, middle[1], middle[0] + half, fine)
+        pen.rectangle(post, fill=(grey, grey, grey))
     name, style = CLASSES[label], int(rng.integers(STYLES))
     shines = name.startswith(("board", "lane")) or (name.startswith("speed") and style == 2)
     sign = _warp(face(name, style, 128 if radius > 36 else 64), pose, fine)
@@ -147,16 +133,15 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
         sign = sign.convert("RGBA")
         _cover(ImageDraw.Draw(sign), rng, middle, radius)
         sign = sign.convert("RGBa")
-    layer = np.asarray(sign.reduce(_FINE)) / np.float32(255)
+    layer = np.asarray(sign.reduce(_SUPERSAMPLING)) / np.float32(255)
     paint, alpha = layer[..., :3] * rng.uniform(0.85, 1.05, 3).astype(np.float32), layer[..., 3:]
     light = _light(rng, size)
-    picture = np.asarray(canvas.reduce(_FINE)) / np.float32(255) * (1 - alpha)
+    picture = np.asarray(canvas.reduce(_SUPERSAMPLING)) / np.float32(255) * (1 - alpha)
     if shines:
         # It emits its own light, which neither shade nor exposure dims and which spills over.
-        glow = np.asarray(
-            Image.fromarray(_uint8(paint)).filter(ImageFilter.GaussianBlur(0.04 * size))
-        )
-        picture = picture * light + paint + glow * np.float32(rng.uniform(0.1, 0.6) / 255)
+        blurred = Image.fromarray(_uint8(paint)).filter(ImageFilter.GaussianBlur(0.04 * size))
+        glow = np.asarray(blurred) * np.float32(rng.uniform(0.1, 0.6) / 255)
+        picture = picture * light + paint + glow
     else:
         picture = (picture + _wear(rng, paint, alpha)) * light
     return _photograph(rng, picture)

@@ -1,17 +1,18 @@
-"""Three parts of a data set, to train, validate and test on."""
-
-from __future__ import annotations
+"""Three parts of a data set, to train, validate and test on; and the test images in batches."""
 
 from pathlib import Path
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.utils.data import Dataset, Subset
+from torch.utils.data import Dataset, Subset, default_collate
 
-from training.config.data_sets import Data
+from training.config.schema import Data, Reattack
 
 MAX_CACHE_BYTES = 1 << 30  # of decoded images
+# of a batch by default: a few gigabytes for a large network and its gradients
+MAX_BATCH_PIXELS = 25 * 224 * 224
+MAX_BATCH_IMAGES = 96
 
 
 class ImageSet(NamedTuple):
@@ -35,7 +36,6 @@ class Splits(NamedTuple):
 
     Args:
         train, val, test: images to train, validate and test on.
-        classes: name of each class.
         num_classes: number of logits of a model for them.
         files: fingerprint of the files of train and val; empty where the settings determine these
             images.
@@ -93,11 +93,7 @@ def random_subset(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
 
 def split(images: ImageSet, cfg: Data) -> Splits:
     """Return the parts of a data set, in the numbers that are asked for: of the training images, a
-    fixed random part is held out for validation.
-
-    Raises:
-        ValueError: training or validation images would be none.
-    """
+    fixed random part is held out for validation."""
     all_test = cache_if_small(images.test, cfg)
     test = random_subset(all_test, cfg.test)
     if images.train is None:
@@ -114,3 +110,42 @@ def split(images: ImageSet, cfg: Data) -> Splits:
     train = random_subset(Subset(all_train, order[val_count:]), cfg.train)
     val = Subset(all_train, order[:val_count])
     return Splits(train, val, test, images.classes, images.num_classes, images.files)
+
+
+def batch_size_for(side: int, max_images: int) -> int:
+    """Return the number of images of a batch that is attacked."""
+    return max(1, min(max_images, MAX_BATCH_PIXELS // side**2))
+
+
+class EvalBatches:
+    """The first n test images of a fixed shuffle: `batches[index]` is ((B, 3, H, W) in [0, 1],
+    (B,)).
+
+    Args:
+        reattack: settings of the attack, of which n, batch_size and seed are used.
+    """
+
+    def __init__(self, splits: Splits, reattack: Reattack, side: int, device: torch.device) -> None:
+        self.data, self.device = splits.test, device
+        total = len(self.data)  # type: ignore[arg-type]
+        order = shuffled_indices(total, reattack.seed)
+        self.n = min(reattack.n, total)
+        self.order, self.rest = order[: self.n], order[self.n :]
+        self.size = reattack.batch_size or batch_size_for(side, MAX_BATCH_IMAGES)
+
+    def __len__(self) -> int:
+        return -(-self.n // self.size)
+
+    def __getitem__(self, index: int) -> tuple[Tensor, Tensor]:
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        rows = self.order[index * self.size : (index + 1) * self.size]
+        images, labels = default_collate([self.data[i] for i in rows])
+        return images.to(self.device).float() / 255, labels.to(self.device)
+
+    def unattacked_images(self, splits: Splits) -> Subset:
+        """Return the images that are not attacked: the training images or, if a folder has no
+        split, the remaining test images."""
+        if splits.train is not splits.val:
+            return Subset(splits.train, range(len(splits.train)))  # type: ignore[arg-type]
+        return Subset(splits.test, self.rest)

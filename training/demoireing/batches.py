@@ -1,7 +1,5 @@
 """Simulated pairs in batches, for Lightning."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import lightning as L
@@ -9,12 +7,7 @@ import torch
 from torch.utils.data import DataLoader, Sampler, TensorDataset
 
 from moireaug.synthesis.pictures import Source
-from training.demoireing.pairs import (
-    VAL_SEED,
-    SimulatedPairs,
-    TurnedPairs,
-    training_scenes,
-)
+from training.demoireing.pairs import VAL_SEED, SimulatedPairs, TurnedPairs, training_scenes
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 
@@ -26,8 +19,6 @@ class PairNumbers(Sampler[int]):
 
     Args:
         count: pairs of an epoch, of all ranks together.
-        ranks: number of processes.
-        rank: number of this process, from 0.
     """
 
     def __init__(self, count: int, ranks: int, rank: int) -> None:
@@ -49,8 +40,6 @@ class PairBatches(L.LightningDataModule):
     """Serves pairs as loaders; the validation pairs are made once.
 
     Args:
-        cfg: settings of the run.
-        splits: its pictures.
         first_epoch: epoch that training begins or resumes with.
     """
 

@@ -9,8 +9,6 @@ named, and the command then exits with status 1. Colour profile and EXIF data ar
 tags and the orientation: what is written is upright. It has one page of 8 bits a channel, with
 white in place of what was transparent. Every file is written whole or not at all."""
 
-from __future__ import annotations
-
 import io
 import sys
 import time
@@ -31,7 +29,7 @@ from moireaug.common.image_files import read_picture
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.synthesis.pictures import Pictures
-from training.config.plain import parse, report_errors
+from training.config.commands import parse, report_errors
 from training.config.settings import setting
 from training.demoireing.tiles import TILE_OVERLAP, TILE_SIDE, tiled
 
@@ -63,11 +61,7 @@ class Config:
 
 
 def configure(argv: Sequence[str]) -> Config:
-    """Return the settings of a command line.
-
-    Raises:
-        ValueError: an unknown key, a value of another type, or out of its bounds.
-    """
+    """Return the settings of a command line."""
     cfg = parse(argv, Config, EXAMPLE, __doc__)
     photos, out = Path(cfg.in_).resolve(), Path(cfg.out).resolve()
     if out.is_relative_to(photos) or photos.is_relative_to(out):
@@ -81,11 +75,7 @@ def configure(argv: Sequence[str]) -> Config:
 
 
 def device_of(name: str) -> torch.device:
-    """Return the device of that name; "auto" is a GPU where there is one.
-
-    Raises:
-        ValueError: no such device.
-    """
+    """Return the device of that name; "auto" is a GPU where there is one."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
@@ -118,9 +108,9 @@ def clean_folder(cfg: Config) -> list[str]:
             path = pictures.folder / name
             try:
                 photo = read_picture(path)
-                content = encoded(clean(network, photo, tile), photo, path.suffix)
+                content = encode_like(clean(network, photo, tile), photo, path.suffix)
             except (ValueError, MemoryError, RuntimeError) as error:
-                problem = reason(error, path)
+                problem = problem_of(error, path)
                 failed.append(problem)
                 bar.write(f"not cleaned: {problem}", file=sys.stderr)
                 continue
@@ -133,7 +123,7 @@ def clean_folder(cfg: Config) -> list[str]:
     return failed
 
 
-def reason(error: Exception, path: Path) -> str:
+def problem_of(error: Exception, path: Path) -> str:
     """Return why a photo could not be cleaned; an error that tells of a mistake in the code is
     raised again."""
     message = str(error)
@@ -163,7 +153,7 @@ def clean_codes(network: DemoireNet, photo: Tensor, tile: int = TILE_SIDE) -> Te
     return (255 * cleaned).round().to(torch.uint8).cpu()
 
 
-def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
+def encode_like(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
     """Return a picture encoded in the format of a suffix, with the profile and EXIF data of the
     photo that it was made from."""
     options = dict(FORMAT_OPTIONS.get(suffix.lower(), {}))

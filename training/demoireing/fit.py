@@ -11,8 +11,6 @@ metrics.json, best.ckpt, last.ckpt and config.yaml into runs/<data>-<model>/demo
 same command resumes an interrupted run.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path
@@ -37,7 +35,8 @@ from training.demoireing.pairs import training_scenes
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
 from training.report.terminal import show
-from training.runs.resume import require_resumable, require_same_data
+from training.runs.identity import Origin
+from training.runs.resume import require_resumable, require_same_origin
 from training.runs.run import Run
 from training.system import machine
 from training.system.files import read_metrics
@@ -66,11 +65,7 @@ def fit(cfg: DemoireConfig) -> Metrics:
 
 
 def check(cfg: DemoireConfig) -> None:
-    """Refuse invalid settings before any time is spent.
-
-    Raises:
-        TypeError, ValueError: with what was got and what is allowed.
-    """
+    """Refuse invalid settings before any time is spent."""
     one_of("model", cfg.model, demoire.NETWORKS)
     check_run(cfg)
     if cfg.train.steps % cfg.train.check_every:
@@ -122,7 +117,7 @@ def complete(run: Run[DemoireConfig]) -> Metrics:
     splits = pictures.load(run.config)
     pictures.require_usable(splits)
     if run.config.resume is not False:
-        require_same_data(run, splits.files)
+        require_same_origin(run, Origin(splits.files))
     if is_first():
         run.prepare()
     network, train = train_network(run, splits)
@@ -135,10 +130,7 @@ def complete(run: Run[DemoireConfig]) -> Metrics:
 
 
 def test_and_report(
-    run: Run[DemoireConfig],
-    network: demoire.DemoireNet,
-    train: Metrics,
-    splits: pictures.Splits,
+    run: Run[DemoireConfig], network: demoire.DemoireNet, train: Metrics, splits: pictures.Splits
 ) -> Metrics:
     """Test a trained network, and write scores.csv, report.html and then metrics.json; returns the
     metrics."""
@@ -176,7 +168,7 @@ def test_and_report(
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="demoire")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.report_errors(kept_work="What was validated is kept"):
+    with commands.report_job_errors(kept_work="What was validated is kept"):
         config: DemoireConfig = as_config(cfg)
         run_job(config.trainer, fit, config)
 

@@ -1,7 +1,5 @@
 """The Lightning module that trains a demoiréing network."""
 
-from __future__ import annotations
-
 import math
 import time
 from typing import Any
@@ -23,12 +21,7 @@ BIAS_LR = 0.05  # of SGD, in learning rates of the matrices
 
 class Demoireing(L.LightningModule):
     """Trains a network by its published loss; validation scores PSNR and SSIM of the cleaned
-    photos, and for comparison the photos' own PSNR.
-
-    Args:
-        network: network of `demoire.build`.
-        demoire, train: settings of its training.
-    """
+    photos, and for comparison the photos' own PSNR."""
 
     def __init__(self, network: DemoireNet, demoire: Demoire, train: Train) -> None:
         super().__init__()

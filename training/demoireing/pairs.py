@@ -1,7 +1,5 @@
 """Simulated pairs as tensors, for training, validation and testing."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -29,11 +27,7 @@ VAL_SEED, TEST_SEED = 4_000_000_001, 4_000_000_002
 
 
 def training_scenes(cfg: DemoireConfig) -> dict[str, Scene]:
-    """Return the scenes that a run trains in, by their names.
-
-    Raises:
-        TypeError, ValueError: no scene, or one whose photos are not aligned with their originals.
-    """
+    """Return the scenes that a run trains in, by their names."""
     listed = cfg.scene if isinstance(cfg.scene, (list, tuple)) else [cfg.scene]
     if not listed:
         raise ValueError("scene=[] names no scene: name at least one.")
@@ -53,7 +47,7 @@ def _of_crops(scene: Scene, cfg: DemoireConfig) -> Scene:
     return scene if cfg.shrink is None else scene.with_shrink(cfg.shrink)
 
 
-def enlarged(scene: Scene, factor: int) -> Scene:
+def enlarge_scene(scene: Scene, factor: int) -> Scene:
     """Return the scene for pictures of `factor` times the size that show the same: a pixel of a
     crop is then so many times smaller on the sensor."""
     if factor == 1 or not scene.is_crop:
@@ -66,9 +60,6 @@ class SimulatedPairs(Dataset):
     """Photos and their targets by number: (3, size, size) uint8 each; scenes take turns.
 
     Args:
-        pictures: source of their pictures.
-        scenes: scenes that photograph them.
-        size: side of a pair, in pixels.
         target: "clean", "twin", "original" or "toned".
         seed: seed of `moireaug.synthesis.Pairs`.
         subsample: photos are taken at one to this many times their size, in turn, and shrunk.
@@ -89,7 +80,7 @@ class SimulatedPairs(Dataset):
         self.seed, self.subsample, self.jpeg = seed, subsample, jpeg
         # a scene is planned once, and not for every pair
         factors = range(1, subsample + 1)
-        self.scenes = [[enlarged(scene, factor) for factor in factors] for scene in scenes]
+        self.scenes = [[enlarge_scene(scene, factor) for factor in factors] for scene in scenes]
 
     def pair(self, k: int) -> Pair:
         """Return a pair with all that is known of it, always with its twin and never shrunk."""
@@ -133,11 +124,11 @@ class TurnedPairs(Dataset):
         self._pair_of: dict[int, tuple[Tensor, Tensor]] = {}
 
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
-        again, number = divmod(k, self.count)
+        orientation, number = divmod(k, self.count)
         if number not in self._pair_of:
             later = range(number, self.candidates * self.count, self.count)
             self._pair_of[number] = max((self.pairs[k] for k in later), key=coarse_colour)
-        turns, mirrored = again % 4, again // 4 % 2
+        turns, mirrored = orientation % 4, orientation // 4 % 2
         photo, target = (side.rot90(turns, (1, 2)) for side in self._pair_of[number])
         return (photo.flip(2), target.flip(2)) if mirrored else (photo, target)
 

@@ -1,7 +1,5 @@
 """Pictures to photograph: drawn ones, or a folder's; some are held out for testing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,11 +34,7 @@ class Splits(NamedTuple):
 
 
 class DrawnPictures:
-    """The project's own pictures, a new one for every pair.
-
-    Args:
-        side: side of a picture, in pixels.
-    """
+    """The project's own pictures, a new one for every pair."""
 
     def __init__(self, side: int) -> None:
         self.side = side
@@ -51,12 +45,7 @@ class DrawnPictures:
 
 
 class EnlargedCrops:
-    """Crops of another source's pictures, enlarged.
-
-    Args:
-        source: source of the pictures.
-        side: side of a crop, in pixels. factor: by which it is enlarged.
-    """
+    """Crops of another source's pictures, enlarged."""
 
     def __init__(self, source: Source, side: int, factor: int) -> None:
         self.source, self.side, self.factor = source, side, factor
@@ -72,11 +61,7 @@ class EnlargedCrops:
 
 
 def load(cfg: DemoireConfig) -> Splits:
-    """Find the pictures of a run's data set.
-
-    Raises:
-        ValueError: no folder, or too few pictures in it.
-    """
+    """Find the pictures of a run's data set."""
     side, test_side = cfg.data.size, cfg.test.size
     if not cfg.data.root:
         drawn = DrawnPictures(side)
@@ -91,11 +76,7 @@ def load(cfg: DemoireConfig) -> Splits:
 
 
 def require_usable(splits: Splits) -> None:
-    """Read a picture of each split, before any time is spent.
-
-    Raises:
-        ValueError: none of a split is large enough, or none can be read.
-    """
+    """Read a picture of each split, before any time is spent."""
     for name, setting in (("train", "data.size"), ("val", "data.size"), ("test", "test.size")):
         try:
             getattr(splits, name).draw(np.random.default_rng(0))

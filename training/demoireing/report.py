@@ -1,7 +1,5 @@
 """The report of a test: a page, plots of the training, and lines for the terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ from torch import Tensor
 from moireaug.evaluation.visibility import SSIM_WINDOW
 from training.demoireing.testing import GroupedPair
 from training.report.numbers import number
-from training.report.page import environment
+from training.report.page import environment, picture_cells
 from training.report.plots import History, Quantity, curves
 from training.report.terminal import Grid, Part
 
@@ -31,18 +29,14 @@ def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tenso
     """Return the report of a run as a self-contained page.
 
     Args:
-        metrics: content of metrics.json.
         examples: pairs of the report, and their cleaned photos.
     """
-    lead = []
-    for kind in ("seen", "unseen", "real"):
-        if line := headline(metrics, kind):
-            lead.append(line)
+    lead = [main_figures(metrics, kind) for kind in ("seen", "unseen", "real")]
     time = {name: value for name, value in metrics["time"].items() if value is not None}
     template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
     return template.render(
         title=f"{metrics['model']}, trained on simulated pairs alone",
-        lead=lead,
+        lead=[figures for figures in lead if figures["n"]],
         facts={name: metrics[name] for name in ("data", "model", "width", "target", "seed")},
         columns=list(REFERENCE_COLUMNS),
         rows=table_rows(metrics["test"]),
@@ -55,40 +49,22 @@ def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tenso
     )
 
 
-def headline(metrics: Mapping[str, Any], kind: str) -> str | None:
-    """Return the effect of cleaning on the photos of a kind, as a sentence; None where none were
-    tested."""
-    reference, measure = main_figure(metrics, kind)
-    rows = []
-    for row in metrics["test"]:
-        if (row["kind"], row["reference"], row["measure"]) == (kind, reference, measure):
-            rows.append(row)
-    if not rows:
-        return None
-    n = sum(row["n"] for row in rows)
-    before, after = (sum(row[k] * row["n"] for row in rows) / n for k in ("before", "after"))
-    gain_count = sum(row["gained"] for row in rows)
-    subject = {
-        "seen": "Simulated photos of scenes that it was trained on",
-        "unseen": "Simulated photos of scenes that it was not trained on",
-        "real": "Real photos",
-    }[kind]
-    against = "the same shot without moiré" if reference == "twin" else "the original"
-    if measure == "mapped_psnr":
-        against += ", colours mapped"
-    return (
-        f"{subject}: PSNR against {against} from {before:.2f} to {after:.2f} dB; "
-        f"{gain_count} of {n} gain."
-    )
-
-
-def main_figure(metrics: Mapping[str, Any], kind: str) -> tuple[str, str]:
-    """Return the reference and the measure that tell whether a network meets its target."""
+def main_figures(metrics: Mapping[str, Any], kind: str) -> dict[str, Any]:
+    """Return the figures that tell whether a network meets its target on the photos of a kind, the
+    means of their groups: PSNR against a `reference`, its colours mapped or not."""
+    reference, measure = "original", "mapped_psnr"
     if metrics["target"] == "original":
-        return "original", "psnr"
-    if metrics["target"] == "twin" and kind != "real":
-        return "twin", "psnr"
-    return "original", "mapped_psnr"
+        measure = "psnr"
+    elif metrics["target"] == "twin" and kind != "real":
+        reference, measure = "twin", "psnr"
+    wanted = {"kind": kind, "reference": reference, "measure": measure}
+    rows = [row for row in metrics["test"] if wanted.items() <= row.items()]
+    n = sum(row["n"] for row in rows)
+    before, after = (
+        sum(row[k] * row["n"] for row in rows) / max(n, 1) for k in ("before", "after")
+    )
+    gained = sum(row["gained"] for row in rows)
+    return {**wanted, "n": n, "before": before, "after": after, "gained": gained}
 
 
 def table_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -96,8 +72,8 @@ def table_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     None where there is no such reference."""
     by_group: dict[str, dict[str, Any]] = {}
     for row in rows:
-        facts = {k: row[k] for k in ("group", "kind", "n", "milliseconds", "megapixels")}
-        by_group.setdefault(row["group"], facts | {"cells": [None] * 2 * len(REFERENCE_COLUMNS)})
+        labels = {k: row[k] for k in ("group", "kind", "n", "milliseconds", "megapixels")}
+        by_group.setdefault(row["group"], labels | {"cells": [None] * 2 * len(REFERENCE_COLUMNS)})
         for column, (reference, prefix) in enumerate(REFERENCE_COLUMNS.values()):
             for side, name in enumerate(("psnr", "ssim")):
                 if (row["reference"], row["measure"]) == (reference, prefix + name):
@@ -151,11 +127,7 @@ def example_block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
         "original": pair.original,
         f"removed × {REMOVED_AMPLIFICATION}": removed.clamp(0, 255).byte(),
     }
-    cells = []
-    for title, picture in sides.items():
-        if picture is not None:
-            cells.append({"title": title, "image": picture.permute(1, 2, 0).contiguous().numpy()})
-    return {"label": f"{pair.group}: {pair.name}", "cells": cells}
+    return {"label": f"{pair.group}: {pair.name}", "cells": picture_cells(sides)}
 
 
 def training_curves(train: Mapping[str, Any]) -> list[dict[str, str]]:

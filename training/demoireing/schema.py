@@ -3,8 +3,6 @@
 Durations are in steps, sizes in pixels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,14 +33,10 @@ class Pictures:
         bounds=(1, 8),
     )
     jpeg: int | None = setting(
-        60,
-        "lowest JPEG quality of training photos; null: no JPEG",
-        bounds=(1, 100),
+        60, "lowest JPEG quality of training photos; null: no JPEG", bounds=(1, 100)
     )
     pairs: int = setting(
-        2000,
-        "different training pairs, served turned and mirrored",
-        bounds=(1, None),
+        2000, "different training pairs, served turned and mirrored", bounds=(1, None)
     )
     candidates: int = setting(
         2,
@@ -71,9 +65,7 @@ class Demoire:
     )
     width: float = setting(0.25, "factor of the published numbers of channels")
     vgg: str | None = setting(
-        None,
-        "a state_dict of torchvision's vgg16, for a perceptual loss",
-        is_path=True,
+        None, "a state_dict of torchvision's vgg16, for a perceptual loss", is_path=True
     )
 
 
@@ -86,11 +78,7 @@ class Train:
     batch_size: int = setting(4, "of all devices together", bounds=(1, None))
     lr: float = setting(0.02, "peak of Muon; falls to 0 by a cosine", bounds=(1e-8, 10))
     warmup: int = setting(50, "steps over which it rises", bounds=(0, None))
-    ema: float = setting(
-        0.99,
-        "decay per step of the averaged weights",
-        bounds=(0, 0.999999),
-    )
+    ema: float = setting(0.99, "decay per step of the averaged weights", bounds=(0, 0.999999))
 
 
 @dataclass

@@ -1,7 +1,5 @@
 """Test a trained network on pairs that it was not trained on, simulated and real."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Iterator
@@ -9,17 +7,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
+import torch
 from torch import Tensor
 from tqdm import tqdm
 
 from moireaug.defenses.demoire import DemoireNet
-from training.comparison.statistics import t_interval
+from moireaug.evaluation.visibility import psnr, ssim
+from training.comparison.summaries import t_interval
 from training.data.real_pairs import find_pairs, read_pairs
 from training.demoireing.clean import clean_codes
-from training.demoireing.fidelity import fidelity_scores
 from training.demoireing.pairs import test_pairs
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
+from training.photographs.tone import ColourMap
 from training.report.page import middle_of
 
 MEASURES = ("psnr", "ssim", "mapped_psnr", "mapped_ssim")
@@ -32,7 +32,6 @@ class GroupedPair(NamedTuple):
     Args:
         group: name of its scene, or "real photos".
         kind: "seen" or "unseen", of its scene, or "real".
-        name: name of the picture.
         photo, original: photo and picture, (3, H, W) uint8.
         twin: the same shot without moiré; None for a real photo.
     """
@@ -70,11 +69,7 @@ def simulated_pairs(cfg: DemoireConfig, splits: Splits) -> Iterator[GroupedPair]
 
 
 def real_pairs(source: str) -> Iterator[GroupedPair]:
-    """Read the real pairs of `pairs=`.
-
-    Raises:
-        ValueError: as `find_pairs` and `read_pairs`.
-    """
+    """Read the real pairs of `pairs=`."""
     for screen_photo in read_pairs(find_pairs(Path(source))):
         name, photo, original = screen_photo
         if original is not None:
@@ -110,7 +105,7 @@ def compare_pair(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]
     """Yield the likeness of the photo and of the cleaned photo to each reference that there is, and
     of the twin to the original, which a network would reach that removes all moiré and nothing
     else."""
-    facts = {"group": pair.group, "kind": pair.kind, "picture": pair.name}
+    labels = {"group": pair.group, "kind": pair.kind, "picture": pair.name}
     for reference in ("twin", "original"):
         target = getattr(pair, reference)
         if target is None:
@@ -120,7 +115,7 @@ def compare_pair(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]
             states["twin"] = pair.twin
         for state, picture in states.items():
             likeness = fidelity_scores(picture.float() / 255, target.float() / 255)
-            yield facts | {"reference": reference, "state": state} | likeness
+            yield labels | {"reference": reference, "state": state} | likeness
 
 
 def summarise(scores: pd.DataFrame) -> list[dict[str, Any]]:
@@ -154,3 +149,19 @@ def summarise(scores: pd.DataFrame) -> list[dict[str, Any]]:
                 }
             )
     return rows
+
+
+def map_colours(picture: Tensor, target: Tensor) -> Tensor:
+    """Return a picture (3, H, W) in [0, 1] after the best global colour map onto another."""
+    codes, aim = (255 * side.float().cpu().contiguous().numpy() for side in (picture, target))
+    return torch.from_numpy(ColourMap.fit(codes, aim)(codes)) / 255
+
+
+def fidelity_scores(picture: Tensor, target: Tensor) -> dict[str, float]:
+    """Return `psnr` in dB and `ssim` of a picture (3, H, W) in [0, 1] against another, and with the
+    prefix `mapped_` those after the best global colour map."""
+    scores = {}
+    for prefix, candidate in (("", picture), ("mapped_", map_colours(picture, target))):
+        scores[f"{prefix}psnr"] = float(psnr(candidate[None], target[None]))
+        scores[f"{prefix}ssim"] = float(ssim(candidate[None], target[None]))
+    return scores

@@ -1,7 +1,5 @@
 """Run a network on images of any size, tile by tile."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch
@@ -32,9 +30,6 @@ def tiled(
 
     Returns:
         (B, 3, H, W), on the images' device; besides it, memory is that of one tile.
-
-    Raises:
-        ValueError: an overlap that is not a multiple of 4, or a side shorter than two overlaps.
     """
     if overlap < 4 or overlap % 4 or side < 2 * overlap:
         raise ValueError(

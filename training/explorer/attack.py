@@ -1,7 +1,5 @@
 """The ladder of one picture: a run's model on it when clean, photographed and attacked."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Sequence
 from dataclasses import replace
@@ -49,11 +47,7 @@ class LadderRow(NamedTuple):
 
 
 def open_run(folder: str) -> OpenedRun:
-    """Read a run's model, and the first of its test images.
-
-    Raises:
-        ValueError: no folder is given, it holds no run, or the run's data set has moved.
-    """
+    """Read a run's model, and the first of its test images."""
     if not folder.strip():
         raise ValueError("name the folder of a run, such as runs/moire_at/seed0.")
     trained = read(Path(folder.strip()))
@@ -77,15 +71,8 @@ def ladder(
     """Show a run's model one of its test images, row by row: each adds one thing.
 
     Args:
-        run: model and its test images.
-        index: index of the test image.
-        scene: scene of the shot.
         eps: bound of the noise, in [0, 1] units of codes.
-        steps: steps of each attack.
         seed: seed of the shot and of the random rows.
-
-    Raises:
-        ValueError: the index is out of range, or the attacks do not accept eps or steps.
     """
     if not 0 <= index < len(run.images):
         raise ValueError(f"image must be 0 to {len(run.images) - 1}; got {index}.")

@@ -1,7 +1,5 @@
 """The controls of a scene: one for each field of its parts, made from their dataclasses."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import math
@@ -126,11 +124,7 @@ class Control(NamedTuple):
 
     def value(self, values: Sequence[Any]) -> Any:
         """Return the field's value from the values of this control; the ends of a range may come in
-        either order.
-
-        Raises:
-            ValueError: a number that was deleted.
-        """
+        either order."""
         if self.kind in ("range", "number") and None in values:
             raise ValueError(f"{self.name} is empty: enter a number.")
         if self.kind == "range":
@@ -189,9 +183,6 @@ def scene_of(values: Sequence[Any], like: Scene) -> Scene:
 
     Args:
         like: a scene with the same controls, such as the preset that they started from.
-
-    Raises:
-        ValueError, TypeError: a scene does not allow the values; the message says what it allows.
     """
     parts_values: dict[str, dict[str, Any]] = {part: {} for part in PARTS}
     remaining = list(values)

@@ -1,7 +1,5 @@
 """The photo of one picture, a crop of it, its spectrum, and the time of each effect."""
 
-from __future__ import annotations
-
 import statistics
 import time
 from pathlib import Path
@@ -65,11 +63,7 @@ SAMPLES = {
 
 
 def read(path: str) -> Picture:
-    """Return the picture in a file, upright.
-
-    Raises:
-        ValueError: the file cannot be read as a picture, or has more than `MAX_PIXELS` pixels.
-    """
+    """Return the picture in a file, upright."""
     width, height = image_files.size_of(path)
     if width * height > MAX_PIXELS:
         raise ValueError(
@@ -117,8 +111,7 @@ def spectrum(photo: Picture, side: int = CROP_SIDE * MAGNIFICATION) -> Picture:
     """Return a photo's power spectrum, logarithmic and in false colours: frequency zero in the
     middle, half a cycle per pixel at the edges.
 
-    It is the mean over red, green and blue, under a Hann window. Moiré shows as pairs of points.
-    """
+    It is the mean over red, green and blue, under a Hann window. Moiré shows as pairs of points."""
     height, width = photo.shape[:2]
     window = np.hanning(height)[:, None, None] * np.hanning(width)[None, :, None]
     codes = photo.astype(np.float32)

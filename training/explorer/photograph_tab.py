@@ -1,20 +1,83 @@
-"""The first tab: a picture, photographed off a screen by the scene of the controls."""
-
-from __future__ import annotations
+"""The first tab: a picture, photographed off a screen by the scene of the controls, and these."""
 
 from typing import Any
 
 import gradio as gr
 
+from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
-from moireaug.scenes import as_scene
+from moireaug.scenes import Scene, as_scene
 from training.explorer import photo
-from training.explorer.controls import scene_of
+from training.explorer.controls import CONTROLS, Control, scene_of, values_of
 from training.explorer.scene_code import as_python, as_yaml
-from training.explorer.widgets import preset_updates, scene_widgets
+
+PART_TITLES = {
+    "panel": "Panel: the screen",
+    "view": "View: where the camera stands",
+    "lens": "Lens",
+    "sensor": "Sensor",
+    "develop": "Develop: from raw to photo",
+}
+
 
 REFUSALS = (ValueError, TypeError, OSError)  # errors that the page shows as sentences
 DEFAULT_PRESET, DEFAULT_SAMPLE = "screen_photo", "cat"
+
+
+def scene_widgets(scene: Scene) -> tuple[list[Any], list[Any]]:
+    """Lay out the controls of a scene, part by part. Return their widgets in the order of
+    `values_of`, and the group of each control, which is hidden where the scene does not have it."""
+    widgets: list[Any] = []
+    groups: list[Any] = []
+    for part in PARTS:
+        with gr.Accordion(PART_TITLES[part], open=part == "panel", elem_id=part):
+            for control in CONTROLS:
+                if control.part == part:
+                    with gr.Column(visible=visible(control, scene)) as group:
+                        widgets += widgets_of(control, control.read(scene))
+                    groups.append(group)
+    return widgets, groups
+
+
+def visible(control: Control, scene: Scene) -> Any:
+    """Return Gradio's word for whether a scene has a control. Hidden ones keep their values."""
+    return True if control.applies_to(scene) else "hidden"
+
+
+def preset_updates(name: str) -> list[Any]:
+    """Return the values of all widgets for a preset, and which groups are visible."""
+    scene = as_scene(name)
+    updates = [gr.update(visible=visible(control, scene)) for control in CONTROLS]
+    return [*values_of(scene), *updates]
+
+
+def widgets_of(control: Control, values: list[Any]) -> list[Any]:
+    """Lay out one control: two sliders for a range, else one widget."""
+    label, info = control.field, control.description
+    if control.kind == "switch":
+        return [gr.Checkbox(values[0], label=label, info=info, elem_id=control.name)]
+    if control.kind == "choice":
+        choices = [
+            ("none" if choice is None else str(choice), choice) for choice in control.choices
+        ]
+        return [gr.Dropdown(choices, value=values[0], label=label, info=info, elem_id=control.name)]
+    limits = {"minimum": control.low, "maximum": control.high, "step": control.step}
+    if control.kind == "number":
+        return [gr.Slider(**limits, value=values[0], label=label, info=info)]
+    gr.Markdown(f"**{control.field}** {info}", elem_classes="about")
+    sliders: list[Any] = []
+    with gr.Row():
+        for end, value in zip(("from", "to"), values, strict=True):
+            slider = gr.Slider(
+                **limits,
+                value=value,
+                label=f"{label}, {end}",
+                min_width=180,
+                buttons=[],
+                elem_id=f"{control.name}-{end}".replace(".", "-"),
+            )
+            sliders.append(slider)
+    return sliders
 
 
 def photograph_tab(blocks: gr.Blocks) -> None:
@@ -33,7 +96,7 @@ def photograph_tab(blocks: gr.Blocks) -> None:
                 another = gr.Button("Another shot", min_width=100)
             widgets, groups = scene_widgets(as_scene(DEFAULT_PRESET))
         with gr.Column(scale=3, min_width=320, elem_id="results"):
-            summary = gr.Markdown(elem_id="told")
+            summary = gr.Markdown(elem_id="summary")
             options = {"interactive": False, "format": "png", "buttons": ["fullscreen"]}
             image = gr.Image(
                 label="Photo: click to choose the crop",
@@ -125,11 +188,7 @@ def show_times(preset: str, sample: str, file: str | None, seed: float | None, *
 
 
 def shot_number(value: float | None) -> int:
-    """Return the number of a shot, which seeds its draw; a cleared field is 0.
-
-    Raises:
-        ValueError: a number that is no seed.
-    """
+    """Return the number of a shot, which seeds its draw; a cleared field is 0."""
     number = value or 0
     if not 0 <= number < 2**53:
         raise ValueError(f"the shot number must be at least 0 and below 2^53; got {number:g}.")
@@ -137,11 +196,7 @@ def shot_number(value: float | None) -> int:
 
 
 def picture_of(sample: str, file: str | None) -> photo.Picture:
-    """Return the picture in a file, or the sample of that name.
-
-    Raises:
-        ValueError: the file is refused, see `photo.read`.
-    """
+    """Return the picture in a file, or the sample of that name."""
     return photo.read(file) if file else photo.SAMPLES[sample]()
 
 

@@ -1,7 +1,5 @@
 """A scene as Python code and as YAML, written as changes to the chosen preset."""
 
-from __future__ import annotations
-
 import pprint
 import textwrap
 from typing import Any

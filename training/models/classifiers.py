@@ -39,16 +39,11 @@ def as_model(
 
     Args:
         name: name among `OWN_MODELS`, or any torchvision classifier.
-        num_classes: number of logits.
         weights: file that `moireaug.common.weights.read_state_dict` reads, or name of torchvision
             weights such as "IMAGENET1K_V1" or "DEFAULT". Of weights for another number of classes,
             the head is left out and stays freshly initialised.
         whole: whether to refuse weights for another number of classes: a model with a fresh head
             cannot be evaluated.
-
-    Raises:
-        ValueError: an unknown name, a file that is missing or unreadable, or weights of another
-            model.
     """
     require_known(name)
     model = _fresh(name, num_classes)
@@ -61,16 +56,7 @@ def as_model(
 
 
 def check_side(model: nn.Module, name: str, side: int) -> None:
-    """Refuse images that are too small, or of another size than a model's own.
-
-    Args:
-        model: classifier of [0, 1] images; its mode is kept.
-        name: name of the model.
-        side: side of the images, in pixels.
-
-    Raises:
-        ValueError: with what to do.
-    """
+    """Refuse images that are too small, or of another size than a model's own."""
     weight = next(model.parameters())
     try:
         with torch.no_grad(), in_evaluation_mode(model):
@@ -106,11 +92,7 @@ def class_names(name: str) -> dict[int, str]:
 
 
 def require_known(name: str) -> None:
-    """Refuse a name that no model has.
-
-    Raises:
-        ValueError: says which names there are.
-    """
+    """Refuse a name that no model has."""
     if name not in OWN_MODELS and name not in model_names():
         closest = difflib.get_close_matches(name, model_names(), n=3, cutoff=0.3)
         hint = f" Closest: {', '.join(closest)}." if closest else ""
@@ -156,11 +138,7 @@ def _published(name: str, weights: str) -> Mapping[str, Tensor]:
 
 
 def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
-    """Copy a state into a model, except for a head made for another number of classes.
-
-    Raises:
-        ValueError: anything else differs.
-    """
+    """Copy a state into a model, except for a head made for another number of classes."""
     expected = model.state_dict()
     state = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
     common = [key for key in state if key in expected]
@@ -188,8 +166,7 @@ def _is_head(
     """Return whether the tensors that changed shape are those of one layer, and only in their
     number of outputs.
 
-    Any layer but the last would change the inputs of the next one too.
-    """
+    Any layer but the last would change the inputs of the next one too."""
     layers = {key.rpartition(".")[0] for key in reshaped}
     if len(layers) != 1:
         return False

@@ -1,7 +1,5 @@
 """Pooling of a network's last features into one vector: a mean, or learnt attention."""
 
-from __future__ import annotations
-
 from torch import Tensor, nn
 
 

@@ -1,7 +1,5 @@
 """A compact convolutional network for small images, robust by its activation and pooling."""
 
-from __future__ import annotations
-
 import itertools
 
 from torch import Tensor, nn

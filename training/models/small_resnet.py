@@ -1,7 +1,5 @@
 """A compact ResNet for small images, plain or with a robust activation and pooling."""
 
-from __future__ import annotations
-
 from torch import Tensor, nn
 
 from training.models.pooling import AttentionPooling, MeanPooling

@@ -1,8 +1,6 @@
 """Pairs as files: encoded pictures in a tar of WebDataset, or in a folder of Hugging Face
 datasets."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -28,7 +26,6 @@ class EncodedPair:
     """A pair as it is written.
 
     Args:
-        index: number of the pair.
         pictures: content of its files, by their names ("photo.png").
         made_from: numbers that replay it, see `Pair.to_dict`.
         skipped: sentences on the pictures newly skipped as unusable.
@@ -49,7 +46,6 @@ class EncodedPairs(Dataset):
     """Pairs by their numbers, encoded.
 
     Args:
-        pairs: pairs to encode.
         encoding: key of `SUFFIXES`.
         quality: quality, 1 to 100; None is lossless, and for JPEG 95.
     """

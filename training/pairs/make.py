@@ -9,8 +9,11 @@ import statistics
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from omegaconf import MISSING
 from torch.utils.data import DataLoader
 from tqdm import tqdm
 
@@ -18,12 +21,13 @@ from moireaug.common.files import unfinished
 from moireaug.synthesis import Pairs
 from moireaug.synthesis.pairs import make_pair
 from moireaug.synthesis.twins import SEEN_CODES
-from training.pairs.files import FORMATS, EncodedPair, EncodedPairs
-from training.pairs.schema import Config
+from training.config.schema import SHRINK_HELP
+from training.config.settings import setting
+from training.pairs.files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
 from training.pairs.sets import PairSet, Share
 from training.system.messages import count_text
 
-SAMPLE = 16  # pairs whose moiré is told before the work begins
+MOIRE_SAMPLE_PAIRS = 16  # pairs whose moiré is told before the work begins
 
 
 def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
@@ -32,7 +36,7 @@ def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
     total = sum(len(pair_set.pairs(number)) for number in missing)
     if not total:
         return
-    print(moire_of_sample(pairs, min(total, SAMPLE)))
+    print(moire_of_sample(pairs, min(total, MOIRE_SAMPLE_PAIRS)))
     skipped: set[str] = set()
     start = time.perf_counter()
     encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality)
@@ -56,10 +60,10 @@ def moire_of_sample(pairs: Pairs, n: int) -> str:
     for k in range(n):
         pair = make_pair(k, pictures, pairs.scene, pairs.size, twin=True, seed=pairs.seed)
         moire.append(pair.moire or 0.0)  # there is a twin
-    seen = sum(one > SEEN_CODES for one in moire) / n
+    share_seen = sum(one > SEEN_CODES for one in moire) / n
     return (
         f"Moiré of the first {count_text(n, 'pair')}, photo minus the same without: median "
-        f"{statistics.median(moire):.2g} codes RMS, {100 * seen:.0f} % above {SEEN_CODES:g}."
+        f"{statistics.median(moire):.2g} codes RMS, {100 * share_seen:.0f} % above {SEEN_CODES:g}."
     )
 
 
@@ -116,3 +120,29 @@ def workers_of(cfg: Config) -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))  # of a job that was given some of a machine's cores
     return os.cpu_count() or 1
+
+
+@dataclass
+class Config:
+    """All settings of the command."""
+
+    images: str = setting(MISSING, "a folder of pictures")
+    out: str = setting(MISSING, "the folder that the pairs go to")
+    n: int = setting(MISSING, "pairs, of all commands together")
+    scene: str = setting(
+        "screen_photo", "a preset's name, or a YAML file of a scene or a list of them"
+    )
+    shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
+    size: int = setting(512, "side of the crops, in pixels")
+    twin: bool = setting(False, "whether to add the same shot without moiré")
+    format: str = setting("webdataset", "of the files", choices=tuple(FORMATS))
+    encoding: str = setting("png", "of the pictures", choices=tuple(SUFFIXES))
+    quality: int | None = setting(
+        None, "of webp and jpeg; null is lossless, and 95 for jpeg", bounds=(1, 100)
+    )
+    seed: int = setting(0, "of the crops and the shots")
+    per_shard: int = setting(1000, "pairs a tar, or a folder", bounds=(1, None))
+    shard: str = setting("0/1", "which of how many commands this is, counted from 0")
+    workers: int | None = setting(
+        None, "processes; 0 is none but this one, null is one for each core", bounds=(0, 1024)
+    )

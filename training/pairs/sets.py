@@ -1,7 +1,5 @@
 """A data set of pairs in its folder: its files, their shares among commands, and its settings."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator
@@ -11,8 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from moireaug.common.files import write_text
-from training.system.files import read_json
-from training.system.locks import locked
+from training.system.files import locked, read_json
 
 SHARE_PATTERN = re.compile(r"(\d+)/(\d+)")
 MAX_WAIT_SECONDS = 60.0  # for another command to write dataset.json
@@ -61,11 +58,7 @@ class PairSet(NamedTuple):
 
 
 def share_of(shard: str) -> Share:
-    """Return the share of `shard=i/n`.
-
-    Raises:
-        ValueError: not two whole numbers with 0 <= i < n.
-    """
+    """Return the share of `shard=i/n`."""
     match = SHARE_PATTERN.fullmatch(shard)
     share = Share(int(match[1]), int(match[2])) if match else None
     if share is None or share.index >= share.count:

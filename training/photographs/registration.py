@@ -1,7 +1,5 @@
 """Find a known picture in a photo of the screen that shows it, and bring the photo to its frame."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -58,12 +56,12 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
     matrix = find_pose(photo, picture, name)
     height, width = picture.shape[1:]
     rows, columns = _visible(matrix, (height, width), tuple(photo.shape[1:]))
-    shown = picture[:, rows, columns]
-    if not shown.numel():
+    visible_picture = picture[:, rows, columns]
+    if not visible_picture.numel():
         raise ValueError(f"{name} shows too little of the picture: it must show most of it.")
     warped = _warp(_interleaved(photo), matrix, (height, width))
     aligned = torch.from_numpy(warped).permute(2, 0, 1)
-    return aligned[:, rows, columns], shown
+    return aligned[:, rows, columns], visible_picture
 
 
 def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Matrix:
@@ -138,13 +136,8 @@ def _by_features(picture: Grey, photo: Grey) -> tuple[Matrix | None, int]:
 
 def _is_folded(matrix: Matrix, shape: tuple[int, ...]) -> bool:
     """Return whether a homography mirrors the picture, or its corners are not convex."""
-    corners = _corners(matrix, shape[0], shape[1])
-    turns = []
-    for i in range(4):
-        before, at, after = corners[i - 1], corners[i], corners[(i + 1) % 4]
-        one, two = at - before, after - at
-        turns.append(float(one[0] * two[1] - one[1] * two[0]))
-    return min(turns) <= 0
+    corners = _corners(matrix, shape[0], shape[1]).astype(np.float32)
+    return cv2.contourArea(corners, oriented=True) <= 0 or not cv2.isContourConvex(corners)
 
 
 def _corners(matrix: Matrix, height: float, width: float) -> Matrix:

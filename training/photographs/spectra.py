@@ -5,8 +5,6 @@ screen changes from place to place (Welch, 1967, without the averaging). The pow
 own content in the same window is subtracted, and so is the noise floor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
@@ -143,8 +141,7 @@ def two_dimensionality(spectrum: Spectrum) -> float:
     It is twice the lesser eigenvalue of the second moment matrix of the wave vectors' directions,
     weighted by their power above the noise and divided by its trace; a mean over the windows,
     weighted by their power. Harmonics lie in the direction of their stripes, and change nothing.
-    0 where there is no power at all.
-    """
+    0 where there is no power at all."""
     fx, fy, length = _frequencies(spectrum.power.shape[-1])
     safe = np.where(length > 0, length, 1)
     ux, uy = fx / safe, fy / safe

@@ -14,8 +14,6 @@ Without an original the quietest places of the photo itself are taken, so that t
 the noise come out too low, and the moiré of chroma less so.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -135,7 +133,7 @@ def measure_crop(photo: Plane, original: Plane | None) -> dict[str, float]:
     busy = busyness(reference)
     flat = busy <= np.quantile(busy, FLAT_SHARE)
     numbers = band_strengths(photo, flat)
-    numbers |= spectral(photo, original, busy)
+    numbers |= spectral_statistics(photo, original, busy)
     numbers |= levels(photo, reference)
     numbers["noise"] = noise(photo, flat)
     numbers["blocks"] = blocks(photo)
@@ -168,8 +166,7 @@ def scales(plane: Plane) -> dict[float, Plane]:
     """Return every other pixel of a plane blurred by 1, 1.5, 2, 4, 8 and 16 px.
 
     After a blur of 4 px every other pixel holds all that is left, so that the wider ones are made
-    from these.
-    """
+    from these."""
     blurred = {sigma: blur(plane, sigma)[::2, ::2] for sigma in (1, 1.5, 2, 4)}
     for sigma in (8, 16):
         blurred[sigma] = blur(blurred[4], math.sqrt(sigma**2 - 4**2) / 2)
@@ -189,11 +186,10 @@ def band_strengths(photo: Plane, flat: NDArray[np.bool_]) -> dict[str, float]:
     return strengths
 
 
-def spectral(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, float]:
+def spectral_statistics(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, float]:
     """Return the statistics of the spectra of the flattest windows: peaks, and stripes or lattice.
 
-    The picture's own content, in the photo's colours, is subtracted from them.
-    """
+    The picture's own content, in the photo's colours, is subtracted from them."""
     content = None
     if original is not None:
         content = planes(ColourMap.fit(original, photo)(original))
@@ -257,7 +253,7 @@ def compare(real: float, simulated: float, statistic: Statistic) -> float:
     return math.asinh(simulated / statistic.small) - math.asinh(real / statistic.small)
 
 
-def span(values: Any) -> tuple[float, float, float]:
+def percentiles(values: Any) -> tuple[float, float, float]:
     """Return the 10th percentile, the median and the 90th percentile of some numbers."""
     low, median, high = np.percentile(np.asarray(values, dtype=np.float64), [10, 50, 90]).tolist()
     return low, median, high

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,12 +10,14 @@ from training import report
 from training.attack.protocol import attack, attack_run, protocol_of
 from training.attack.results import publish, run_metrics
 from training.config.schema import Config
+from training.data.load import load
 from training.data.splits import Splits
+from training.runs.identity import Origin
 from training.runs.metrics import RunMetrics, TrainCost
-from training.runs.resume import damage, data_difference, weights_difference
-from training.runs.reuse import read_trained
+from training.runs.resume import damage, origin_difference, require_same_origin
 from training.runs.run import Run, baseline_of, start_of
-from training.system.processes import is_first, say
+from training.runs.trained import read_trained
+from training.system.processes import is_first, print_once
 
 if TYPE_CHECKING:
     from training.classifier.module import Classifier
@@ -53,18 +55,17 @@ def plain_run(
         role: "start" or "baseline", for the messages.
     """
     with run.locked():
-        if reason := (
-            damage(run)
-            or weights_difference(run)
-            or data_difference(run, splits.files, splits.classes)
-        ):
-            say(f"The {role} cannot be reused and is trained again: {reason}.")
+        origin = Origin.of(run.config.weights, splits)
+        if reason := damage(run) or origin_difference(run, origin):
+            print_once(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
         elif run.stage() in ("trained", "finished") and (metrics := RunMetrics.read(run.folder)):
-            say(f"The {role} is reused from {run.folder}.")
+            print_once(f"The {role} is reused from {run.folder}.")
             return metrics
         else:
-            say(f"The {role} comes first: recipe {run.config.recipe}, with the same settings.")
+            print_once(
+                f"The {role} comes first: recipe {run.config.recipe}, with the same settings."
+            )
         _, train = train_run(run, splits, start)
         if not is_first():
             return None
@@ -77,11 +78,7 @@ def plain_run(
 def train_run(
     run: Run[Config], splits: Splits, start: RunMetrics | None
 ) -> tuple[Classifier, TrainCost]:
-    """Train a run in its folder, or the rest of it; see `train_model`.
-
-    Args:
-        start: metrics of the run whose weights it starts from, if any.
-    """
+    """Train a run in its folder, or the rest of it; see `train_model`."""
     from training.classifier.train import train_model  # Lightning, which takes seconds to import
 
     if is_first():
@@ -89,30 +86,39 @@ def train_run(
     return train_model(run, splits, start_cost=start.train if start else None)
 
 
-def complete(
+def complete(run: Run[Config]) -> RunMetrics | None:
+    """Load the data, train the plain runs that a run needs, and then the run itself, attack it and
+    report; return its metrics, None in all but one process."""
+    from training.classifier.train import try_out  # Lightning, which takes seconds to import
+
+    start_time = time.perf_counter()
+    splits = load(run.config.data)
+    if run.config.resume is not False:
+        require_same_origin(run, Origin.of(run.config.weights, splits))
+    try_out(run, splits)
+    data_seconds = time.perf_counter() - start_time
+    return train_and_report(run, splits, *plain_runs(run, splits), data_seconds)
+
+
+def train_and_report(
     run: Run[Config],
     splits: Splits,
     start: RunMetrics | None,
     baseline: RunMetrics | None,
-    seconds: Mapping[str, float],
+    data_seconds: float,
 ) -> RunMetrics | None:
-    """Train, attack, compare and report one run; returns its metrics, None in all but one process.
-
-    Args:
-        start, baseline: metrics of the runs beside it.
-        seconds: time spent so far, by phase.
-    """
+    """Train, attack, compare and report one run, as `complete`."""
     classifier, train = train_run(run, splits, start)
     if not is_first():
         return None
     recipe, protocol = run.config.recipe, protocol_of(run.config, splits)
     results = {recipe: attack(classifier.model, protocol, run.folder / "records", recipe)}
-    earlier = RunMetrics.read(run.folder)  # of a run that was trained before
+    earlier_metrics = RunMetrics.read(run.folder)  # of a run that was trained before
     metrics = run_metrics(run.config, train, start.plain() if start else None)
     metrics = replace(
         metrics,
-        environment=earlier.environment if earlier else metrics.environment,
-        time={**seconds, "train": train.wall_seconds},
+        environment=earlier_metrics.environment if earlier_metrics else metrics.environment,
+        time={"data": data_seconds, "train": train.wall_seconds},
     )
     # also where its records are there: a folder's images may have changed since
     if baseline and (baseline_run := baseline_of(run)):

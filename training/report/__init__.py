@@ -1,7 +1,5 @@
 """Reports: one self-contained HTML page, Markdown, CSV, and a short form for the terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,10 +19,7 @@ __all__ = ["run_parts", "show", "suite_parts", "write_run", "write_suite"]
 Examples = list[dict[str, Any]]
 QUANTITIES = (
     plots.Quantity(
-        "training loss, nats",
-        "Training loss, epoch by epoch.",
-        {"loss": ""},
-        limits=(0, None),
+        "training loss, nats", "Training loss, epoch by epoch.", {"loss": ""}, limits=(0, None)
     ),
     plots.Quantity(
         "validation accuracy, %",
@@ -41,13 +36,8 @@ def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> None:
     """Write the report of a run; an older one is replaced only once the new one is complete.
 
     Args:
-        path: of the page; its folder is created if missing.
-        metrics: metrics of a run that was attacked by the ladder.
         examples: blocks of pictures: {"label", "cells"} each; a cell is {"title", "image": (H, W,
             3) uint8} and, where models have answered, "predictions": [(model, class, right)].
-
-    Raises:
-        ValueError: a picture that is not (H, W, 3) uint8.
     """
     facts = {name: getattr(metrics, name) for name in ("data", "model", "seed")}
     run = run_view(metrics)
@@ -58,7 +48,7 @@ def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> None:
         facts=facts | {"scene": metrics.scene_name},
         examples=examples,
         curves=_curves(metrics),
-        tradeoff=_tradeoff(run["visibility"]),
+        tradeoff=plots.scatter(run["visibility"], "PSNR of the noise, dB", "accuracy, %"),
     )
     write_text(path, text)
 
@@ -74,8 +64,6 @@ def write_suite(
     terminal, which `show` prints.
 
     Args:
-        metrics: metrics of the evaluation.
-        tables: tables of the suite.
         lines: their rates, as `frame.rates` gives them.
         examples: name of a table to blocks of pictures, as `write_run` takes them.
     """
@@ -92,18 +80,6 @@ def write_suite(
     write_text(folder / "tables.md", page.render("suite.md.j2", **context))
     write_text(folder / "report.html", page.render("suite.html.j2", **context))
     return suite_parts(metrics, suite)
-
-
-def _tradeoff(series: Sequence[plots.Series]) -> dict[str, str] | None:
-    """Return the plot of accuracy against the visibility of noise; None without noise."""
-    if not series:
-        return None
-    caption = (
-        "Accuracy against PSNR, one point for each eps: the Moiré Attack against the photo without "
-        "noise, PGD against the clean image. Where two points stand one above the other, the noise "
-        "is as visible, and the lower one is the more dangerous."
-    )
-    return plots.scatter(series, "PSNR of the noise, dB", "accuracy, %", caption)
 
 
 def _curves(metrics: RunMetrics) -> list[dict[str, str]]:

@@ -1,7 +1,5 @@
 """Pictures for a report: the first batch under several conditions, with the models' answers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -28,8 +26,6 @@ def run_examples(
 
     Args:
         runners: name of a model to its runner; all have run on the same images and shots.
-        attack: attacker whose pictures to show.
-        classes: name of each class.
     """
     first = next(iter(runners.values()))
     pictures = first.records.picture(first.picture_name(CLEAN))

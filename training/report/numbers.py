@@ -1,16 +1,15 @@
 """Numbers as reports print them; a dash where one is not known."""
 
-from __future__ import annotations
-
+import functools
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from moireaug.synthesis.twins import SEEN_CODES
 
 DASH = "–"
-UNITS = ("%", "points", "s", "min", "h")
+NUMBER_BEFORE_UNIT = re.compile(r"(?<=\d) (%|points|s|min|h)(?!\w)")
 
 
 class Rate(NamedTuple):
@@ -28,27 +27,52 @@ def finite(value: Any) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def percent(rate: Any, digits: int = 1) -> str:
+def dash_for_unknown(text_of: Callable[..., str]) -> Callable[..., str]:
+    """Return a function that prints numbers, with a dash for what is no finite one."""
+
+    @functools.wraps(text_of)
+    def text_or_dash(value: Any, *digits: int) -> str:
+        number = finite(value)
+        return DASH if number is None else text_of(number, *digits)
+
+    return text_or_dash
+
+
+@dash_for_unknown
+def number(value: float, digits: int = 1) -> str:
+    """Return a number with `digits` decimals."""
+    return f"{value:,.{digits}f}"
+
+
+@dash_for_unknown
+def percent(rate: float, digits: int = 1) -> str:
     """Return a rate in percent without the sign."""
-    known = finite(rate)
-    return DASH if known is None else f"{100 * known:.{digits}f}"
+    return f"{100 * rate:.{digits}f}"
 
 
-def points(difference: Any, digits: int = 1) -> str:
+@dash_for_unknown
+def points(difference: float, digits: int = 1) -> str:
     """Return a difference of two rates in percentage points, with its sign."""
-    known = finite(difference)
-    if known is None:
-        return DASH
-    rounded = round(100 * known, digits)
-    if not rounded:
-        return f"{0:.{digits}f}"
-    return f"{rounded:+.{digits}f}".replace("-", "−")
+    rounded = round(100 * difference, digits)
+    sign = "+" if rounded else ""
+    return f"{rounded or 0.0:{sign}.{digits}f}".replace("-", "−")
 
 
-def codes(value: Any) -> str:
+@dash_for_unknown
+def codes(value: float) -> str:
     """Return a change in [0, 1] units in units of 1/255."""
-    known = finite(value)
-    return DASH if known is None else f"{255 * known:.3g}"
+    return f"{255 * value:.3g}"
+
+
+@dash_for_unknown
+def duration(seconds: float) -> str:
+    """Return seconds as people say them: 4.2 s, 3 min 30 s, 1 h 5 min."""
+    if seconds < 59.95:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"
 
 
 def eps_with_unit(row: Mapping[str, Any]) -> str:
@@ -64,37 +88,18 @@ def distinct(counts: Iterable[Any]) -> str:
 def moire_text(cells: Iterable[Mapping[str, Any]]) -> str:
     """Return how much moiré the photos of some cells have, in words, from their `moire` and
     `moire_seen`; "" where none was measured."""
-    known = [cell for cell in cells if finite(cell.get("moire")) is not None]
-    if not known:
+    measured = [cell for cell in cells if finite(cell.get("moire")) is not None]
+    if not measured:
         return ""
-    median = _span(f"{cell['moire']:.2g}" for cell in known)
-    seen = _span(f"{100 * cell['moire_seen']:.0f}" for cell in known)
-    return f"median {median} codes RMS, {seen} % of photos above {SEEN_CODES:g}"
+    median = _span(f"{cell['moire']:.2g}" for cell in measured)
+    share = _span(f"{100 * cell['moire_seen']:.0f}" for cell in measured)
+    return f"median {median} codes RMS, {share} % of photos above {SEEN_CODES:g}"
 
 
 def _span(figures: Iterable[str]) -> str:
     """Return the least and the greatest of some figures, or the one that there is."""
     ends = sorted(set(figures), key=float)
     return ends[0] if len(ends) == 1 else f"{ends[0]} to {ends[-1]}"
-
-
-def number(value: Any, digits: int = 1) -> str:
-    """Return a number with `digits` decimals."""
-    known = finite(value)
-    return DASH if known is None else f"{known:,.{digits}f}"
-
-
-def duration(seconds: Any) -> str:
-    """Return seconds as people say them: 4.2 s, 3 min 30 s, 1 h 5 min."""
-    known = finite(seconds)
-    if known is None:
-        return DASH
-    if known < 59.95:
-        return f"{known:.1f} s"
-    minutes, rest = divmod(round(known), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest} s"
-    return f"{minutes // 60} h {minutes % 60} min"
 
 
 def capital(text: str) -> str:
@@ -105,9 +110,7 @@ def capital(text: str) -> str:
 def tied(text: str) -> str:
     """Return a text whose numbers stay on one line with their units. It is plain text, whatever it
     was."""
-    text = str.__str__(text)
-    for unit in UNITS:
-        text = re.sub(rf"(?<=\d) {unit}(?!\w)", f"\N{NO-BREAK SPACE}{unit}", text)
+    text = NUMBER_BEFORE_UNIT.sub("\N{NO-BREAK SPACE}\\1", str.__str__(text))
     return text.replace(" = ", "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
 
 

@@ -1,11 +1,10 @@
 """The templates: their environment, titles and pictures."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -28,6 +27,7 @@ NUMBER_FILTERS = (
     "number",
     "duration",
     "capital",
+    "short",
     "tied",
 )
 
@@ -78,11 +78,7 @@ def name_of(metrics: Metrics | PlainMetrics) -> str:
 
 
 def embedded_picture(image: Any, title: str) -> dict[str, Any]:
-    """Return a picture for a page: its data URI and its size there.
-
-    Raises:
-        ValueError: a picture that is not (H, W, 3) uint8.
-    """
+    """Return a picture for a page: its data URI and its size there."""
     pixels = np.asarray(image)
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
         raise ValueError(
@@ -100,6 +96,15 @@ def embedded_picture(image: Any, title: str) -> dict[str, Any]:
         "height": height * factor,
         "enlarged": factor > 1,
     }
+
+
+def picture_cells(pictures: Mapping[str, Tensor | None]) -> list[dict[str, Any]]:
+    """Return the cells of an example: pictures (3, H, W) uint8 by title; None is left out."""
+    cells = []
+    for title, picture in pictures.items():
+        if picture is not None:
+            cells.append({"title": title, "image": picture.permute(1, 2, 0).contiguous().numpy()})
+    return cells
 
 
 def middle_of(picture: Tensor) -> Tensor:

@@ -6,8 +6,6 @@ the markers' shapes say the same. The background is transparent: in dark mode th
 lightness of a plot and keeps its hues.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -45,10 +43,8 @@ class Quantity(NamedTuple):
 
     Args:
         title: title of the y axis, with its unit.
-        caption: caption of the plot.
         series: names of one or two figures of a row, and what the legend calls them; "" where
             there is but one.
-        scale: factor of the figures.
         limits: ends of the y axis; None for those of the data.
     """
 
@@ -63,7 +59,6 @@ class Series(NamedTuple):
     """Points of a plot that belong together.
 
     Args:
-        name: its name in the legend.
         points: x, y, and the low and high end of an interval of y, each.
         model: index of the model, 0 for this one and 1 for its baseline, which gives the colour.
         filled: whether its markers are filled, and its points joined by a line.
@@ -75,9 +70,11 @@ class Series(NamedTuple):
     filled: bool
 
 
-def scatter(series: Sequence[Series], x: str, y: str, caption: str) -> dict[str, str]:
-    """Draw points with their intervals along y, rates in [0, 1] drawn in percent; returns the plot
-    with its caption and alternative text."""
+def scatter(series: Sequence[Series], x: str, y: str) -> dict[str, str] | None:
+    """Draw points with their intervals along y, rates in [0, 1] drawn in percent; return the plot
+    with its alternative text, None without points."""
+    if not series:
+        return None
     figure = Figure(FIGURE_INCHES, layout="constrained")
     ax = figure.subplots()
     for one in series:
@@ -93,7 +90,7 @@ def scatter(series: Sequence[Series], x: str, y: str, caption: str) -> dict[str,
     alt = f"{y} against {x}: {', '.join(one.name for one in series)}"
     _add_legend(ax)
     data = uri(svg(figure).encode(), "image/svg+xml")
-    return {"uri": data, "alt": alt, "caption": caption}
+    return {"uri": data, "alt": alt}
 
 
 def curves(
@@ -104,7 +101,6 @@ def curves(
     Args:
         histories: histories of this model, and of the baseline after it, by name; the name may be
             "" where there is but one.
-        x: title of the x axis.
     """
     plots = []
     for quantity in quantities:
@@ -159,6 +155,13 @@ def style_axes(ax: Axes, x_title: str, y_title: str) -> None:
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[:].set_color("#999999")
+
+
+def png(figure: Figure) -> bytes:
+    """Return the figure as PNG."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
 
 
 def svg(figure: Figure) -> str:

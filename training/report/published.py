@@ -1,7 +1,5 @@
 """The paper's figures, beside those of an evaluation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib import resources
 
@@ -24,8 +22,7 @@ def read_published() -> pd.DataFrame:
     classifies correctly.
 
     The paper's table 3 calls C&W an L-infinity and MI-FGSM an L2 attack; its text says the reverse,
-    which is right for both.
-    """
+    which is right for both."""
     path = resources.files("training.report").joinpath("published.csv")
     with path.open(encoding="utf-8") as file:
         return pd.read_csv(file)

@@ -1,7 +1,6 @@
 """The view of a run: numbers from its metrics, computed once for the page and the terminal."""
 
-from __future__ import annotations
-
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,33 +24,26 @@ COST_ROWS = (
 
 def run_view(metrics: RunMetrics) -> dict[str, Any]:
     """Return the values for the templates of a run that was attacked by the ladder."""
-    baseline, train = metrics.baseline, metrics.train
+    baseline = metrics.baseline
     sides: Sides = {"baseline": baseline, "ours": metrics} if baseline else {"ours": metrics}
-    rows = _rows(metrics, sides)
+    rows = [_row(number, metrics, sides) for number in range(len(metrics.reattack or []))]
+    for above, row in itertools.pairwise(rows):
+        row["first_attack"] = row["attack"] and not above["attack"]
     main = next((row for row in rows if row["headline"]), rows[-1])
-    trains = {name_of(side): side.train for side in sides.values() if side.train}
     return {
         "name": name_of(metrics),
         "baseline": name_of(baseline) if baseline else None,
-        "is_pretrained": train is not None and train.init == "clean",
         "sides": [_side(kind, side) for kind, side in sides.items()],
         "rows": rows,
         "main": main,
         "noise": [row for row in rows if row["psnr"] is not None],
-        "visibility": _visibility(sides),
-        "moire": moire_text(rows),
         "has_lpips": any(row["lpips"] is not None for row in rows),
-        "clean": metrics.clean_accuracy,
-        "clean_theirs": baseline.clean_accuracy if baseline else None,
-        "change": _change(main["gain"]) if baseline else None,
-        "digits": 0 if baseline and abs(main["gain"].value) >= MIN_WHOLE_CHANGE else 1,
-        "seconds": train.total_seconds if train else None,
-        "seconds_theirs": baseline.train.total_seconds if baseline and baseline.train else None,
-        "collapsed_at": train.collapsed_at if train else None,
-        "collapsed_last": train and train.collapsed_at == len(train.history) - 1,
-        "unanswered": _unanswered(sides),
+        "moire": moire_text(rows),
         "shares": _shares(rows, main, sides),
-        "cost": {"sides": list(trains), "lines": _cost_lines(list(trains.values()))},
+        "visibility": _visibility(sides),
+        "unanswered": _unanswered(sides),
+        **_change(metrics, main),
+        **_training(metrics, sides),
     }
 
 
@@ -60,24 +52,56 @@ def _side(kind: str, side: RunMetrics | PlainMetrics) -> dict[str, Any]:
     return {"kind": kind, "name": name_of(side), "counted": counted}
 
 
-def _rows(metrics: RunMetrics, sides: Sides) -> list[Row]:
-    """Return the rows of the ladder, with every side's rates and the gain over the baseline."""
-    rows: list[Row] = []
-    for number, line in enumerate(metrics.reattack or []):
-        rates = {}
-        for kind, side in sides.items():
-            own = (side.reattack or [])[number]
-            rates[kind] = {
-                name: Rate(own[name], *own[f"{name}_interval"]) for name in ("accuracy", "success")
-            }
-        name, is_attack = line["name"], not line["control"]
-        row = dict.fromkeys((*MEASURES, *MOIRE_MEASURES)) | {"headline": False, "gain": None} | line
-        if metrics.baseline:
-            row["gain"] = Rate(metrics.gain[name], *metrics.gain_interval[name])
-        row |= {"title": title_of(name, "ladder"), "sides": rates, "attack": is_attack}
-        row["first_attack"] = is_attack and bool(rows) and not rows[-1]["attack"]
-        rows.append(row)
-    return rows
+def _row(number: int, metrics: RunMetrics, sides: Sides) -> Row:
+    """Return a row of the ladder, with every side's rates and the gain over the baseline."""
+    line = (metrics.reattack or [])[number]
+    rates: dict[str, dict[str, Rate]] = {}
+    for kind, side in sides.items():
+        figures = (side.reattack or [])[number]
+        rates[kind] = {}
+        for name in ("accuracy", "success"):
+            rates[kind][name] = Rate(figures[name], *figures[f"{name}_interval"])
+    gain = None
+    if metrics.baseline:
+        gain = Rate(metrics.gain[line["name"]], *metrics.gain_interval[line["name"]])
+    return {
+        **dict.fromkeys((*MEASURES, *MOIRE_MEASURES)),
+        "headline": False,
+        **line,
+        "title": title_of(line["name"], "ladder"),
+        "sides": rates,
+        "gain": gain,
+        "attack": not line["control"],
+        "first_attack": False,
+    }
+
+
+def _change(metrics: RunMetrics, main: Row) -> dict[str, Any]:
+    """Return clean accuracy, and the change over the baseline: "raises" or "lowers"; "unclear"
+    where the interval cannot tell it from none."""
+    baseline, gain = metrics.baseline, main["gain"]
+    clean = {"clean": metrics.clean_accuracy, "clean_theirs": None, "change": None, "digits": 1}
+    if not baseline:
+        return clean
+    change = "raises" if gain.low > 0 else "lowers"
+    if gain.low <= 0 <= gain.high:
+        change = "unclear"
+    digits = 0 if abs(gain.value) >= MIN_WHOLE_CHANGE else 1
+    return {**clean, "clean_theirs": baseline.clean_accuracy, "change": change, "digits": digits}
+
+
+def _training(metrics: RunMetrics, sides: Sides) -> dict[str, Any]:
+    """Return the time and the events of the training; None for what was not trained here."""
+    train, baseline = metrics.train, metrics.baseline
+    trains = {name_of(side): side.train for side in sides.values() if side.train}
+    return {
+        "is_pretrained": train is not None and train.init == "clean",
+        "seconds": train.total_seconds if train else None,
+        "seconds_theirs": baseline.train.total_seconds if baseline and baseline.train else None,
+        "collapsed_at": train.collapsed_at if train else None,
+        "collapsed_last": train and train.collapsed_at == len(train.history) - 1,
+        "cost": {"sides": list(trains), "lines": _cost_lines(list(trains.values()))},
+    }
 
 
 def _visibility(sides: Sides) -> list[Series]:
@@ -94,14 +118,6 @@ def _visibility(sides: Sides) -> list[Series]:
                 name = f"{name_of(side)}: {title}"
                 series.append(Series(name, points, number, filled=attack == "ma_"))
     return series
-
-
-def _change(gain: Rate) -> str:
-    """Return "raises" or "lowers"; "unclear" where the interval cannot tell the change from
-    none."""
-    if gain.low <= 0 <= gain.high:
-        return "unclear"
-    return "raises" if gain.low > 0 else "lowers"
 
 
 def _shares(rows: Sequence[Row], main: Row, sides: Sides) -> list[dict[str, Any]]:

@@ -1,7 +1,5 @@
 """The view of a suite: pivots of its frame of rates."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -26,14 +24,7 @@ def suite_view(
     lines: pd.DataFrame,
     examples: Mapping[str, list[dict[str, Any]]],
 ) -> dict[str, Any]:
-    """Return the values for the templates of a suite.
-
-    Args:
-        metrics: metrics of the evaluation.
-        tables: tables of the suite.
-        lines: rates of the tables.
-        examples: name of a table to its pictures.
-    """
+    """Return the values for the templates of a suite."""
     views = []
     first = None
     needs_note = True
@@ -65,9 +56,9 @@ def suite_view(
 
 
 def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
-    known = lines.replace([np.inf, -np.inf], np.nan).astype(object)
+    finite = lines.replace([np.inf, -np.inf], np.nan).astype(object)
     cells: dict[tuple[str, str], dict[str, Any]] = {}
-    for cell in known.where(known.notna(), None).to_dict("records"):
+    for cell in finite.where(finite.notna(), None).to_dict("records"):
         cell["control"] = cell["column"] in CONTROL_COLUMNS
         cell["rate"] = Rate(cell["success"], cell["low"], cell["high"])
         cells[cell["row"], cell["column"]] = cell
@@ -87,19 +78,19 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
         "has_paper": lines["paper"].notna().any(),
         "has_controls": lines["column"].isin(CONTROL_COLUMNS).any(),
         "verdict": verdict(table, cells),
-        "natural": natural(table, cells),
+        "natural": moire_extremes(table, cells),
     }
 
 
 def _row(table: Table, cells: Cells, name: str) -> dict[str, Any]:
     """Return a row's cells, None where one is missing, with their denominators and their time."""
     row_cells = [cells.get((name, column)) for column in table.columns]
-    known = [cell for cell in row_cells if cell is not None]
+    present = [cell for cell in row_cells if cell is not None]
     return {
         "name": name,
         "cells": row_cells,
-        "counted": distinct(cell["counted"] for cell in known),
-        "seconds": sum(cell["seconds"] for cell in known) if known else None,
+        "counted": distinct(cell["counted"] for cell in present),
+        "seconds": sum(cell["seconds"] for cell in present) if present else None,
     }
 
 
@@ -138,7 +129,7 @@ def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
     }
 
 
-def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
+def moire_extremes(table: Table, cells: Cells) -> dict[str, Any] | None:
     """Return the rows where the moiré alone adds most and least; None if there is an attacker."""
     if table.name not in MOIRE_COLUMNS:
         return None

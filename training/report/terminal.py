@@ -1,26 +1,16 @@
 """Reports for the terminal, in at most 100 columns where the names allow it."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from training.report.numbers import (
-    codes,
-    duration,
-    eps_with_unit,
-    number,
-    percent,
-    points,
-    short,
-)
+from training.report.numbers import codes, eps_with_unit, number, percent, points, short
 from training.report.page import render, title_of
 from training.report.run_view import run_view
 from training.runs.metrics import RunMetrics, SuiteMetrics
-from training.system.printing import printable
+from training.system.messages import printable
 
 TITLE_WIDTH, NAME_WIDTH = 27, 10
 
@@ -32,7 +22,6 @@ class Grid:
     Args:
         rows: the first one is the head. The first column is aligned to the left, others to the
             right.
-        title: above the table.
         rule: number of rows below the head after which a line is drawn; 0 for none.
     """
 
@@ -102,20 +91,9 @@ def run_parts(metrics: RunMetrics) -> list[Part]:
     heads += [short(side["name"], NAME_WIDTH) for side in run["sides"]]
     heads.append("gain [95 %]" if run["baseline"] else "95 %")
     lines = [_line(run, row) for row in run["rows"]]
-    return [
-        ", ".join(facts),
-        Grid([heads, *lines], rule=len(controls)),
-        "codes, dB: largest change of a code of 255, and PSNR, by the noise against "
-        + short(run["name"], NAME_WIDTH),
-        *_moire(run["moire"]),
-        *_training(run),
-        *_unanswered(run),
-    ]
-
-
-def _moire(text: str) -> list[str]:
-    """Return a line on the moiré of photos, if any was measured."""
-    return [f"moiré, photo minus the same without: {text}"] if text else []
+    text = render("run_lines.j2", run=run)
+    below = [line for line in text.splitlines() if line.strip()]
+    return [", ".join(facts), Grid([heads, *lines], rule=len(controls)), *below]
 
 
 def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
@@ -131,25 +109,6 @@ def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
         accuracy = row["sides"]["ours"]["accuracy"]
         line.append(f"{percent(accuracy.low)} – {percent(accuracy.high)}")
     return line
-
-
-def _training(run: dict[str, Any]) -> list[str]:
-    """Return the time of training, that of its initial weights included."""
-    if run["seconds"] is None:
-        return []
-    text = f"training: {short(run['name'], 20)} {duration(run['seconds'])}"
-    if run["is_pretrained"]:
-        text += " with its start"
-    if run["seconds_theirs"]:
-        ratio = run["seconds"] / run["seconds_theirs"]
-        text += f", {ratio:.1f} times its baseline's {duration(run['seconds_theirs'])}"
-    return [text]
-
-
-def _unanswered(view: dict[str, Any]) -> list[str]:
-    if not view["unanswered"]:
-        return []
-    return [render("unanswered.j2", unanswered=view["unanswered"])]
 
 
 def suite_parts(metrics: SuiteMetrics, suite: dict[str, Any]) -> list[Part]:
@@ -168,9 +127,10 @@ def suite_parts(metrics: SuiteMetrics, suite: dict[str, Any]) -> list[Part]:
         if parts:
             parts.append("")
         parts.append(Grid(rows, title=f"{title_of(table['name'], 'tables')}: fooled, %"))
-        parts += _moire(table["moire"])
-    for text in _unanswered(suite):
-        parts += ["", text]
+        if table["moire"]:
+            parts.append(f"moiré, photo minus the same without: {table['moire']}")
+    if suite["unanswered"]:
+        parts += ["", render("unanswered.j2", unanswered=suite["unanswered"])]
     if metrics.trust:
         parts += ["", "Can it be trusted?"]
         for check in metrics.trust:

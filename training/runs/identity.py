@@ -1,28 +1,48 @@
-"""The identity of a run: its group, the settings that its result depends on, and their
-fingerprint."""
+"""The identity of a run: its group, the settings that its result depends on, their fingerprint, and
+the data and weights that it began with."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from training.config.data_sets import DEFAULT_DATA
-from training.config.schema import Config, RunConfig
-from training.config.settings import Facts, settings_of
+from training.config.schema import DEFAULT_DATA, Config, RunConfig
+from training.config.settings import settings_of
+from training.data.splits import Splits
+from training.system.files import digest
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The data and the first weights of a training, as its checkpoints hold them.
+
+    Args:
+        files: fingerprint of the files, as in `Splits`; None where it is not known yet.
+        classes: name of each logit of a classifier.
+        weights: digest of the file of `weights=`; empty where there is none.
+    """
+
+    files: str | None = None
+    classes: Mapping[int, str] = field(default_factory=dict)
+    weights: str = ""
+
+    @classmethod
+    def of(cls, weights: str | None, splits: Splits | None = None) -> Origin:
+        """Return the origin of a classifier; without its data as long as they are not loaded."""
+        has_file = weights is not None and Path(weights).is_file()  # not published by a name
+        weights_digest = digest(str(weights)) if has_file else ""
+        if splits is None:
+            return cls(weights=weights_digest)
+        return cls(splits.files, splits.classes, weights_digest)
 
 
 def group_of(data: Any, model: str) -> str:
-    """Return the name of a group of runs that can be compared: "" for default data and model.
-
-    Args:
-        data: settings of the data, of which name and root are used.
-        model: name of the model.
-    """
+    """Return the name of a group of runs that can be compared: "" for default data and model."""
     name = data.name
     if name == "folder" and data.root:
         folder_name = re.sub(r"[^\w.-]+", "_", Path(data.root).resolve().name)
@@ -33,29 +53,25 @@ def group_of(data: Any, model: str) -> str:
 
 def result_settings(cfg: RunConfig) -> dict[str, Any]:
     """Return the settings that a result depends on, as plain values."""
-    return _without(asdict(cfg), type(cfg), lambda facts: not facts.changes_result)
-
-
-def training_settings(cfg: RunConfig) -> dict[str, Any]:
-    """Return the settings that the trained weights depend on, as plain values."""
-    return training_values(asdict(cfg), type(cfg))
-
-
-def training_values(values: dict[str, Any], schema: type[RunConfig]) -> dict[str, Any]:
-    """Return the values that the trained weights depend on, of all plain values of a schema's
-    settings."""
-    return _without(values, schema, lambda facts: facts.tests or not facts.changes_result)
-
-
-def _without(
-    values: dict[str, Any], schema: type[RunConfig], is_left_out: Callable[[Facts], bool]
-) -> dict[str, Any]:
-    for key, declared in settings_of(schema).items():
-        *outer, last = key.split(".")
-        if is_left_out(declared.facts):
-            inner = values[outer[0]] if outer else values
-            inner.pop(last, None)
+    values = asdict(cfg)
+    for key, setting in settings_of(type(cfg)).items():
+        if not setting.changes_result:
+            _leave_out(key, values)
     return values
+
+
+def training_fingerprint(values: dict[str, Any], schema: type[RunConfig]) -> str:
+    """Return the fingerprint of the settings that the trained weights depend on, of all plain
+    values of a schema's settings."""
+    for key, setting in settings_of(schema).items():
+        if setting.tests or not setting.changes_result:
+            _leave_out(key, values)
+    return fingerprint_of(values)
+
+
+def _leave_out(key: str, values: dict[str, Any]) -> None:
+    section, _, name = key.rpartition(".")
+    (values[section] if section else values).pop(name, None)
 
 
 def fingerprint_of(values: Mapping[str, Any] | list[Any]) -> str:

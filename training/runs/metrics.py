@@ -28,10 +28,7 @@ class TrainCost:
         init: first weights: "random" or "clean", those of the recipe of that name.
         passes: forward and backward passes per image.
         seconds: time of all epochs.
-        epochs: number of epochs.
-        images_per_second: speed.
         collapsed_at: epoch in which it collapsed, if any.
-        history: figures of each epoch.
         wall_seconds: time with validation.
         best_epoch: epoch of the weights that are kept.
         total_epochs, total_seconds: epochs and seconds with those of its start.
@@ -63,11 +60,7 @@ class TrainCost:
 
     @classmethod
     def read(cls, folder: Path) -> TrainCost | None:
-        """Read the cost from a run's train.json or metrics.json; None where there is neither.
-
-        Raises:
-            ValueError: another version wrote it.
-        """
+        """Read the cost from a run's train.json or metrics.json; None where there is neither."""
         path = folder / "train.json"
         if values := read_json(path):
             return _record(cls, values, path)
@@ -104,9 +97,6 @@ class Metrics:
         recipe, seed, data, model: settings of the run.
         scene_name, scene, plan: scene of the photos: its title, its fields, and its plans.
         config: settings that the result depends on.
-        fingerprint: fingerprint of these settings.
-        environment: machine and versions.
-        command: command line.
         identity: digest of the attacked model.
         trust, trust_n: checks of whether the figures can be trusted, and their number of images.
         time: seconds spent, by phase.
@@ -145,11 +135,7 @@ class Metrics:
 
     @classmethod
     def read(cls: type[Record], folder: Path) -> Record | None:
-        """Read a folder's metrics; None where they are missing or damaged.
-
-        Raises:
-            ValueError: another version wrote them.
-        """
+        """Read a folder's metrics; None where they are missing or damaged."""
         values = read_metrics(folder)
         return None if values is None else _record(cls, values, folder / "metrics.json")
 
@@ -194,11 +180,8 @@ class SuiteMetrics(Metrics):
     """The metrics of a suite.
 
     Args:
-        suite: name of the suite.
-        n: number of images.
         steps, eps: steps of each attack, and the bound of most.
         bound: what the eps of noise on a reading counts: "codes" or "light".
-        tables: cells of each table.
     """
 
     suite: str
@@ -209,15 +192,15 @@ class SuiteMetrics(Metrics):
     tables: dict[str, list[dict[str, Any]]]
 
 
-PARTS: dict[str, Any] = {"train": TrainCost, "start": PlainMetrics, "baseline": PlainMetrics}
+NESTED_RECORDS: dict[str, Any] = {
+    "train": TrainCost,
+    "start": PlainMetrics,
+    "baseline": PlainMetrics,
+}
 
 
 def _record(schema: type[Record], values: Any, path: Path) -> Record:
-    """Return a record of the plain values in a file.
-
-    Raises:
-        ValueError: fields of another version, or of no version at all.
-    """
+    """Return a record of the plain values in a file."""
     names = {one.name: one for one in fields(schema)}  # type: ignore[arg-type]
     if not isinstance(values, Mapping) or not values.keys() <= names.keys():
         raise ValueError(f"{path} holds what no run writes. Train and attack again.")
@@ -229,8 +212,8 @@ def _record(schema: type[Record], values: Any, path: Path) -> Record:
                 f"{path} lacks {name!r}: another version of this project wrote it. "
                 "Train and attack again."
             )
-        if name in PARTS and values[name] is not None:
-            arguments[name] = _record(PARTS[name], values[name], path)
+        if name in NESTED_RECORDS and values[name] is not None:
+            arguments[name] = _record(NESTED_RECORDS[name], values[name], path)
     if schema is TrainCost and not _has_numbers(values):
         raise ValueError(f"{path} holds what no run writes. Train and attack again.")
     return schema(**arguments)

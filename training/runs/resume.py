@@ -1,26 +1,18 @@
 """Whether a run in its folder can be resumed or reused, and the reasons against it."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 from training.config.schema import Config
+from training.runs.identity import Origin
 from training.runs.metrics import RunMetrics
 from training.runs.run import Run
 from training.runs.trained import read, stored_class_names
-from training.system.files import digest, read_checkpoint
-
-RESTORE_ADVICE = "Restore them (another image may stand in for a damaged file)"
+from training.system.files import read_checkpoint
 
 
 def require_resumable(run: Run[Any], *others: Run[Any] | None) -> None:
-    """Refuse `resume=true` where neither this run nor any of the others can be resumed.
-
-    Raises:
-        ValueError: there is no such run, or it was made with other settings.
-    """
+    """Refuse `resume=true` where neither this run nor any of the others can be resumed."""
     path = run.folder
     if run.can_resume():
         return
@@ -37,27 +29,13 @@ def require_resumable(run: Run[Any], *others: Run[Any] | None) -> None:
     )
 
 
-def require_same_weights(run: Run[Config]) -> None:
-    """Refuse to resume a run that began with other weights than `weights=` holds now.
-
-    Raises:
-        ValueError: says how to go on.
-    """
-    _refuse(weights_difference(run), run, "Restore that file")
-
-
-def require_same_data(run: Run[Any], files: str, classes: Mapping[int, str] | None = None) -> None:
-    """Refuse to resume a run on other data than it was trained on: its training images would
-    validate or test it, or its classes change their meaning.
-
-    Raises:
-        ValueError: names the difference.
-    """
-    _refuse(data_difference(run, files, classes), run, RESTORE_ADVICE)
-
-
-def _refuse(difference: str | None, run: Run[Any], advice: str) -> None:
-    if difference:
+def require_same_origin(run: Run[Any], origin: Origin) -> None:
+    """Refuse to resume a run on other data than it was trained on, whose training images would
+    validate or test it, or whose classes change their meaning; or with other first weights."""
+    if difference := origin_difference(run, origin):
+        advice = "Restore them (another image may stand in for a damaged file)"
+        if difference == _weights_difference(run):
+            advice = "Restore that file"
         raise ValueError(
             f"the run in {run.folder} cannot go on: {difference}. {advice}, or pass resume=false, "
             "which moves that run aside and trains again."
@@ -80,35 +58,23 @@ def damage(run: Run[Config]) -> str | None:
     return None
 
 
-def data_difference(
-    run: Run[Any], files: str, classes: Mapping[int, str] | None = None
-) -> str | None:
-    """Return how the data differ from those that the run in the folder was trained on, as a clause;
-    None where they do not, or where there is no such run.
-
-    Args:
-        files: fingerprint of the files.
-        classes: name of each class of a classifier's data.
+def origin_difference(run: Run[Any], origin: Origin) -> str | None:
+    """Return how the data or the first weights differ from those that the run in the folder was
+    trained on, as a clause; None where they do not, are not known, or where there is no such run.
     """
     for checkpoint in _checkpoints(run):
-        if classes and stored_class_names(checkpoint.get("classes")) not in (None, classes):
+        if origin.weights and checkpoint.get("weights") not in (None, origin.weights):
+            return _weights_difference(run)
+        classes = stored_class_names(checkpoint.get("classes"))
+        if origin.classes and classes not in (None, origin.classes):
             return "it was trained on other classes"
-        if checkpoint.get("files") not in (None, files):
+        if origin.files is not None and checkpoint.get("files") not in (None, origin.files):
             return "the files that it was trained on are not those that are there now"
     return None
 
 
-def weights_difference(run: Run[Config]) -> str | None:
-    """Return how the file of `weights=` differs from the weights that the run in the folder began
-    with, as a clause; None where it does not, or where there is no such run or file."""
-    weights = run.config.weights
-    if weights is None or not Path(weights).is_file():
-        return None
-    current = digest(weights)
-    for checkpoint in _checkpoints(run):
-        if checkpoint.get("weights") not in (None, current):
-            return f"{weights} no longer holds the weights that it began with"
-    return None
+def _weights_difference(run: Run[Any]) -> str:
+    return f"{run.config.weights} no longer holds the weights that it began with"
 
 
 def _checkpoints(run: Run[Any]) -> Iterator[dict[str, Any]]:

@@ -1,8 +1,7 @@
 """A run: its settings, its folder, and its stage there; the plain runs that belong to it."""
 
-from __future__ import annotations
-
 import contextlib
+import functools
 import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -12,16 +11,17 @@ from typing import Any, Generic, TypeVar
 from omegaconf import OmegaConf
 
 from moireaug.common.files import write_text
-from training.config.schema import RECIPES, Adversary, Config, RunConfig, as_config
-from training.runs.identity import (
-    fingerprint_of,
-    group_of,
-    result_settings,
-    training_settings,
-    training_values,
+from training.config.compose import default_config
+from training.config.schema import Config, RunConfig
+from training.runs.identity import fingerprint_of, group_of, result_settings, training_fingerprint
+from training.system.files import (
+    free_name,
+    locked,
+    make_folder,
+    read_json,
+    read_metrics,
+    read_settings,
 )
-from training.system.files import free_name, make_folder, read_json, read_metrics, read_settings
-from training.system.locks import locked
 from training.system.processes import is_first
 
 PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: the others are compared with them
@@ -31,11 +31,7 @@ Settings = TypeVar("Settings", bound=RunConfig)
 
 @dataclass(frozen=True)
 class Run(Generic[Settings]):
-    """A run, which its folder may hold already, in part or whole.
-
-    Args:
-        config: settings of the run.
-    """
+    """A run, which its folder may hold already, in part or whole."""
 
     config: Settings
 
@@ -47,15 +43,20 @@ class Run(Generic[Settings]):
         cfg = self.config
         return Path(cfg.runs) / group_of(cfg.data, cfg.model) / cfg.recipe / f"seed{cfg.seed}"
 
-    @property
+    @functools.cached_property
     def settings(self) -> dict[str, Any]:
         """Settings that the result depends on, as plain values."""
         return result_settings(self.config)
 
-    @property
+    @functools.cached_property
     def fingerprint(self) -> str:
         """Twelve hex digits that change with any of these settings."""
         return fingerprint_of(self.settings)
+
+    @functools.cached_property
+    def training_fingerprint(self) -> str:
+        """Twelve hex digits that change with any setting that the weights depend on."""
+        return training_fingerprint(asdict(self.config), type(self.config))
 
     def stage(self) -> str:
         """Return how far the run in the folder has come.
@@ -66,7 +67,7 @@ class Run(Generic[Settings]):
         """
         path, metrics = self.folder, read_metrics(self.folder) or {}
         fingerprint = self._training_fingerprint_in_folder()
-        if fingerprint != fingerprint_of(training_settings(self.config)):
+        if fingerprint != self.training_fingerprint:
             holds_a_run = fingerprint or metrics or any(path.glob("*.ckpt"))
             return "other" if holds_a_run else "new"
         if (path / "best.ckpt").is_file() and self.training_cost():
@@ -94,8 +95,8 @@ class Run(Generic[Settings]):
             suffix = self._training_fingerprint_in_folder() or "old"
             aside = free_name(path.with_name(f"{path.name}-{suffix}"))
             os.replace(path, aside)
-            held_run = "a run with other settings" if stage == "other" else "this run"
-            print(f"{path} held {held_run}; it is now {aside}")
+            other_run = "a run with other settings" if stage == "other" else "this run"
+            print(f"{path} held {other_run}; it is now {aside}")
         path.mkdir(parents=True, exist_ok=True)
         stale_files = list(path.glob(".*.tmp"))
         if self.stage() in ("new", "begun"):
@@ -110,11 +111,7 @@ class Run(Generic[Settings]):
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Make the folder, and lock it for this command.
-
-        Raises:
-            ValueError: it cannot be written, or another command works on it.
-        """
+        """Make the folder, and lock it for this command."""
         if is_first():
             make_folder(self.folder)
         with locked_folder(self.folder):
@@ -125,7 +122,7 @@ class Run(Generic[Settings]):
         settings cannot be read."""
         try:
             values = read_settings(self.folder / "config.yaml")
-            return fingerprint_of(training_values(values, type(self.config)))
+            return training_fingerprint(values, type(self.config))
         except FileNotFoundError:
             return None
         except Exception:  # not YAML, or not a run's
@@ -135,8 +132,7 @@ class Run(Generic[Settings]):
 def start_of(run: Run[Config]) -> Run[Config] | None:
     """Return the run whose weights this one starts from: that of recipe `clean`.
 
-    None where it starts from random weights, or from those of `weights=`.
-    """
+    None where it starts from random weights, or from those of `weights=`."""
     return _plain_run(run.config, "clean") if run.config.train.init == "clean" else None
 
 
@@ -144,8 +140,7 @@ def baseline_of(run: Run[Config]) -> Run[Config] | None:
     """Return the plain run that this one is compared with.
 
     That is recipe `baseline` from the same start, in at least as many epochs; all other settings
-    are the same. None for `baseline` and `clean` themselves.
-    """
+    are the same. None for `baseline` and `clean` themselves."""
     cfg = run.config
     if cfg.recipe in PLAIN_RECIPES:
         return None
@@ -155,21 +150,15 @@ def baseline_of(run: Run[Config]) -> Run[Config] | None:
 
 def _plain_run(cfg: Config, recipe: str) -> Run[Config]:
     """Return the run of a recipe of `PLAIN_RECIPES`, all other settings as in `cfg`."""
-    recipe_settings = OmegaConf.load(RECIPES / f"{recipe}.yaml")
-    no_adversary = {"adversary": asdict(Adversary())}
-    merged = OmegaConf.merge(
-        OmegaConf.structured(cfg), no_adversary, recipe_settings, {"recipe": recipe, "resume": None}
-    )
-    return Run(as_config(merged))
+    plain = default_config(recipe, cfg.data.name)
+    train = replace(cfg.train, init=plain.train.init, length=plain.train.length)
+    adversary = replace(plain.adversary)  # the default is shared
+    return Run(replace(cfg, recipe=recipe, adversary=adversary, train=train, resume=None))
 
 
 @contextlib.contextmanager
 def locked_folder(path: Path) -> Iterator[None]:
-    """Lock a folder of results for this command; the kernel releases it however the command ends.
-
-    Raises:
-        ValueError: another command works on it.
-    """
+    """Lock a folder of results for this command; the kernel releases it however that ends."""
     if not is_first():
         yield
         return

@@ -3,9 +3,10 @@
 Nothing in it is run, imported or looked up, and it names no files but those of its data set.
 """
 
-from __future__ import annotations
-
+import os
 import re
+import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,21 +15,21 @@ from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
 from moireaug.common.argument_checks import one_of
-from training.config.data_sets import DATA, Data
+from training.config.command_line import command_line
 from training.config.scenes import scene_of
-from training.config.schema import Config, as_config
+from training.config.schema import DATA, Config, Data, as_config
 from training.data.splits import Splits
 from training.models.classifiers import OWN_MODELS, as_model, model_names
 from training.runs.metrics import TrainCost
-from training.system.files import read_checkpoint, read_settings
+from training.runs.run import Run, baseline_of
+from training.system.files import read_checkpoint, read_metrics, read_settings
+from training.system.processes import is_first
 
 
 class TrainedRun(NamedTuple):
     """A run as it was read from its folder.
 
     Args:
-        folder: folder of the run.
-        cfg: settings of its training.
         state: its best weights.
         classes: name of each logit; None where the checkpoint has no names.
     """
@@ -47,11 +48,7 @@ class TrainedRun(NamedTuple):
         return len(heads[-1]) if heads else 0
 
     def model(self) -> nn.Module:
-        """Return the run's best model, in evaluation mode.
-
-        Raises:
-            ValueError: weights of another model.
-        """
+        """Return the run's best model, in evaluation mode."""
         model = as_model(self.cfg.model, self.num_classes, None)
         try:
             model.load_state_dict(self.state)
@@ -63,11 +60,7 @@ class TrainedRun(NamedTuple):
         return model.eval()
 
     def check_classes(self, splits: Splits, data: Data) -> None:
-        """Refuse data whose classes are not the run's: every answer would count as wrong.
-
-        Raises:
-            ValueError: with the first class that differs.
-        """
+        """Refuse data whose classes are not the run's: every answer would count as wrong."""
         hint = (
             "Pass data whose class folders are those that the run was trained on, or another run."
         )
@@ -89,11 +82,7 @@ class TrainedRun(NamedTuple):
 
 
 def read(folder: Path) -> TrainedRun:
-    """Read a run's settings and best weights.
-
-    Raises:
-        ValueError: no run there, settings that no run has, or a checkpoint that cannot be read.
-    """
+    """Read a run's settings and best weights."""
     config, best = folder / "config.yaml", folder / "best.ckpt"
     if not config.is_file() or not best.is_file():
         raise ValueError(
@@ -112,11 +101,7 @@ def read(folder: Path) -> TrainedRun:
 
 
 def read_config(path: Path) -> Config:
-    """Read a run's settings: known keys with values of their types, none looked up elsewhere.
-
-    Raises:
-        ValueError: with what is wrong, and what a run's settings may be.
-    """
+    """Read a run's settings: known keys with values of their types, none looked up elsewhere."""
     values = read_settings(path)
     try:
         cfg = OmegaConf.merge(OmegaConf.structured(Config), values)
@@ -152,3 +137,49 @@ def stored_class_names(stored: Any) -> dict[int, str] | None:
     if not isinstance(stored, dict):
         return None
     return {int(number): str(name) for number, name in stored.items()}
+
+
+def read_trained(run: Run[Config]) -> TrainedRun:
+    """Read the trained run in the folder; the settings of its re-attack may differ."""
+    trained = read(run.folder)
+    # in another process of this run, the first may still be writing the metrics
+    is_complete = not is_first() or read_metrics(trained.folder) is not None
+    if is_complete and Run(trained.cfg).training_fingerprint == run.training_fingerprint:
+        return trained
+    raise ValueError(
+        f"{trained.folder} no longer holds the run that was trained there for this one: another "
+        "command has replaced it. Run this command again, and one of the two with another "
+        "runs=DIR."
+    )
+
+
+def read_baseline_of(run: TrainedRun) -> TrainedRun | None:
+    """Read the run that this one is compared with, where it is beside it with the same settings.
+
+    None where there is none; a note says why if its folder is there."""
+    baseline = baseline_of(Run(run.cfg))
+    if baseline is None:
+        return None
+    wanted = baseline.config
+    folder = Path(os.path.abspath(run.folder)).parent.parent / wanted.recipe / f"seed{run.cfg.seed}"
+    if not (folder / "metrics.json").is_file():
+        return None
+    try:
+        baseline_run = read(folder)
+    except ValueError as error:
+        wanted_here = replace(wanted, runs=str(folder.parent.parent))
+        command = shlex.join(
+            ["python", "training/fit.py", *command_line(wanted_here), "resume=false"]
+        )
+        print(
+            f"note: no baseline is attacked beside this run. {error}\n"
+            f"This trains it again:\n  {command}"
+        )
+        return None
+    if Run(baseline_run.cfg).training_fingerprint != baseline.training_fingerprint:
+        print(
+            f"note: {folder} was trained with other settings: "
+            "no baseline is attacked beside this run."
+        )
+        return None
+    return baseline_run

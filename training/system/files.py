@@ -1,21 +1,31 @@
 """Files read as data: no code in them runs, damaged ones are refused; and folders that can be
 written."""
 
-from __future__ import annotations
-
+import contextlib
 import csv
+import errno
+import functools
 import hashlib
 import itertools
 import json
+import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import torch
 import yaml
+from filelock import FileLock, Timeout
 
 MAX_SETTINGS_BYTES = 1_000_000  # of a config.yaml; fit.py writes about two thousand
 MAX_REASON_CHARACTERS = 300  # of PyYAML's message
+_NO_LOCKS = (
+    errno.ENOSYS,
+    errno.ENOLCK,
+    errno.EOPNOTSUPP,
+    errno.ENOTSUP,
+)  # of a file system without locks
 
 
 class PlainLoader(yaml.SafeLoader):
@@ -33,9 +43,6 @@ def make_folder(path: Path, setting: str = "runs=DIR") -> None:
 
     Args:
         setting: setting that names another folder, for the error messages.
-
-    Raises:
-        ValueError: there is a file in its place, or the disk is full or not writable.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -71,11 +78,7 @@ def read_table(path: Path) -> list[dict[str, Any]]:
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
-    """Read a Lightning checkpoint onto the CPU.
-
-    Raises:
-        ValueError: a file that is missing or damaged.
-    """
+    """Read a Lightning checkpoint onto the CPU."""
     try:
         checkpoint = torch.load(path, map_location="cpu", weights_only=True)
         checkpoint["epoch"]
@@ -92,9 +95,15 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         ) from error
 
 
-def digest(path: str | Path) -> str:
-    """Return the SHA-256 of a file's bytes."""
-    with Path(path).open("rb") as file:
+def digest(path: str) -> str:
+    """Return the SHA-256 of a file's bytes, which are read once as long as the file stays."""
+    status = os.stat(path)
+    return _digest(path, status.st_size, status.st_mtime_ns)
+
+
+@functools.cache
+def _digest(path: str, size: int, modified_ns: int) -> str:
+    with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -138,3 +147,28 @@ def read_settings(path: Path) -> dict[str, Any]:
             f"{path} holds no settings: it must be a YAML mapping, as fit.py writes it."
         )
     return values
+
+
+@contextlib.contextmanager
+def locked(path: Path, busy: str, wait_seconds: float = 0) -> Iterator[None]:
+    """Lock a file for this command; the kernel releases it however the command ends.
+
+    Args:
+        busy: message of the error if another command holds the lock.
+        wait_seconds: time to wait for that command; -1 is without end.
+
+    Raises:
+        ValueError: another command still holds it.
+        OSError: the file cannot be opened or locked.
+    """
+    # a soft lock would outlive a killed command
+    lock = FileLock(path, timeout=wait_seconds, fallback_to_soft=False)
+    with contextlib.ExitStack() as stack:
+        try:
+            stack.enter_context(lock)
+        except Timeout:
+            raise ValueError(busy) from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+        yield

@@ -1,7 +1,5 @@
 """What made a result: the command, the versions of its libraries, and the machine."""
 
-from __future__ import annotations
-
 import platform
 import shlex
 import sys
@@ -15,23 +13,19 @@ BFLOAT16_FLAGS = {"amx_bf16", "avx512_bf16"}  # flags of CPUs that multiply it f
 
 
 def environment(accelerator: str) -> dict[str, Any]:
-    """Return versions and machine, for the record.
-
-    Args:
-        accelerator: the trainer's: "cpu" leaves a GPU that is there alone.
-    """
+    """Return versions and machine, for the record."""
     import kornia
     import lightning
     import numpy
     import torchvision
 
-    facts: dict[str, Any] = {"python": platform.python_version()}
+    versions: dict[str, Any] = {"python": platform.python_version()}
     for module in (torch, torchvision, kornia, lightning, numpy):
-        facts[module.__name__] = module.__version__
-    facts["cpu"] = _cpu()
-    facts["threads"] = torch.get_num_threads()
-    facts["device"] = torch.cuda.get_device_name() if _on_gpu(accelerator) else "cpu"
-    return facts
+        versions[module.__name__] = module.__version__
+    versions["cpu"] = _cpu()
+    versions["threads"] = torch.get_num_threads()
+    versions["device"] = torch.cuda.get_device_name() if _on_gpu(accelerator) else "cpu"
+    return versions
 
 
 def _cpu() -> str:

@@ -1,16 +1,14 @@
 """What commands print: errors on lines of their own, each a sentence."""
 
-from __future__ import annotations
-
+import codecs
 import errno
 import os
 import re
 import sys
 import traceback
+import unicodedata
 from multiprocessing import synchronize
 from typing import Any, TextIO
-
-from training.system.printing import use_legible
 
 EXPECTED_ERRORS = (ValueError, TypeError, FloatingPointError, OSError)
 _NO_SHARED_MEMORY = r"unable to \w+ shared memory|out of shared memory"
@@ -21,6 +19,18 @@ SHARED_MEMORY_ADVICE = (
     "complete is kept, and the same command continues."
 )
 LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
+LEGIBLE = "legible"
+# those that raise, and stderr's own, which writes "\\u2212" for a minus sign
+REPLACED_HANDLERS = ("strict", "surrogateescape", "backslashreplace")
+ASCII_LOOKALIKES = {
+    **{dash: "-" for dash in "\u2010\u2011\u2012–—−─━"},
+    **dict.fromkeys("‘’", "'"),
+    **dict.fromkeys("“”", '"'),
+    **{"×": "x", "✗": "x", "✓": "v", "·": ".", "●": "*", "†": "+", "│": "|", "⁄": "/"},
+    **{"→": "->", "±": "+-", "≤": "<=", "≥": ">=", "≠": "!=", "°": " deg"},
+    **{"«": '"', "»": '"', "ß": "ss", "æ": "ae", "œ": "oe", "ø": "o", "ł": "l"},
+    **{"δ": "delta", "ε": "eps", "μ": "u", "σ": "sigma"},
+}
 
 
 class Terminated(KeyboardInterrupt):  # as KeyboardInterrupt
@@ -42,14 +52,14 @@ class LineStream:
     not."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream, self.unfinished = stream, False
+        self._stream, self.has_open_line = stream, False
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
         if text:
-            self.unfinished = not text.endswith("\n")
+            self.has_open_line = not text.endswith("\n")
         return self._stream.write(text)
 
 
@@ -63,10 +73,10 @@ def prepare_output() -> None:
         use_legible(getattr(sys, name))
 
 
-def complain(text: str) -> None:
+def print_error(text: str) -> None:
     """Print to standard error, starting on a new line."""
     for stream in (sys.stdout, sys.stderr):
-        if getattr(stream, "unfinished", False):
+        if getattr(stream, "has_open_line", False):
             print(file=stream, flush=True)
     print(text, file=sys.stderr, flush=True)
 
@@ -107,3 +117,41 @@ def sentence(error: Exception) -> str:
     # a traceback names the class by its module, unless it is Python's own
     raised = rf"\n(?:[\w.]+\.)?{type(error).__name__}: "
     return re.split(raised, str(error))[-1].strip() or type(error).__name__
+
+
+def use_legible(stream: Any) -> None:
+    """Have a stream print what its encoding lacks legibly, if it can be told to; the handlers
+    "replace" and "ignore", chosen with PYTHONIOENCODING, stay."""
+    reconfigure = getattr(stream, "reconfigure", None)
+    if reconfigure is not None and getattr(stream, "errors", None) in REPLACED_HANDLERS:
+        reconfigure(errors=LEGIBLE)
+
+
+def printable(text: str) -> str:
+    """Return a text with what standard output cannot show in characters that it can."""
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    return text.encode(encoding, LEGIBLE).decode(encoding)
+
+
+def _legible(error: UnicodeError) -> tuple[str, int]:
+    """Replace what an encoding lacks: codecs' handler of errors.
+
+    Returns:
+        ASCII characters, and where to go on.
+    """
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    return "".join(map(_resembling, lacking)), error.end
+
+
+def _resembling(character: str) -> str:
+    """Return ASCII characters in place of one that is not ASCII, or "?"."""
+    plain = ""
+    # "é" is "e" and an accent
+    for part in unicodedata.normalize("NFKD", character):
+        plain += part if part.isascii() else ASCII_LOOKALIKES.get(part, "")
+    return plain or "?"
+
+
+codecs.register_error(LEGIBLE, _legible)

@@ -1,7 +1,5 @@
 """Which process of a run this is: the first one writes, prints and reports."""
 
-from __future__ import annotations
-
 import os
 from typing import NamedTuple
 
@@ -9,8 +7,13 @@ from lightning_utilities.core.rank_zero import rank_zero_only
 
 
 class Launcher(NamedTuple):
-    """The variables that a launcher of processes sets: each process's number, under one or two
-    names, how many there are, and what else makes Lightning take them for its own."""
+    """The environment variables of a launcher of processes.
+
+    Args:
+        ranks: those that hold a process's number, one or two.
+        size: that of the number of processes.
+        others: those by which Lightning recognises it, too.
+    """
 
     ranks: tuple[str, ...]
     size: str
@@ -32,50 +35,46 @@ def join_launch(processes: int) -> bool:
 
     Its variables belong to the run if it started as many processes as the run has. Those of any
     other, such as a pod's or the job's that a shell was opened in, are ignored and taken out of
-    the environment, where Lightning would find them; a line says so where that matters.
-    """
-    joined = False
+    the environment, where Lightning would find them; a line says so where that matters."""
+    is_launched = False
     for launcher in LAUNCHERS:
-        found = [name for name in launcher.ranks if name in os.environ]
-        if found and _is_of(launcher, found, processes):
-            joined = True
+        ranks = {name: os.environ[name] for name in launcher.ranks if name in os.environ}
+        has_rank = all(rank.isdecimal() and int(rank) < processes for rank in ranks.values())
+        if ranks and has_rank and os.environ.get(launcher.size) == str(processes):
+            is_launched = True
             continue
-        given = " ".join(f"{name}={os.environ[name]}" for name in found)
         for name in (*launcher.ranks, launcher.size, *launcher.others):
             os.environ.pop(name, None)
-        if found and (processes > 1 or not given.endswith("=0")):
-            are = "process" if processes == 1 else "processes"
-            print(
-                f"note: {given} in the environment is ignored: this run has {processes} {are}, and "
-                f"{launcher.size} does not say so. trainer.devices=N, times trainer.num_nodes, is "
-                "how many share a run."
-            )
-    if not joined:
+        # the first of a single process is what the run has anyway
+        if ranks and (processes > 1 or list(ranks.values())[-1] != "0"):
+            _report_ignored(launcher, ranks, processes)
+    if not is_launched:
         # Lightning may have read the environment before
         rank_zero_only.rank = 0  # type: ignore[attr-defined]
-    return joined
+    return is_launched
 
 
-def _is_of(launcher: Launcher, found: list[str], processes: int) -> bool:
-    """Return whether a launcher's variables describe a process of a run of so many."""
-    numbers = [os.environ[name] for name in found]
-    if not all(number.isdecimal() and int(number) < processes for number in numbers):
-        return False
-    return os.environ.get(launcher.size) == str(processes)
+def _report_ignored(launcher: Launcher, ranks: dict[str, str], processes: int) -> None:
+    variables = " ".join(f"{name}={rank}" for name, rank in ranks.items())
+    count = "1 process" if processes == 1 else f"{processes} processes"
+    print(
+        f"note: {variables} in the environment is ignored: this run has {count}, and "
+        f"{launcher.size} does not say so. trainer.devices=N, times trainer.num_nodes, is how many "
+        "share a run."
+    )
 
 
 def is_first() -> bool:
     """Return whether this is the first process of its run.
 
-    Lightning knows it; until it has been imported, which takes seconds, the environment does.
-    """
+    Lightning knows it; until it has been imported, which takes seconds, the environment does."""
     rank = getattr(rank_zero_only, "rank", None)
     if rank is None:
         rank = next((os.environ[name] for name in RANK_VARIABLES if name in os.environ), 0)
     return int(rank) == 0
 
 
-def say(text: str) -> None:
+def print_once(text: str) -> None:
     """Print in the first process only."""
     if is_first():
         print(text)

@@ -1,32 +1,43 @@
-"""Lightning's trainer, with the settings that all runs share."""
+"""Lightning's trainer, with the settings and the checkpoints that all runs share."""
 
-from __future__ import annotations
-
+import io
 import logging
 import signal
 import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import lightning as L
 import torch
-from lightning.pytorch.callbacks import Checkpoint, TQDMProgressBar
+from lightning.fabric.plugins import TorchCheckpointIO
+from lightning.pytorch.callbacks import Checkpoint, ModelCheckpoint, TQDMProgressBar
 from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
 from lightning.pytorch.utilities import rank_zero_only
 
+from moireaug.common.files import write_bytes
 from training.config.schema import Trainer
+from training.runs.identity import Origin
 from training.system.messages import terminate
-from training.trainer.checkpoints import AtomicCheckpointIO
+
+# Lightning's warnings at every start that a user of these recipes cannot act on
+KNOWN_WARNINGS = (
+    ".*does not have many workers.*",
+    ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
+    ".*Checkpoint directory .* exists and is not empty.*",
+    ".*sync_dist=True.*",  # what is logged is the mean of all devices already
+    ".*smaller than the logging interval.*",
+    ".*isinstance.treespec, LeafSpec.*",  # Lightning's own, on newer torch
+)
 
 
 class EndOnSigterm(L.Callback):
     """Ends training on SIGTERM as on Ctrl-C.
 
     Lightning's own handler broadcasts the signal, in the middle of what the processes are sending:
-    they would wait for each other for ever.
-    """
+    they would wait for each other for ever."""
 
     def on_train_start(self, trainer: L.Trainer, module: L.LightningModule) -> None:
         signal.signal(signal.SIGTERM, terminate)
@@ -36,8 +47,7 @@ class EpochLines(Checkpoint):
     """Prints a line per epoch, with the figures that a progress bar shows.
 
     Lightning calls what it takes for a checkpoint last, in the order given: an epoch whose line is
-    printed has been kept.
-    """
+    printed has been kept."""
 
     @rank_zero_only
     def on_train_epoch_end(self, trainer: L.Trainer, module: L.LightningModule) -> None:
@@ -60,8 +70,6 @@ def make_trainer(
 
     Args:
         settings: settings of Lightning's trainer; a null precision is "32-true".
-        epochs: number of epochs.
-        callbacks: callbacks that save and average the weights.
         max_gradient_norm: norm to which gradients are clipped; None for none.
     """
     silence_lightning()
@@ -90,20 +98,65 @@ def make_trainer(
     )
 
 
-# Lightning's warnings at every start that a user of these recipes cannot act on
-KNOWN_WARNINGS = (
-    ".*does not have many workers.*",
-    ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
-    ".*Checkpoint directory .* exists and is not empty.*",
-    ".*sync_dist=True.*",  # what is logged is the mean of all devices already
-    ".*smaller than the logging interval.*",
-    ".*isinstance.treespec, LeafSpec.*",  # Lightning's own, on newer torch
-)
-
-
 def silence_lightning() -> None:
     """Silence Lightning's messages at every start; its import undoes earlier settings."""
     for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
         logging.getLogger(name).setLevel(logging.WARNING)
     for message in KNOWN_WARNINGS:
         warnings.filterwarnings("ignore", message)
+
+
+class AtomicCheckpointIO(TorchCheckpointIO):
+    """Writes a checkpoint beside the previous one, which it then replaces.
+
+    Lightning's own goes through the temporary folder, often on another disk: a copy that can be
+    cut short."""
+
+    def save_checkpoint(
+        self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None
+    ) -> None:
+        """Write a checkpoint, whole or not at all.
+
+        Raises:
+            OSError: the disk is full or not writable; the previous checkpoint stays whole.
+        """
+        # torch hides the cause when it writes the file itself and the disk is full
+        buffer = io.BytesIO()
+        torch.save(checkpoint, buffer)
+        write_bytes(Path(path), buffer.getbuffer())
+
+
+class RunCheckpoint(ModelCheckpoint):
+    """Keeps one checkpoint under one name in a run's folder."""
+
+    def __init__(self, folder: Path, name: str, **settings: Any) -> None:
+        super().__init__(
+            folder, name, enable_version_counter=False, save_on_train_epoch_end=True, **settings
+        )
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        # the state holds absolute paths: in a moved folder, Lightning would forget the best score
+        def here(path: str) -> str:
+            return path and str(Path(self.dirpath) / Path(path).name)  # type: ignore[arg-type]
+
+        moved_paths = {
+            k: here(state_dict[k])
+            for k in ("best_model_path", "kth_best_model_path", "last_model_path")
+        }
+        best = {here(path): score for path, score in state_dict["best_k_models"].items()}
+        super().load_state_dict(
+            state_dict | moved_paths | {"best_k_models": best, "dirpath": self.dirpath}
+        )
+
+
+class OriginRecord(L.Callback):
+    """Writes the origin of a training into each checkpoint, so that it is not evaluated on other
+    classes, or resumed on other images or with other weights."""
+
+    def __init__(self, origin: Origin) -> None:
+        self.origin = origin
+
+    def on_save_checkpoint(
+        self, trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]
+    ) -> None:
+        checkpoint.update(asdict(self.origin))

@@ -87,9 +87,9 @@ def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:
         logger.addHandler(logging.NullHandler())
         logger.propagate = False
     with tempfile.TemporaryDirectory(prefix="ranks-") as folder:
-        # PyTorch waits longer for lost processes before 2.12, which cannot be told
-        told = inspect.signature(LaunchConfig).parameters
-        grace: Any = {"shutdown_timeout": GRACE_SECONDS} if "shutdown_timeout" in told else {}
+        # PyTorch waits longer for lost processes before 2.12, which takes no such time
+        parameters = inspect.signature(LaunchConfig).parameters
+        grace: Any = {"shutdown_timeout": GRACE_SECONDS} if "shutdown_timeout" in parameters else {}
         config = LaunchConfig(
             min_nodes=1,
             max_nodes=1,
@@ -134,10 +134,7 @@ def _run_rank(count: int, job: Callable[..., Any], *args: Any) -> None:
 
 
 def fit(
-    trainer: L.Trainer,
-    module: L.LightningModule,
-    batches: L.LightningDataModule,
-    folder: Path,
+    trainer: L.Trainer, module: L.LightningModule, batches: L.LightningDataModule, folder: Path
 ) -> tuple[dict[str, Any], float]:
     """Train, and load the best weights into the module.
 

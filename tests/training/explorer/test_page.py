@@ -29,11 +29,11 @@ VALUES = values_of(Scene.preset("screen_photo"))
 @pytest.fixture(scope="module", autouse=True)
 def _page():
     """Import Gradio, which takes seconds, in no process that does not need it."""
-    global gradio, page, photograph_tab, widgets
+    global gradio, page, photograph_tab
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         gradio = pytest.importorskip("gradio", reason="the extra [explore] is not installed")
-        from training.explorer import page, photograph_tab, widgets
+        from training.explorer import page, photograph_tab
 
 
 def test_an_event_returns_all_that_the_page_shows():
@@ -75,8 +75,8 @@ def test_a_preset_has_the_controls_of_what_it_states():
         ("screen_photo", {"panel.scale", "sensor.scale"}),
         ("paper", {"panel.width", "sensor.pitch", *of_crops}),
     ):
-        values = widgets.preset_updates(name)[: len(VALUES)]
-        groups = widgets.preset_updates(name)[len(VALUES) :]
+        values = photograph_tab.preset_updates(name)[: len(VALUES)]
+        groups = photograph_tab.preset_updates(name)[len(VALUES) :]
         told = {c.name: group["visible"] for c, group in zip(CONTROLS, groups, strict=True)}
         assert {key for key, visible in told.items() if visible == "hidden"} == hidden
         *_, yaml = photograph_tab.show_photo(name, *settings, *values)

@@ -13,8 +13,7 @@ from moireaug import Scene
 from tests.training.report.conftest import run_metrics, run_pictures, suite_metrics
 from tests.training.report.elements import Elements
 from training import calibrate, report
-from training.calibration.compare import compare_statistics
-from training.calibration.crops import Crops
+from training.calibration.compare import Crops, compare_statistics
 from training.calibration.fit import FittedScene
 from training.demoireing import report as demoireing
 from training.demoireing.testing import GroupedPair
