@@ -26,7 +26,7 @@ from torch import Tensor
 from benchmarks import measure
 from benchmarks.problems import images
 from moireaug import Scene, Shot, capture, develop, expose
-from moireaug.engine import program
+from moireaug.engine import execution
 from moireaug.scene.by_name import with_values
 
 # differences of a tenth of a millisecond need many rounds
@@ -131,7 +131,7 @@ def effect_row(
 
 def run_by(scene: Scene) -> str:
     """Return the stages of a capture that the engine runs, and with which effect it leaves off."""
-    parts = program.program_of_scene(scene, scene.plan())
+    parts = execution.execution_of(scene, scene.plan())
     why_not = {"expose": parts.why_not_expose, "develop": parts.why_not_develop}
     stages = [stage for stage, reason in why_not.items() if not reason]
     line = " and ".join(stages) or "nothing"

@@ -14,20 +14,20 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from moireaug.camera import pipeline
 from moireaug.common.image_checks import check_images
-from moireaug.common.numeric import as_float, as_single
-from moireaug.engine import dispatch
-from moireaug.engine.program import program_of_call
-from moireaug.scene.mixed_shot import MixedShot
+from moireaug.common.numeric import widen_half
+from moireaug.engine.developing import developing
+from moireaug.engine.execution import call_of
+from moireaug.engine.exposing import exposing
+from moireaug.scene.mixed_shot import MixedShot, per_scene
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_checks import (
     check_batch,
+    check_is_shot,
     check_noise,
-    check_noise_shape,
     check_raw,
     check_rows_of_noise,
-    check_shot,
+    checked_numbers,
 )
 
 
@@ -78,7 +78,7 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     1], of the reading's dtype; half precision is computed in float32.
 
     Differentiable in raw, and in every field of the shot that developing reads, except the JPEG
-    quality.
+    quality. On a GPU, the photo of a reading that holds NaN or infinity is NaN.
 
     Raises:
         TypeError: a raw reading that is not a floating point tensor.
@@ -88,65 +88,46 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     return photo_of_reading(raw, shot)
 
 
-def photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the photo of a reading of a shot that has been checked; see `develop`."""
-    reading = as_single(raw)
-    with torch.autocast(raw.device.type, enabled=False):
-        program = program_of_call(reading, shot)
-        if program.why_not_develop:
-            return pipeline.develop(reading, shot).to(raw.dtype)
-        return dispatch.engine_photo(reading, shot, program).to(raw.dtype)
-
-
 def photo_of(
     image: Tensor, shot: ShotRecord | MixedShot, noise: Tensor | Sequence[Tensor] | None = None
 ) -> Tensor:
-    """Return the photo of `image`, of its reading's dtype; arguments as in `reading_of` and
-    `capture`."""
-    if isinstance(shot, MixedShot):
-        return _mixed_photo_of(image, shot, noise)
-    raw = reading_of(image, shot)
-    if noise is not None:
-        raw = raw + check_noise(noise, raw).to(raw)
-    return photo_of_reading(raw, shot)
-
-
-def _mixed_photo_of(
-    image: Tensor, shot: MixedShot, noise: Tensor | Sequence[Tensor] | None
-) -> Tensor:
-    """Return the photos of a mixture, those of each scene taken together; see `photo_of`."""
+    """Return the photo of images that have passed `check_images` or, in uint8, `check_shape`; of
+    float64 for float64 images, else float32. Arguments as in `capture`."""
     check_batch(image.shape, shot)
-    if noise is not None:
+    if noise is not None and isinstance(shot, MixedShot):
         check_rows_of_noise(noise, shot)
-
-    def photo(rows: Tensor, part: ShotRecord) -> Tensor:
-        chosen = _rows_of_noise(noise, rows, part.raw_shape()[1:])
-        return photo_of(image[rows.to(image.device)], part, chosen)
-
-    return shot.map_shots(photo)
+    return per_scene(shot, _photo_in_scene, image, noise)
 
 
-def _rows_of_noise(
-    noise: Tensor | Sequence[Tensor] | None, rows: Tensor, shape: tuple[int, ...]
-) -> Tensor | None:
-    """Return the noise of some images of a mixture, or None; shape: of each one's raw reading."""
-    if isinstance(noise, Tensor):
-        return noise[rows.to(noise.device)]
-    if noise is None or not len(rows):
-        return None
-    chosen = rows.tolist()
-    for row in chosen:
-        check_noise_shape(f"noise[{row}]", noise[row], shape)
-    return torch.stack([noise[row] for row in chosen])
+def _photo_in_scene(shot: ShotRecord, image: Tensor, noise: Tensor | None) -> Tensor:
+    """Return the photo of images in one scene; see `photo_of`."""
+    table = checked_numbers(shot)
+    if noise is not None:
+        check_noise(noise, shot)
+    light = widen_half(image)
+    call = call_of(shot, table, light, noise)
+    with torch.autocast(light.device.type, enabled=False):
+        expose_light, develop_raw = exposing(call), developing(call, is_finite=True)
+        raw = expose_light(light)
+        if noise is not None:
+            raw = raw + noise.to(raw)
+        return develop_raw(raw)
 
 
 def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
     """Return the raw reading of images that have passed `check_images` or, in uint8, `check_shape`.
     The engine reads uint8 as it is."""
-    check_shot(image.shape, shot)
-    light = as_single(image)
-    with torch.autocast(image.device.type, enabled=False):
-        program = program_of_call(light, shot)
-        if program.why_not_expose:
-            return pipeline.expose(as_float(light), shot)
-        return dispatch.engine_reading(light, shot, program)
+    check_is_shot(shot)
+    check_batch(image.shape, shot)
+    light = widen_half(image)
+    call = call_of(shot, checked_numbers(shot), light)
+    with torch.autocast(light.device.type, enabled=False):
+        return exposing(call)(light)
+
+
+def photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
+    """Return the photo of a reading that has passed `check_raw`; see `develop`."""
+    reading = widen_half(raw)
+    call = call_of(shot, checked_numbers(shot), reading)
+    with torch.autocast(raw.device.type, enabled=False):
+        return developing(call)(reading).to(raw.dtype)

@@ -12,9 +12,12 @@ from torch import Tensor
 from moireaug.scene.draws import check_size, numbers_needed, random_numbers
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.plan import Plan
+from moireaug.scene.preset_names import MixtureName, PresetName
 from moireaug.scene.presets import MIXTURES
-from moireaug.scene.record import NOMINAL_SIZE
+from moireaug.scene.sized import NOMINAL_SIZE
 from moireaug.scenes import Scene, Shot, as_scene
+
+OneScene = Scene | PresetName | Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -34,14 +37,14 @@ class Mixture:
         rows of a larger draw are those of a smaller one.
         """
         size = check_size(size)
-        return self.shot_of(self.random_numbers(n, generator), size)
+        return self.draw(self.random_numbers(n, generator), size)
 
     def random_numbers(self, n: int, generator: torch.Generator | None = None) -> Tensor:
-        """Return the random numbers of `n` images, from which `shot_of` draws: one that chooses the
+        """Return the random numbers of `n` images, from which `draw` does: one that chooses the
         scene, and those of the scene that takes most."""
         return random_numbers(n, 1 + max(map(numbers_needed, self.scenes)), generator)
 
-    def shot_of(self, u: Tensor, size: tuple[int, int]) -> MixedShot[Shot]:
+    def draw(self, u: Tensor, size: tuple[int, int]) -> MixedShot[Shot]:
         """Return the draw that `random_numbers` give of images of `size` (height, width)."""
         self.plan(size)  # refuses a scene that cannot be photographed, drawn or not
         scene_index = (u[:, 0] * len(self.scenes)).long()
@@ -49,15 +52,15 @@ class Mixture:
         for k in range(len(self.scenes)):
             rows = (scene_index == k).nonzero().flatten()
             if len(rows):
-                shots.append((rows, self.shot_in(k, u[rows], size)))
-        shots = shots or [(scene_index, self.shot_in(0, u, size))]
+                shots.append((rows, self.draw_in(k, u[rows], size)))
+        shots = shots or [(scene_index, self.draw_in(0, u, size))]
         return MixedShot.from_shots(self.scenes, scene_index, shots)
 
-    def shot_in(self, k: int, u: Tensor, size: tuple[int, int]) -> Shot:
+    def draw_in(self, k: int, u: Tensor, size: tuple[int, int]) -> Shot:
         """Return the shot that `random_numbers` give in scene k, of images of `size` (height,
         width)."""
         scene = self.scenes[k]
-        return scene.shot_of(u[:, 1 : 1 + numbers_needed(scene)], size)
+        return scene.draw(u[:, 1 : 1 + numbers_needed(scene)], size)
 
     def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> tuple[Plan, ...]:
         """Return the plan of each scene; errors as of `Scene.plan`."""
@@ -73,8 +76,12 @@ class Mixture:
         return [scene.to_dict() for scene in self.scenes]
 
 
+# what every public `scene=` argument takes, see `as_scenes`
+SceneLike = OneScene | Mixture | MixtureName | Sequence[OneScene]
+
+
 def as_scenes(
-    scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any],
+    scene: SceneLike | str | Sequence[Any],
     shrink: float | Sequence[float] | None = None,
 ) -> Scene | Mixture:
     """Return a Scene from a Scene, a preset's name or a mapping, such as a dict, and a Mixture from
@@ -132,12 +139,12 @@ def sample_one(
 ) -> Shot:
     """Draw for one image; in a mixture it is in one of the scenes. Arguments as of `sample`."""
     size = check_size(size)
-    return shot_of_one(scene, scene.random_numbers(1, generator), size)
+    return draw_one(scene, scene.random_numbers(1, generator), size)
 
 
-def shot_of_one(scene: Scene | Mixture, u: Tensor, size: tuple[int, int]) -> Shot:
+def draw_one(scene: Scene | Mixture, u: Tensor, size: tuple[int, int]) -> Shot:
     """Return the shot that the `random_numbers` of one image give, of `size` (height, width)."""
     if isinstance(scene, Scene):
-        return scene.shot_of(u, size)
+        return scene.draw(u, size)
     scene.plan(size)  # as in a batch
-    return scene.shot_in(int(u[0, 0] * len(scene.scenes)), u, size)
+    return scene.draw_in(int(u[0, 0] * len(scene.scenes)), u, size)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import torch
 from torch import Tensor
@@ -14,30 +14,30 @@ from moireaug.capture import capture, develop, reading_of
 from moireaug.common.argument_checks import one_of
 from moireaug.common.image_checks import check_shape
 from moireaug.engine import operators
-from moireaug.scene.by_name import part_from_dict, parts_with
+from moireaug.scene.by_name import parts_from_dict, parts_with
 from moireaug.scene.draws import (
+    check_shot_keys,
     check_size,
     draw_numbers,
     numbers_from_dict,
     numbers_needed,
     random_numbers,
 )
+from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.fields import bounds
-from moireaug.scene.parts import PARTS
 from moireaug.scene.plan import Moire, Plan
+from moireaug.scene.preset_names import PresetName
 from moireaug.scene.presets import MIXTURES, PRESETS
-from moireaug.scene.record import NOMINAL_SIZE, SceneRecord
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.sized import NOMINAL_SIZE, scene_of_size, size_octave
 
 UNPLANNED_MESSAGE = (
     "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
     "Scene.sample does; copies and unpickled scenes have no plan yet."
 )
-CACHES = ("_plans", "_json")  # plans by octave, and the scene as JSON, for a graph
+CACHE_FIELDS = ("_plans", "_json")  # plans by octave, and the scene as JSON, for a graph
 MOIRE_SHOTS = 128  # of which the expected moiré is found
-# codes of a photo by which a reading's standard deviation of its own mean is seen: about, for the
-# presets' tone curves and light; measured 40 to 70
-CODES_PER_CONTRAST = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,20 +61,19 @@ class Scene(SceneRecord):
     """
 
     @staticmethod
-    def preset(name: str) -> Scene:
-        """Return the scene of that name, one of the keys of `moireaug.scene.presets.PRESETS`.
+    def preset(name: PresetName) -> Scene:
+        """Return the scene of that name, one of `presets`.
 
         Raises:
             ValueError: an unknown name, where the message lists the known ones and the closest; or
                 a mixture's, such as "anywhere", which is several scenes: see `mixtures.as_scenes`.
         """
-        if one_of("a preset", name, (*PRESETS, *MIXTURES)) in MIXTURES:
-            raise ValueError(
-                f"{name!r} is a mixture of {len(MIXTURES[name])} presets, where one scene is "
-                f"needed. Name one of them ({', '.join(MIXTURES[name])}), or pass scene={name!r} "
-                "alone, in no list, to a transform, an attack, Pairs or evaluate."
-            )
-        return _PRESETS[name]
+        return _preset_of(name)
+
+    @staticmethod
+    def presets() -> tuple[PresetName, ...]:
+        """Return the names of all presets."""
+        return get_args(PresetName)
 
     def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
         """Return the ordered effects that this scene calls for in photos of `size` (height, width),
@@ -90,31 +89,22 @@ class Scene(SceneRecord):
         return self._planned(check_size(size))
 
     def _planned(self, size: tuple[int, int]) -> Plan:
-        octave = self.octave(size)
+        octave = size_octave(self, size)
         plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
         if octave not in plans:
             if torch.compiler.is_compiling():
                 raise RuntimeError(UNPLANNED_MESSAGE)
-            plan = make_plan(self.at(size))
+            plan = make_plan(scene_of_size(self, size))
             object.__setattr__(self, "_plans", {**plans, octave: plan})
-            plans = {**plans, octave: replace(plan, moire=self._moire(size))}
+            shot = self.sample(MOIRE_SHOTS, size, torch.Generator().manual_seed(0))
+            plans = {**plans, octave: replace(plan, moire=moire_of(shot))}
             object.__setattr__(self, "_plans", plans)
             self.as_json()  # made ready: torch.compile cannot follow how
         return plans[octave]
 
-    @torch.no_grad()
-    def _moire(self, size: tuple[int, int]) -> Moire | None:
-        """Find what `expected_moire` returns, of shots of a planned scene."""
-        shot = self.sample(MOIRE_SHOTS, size, torch.Generator().manual_seed(0))
-        variance = shot.plan.method.seen_variance(shot)
-        if variance is None:
-            return None
-        codes = CODES_PER_CONTRAST * variance.mean(1).sqrt()
-        return Moire(*codes.quantile(codes.new_tensor((0.1, 0.5, 0.9))).tolist())
-
     def __getstate__(self) -> dict[str, Any]:
         """Leave the plans out of copies and pickles: another version may plan otherwise."""
-        return {name: value for name, value in vars(self).items() if name not in CACHES}
+        return {name: value for name, value in vars(self).items() if name not in CACHE_FIELDS}
 
     def expected_moire(self, size: tuple[int, int] = NOMINAL_SIZE) -> Moire | None:
         """Return about how much moiré photos of `size` (height, width) will show, from the panel's
@@ -137,14 +127,14 @@ class Scene(SceneRecord):
             TypeError: a generator that is not a torch.Generator.
         """
         size = check_size(size)
-        return self.shot_of(self.random_numbers(n, generator), size)
+        return self.draw(self.random_numbers(n, generator), size)
 
     def random_numbers(self, n: int, generator: torch.Generator | None = None) -> Tensor:
-        """Return the random numbers of `n` images, of whatever size, from which `shot_of` draws;
+        """Return the random numbers of `n` images, of whatever size, from which `draw` does;
         arguments and errors as of `sample`."""
         return random_numbers(n, numbers_needed(self), generator)
 
-    def shot_of(self, u: Tensor, size: tuple[int, int]) -> Shot:
+    def draw(self, u: Tensor, size: tuple[int, int]) -> Shot:
         """Return the shot that `random_numbers` give of images of `size` (height, width)."""
         return self.shot_from_numbers(size, *draw_numbers(self, u))
 
@@ -203,23 +193,23 @@ class Scene(SceneRecord):
                 "Scene.preset."
             )
         values = dict(values)
-        base = Scene.preset(values.pop("preset")) if "preset" in values else Scene()
-        for key in values:
-            one_of("a key of a scene", key, (*PARTS, "tolerance", "preset"))
-        merged, parts = base.to_dict(), {}
-        for name in PARTS:
-            given = {} if values.get(name) is None else values[name]
-            if not isinstance(given, Mapping):
-                raise TypeError(f"Scene.{name} must be a mapping of its fields; got {given!r}.")
-            parts[name] = part_from_dict(name, merged[name] | dict(given))
-        return Scene(**parts, tolerance=values.get("tolerance", base.tolerance))
+        base = _preset_of(values.pop("preset")) if "preset" in values else Scene()
+        tolerance = values.pop("tolerance", base.tolerance)
+        return Scene(**parts_from_dict(values, base.to_dict()), tolerance=tolerance)
 
 
-def _scene(record: SceneRecord) -> Scene:
-    return Scene(**{name: getattr(record, name) for name in (*PARTS, "tolerance")})
+_PRESETS = {name: Scene(**vars(record)) for name, record in PRESETS.items()}
 
 
-_PRESETS = {name: _scene(record) for name, record in PRESETS.items()}
+def _preset_of(name: str) -> Scene:
+    """Return `Scene.preset` of any text."""
+    if one_of("a preset", name, (*PRESETS, *MIXTURES)) in MIXTURES:
+        raise ValueError(
+            f"{name!r} is a mixture of {len(MIXTURES[name])} presets, where one scene is needed. "
+            f"Name one of them ({', '.join(MIXTURES[name])}), or pass scene={name!r} alone, in no "
+            "list, to a transform, an attack, Pairs or evaluate."
+        )
+    return _PRESETS[name]
 
 
 def preset_name(scene: Scene) -> str:
@@ -258,8 +248,7 @@ class Shot(ShotRecord):
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the plan, which another version may make otherwise, and the table of numbers,
         which `__post_init__` makes again."""
-        derived_fields = ("plan", "_numbers")
-        return {name: value for name, value in vars(self).items() if name not in derived_fields}
+        return {n: value for n, value in vars(self).items() if n not in ("plan", "_numbers")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -273,16 +262,7 @@ class Shot(ShotRecord):
             ValueError, TypeError: a missing or unknown key, fields of different lengths, a number
                 that no scene may have, or a seed or a size that is not in whole numbers.
         """
-        if not isinstance(values, Mapping):
-            raise TypeError(f"a shot's values must be a mapping; got {values!r}.")
-        keys = ("scene", "size", "seed", *PARTS)
-        for key in values:
-            one_of("a key of a shot", key, (*keys, "part_of"))
-        missing = [key for key in keys if key not in values]
-        if missing:
-            raise ValueError(
-                f"a shot's dict must have the keys {', '.join(keys)}; missing {missing}."
-            )
+        check_shot_keys(values)
         scene = as_scene(values["scene"])
         numbers, seed = numbers_from_dict(scene, values)
         size = check_size(values["size"])
@@ -310,7 +290,7 @@ def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
                 f"a scene's file is for the commands; got {scene!r}. Pass what it holds, "
                 f"yaml.safe_load(open({scene!r}))."
             )
-        return Scene.preset(scene)
+        return _preset_of(scene)
     if isinstance(scene, Mapping):
         return Scene.from_dict(scene)
     raise TypeError(

@@ -10,6 +10,7 @@ import torch.nn.functional as F
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture, transforms
 from moireaug.engine import reference
 from moireaug.mixtures import as_scenes
+from moireaug.scene.sized import scene_of_size
 from moireaug.synthesis.twins import without_moire
 from moireaug.transforms import _convert
 
@@ -111,9 +112,9 @@ def test_two_of_width_pitch_and_shrink_give_the_third():
     shot = thing.sample(1, (30, 40))
     assert shot.panel_scale.item() == 60 / 40 and shot.sensor_scale.item() == 3
     assert (
-        thing.at((30, 40)).sensor.pitch[0]
+        scene_of_size(thing, (30, 40)).sensor.pitch[0]
         <= 3 * 0.8 * 40 / 60
-        <= thing.at((30, 40)).sensor.pitch[1]
+        <= scene_of_size(thing, (30, 40)).sensor.pitch[1]
     )
 
 

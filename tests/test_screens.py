@@ -15,6 +15,7 @@ from moireaug.camera.exposure import extreme_harmonics
 from moireaug.camera.exposure.bin_geometry import pixels_on_photo
 from moireaug.engine import switch
 from moireaug.scene.presets import PRESETS
+from moireaug.scene.sized import scene_of_size
 from moireaug.synthesis import without_moire
 from tests.engine.readings import assert_equal, readings
 
@@ -103,7 +104,7 @@ def test_contrast_is_judged_in_the_photo():
     panel = Panel(width=800.0, lit_y=0.6)
     screen = Scene(panel=panel, lens=Lens(blur=0.3), sensor=Sensor(pitch=2.6))
     planned = screen.plan((64, 64)).harmonics
-    at_sensor = extreme_harmonics.harmonics(screen.at((64, 64)))
+    at_sensor = extreme_harmonics.harmonics(scene_of_size(screen, (64, 64)))
     assert 0 < len(planned) < len(at_sensor)
     grey = torch.full((1, 3, 64, 64), 0.7, dtype=torch.float64)
     exact = dataclasses.replace(screen, tolerance=1e-6)

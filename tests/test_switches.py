@@ -10,7 +10,7 @@ import pytest
 
 from moireaug import Scene
 from moireaug.common import extras
-from moireaug.engine import backends, program
+from moireaug.engine import backends, execution
 
 ROOT = Path(__file__).resolve().parents[1]
 SWITCHES = {
@@ -65,7 +65,7 @@ def test_the_reference_runs_where_numba_compiles_nothing(environment, reason, mo
     backends._why_no_numba.cache_clear()
     try:
         scene = Scene.preset("screen_photo")
-        found = program.program_of_scene(scene, scene.plan())
+        found = execution.execution_of(scene, scene.plan())
         for why in (found.why_not_expose, found.why_not_develop):
             assert why.startswith(reason) and bool(why) == bool(reason)
     finally:

@@ -14,16 +14,16 @@ from moireaug.attacks.bounds import Bound
 from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.attacks.problem import Point, Problem
 from moireaug.capture import expose, photo_of_reading
-from moireaug.common.numeric import choose, clip
+from moireaug.common.numeric import clip, select_rows
 from moireaug.scene.by_name import parts_with
 from moireaug.scene.plan import Plan
 from moireaug.scene.shot import ShotRecord
 from moireaug.scenes import Shot
 
-Stage = Callable[[Tensor, ShotRecord], Tensor]
+ShotFunction = Callable[[Tensor, ShotRecord], Tensor]
 
 # where noise is added: the stage before it, which checks the shot, and the stage after
-NOISE_AT: dict[str, tuple[Stage, Stage]] = {
+NOISE_AT: dict[str, tuple[ShotFunction, ShotFunction]] = {
     "raw": (expose, photo_of_reading),
     "photo": (
         lambda images, shot: photo_of_reading(expose(images, shot), shot),
@@ -110,7 +110,7 @@ class CameraProblem(Problem):
         numbers = {name: torch.where(rows, others[name], own[name]) for name in own}
         seed = torch.where(rows, other.shot.seed, self.shot.seed)
         shot = dataclasses.replace(self.shot, **parts_with(self.shot, numbers), seed=seed)
-        return self._at(shot, choose(chosen, other.clean, self.clean))
+        return self._at(shot, select_rows(chosen, other.clean, self.clean))
 
     def _at(self, shot: Shot, clean: Tensor | None = None) -> CameraProblem:
         clean = self.before_noise(self.images, shot) if clean is None else clean

@@ -19,7 +19,7 @@ from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_callable, check_count, check_positive
 from moireaug.common.image_checks import check_images
-from moireaug.common.numeric import choose
+from moireaug.common.numeric import select_rows
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
@@ -105,7 +105,7 @@ class CW(NamesForeignArguments):
         for _ in range(self.binary_search_steps):
             image, distance, losses = self._descend(search, x, c)
             is_nearer = distance < nearest_distance
-            nearest = choose(is_nearer, image, nearest)
+            nearest = select_rows(is_nearer, image, nearest)
             nearest_distance = torch.minimum(distance, nearest_distance)
             success = distance.isfinite()
             reached = torch.where(success, torch.minimum(reached, c), reached)
@@ -142,5 +142,5 @@ class CW(NamesForeignArguments):
             success = is_success(logits, labels, targets) & is_enough
             is_nearer = success & (distance < nearest_distance)
             nearest_distance = torch.where(is_nearer, distance, nearest_distance).detach()
-            nearest = choose(is_nearer, candidate.detach(), nearest)
+            nearest = select_rows(is_nearer, candidate.detach(), nearest)
         return nearest, nearest_distance, losses

@@ -23,7 +23,7 @@ from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.search import Search, Step
 from moireaug.common.argument_checks import check_callable, check_count, one_of
 from moireaug.common.image_checks import check_images
-from moireaug.common.numeric import as_single
+from moireaug.common.numeric import widen_half
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
@@ -185,7 +185,7 @@ class Attack(NamesForeignArguments, ABC):
             if k == 0:
                 search.check(logits)
                 check_differentiable(logits)
-            loss = LOSSES[self.loss](as_single(logits), labels, targets)
+            loss = LOSSES[self.loss](widen_half(logits), labels, targets)
             # a scene may have ranges that no photo of it depends on
             gradients = torch.autograd.grad(loss.sum(), list(variables.values()), allow_unused=True)
             if k == 0:

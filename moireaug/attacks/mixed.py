@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.result import Result
-from moireaug.scene.mixed_shot import MixedShot, in_order
+from moireaug.scene.mixed_shot import MixedShot, join_rows
 
 
 def join_results(
@@ -27,7 +27,7 @@ def join_results(
     noise: Tensor | list[Tensor]
     # the mixture, not the draw, says whether noise fits into one tensor
     if noise_at == "photo" or len(shot.raw_shapes()) == 1:
-        noise = in_order(rows, noises)
+        noise = join_rows(rows, noises)
     else:
         noise_by_row: dict[int, Tensor] = {}
         for scene_rows, scene_noise in zip(rows, noises, strict=True):
@@ -35,13 +35,13 @@ def join_results(
         noise = [noise_by_row[row] for row in sorted(noise_by_row)]
     scene_shots = [(at, result.shot) for at, result in zip(rows, results, strict=True)]
     return Result(
-        images=in_order(rows, [result.images for result in results]),
-        success=in_order(rows, [result.success for result in results]),
+        images=join_rows(rows, [result.images for result in results]),
+        success=join_rows(rows, [result.success for result in results]),
         noise=noise,
         loss=_mean_loss(results),
         eps=results[0].eps,
-        clean_correct=in_order(rows, [result.clean_correct for result in results]),
-        correct=in_order(rows, [result.correct for result in results]),
+        clean_correct=join_rows(rows, [result.clean_correct for result in results]),
+        correct=join_rows(rows, [result.correct for result in results]),
         bound=results[0].bound,
         shot=MixedShot.from_shots(shot.scenes, shot.scene_index, scene_shots),
     )

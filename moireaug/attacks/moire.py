@@ -22,10 +22,10 @@ from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_count, one_of
 from moireaug.common.image_checks import check_images
-from moireaug.mixtures import Mixture, as_scenes, scenes_of
-from moireaug.scene.mixed_shot import MixedShot, in_order
+from moireaug.mixtures import Mixture, SceneLike, as_scenes, scenes_of
+from moireaug.scene.mixed_shot import MixedShot, join_rows, per_scene
 from moireaug.scene.shot_checks import check_batch
-from moireaug.scenes import Scene, Shot
+from moireaug.scenes import Shot
 
 R = TypeVar("R")
 
@@ -77,7 +77,7 @@ class MoireAttack(Attack):
             without an answer to any of a batch's images; in a mixture, to any of a scene's.
     """
 
-    scene: Scene | Mixture | str | dict | list | tuple = "screen_photo"
+    scene: SceneLike = "screen_photo"
     eot: int = 1
     noise_at: str = "raw"
     bound: str = "codes"
@@ -136,22 +136,21 @@ class MoireAttack(Attack):
             shot = scene.sample(len(images), (images.shape[-2], images.shape[-1]), generator)
         if not isinstance(shot, MixedShot):
             return search(reduce, images, labels, targets, shot, generator)
-        check_batch(check_images(images).shape, shot)
+        mixed_shot = shot
+        check_batch(check_images(images).shape, mixed_shot)
         labels, targets = check_goals(images, labels, targets)
-        batch_rows: list[Tensor] = []
-        parts: list[Any] = []
-        for scene_rows, scene_shot in shot.by_scene():
-            rows = scene_rows.to(images.device)
-            scene_targets = None if targets is None else targets[rows]
-            part = search(reduce, images[rows], labels[rows], scene_targets, scene_shot, generator)
-            batch_rows.append(rows)
-            parts.append(part)
-        whole: Any
-        if isinstance(parts[0], Tensor):
-            whole = in_order(batch_rows, parts)
-        else:
-            whole = join_results(shot, batch_rows, parts, self.noise_at)
-        return whole
+
+        def search_scene(
+            scene_shot: Shot, images: Tensor, labels: Tensor, targets: Tensor | None
+        ) -> R:
+            return search(reduce, images, labels, targets, scene_shot, generator)
+
+        def join(rows: list[Tensor], parts: list[Any]) -> Any:
+            if isinstance(parts[0], Tensor):
+                return join_rows(rows, parts)
+            return join_results(mixed_shot, rows, parts, self.noise_at)
+
+        return per_scene(shot, search_scene, images, labels, targets, join=join)
 
     def problem(
         self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None

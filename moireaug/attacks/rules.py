@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.bounds import Box
-from moireaug.common.numeric import choose, per_image
+from moireaug.common.numeric import per_image, select_rows
 
 MOMENTUM_DECAY = 1.0  # mu of Dong et al. (2018)
 # share of an APGD step that is new; the rest repeats the step before: Croce & Hein (2020)
@@ -153,8 +153,8 @@ class APGD(Rule):
             self._start_search(x, gradient, loss)
         better = loss > self.best_loss
         self.best_loss = torch.where(better, loss, self.best_loss)
-        self.best_x = choose(better, x, self.best_x)
-        self.best_gradient = choose(better, gradient, self.best_gradient)
+        self.best_x = select_rows(better, x, self.best_x)
+        self.best_gradient = select_rows(better, gradient, self.best_gradient)
         self.n_rises = self.n_rises + (loss > self.last_loss)
         self.last_loss = loss
         if self.k in self.checkpoints:
@@ -185,7 +185,9 @@ class APGD(Rule):
         self.last_loss = torch.where(goes_back, self.best_loss, self.last_loss)
         self.was_halved, self.checkpoint_loss = goes_back, self.best_loss
         self.n_rises, self.last_checkpoint = torch.zeros_like(self.n_rises), self.k
-        return choose(goes_back, self.best_x, x), choose(goes_back, self.best_gradient, gradient)
+        return select_rows(goes_back, self.best_x, x), select_rows(
+            goes_back, self.best_gradient, gradient
+        )
 
 
 class Printed(Rule):

@@ -14,7 +14,7 @@ from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.losses import attack_margin, mean_cross_entropy
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.problem import Point, Problem
-from moireaug.common.numeric import choose
+from moireaug.common.numeric import select_rows
 
 
 class Step(NamedTuple):
@@ -158,7 +158,7 @@ class Search:
         better[self.rows] = margins > self.margins[self.rows]
         self.margins = torch.where(better, self.scatter(margins), self.margins)
         best = self.best or point
-        self.best = {name: choose(better, x, best[name]) for name, x in point.items()}
+        self.best = {name: select_rows(better, x, best[name]) for name, x in point.items()}
         self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
         if self.drops_fooled:
             self.drop_fooled()

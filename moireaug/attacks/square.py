@@ -13,7 +13,7 @@ from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point
 from moireaug.attacks.search import Search, Step
-from moireaug.common.numeric import as_single, choose
+from moireaug.common.numeric import select_rows, widen_half
 
 FIRST_WINDOW_SHARE = 0.8  # of the planes' area, as in AutoAttack
 # queries of 10,000 after which that share is halved: Andriushchenko et al. (2020), section 4.1 and
@@ -69,13 +69,13 @@ class SquareMoire(MoireAttack):
                 return
             logits = search.active_logits(point)
             labels, targets = search.active_goals(search.loss_targets)
-            loss = LOSSES[self.loss](as_single(logits), labels, targets)
+            loss = LOSSES[self.loss](widen_half(logits), labels, targets)
             # no loss, of an image without an answer, is below any other
             loss = search.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
             yield Step(point, logits)
             better = (loss > highest) if query else torch.ones_like(loss, dtype=torch.bool)
             highest = torch.where(better, loss.to(highest), highest)
-            best = {"noise": choose(better, point["noise"], best["noise"])}
+            best = {"noise": select_rows(better, point["noise"], best["noise"])}
             size = window_side(query, self.steps, search.problem.shape)
             point = {"noise": _with_square(best["noise"], self.eps, size, search.generator)}
         if not search.is_over:

@@ -25,8 +25,8 @@ from moireaug.camera.effects.tone import Balance, Brighten, ColourMatrix, ToneCu
 from moireaug.camera.effects.vignetting import Vignetting
 from moireaug.camera.exposure.choose import method_of
 from moireaug.scene.fields import bounds
-from moireaug.scene.plan import Plan, Step
-from moireaug.scene.record import SizedScene
+from moireaug.scene.plan import Plan, PlanStep
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 EXPOSE: tuple[Effect, ...] = (
@@ -97,13 +97,14 @@ def effects_by_name() -> dict[str, Effect]:
 
 
 @torch.no_grad()
-def make_plan(scene: SizedScene) -> Plan:
-    """Judge every effect by a scene's ranges; see `Scene.plan`."""
+def make_plan(scene: SceneRecord) -> Plan:
+    """Judge every effect by the ranges of a scene, from `sized.scene_of_size`; see
+    `Scene.plan`."""
     effects = effects_by_name()
     verdicts = {name: effect.verdict(scene) for name, effect in effects.items()}
     listed = [name for name, effect in effects.items() if effect.is_listed]
     return Plan(
-        steps=tuple(Step(name, *verdicts[name]) for name in listed),
+        steps=tuple(PlanStep(name, *verdicts[name]) for name in listed),
         exposing=tuple(effect.name for effect in EXPOSE if verdicts[effect.name].called),
         developing=tuple(effect.name for effect in DEVELOP if verdicts[effect.name].called),
         method=method_of(scene),
@@ -112,7 +113,7 @@ def make_plan(scene: SizedScene) -> Plan:
     )
 
 
-def _scales_of(scene: SizedScene) -> str:
+def _scales_of(scene: SceneRecord) -> str:
     """Return how many panel and sensor pixels an image pixel gets, in words."""
     panel = format_range(scene.panel.scale)
     if scene.is_crop:

@@ -42,14 +42,13 @@ def check_images(image: Tensor) -> Tensor:
             f"images must be floating point in [0, 1]; got {image.dtype}. Divide uint8 images by "
             "255, or use moireaug.transforms.RandomMoire, which takes them as they are."
         )
-    if is_transformed():
-        return clip(image)
-    if not image.numel():
-        return image
-    low, high = (v.item() for v in image.detach().aminmax())
-    if low >= 0 and high <= 1:
-        return image
-    _check_pictures(image.detach())
+    if not is_transformed():
+        if not image.numel():
+            return image
+        low, high = (v.item() for v in image.detach().aminmax())
+        if low >= 0 and high <= 1:
+            return image
+        _check_pictures(image.detach())
     return clip(image)
 
 

@@ -67,7 +67,7 @@ def per_image(values: Tensor, like: Tensor) -> Tensor:
     return values.to(like.dtype)[(slice(None), *[None] * (like.ndim - 1))]
 
 
-def choose(mask: Tensor, a: Tensor, b: Tensor) -> Tensor:
+def select_rows(mask: Tensor, a: Tensor, b: Tensor) -> Tensor:
     """Return `a` in the rows where the mask (B,) is True, `b` in the others."""
     return torch.where(mask.view(-1, *[1] * (a.ndim - 1)), a, b)
 
@@ -129,7 +129,7 @@ def is_transformed() -> bool:
     return torch.compiler.is_compiling() or torch._C._are_functorch_transforms_active()
 
 
-def as_single(values: Tensor) -> Tensor:
+def widen_half(values: Tensor) -> Tensor:
     """Return half precision as float32, other dtypes unchanged."""
     return values.float() if values.dtype in (torch.float16, torch.bfloat16) else values
 

@@ -2,34 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from moireaug.common.numeric import is_batched
-from moireaug.engine.differences import ShotDifferences
-
-
-class Stage(NamedTuple):
-    """A stage of a batch's photos: from images to readings, or from readings to photos.
-
-    Args:
-        forward: takes values and whether a gradient is asked for, and returns the stage's results
-            and a tensor for `backward`.
-        backward: takes the gradient in the results, the values and that tensor, and returns the
-            gradient in the values.
-        reference: does the same as `forward` in PyTorch, for derivatives of the gradient.
-        sums_in_order: see `Backend.kernels`.
-        differences: for the gradient in the shot's numbers, if one is asked for.
-    """
-
-    forward: Callable[[Tensor, bool], tuple[Tensor, Tensor]]
-    backward: Callable[[Tensor, Tensor, Tensor], Tensor]
-    reference: Callable[[Tensor], Tensor]
-    sums_in_order: bool = True
-    differences: ShotDifferences | None = None
+from moireaug.engine import differences, kernel_check
+from moireaug.engine.stage import KernelStage, Stage
 
 
 class _Differentiable(torch.autograd.Function):
@@ -55,7 +35,7 @@ class _Differentiable(torch.autograd.Function):
         in_values = stage.backward(grad, values, saved) if ctx.needs_input_grad[0] else None
         if not numbers:
             return in_values, None
-        return in_values, None, *stage.differences.gradients(grad, values)
+        return in_values, None, *differences.gradients(stage, grad, values)
 
 
 def _reference_gradients(
@@ -74,15 +54,19 @@ def _reference_gradients(
     return *in_values, None, *found[len(inputs) - len(numbers) :]
 
 
-def is_asked(values: Tensor) -> bool:
-    """Return whether a gradient in the values may be asked for."""
-    return torch.is_grad_enabled() and values.requires_grad
+def run(stage: KernelStage, values: Tensor) -> Tensor:
+    """Return a stage's results, differentiable in the values and in the shot's numbers; by the
+    reference where its kernels fail on the device of the values."""
+    saves = torch.is_grad_enabled() and values.requires_grad
+    if not kernel_check.matches_reference(stage, values, back=saves):
+        return stage.reference(values)
+    if not (saves or stage.call.moved_numbers):
+        return stage.forward(values, False)[0]
+    numbers = stage.shot.numbers()
+    return differentiable(stage, values, *[numbers[name] for name in stage.call.moved_numbers])
 
 
-def apply(stage: Stage, values: Tensor) -> Tensor:
-    """Return a stage's results, differentiable in the values and, by its differences, in the shot's
-    numbers."""
-    if is_asked(values) or stage.differences is not None:
-        numbers = stage.differences.numbers if stage.differences else []
-        return _Differentiable.apply(values, stage, *numbers)
-    return stage.forward(values, False)[0]
+def differentiable(stage: Stage, values: Tensor, *numbers: Tensor) -> Tensor:
+    """Return a stage's results, differentiable in the values and in some numbers of its shot, (B,)
+    float64 each."""
+    return _Differentiable.apply(values, stage, *numbers)

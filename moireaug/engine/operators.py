@@ -20,12 +20,12 @@ from moireaug.engine.torch_operators import LIBRARY
 from moireaug.scene.by_name import values_of
 from moireaug.scene.shot import ShotRecord
 
-StageFunction = Callable[[Tensor, ShotRecord], Tensor]
+ShotFunction = Callable[[Tensor, ShotRecord], Tensor]
 MAX_CACHED_SCENES = 64
 
 
 @dataclass(frozen=True)
-class StageOperator:
+class OperatorImplementation:
     """A stage as an operator, which takes a shot as `torch_operators.SHOT_SCHEMA`.
 
     Args:
@@ -33,7 +33,7 @@ class StageOperator:
         scene_from_json: makes a scene of the text that an operator is given.
     """
 
-    stage: StageFunction
+    stage: ShotFunction
     scene_from_json: Callable[[str], Any]
 
     def forward(
@@ -75,8 +75,8 @@ class StageOperator:
 
 
 def implement(
-    reading_of: StageFunction,
-    develop: StageFunction,
+    reading_of: ShotFunction,
+    develop: ShotFunction,
     scene_from_dict: Callable[[dict[str, Any]], Any],
 ) -> None:
     """Register the operators of both stages for every device that has kernels.
@@ -98,7 +98,7 @@ def implement(
         return scene_from_dict(json.loads(text))
 
     for name, stage in (("expose", finite_reading_of), ("develop", develop)):
-        operator = StageOperator(stage, scene_from_json)
+        operator = OperatorImplementation(stage, scene_from_json)
         for backend in BACKENDS:
             key = backend.device_type.upper()  # of PyTorch's dispatcher
             LIBRARY.impl(name, operator.forward, key)

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from moireaug.camera import pipeline
 from moireaug.engine import autograd
+from moireaug.engine.stage import Stage
 from moireaug.scene.shot import ShotRecord
 
 # a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and its size, whole size and
@@ -17,33 +19,41 @@ from moireaug.scene.shot import ShotRecord
 SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
 
 
-def operator_reading(light: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the readings of images, differentiable in them."""
-    return _apply("expose", light, shot, shot.raw_shape()[1:], pipeline.expose)
+@dataclass(frozen=True, eq=False)
+class OperatorStage(Stage):
+    """A stage by its operator.
 
+    Args:
+        name: "expose", from images to readings, or "develop", from readings to photos.
+        in_pytorch: the stage's reference.
+    """
 
-def operator_photo(raw: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the photos of readings, differentiable in them."""
-    return _apply("develop", raw, shot, (3, *shot.size), pipeline.develop)
+    name: str
+    shot: ShotRecord
+    in_pytorch: Callable[[Tensor], Tensor]
 
+    def forward(self, values: Tensor, saves: bool) -> tuple[Tensor, Tensor]:
+        shape = (3, *self.shot.size) if self.name == "develop" else self.shot.raw_shape()[1:]
+        operator = getattr(torch.ops.moireaug, self.name)
+        return operator(values, *self._shot_arguments(), shape), values.new_empty(0)
 
-def _apply(
-    name: str, values: Tensor, shot: ShotRecord, shape: Sequence[int], reference: Callable
-) -> Tensor:
-    """Return what a stage's operator makes of values, (B, *shape)."""
-    operator = getattr(torch.ops.moireaug, name)
-    operator_back = getattr(torch.ops.moireaug, f"{name}_back")
-    sizes = [*shot.size, *shot.whole_size, *shot.corner]
-    given = list(shot.numbers().values()), shot.seed, shot.scene.as_json(), sizes
+    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
+        operator = getattr(torch.ops.moireaug, f"{self.name}_back")
+        return operator(grad, values, *self._shot_arguments())
 
-    def forward(values: Tensor, _: bool) -> tuple[Tensor, Tensor]:
-        return operator(values, *given, shape), values.new_empty(0)
+    def reference(self, values: Tensor) -> Tensor:
+        return self.in_pytorch(values)
 
-    def backward(grad: Tensor, values: Tensor, _: Tensor) -> Tensor:
-        return operator_back(grad, values, *given)
+    def _shot_arguments(self) -> tuple[Any, ...]:
+        """Return the shot as `SHOT_SCHEMA` takes it."""
+        shot = self.shot
+        sizes = [*shot.size, *shot.whole_size, *shot.corner]
+        return list(shot.numbers().values()), shot.seed, shot.scene.as_json(), sizes
 
-    stage = autograd.Stage(forward, backward, lambda values: reference(values, shot))
-    return autograd.apply(stage, values)
+    def __call__(self, values: Tensor) -> Tensor:
+        if not (torch.is_grad_enabled() and values.requires_grad):
+            return self.forward(values, False)[0]
+        return autograd.differentiable(self, values)
 
 
 def _fake(values, numbers, seeds, scene, size, shape):
@@ -56,8 +66,8 @@ def _fake_back(grad, values, numbers, seeds, scene, size):
 
 # by hand, as in `effects.random_numbers`: `custom_op` imports the compiler
 LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
-for stage in ("expose", "develop"):
-    LIBRARY.define(f"{stage}(Tensor values, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
-    LIBRARY.define(f"{stage}_back(Tensor grad, Tensor values, {SHOT_SCHEMA}) -> Tensor")
-    torch.library.register_fake(f"moireaug::{stage}", _fake, lib=LIBRARY)
-    torch.library.register_fake(f"moireaug::{stage}_back", _fake_back, lib=LIBRARY)
+for name in ("expose", "develop"):
+    LIBRARY.define(f"{name}(Tensor values, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
+    LIBRARY.define(f"{name}_back(Tensor grad, Tensor values, {SHOT_SCHEMA}) -> Tensor")
+    torch.library.register_fake(f"moireaug::{name}", _fake, lib=LIBRARY)
+    torch.library.register_fake(f"moireaug::{name}_back", _fake_back, lib=LIBRARY)

@@ -15,7 +15,7 @@ from torch import Tensor
 from moireaug.attacks import MultiTargeted, SquareMoire
 from moireaug.attacks.losses import attack_margin
 from moireaug.attacks.model import attacked_logits, class_count, evaluating, repeats_answers
-from moireaug.common.numeric import choose
+from moireaug.common.numeric import select_rows
 from moireaug.evaluation.attackers import Attacker, attack_shot
 from moireaug.evaluation.conditions import EvalBatch
 
@@ -62,7 +62,7 @@ class APGDAttacker(Attacker):
         if not repeats_answers(batch.model, batch.images).all():
             images = second.perturb(batch)
             is_better = _margins(batch, images) > _margins(batch, result.images)
-            return choose(is_better, images, result.images)
+            return select_rows(is_better, images, result.images)
         still_right = (~result.success).nonzero()[:, 0]
         if not len(still_right):
             return result.images

@@ -28,8 +28,7 @@ from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.suites import OPTION_SUITES, Suite, check_used, suite_name, tables_of
 from moireaug.evaluation.tables import SuiteConfig, Table, paper_defences
 from moireaug.evaluation.visibility import LPIPS
-from moireaug.mixtures import as_scenes
-from moireaug.scenes import Scene
+from moireaug.mixtures import SceneLike, as_scenes
 
 N_TO_TELL_CHANCE = 20  # clean images, below which guessing cannot be told from a model
 
@@ -38,7 +37,7 @@ def evaluate(
     model: Model,
     loader: Iterable[Batch],
     suite: str | Suite[SuiteConfig] = "ladder",
-    scene: Scene | str | dict | list | tuple = "screen_photo",
+    scene: SceneLike = "screen_photo",
     *,
     eps: float | Sequence[float] | None = None,
     bound: str = "codes",

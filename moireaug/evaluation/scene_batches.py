@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug.evaluation.classifiers import Classifier
 from moireaug.evaluation.conditions import Condition, EvalBatch
 from moireaug.evaluation.memory import within_memory
-from moireaug.scene.mixed_shot import in_order
+from moireaug.scene.mixed_shot import join_rows
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class SceneBatches:
     def show(self, condition: Condition) -> Tensor:
         """Return the images of a condition, (B, 3, H, W)."""
         images = [within_memory(condition.show, batch) for batch in self.batches]
-        return in_order(self.rows, images)
+        return join_rows(self.rows, images)
 
     def predictions(self, classifier: Classifier, images: Tensor) -> Tensor:
         """Return a classifier's predicted classes (B,) of the images of a condition."""
@@ -32,7 +32,7 @@ class SceneBatches:
         for rows, batch in zip(self.rows, self.batches, strict=True):
             predict = partial(classifier.predictions, images=images[rows])
             classes.append(within_memory(predict, batch))
-        return in_order(self.rows, classes)
+        return join_rows(self.rows, classes)
 
     def measure(self, condition: Condition, images: Tensor) -> dict[str, list[float]]:
         """Return the figures that a condition measures on its images, B values each."""

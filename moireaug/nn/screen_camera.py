@@ -11,8 +11,9 @@ from torch import Tensor, nn
 from moireaug.capture import capture
 from moireaug.common.argument_checks import check_positive
 from moireaug.common.image_checks import check_shape
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scenes import Scene, Shot
+from moireaug.mixtures import SceneLike
+from moireaug.scene.mixed_shot import MixedShot, per_scene
+from moireaug.scenes import Shot
 from moireaug.synthesis.twins import without_moire
 from moireaug.transforms._convert import describe, planned_scenes, warn_without_moire
 
@@ -64,7 +65,7 @@ class ScreenCamera(nn.Module):
 
     def __init__(
         self,
-        scene: Scene | str | dict | list | tuple = "screen_photo",
+        scene: SceneLike = "screen_photo",
         *,
         shrink: float | tuple[float, float] | None = None,
         jitter: float = 0.0,
@@ -112,14 +113,11 @@ class ScreenCamera(nn.Module):
     def twin(self, images: Tensor, draw: ScreenDraw) -> Tensor:
         """Return the same photos without moiré: of the same draw, of a panel without subpixels;
         arguments and errors as of a call."""
-        shot = draw.shot
-        if isinstance(shot, MixedShot):
-            photos = shot.map_shots(
-                lambda rows, one: capture(images[rows.to(images.device)], without_moire(one))
-            )
-        else:
-            photos = capture(images, without_moire(shot))
-        return _registered(photos, draw.corner_errors)
+
+        def photograph(shot: Shot, images: Tensor) -> Tensor:
+            return capture(images, without_moire(shot))
+
+        return _registered(per_scene(draw.shot, photograph, images), draw.corner_errors)
 
     def draw(self, images: Tensor) -> ScreenDraw:
         """Draw for a batch of images (B, 3, H, W), as a call does."""

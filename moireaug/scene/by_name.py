@@ -67,6 +67,20 @@ def with_values(record: R, values: Mapping[str, Any]) -> R:
     return replace(record, **parts)
 
 
+def parts_from_dict(values: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
+    """Build the five parts of a scene from plain values by part, of which those of `base` are the
+    ones that are missing."""
+    for key in values:
+        one_of("a key of a scene", key, (*PARTS, "tolerance", "preset"))
+    parts = {}
+    for name in PARTS:
+        given = {} if values.get(name) is None else values[name]
+        if not isinstance(given, Mapping):
+            raise TypeError(f"Scene.{name} must be a mapping of its fields; got {given!r}.")
+        parts[name] = part_from_dict(name, base[name] | dict(given))
+    return parts
+
+
 def part_from_dict(name: str, values: dict[str, Any]) -> Any:
     """Build one part from plain values; an unknown key is refused with the closest known one."""
     known = {f.name for f in fields(PARTS[name])}

@@ -151,6 +151,18 @@ def check_drawn(numbers: Mapping[str, Any], seed: Any) -> None:
             )
 
 
+def check_shot_keys(values: Any) -> None:
+    """Refuse, with a ValueError or TypeError, what is no dict of a shot with all of its keys."""
+    if not isinstance(values, Mapping):
+        raise TypeError(f"a shot's values must be a mapping; got {values!r}.")
+    keys = ("scene", "size", "seed", *PARTS)
+    for key in values:
+        one_of("a key of a shot", key, (*keys, "part_of"))
+    missing = [key for key in keys if key not in values]
+    if missing:
+        raise ValueError(f"a shot's dict must have the keys {', '.join(keys)}; missing {missing}.")
+
+
 def numbers_from_dict(
     scene: SceneRecord, values: Mapping[str, Any]
 ) -> tuple[dict[str, Tensor], Tensor]:

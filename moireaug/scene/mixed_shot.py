@@ -94,23 +94,15 @@ class MixedShot(Draws, Generic[S]):
         numbers = {name: values[rows] for name, values in self.drawn.items()}
         return self.scenes[k].shot_from_numbers(self.size, numbers, self.seed[rows])
 
-    def map_shots(self, f: Callable[[Tensor, S], Tensor]) -> Tensor:
-        """Return f(rows, shot) of each scene's images, (b, ...), in the order of the batch."""
-        every_rows, parts = [], []
-        for rows, shot in self.by_scene():
-            every_rows.append(rows)
-            parts.append(f(rows, shot))
-        return in_order(every_rows, parts)
-
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image lie in the photo; see `Shot.to_photo`."""
         self._check_rows(points, "points")
-        return self.map_shots(lambda rows, shot: shot.to_photo(points[rows.to(points.device)]))
+        return per_scene(self, ShotRecord.to_photo, points)
 
     def to_photo_mask(self, mask: Tensor) -> Tensor:
         """Return a mask (B, C, H, W) of the image as in the photo; see `Shot.to_photo_mask`."""
         self._check_rows(mask, "a mask")
-        return self.map_shots(lambda rows, shot: shot.to_photo_mask(mask[rows.to(mask.device)]))
+        return per_scene(self, ShotRecord.to_photo_mask, mask)
 
     def _check_rows(self, values: Tensor, name: str) -> None:
         check_tensor(name, values)
@@ -141,7 +133,33 @@ class MixedShot(Draws, Generic[S]):
         return len(self), *shapes.pop()
 
 
-def in_order(rows: Sequence[Tensor], parts: Sequence[Tensor]) -> Tensor:
+def per_scene(
+    shot: ShotRecord | MixedShot, f: Callable[..., Any], *tensors: Any, join: Any = None
+) -> Any:
+    """Return f(shot, *tensors) of the images in each scene, in the order of the batch.
+
+    Args:
+        shot: of one scene, for which f is called once, or of a mixture.
+        f: takes a shot of one scene, and its images' rows of the tensors; returns (b, ...).
+        tensors: (B, ...) each, or a list of B tensors, whose rows are stacked, or None.
+        join: makes one result of the rows (b,) and the results of each scene; default `join_rows`.
+    """
+    if not isinstance(shot, MixedShot):
+        return f(shot, *tensors)
+    parts = shot.by_scene()
+    results = [f(part, *[_rows_of(t, rows) for t in tensors]) for rows, part in parts]
+    return (join or join_rows)([rows for rows, _ in parts], results)
+
+
+def _rows_of(values: Tensor | Sequence[Tensor] | None, rows: Tensor) -> Tensor | None:
+    if isinstance(values, Tensor):
+        return values[rows.to(values.device)]
+    if values is None or not len(rows):
+        return None
+    return torch.stack([values[row] for row in rows.tolist()])
+
+
+def join_rows(rows: Sequence[Tensor], parts: Sequence[Tensor]) -> Tensor:
     """Return the rows of several tensors as one, each where it belongs.
 
     Args:

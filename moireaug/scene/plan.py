@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from moireaug.scene.exposure_method import ExposureMethod
 
 
-class Step(NamedTuple):
+class PlanStep(NamedTuple):
     """One effect of a plan: its name, whether the scene calls for it, and why or why not."""
 
     name: str
@@ -47,7 +47,7 @@ class Plan:
         moire: see `Scene.expected_moire`; None if it is not known.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[PlanStep, ...]
     exposing: tuple[str, ...]
     developing: tuple[str, ...]
     method: ExposureMethod
@@ -73,12 +73,12 @@ class Plan:
         return effect in self._computed
 
     @property
-    def called(self) -> tuple[Step, ...]:
+    def called(self) -> tuple[PlanStep, ...]:
         """The steps that the scene calls for."""
         return tuple(step for step in self.steps if step.called)
 
     @property
-    def left_out(self) -> tuple[Step, ...]:
+    def left_out(self) -> tuple[PlanStep, ...]:
         """The steps that it does not call for."""
         return tuple(step for step in self.steps if not step.called)
 
@@ -109,5 +109,5 @@ class Plan:
         }
 
 
-def _counted(steps: tuple[Step, ...]) -> str:
+def _counted(steps: tuple[PlanStep, ...]) -> str:
     return "1 effect is" if len(steps) == 1 else f"{len(steps)} effects are"

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from moireaug.common.numeric import as_dtype
 from moireaug.scene.by_name import by_part, parts_with, values_of
+from moireaug.scene.drawn_parts import (
+    DrawnDevelop,
+    DrawnLens,
+    DrawnPanel,
+    DrawnSensor,
+    DrawnView,
+)
 from moireaug.scene.draws import Draws, check_drawn
 from moireaug.scene.fields import bounds
-from moireaug.scene.geometry import grids
-from moireaug.scene.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
-from moireaug.scene.geometry.homography import camera_pose, homography
+from moireaug.scene.geometry.homography import about_corners
 from moireaug.scene.geometry.lattice import (
     CFA,
     SampledPixels,
@@ -25,8 +31,10 @@ from moireaug.scene.geometry.lattice import (
     pattern_period,
     sampled_pixels,
 )
+from moireaug.scene.geometry.moved import mask_in_photo, points_in_photo
 from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot_geometry import HostGeometry, ShotGeometry
 
 # sensor pixels to each side from which a colour is demosaiced
 DEMOSAIC_REACH = {"bilinear": 1, "malvar": 2}
@@ -59,7 +67,7 @@ def sampled_rows_and_columns(
     return rows, cols
 
 
-class Whole(NamedTuple):
+class WholeImage(NamedTuple):
     """The image of which another is a part: its height and width, and the row and column at which
     the part begins."""
 
@@ -68,7 +76,7 @@ class Whole(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ShotRecord(Draws):
+class ShotRecord(Draws, ShotGeometry[Tensor]):
     """The five parts with each ranged field a `(B,)` float64 tensor, scene, image size, and the
     plan of that scene at that size; users hold a `Shot`, which makes the plan.
 
@@ -77,14 +85,13 @@ class ShotRecord(Draws):
 
     scene: SceneRecord
     size: tuple[int, int]
-    # a Panel, View, Lens, Sensor and Develop, whose annotations are those of a scene's
-    panel: Any
-    view: Any
-    lens: Any
-    sensor: Any
-    develop: Any
+    panel: DrawnPanel
+    view: DrawnView
+    lens: DrawnLens
+    sensor: DrawnSensor
+    develop: DrawnDevelop
     seed: Tensor
-    part_of: Whole | None = None
+    part_of: WholeImage | None = None
     plan: Plan = field(init=False, repr=False)
     _numbers: dict[str, Tensor] = field(init=False, repr=False)  # which a photo asks for often
 
@@ -108,78 +115,30 @@ class ShotRecord(Draws):
 
     def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
         numbers = {name: f(values) for name, values in self.numbers().items()}
-        return dataclasses.replace(self, **parts_with(self, numbers), seed=f(self.seed))
+        return self.with_numbers(numbers, f(self.seed))
+
+    def with_numbers(self, numbers: Mapping[str, Tensor], seed: Tensor) -> Self:
+        """Return the shot of other numbers, (B,) float64 each by name, and seeds, (B,) int64."""
+        return dataclasses.replace(self, **parts_with(self, numbers), seed=seed)
 
     @property
     def requires_grad(self) -> bool:
         """Whether any drawn number requires a gradient."""
         return any(values.requires_grad for values in self.numbers().values())
 
-    @property
-    def panel_scale(self) -> Tensor:
-        """Panel pixels per image pixel, (B,) float64: `Panel.scale`, or from `Panel.width`, or of a
-        crop from `Sensor.shrink` and `Sensor.pitch`."""
-        if bounds(self.scene.panel.width)[1]:
-            return self.panel.width / max(self.whole_size)
-        if self.scene.is_crop:
-            return self.sensor.shrink * self.view.zoom / self.sensor.pitch
-        return self.panel.scale
+    def host_geometry(self, table: np.ndarray) -> HostGeometry:
+        """Return the shot's geometry in arrays; table: from `host_numbers`."""
+        numbers = dict(zip(self._numbers, table, strict=True))
+        view = self.view.drawn({name: numbers[f"view.{name}"] for name in self.view.ranged})
+        return HostGeometry(self.scene, view, numbers, self.whole_size, self.corner)
 
     @property
-    def sensor_scale(self) -> Tensor:
-        """Sensor pixels per photo pixel along each axis, (B,) float64: `Sensor.shrink` or `scale`,
-        or from `Sensor.pitch`, which holds in the middle of the picture before it is turned."""
-        if self.scene.is_crop:
-            return self.sensor.shrink
-        if not bounds(self.scene.sensor.pitch)[1]:
-            return torch.full_like(self.panel.scale, self.scene.sensor.scale)
-        return self.sensor.pitch * self.panel_scale / self._magnification()
-
-    @property
-    def bin_scale(self) -> Tensor:
-        """Sensor pixels along each side of a binned reading's bins, (B,) float64: `sensor_scale`,
-        or of bins in the image's frame the root of their area in the middle of the picture."""
-        scale = self.sensor_scale
-        if not self.scene.is_rectified:
-            return scale
-        yaw, pitch = torch.deg2rad(self.view.yaw), torch.deg2rad(self.view.pitch)
-        return scale * self._magnification() * (torch.cos(yaw) * torch.cos(pitch)).sqrt()
-
-    def _magnification(self) -> Tensor:
-        """Return how many photo pixels an image pixel takes; see `homography.camera_pose`."""
-        if self.scene.is_crop:
-            return self.view.zoom
-        return self._pose()[1]
-
-    def _pose(self) -> tuple[Tensor, Tensor]:
-        return camera_pose(self.view, self.lens.k1, self.lens.k2, self._photo_size())
-
-    def _photo_size(self) -> FrameSize:
-        """Return height and width of the whole photo, numbers or (B,) each."""
-        if self.scene.is_crop:
-            return size_of_crops_photo(
-                self.scene.sensor.pixels, self.sensor.shrink, self.whole_size
-            )
-        return self.whole_size
-
-    @property
-    def frame(self) -> Frame:
-        """The photo that the image is, or is a part of."""
-        (height, width), (top, left) = self.whole_size, self.corner
-        if not self.scene.is_crop:
-            return Frame(height, width, top, left, top, left)
-        place = self.sensor.crop_x, self.sensor.crop_y
-        lens = self.distortion or (torch.zeros_like(place[0]), torch.zeros_like(place[0]))
-        whole = frame_of_crop(self._photo_size(), self.whole_size, place, self._pose()[0], lens)
-        return whole.part(top, left)
-
-    @property
-    def whole_size(self) -> tuple[int, int]:
+    def whole_size(self) -> tuple[int, int]:  # type: ignore[override]
         """Height and width of the image, or of the larger one of which it is a part."""
         return self.size if self.part_of is None else self.part_of.size
 
     @property
-    def corner(self) -> tuple[int, int]:
+    def corner(self) -> tuple[int, int]:  # type: ignore[override]
         """Row and column at which the image begins in the larger one of which it is a part."""
         return (0, 0) if self.part_of is None else self.part_of.corner
 
@@ -187,15 +146,6 @@ class ShotRecord(Draws):
     def is_dark_around(self) -> bool:
         """Whether photos show the dark around the picture."""
         return self.scene.is_dark_around and self.part_of is None
-
-    @property
-    def panel_corner(self) -> Tensor:
-        """Where on the panel the image's corner lies, x and y in panel pixels, (B, 2) float64."""
-        alpha, frame = self.panel_scale, self.frame
-        top, left = self.corner
-        if not bounds(self.scene.panel.width)[1] and self.scene.is_crop:
-            return torch.stack((alpha * frame.image_left, alpha * frame.image_top), -1)
-        return torch.stack((alpha * left, alpha * top), -1)
 
     def crop(self, top: int, left: int, height: int, width: int) -> Self:
         """Return the shot of a part of the image: the rows from `top` and the columns from `left`
@@ -224,7 +174,7 @@ class ShotRecord(Draws):
                 "a part needs a binned reading, whose scene states Panel.width, Sensor.pitch or "
                 "Sensor.shrink; this shot's is full. Capture the image, and cut the photo."
             )
-        whole = Whole(self.whole_size, (self.corner[0] + top, self.corner[1] + left))
+        whole = WholeImage(self.whole_size, (self.corner[0] + top, self.corner[1] + left))
         return dataclasses.replace(self, size=(height, width), part_of=whole)
 
     @property
@@ -237,8 +187,7 @@ class ShotRecord(Draws):
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
         Differentiable in every View field that the scene's pose reads."""
-        scale = self.scene.sensor.scale
-        return homography(self.view, self.lens.k1, self.lens.k2, self._photo_size(), scale)
+        return about_corners(self.homography, self.photo_size)
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
         """Return which sensor rows and columns this photo reads."""
@@ -278,10 +227,8 @@ class ShotRecord(Draws):
         if not self.moves:
             return points
         shot = self.to(points.device)
-        frame = shot.frame
-        image_points = points.double() + frame.image_corner(points)
-        moved = grids.image_to_photo(image_points, shot.matrix(), frame.size, shot.distortion)
-        return as_dtype(moved - frame.photo_corner(moved), points.dtype)
+        moved = points_in_photo(points.double(), shot.matrix(), shot.frame, shot.distortion)
+        return as_dtype(moved, points.dtype)
 
     def to_photo_mask(self, mask: Tensor) -> Tensor:
         """Return a mask (B, C, H, W) of the image, of any dtype, in the photo's own frame: nearest
@@ -299,24 +246,13 @@ class ShotRecord(Draws):
             )
         if not self.moves:
             return mask
-        h, w = self.size
         shot = self.to(mask.device)
-        frame, centres = shot.frame, grids.pixel_centres(self.size, mask.device)
-        image_points = grids.photo_to_image(
-            centres + frame.photo_corner(centres),
-            torch.linalg.inv(shot.matrix()),
-            frame.size,
-            shot.distortion,
-        )
-        x, y = (image_points - frame.image_corner(image_points)).unbind(-1)
-        on = (x >= 0) & (x < w) & (y >= 0) & (y < h)
-        flat = torch.where(on, y.floor() * w + x.floor(), 0).long()[:, None].flatten(2)
-        taken = mask.flatten(2).gather(2, flat.expand(-1, mask.shape[1], -1)).reshape(mask.shape)
-        return torch.where(on[:, None], taken, torch.zeros_like(taken))
+        return mask_in_photo(mask, shot.matrix(), shot.frame, shot.distortion)
 
-    def numbers(self) -> dict[str, Tensor]:
-        """Return the drawn numbers, (B,) each, by name, such as "view.yaw"."""
-        return dict(self._numbers)
+    def host_numbers(self) -> np.ndarray:
+        """Return a copy of the drawn numbers, (numbers, B) float64 in the order of `numbers`, by
+        one transfer from a GPU."""
+        return torch.stack(list(self._numbers.values())).detach().cpu().numpy()
 
     def to_dict(self) -> dict[str, Any]:
         """Return exact plain numbers and lists; `Shot.from_dict` is the inverse."""

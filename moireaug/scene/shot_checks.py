@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import torch
+import numpy as np
 from torch import Tensor
 
 from moireaug.common.numeric import is_transformed
@@ -15,22 +15,15 @@ from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.shot import ShotRecord, check_tensor
 
 
-def check_shot(shape: Sequence[int], shot: ShotRecord) -> None:
-    """Refuse a batch of the shape (B, 3, H, W) that a shot was not drawn for, and a shot with a
-    number that no scene may have.
+def check_batch(shape: Sequence[int], shot: ShotRecord | MixedShot) -> None:
+    """Refuse a batch of the shape (B, 3, H, W) that a shot was not drawn for.
 
     Raises:
         TypeError: not a shot.
-        ValueError: another number or size of images, or such a number.
+        ValueError: another number or size of images.
     """
-    check_is_shot(shot)
-    check_batch(shape, shot)
-    _check_numbers(shot)
-
-
-def check_batch(shape: Sequence[int], shot: ShotRecord | MixedShot) -> None:
-    """Refuse a batch of the shape (B, 3, H, W), of another number or size of images than a shot's,
-    with a ValueError."""
+    if not isinstance(shot, MixedShot):
+        check_is_shot(shot)
     n, (count, _, h, w) = len(shot), shape
     if n != count or shot.size != (h, w):
         raise ValueError(
@@ -54,17 +47,21 @@ def check_is_shot(shot: object) -> None:
         )
 
 
-def _check_numbers(shot: ShotRecord) -> None:
-    """Refuse a shot with a number that no scene may have: the engine's kernels would look up out of
-    bounds. Numbers that torch.compile or torch.func hides pass."""
+def checked_numbers(shot: ShotRecord) -> np.ndarray | None:
+    """Return `shot.host_numbers()`, or None where torch.compile or torch.func hides them.
+
+    Raises:
+        ValueError: a number that no scene may have: kernels would look up out of bounds.
+    """
     if is_transformed():
-        return
-    numbers = shot.numbers()
-    table = torch.stack(list(numbers.values())).detach()
-    low, high = torch.from_numpy(limits()).to(table.device)
-    if not table.clamp(low, high).equal(table):  # nor is NaN equal to itself
-        _refuse_numbers(numbers)
-    _check_lens(shot.lens.k1.detach(), shot.lens.k2.detach())
+        return None
+    table = shot.host_numbers()
+    low, high = limits()
+    if not ((table >= low) & (table <= high)).all():  # nor does NaN lie between them
+        _refuse_numbers(shot.numbers())
+    k1, k2 = (table[list(shot.numbers()).index(name)] for name in ("lens.k1", "lens.k2"))
+    _check_lens(k1, k2)
+    return table
 
 
 def _refuse_numbers(numbers: dict[str, Tensor]) -> None:
@@ -78,9 +75,9 @@ def _refuse_numbers(numbers: dict[str, Tensor]) -> None:
             )
 
 
-def _check_lens(k1: Tensor, k2: Tensor) -> None:
+def _check_lens(k1: np.ndarray, k2: np.ndarray) -> None:
     """Refuse, as `Lens` does, a distortion that folds the photo onto itself."""
-    if ((3 * k1).abs() + (5 * k2).abs() < 1 - MIN_LENS_SLOPE).all():
+    if (abs(3 * k1) + abs(5 * k2) < 1 - MIN_LENS_SLOPE).all():
         return  # no slope can be as small
     for a, b in zip(k1.tolist(), k2.tolist(), strict=True):
         if least_lens_slope(a, b) <= MIN_LENS_SLOPE:
@@ -107,10 +104,15 @@ def check_rows_of_noise(noise: object, shot: MixedShot) -> None:
         )
     if count != len(shot):
         raise ValueError(f"noise must be of the {len(shot)} images of the shot; got {count} rows.")
+    if isinstance(noise, Tensor):
+        return
+    for rows, part in shot.by_scene():
+        for row in rows.tolist():
+            _check_noise_shape(f"noise[{row}]", noise[row], part.raw_shape()[1:])
 
 
-def check_noise(noise: object, raw: Tensor) -> Tensor:
-    """Return noise that is a floating point tensor of the raw reading's shape, and finite.
+def check_noise(noise: object, shot: ShotRecord) -> None:
+    """Refuse noise that is no floating point tensor of the shape `shot.raw_shape()`, or not finite.
 
     Raises:
         TypeError: not a tensor, or not floating point.
@@ -121,15 +123,14 @@ def check_noise(noise: object, raw: Tensor) -> Tensor:
         raise TypeError(
             f"noise must be a floating point tensor, in raw units; got a tensor of {noise.dtype}."
         )
-    check_noise_shape("noise", noise, raw.shape)
+    _check_noise_shape("noise", noise, shot.raw_shape())
     if not is_transformed() and not noise.isfinite().all():
         raise ValueError(
             "noise must be finite; got NaN or infinity. Look for it in the attack's gradients."
         )
-    return noise
 
 
-def check_noise_shape(name: str, noise: Tensor, shape: tuple[int, ...]) -> None:
+def _check_noise_shape(name: str, noise: Tensor, shape: tuple[int, ...]) -> None:
     """Refuse, with a ValueError, noise that has not the shape of a raw reading."""
     if noise.shape != shape:
         raise ValueError(
@@ -139,12 +140,11 @@ def check_noise_shape(name: str, noise: Tensor, shape: tuple[int, ...]) -> None:
 
 
 def check_raw(raw: Tensor, shot: ShotRecord) -> None:
-    """Refuse a raw reading that is not floating point, or not of the shape `shot.raw_shape()`, and
-    a shot with a number that no scene may have.
+    """Refuse a raw reading that is not floating point, or not of the shape `shot.raw_shape()`.
 
     Raises:
         TypeError: not a floating point tensor, or not a shot.
-        ValueError: another shape, or such a number.
+        ValueError: another shape.
     """
     check_is_shot(shot)
     if not isinstance(raw, Tensor) or not raw.is_floating_point():
@@ -158,4 +158,3 @@ def check_raw(raw: Tensor, shot: ShotRecord) -> None:
             f"raw must have the shape {expected} of this shot's reading, see Shot.raw_shape(); got "
             f"{tuple(raw.shape)}. To develop some rows, index both: develop(raw[rows], shot[rows])."
         )
-    _check_numbers(shot)

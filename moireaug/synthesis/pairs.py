@@ -19,7 +19,7 @@ from torch.utils.data import IterableDataset, get_worker_info
 
 from moireaug.capture import capture
 from moireaug.common.argument_checks import check_whole
-from moireaug.mixtures import Mixture, as_scenes, sample_one, scenes_of
+from moireaug.mixtures import Mixture, SceneLike, as_scenes, sample_one, scenes_of
 from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.pictures import Pictures, Source
 from moireaug.synthesis.twins import moire_codes, without_moire
@@ -109,7 +109,7 @@ class Pairs(IterableDataset):
     def __init__(
         self,
         images: str | Path,
-        scene: Scene | Mixture | str | dict[str, Any] | list | tuple,
+        scene: SceneLike,
         size: int,
         *,
         twin: bool = False,

@@ -8,7 +8,12 @@ arguments `scene` and `p`.
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # at run time on first use, as each imports its library
+    from moireaug.transforms import albumentations, kornia, torchvision
+    from moireaug.transforms.adversarial import AdversarialMoire
+    from moireaug.transforms.torchvision import RandomMoire
 
 LIBRARIES = ("torchvision", "kornia", "albumentations")
 MODULE_OF_CLASS = {"RandomMoire": "torchvision", "AdversarialMoire": "adversarial"}
@@ -16,14 +21,16 @@ MODULE_OF_CLASS = {"RandomMoire": "torchvision", "AdversarialMoire": "adversaria
 __all__ = ["AdversarialMoire", "RandomMoire", "albumentations", "kornia", "torchvision"]
 
 
-def __getattr__(name: str) -> Any:
-    if name in LIBRARIES:
-        return importlib.import_module(f".{name}", __name__)
-    if name in MODULE_OF_CLASS:
-        return getattr(importlib.import_module(f".{MODULE_OF_CLASS[name]}", __name__), name)
-    raise AttributeError(
-        f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}."
-    )
+if not TYPE_CHECKING:  # which would hide that a name is unknown
+
+    def __getattr__(name: str) -> Any:
+        if name in LIBRARIES:
+            return importlib.import_module(f".{name}", __name__)
+        if name in MODULE_OF_CLASS:
+            return getattr(importlib.import_module(f".{MODULE_OF_CLASS[name]}", __name__), name)
+        raise AttributeError(
+            f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}."
+        )
 
 
 def __dir__() -> list[str]:

@@ -16,9 +16,10 @@ from moireaug.capture import photo_of
 from moireaug.common.image_checks import channels_last_hint, check_images, check_shape
 from moireaug.common.networks import first_weight, in_evaluation_mode
 from moireaug.common.numeric import as_float, luma
-from moireaug.mixtures import Mixture, as_scenes, scenes_of
+from moireaug.mixtures import Mixture, SceneLike, as_scenes, scenes_of
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.presets import MIXTURES
+from moireaug.scene.sized import size_octave
 from moireaug.scenes import Scene, Shot, preset_name
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
@@ -42,8 +43,7 @@ def check_probability(p: float) -> float:
 
 
 def planned_scenes(
-    scene: Scene | Mixture | str | dict | list | tuple,
-    shrink: float | Sequence[float] | None = None,
+    scene: SceneLike, shrink: float | Sequence[float] | None = None
 ) -> Scene | Mixture:
     """Return `as_scenes(scene, shrink)`, planned: a scene that cannot be photographed is refused
     when a transform is made.
@@ -68,7 +68,7 @@ def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
     if torch.compiler.is_compiling():
         return
     scenes = scenes_of(scene)
-    octaves = tuple(one.octave(size) for one in scenes)
+    octaves = tuple(size_octave(one, size) for one in scenes)
     if (scene, octaves) in _asked:
         return
     _asked.add((scene, octaves))

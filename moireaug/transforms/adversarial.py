@@ -18,7 +18,7 @@ from torchvision.tv_tensors import Video
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.checks import as_tensor, check_labels
-from moireaug.scenes import Scene
+from moireaug.mixtures import SceneLike
 from moireaug.transforms._convert import (
     as_float_rgb,
     as_input,
@@ -80,7 +80,7 @@ class AdversarialMoire(v2.Transform):
     def __init__(
         self,
         model: nn.Module | Callable[[Tensor], Tensor],
-        scene: Scene | str | dict | list | tuple = "screen_photo",
+        scene: SceneLike = "screen_photo",
         *,
         eps: float = 4 / 255,
         steps: int = 5,

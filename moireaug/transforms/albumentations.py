@@ -22,8 +22,8 @@ import torch
 from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack
-from moireaug.mixtures import sample_one, scenes_of
-from moireaug.scenes import Scene, Shot
+from moireaug.mixtures import SceneLike, sample_one, scenes_of
+from moireaug.scenes import Shot
 from moireaug.transforms._albumentations_base import SampledTransform, torch_generator
 from moireaug.transforms._array_noise import attack_pictures, label_of, noise_of
 from moireaug.transforms._arrays import (
@@ -92,7 +92,7 @@ class RandomMoire(SampledTransform):
 
     def __init__(
         self,
-        scene: Scene | str | dict | list | tuple = "screen_photo",
+        scene: SceneLike = "screen_photo",
         p: float = 0.5,
         shrink: float | tuple[float, float] | None = None,
     ) -> None:
@@ -192,7 +192,7 @@ class AdversarialMoire(RandomMoire):
     def __init__(
         self,
         model: torch.nn.Module | Callable[[torch.Tensor], torch.Tensor],
-        scene: Scene | str | dict | list | tuple = "screen_photo",
+        scene: SceneLike = "screen_photo",
         *,
         eps: float = 4 / 255,
         steps: int = 5,

@@ -9,7 +9,7 @@ import torch
 from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
-from moireaug.mixtures import Mixture, scenes_of
+from moireaug.mixtures import Mixture, SceneLike, scenes_of
 from moireaug.scene.by_name import values_of
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Scene, Shot
@@ -66,7 +66,7 @@ class RandomMoire(IntensityAugmentationBase2D):
 
     def __init__(
         self,
-        scene: Scene | str | dict | list | tuple = "screen_photo",
+        scene: SceneLike = "screen_photo",
         p: float = 0.5,
         same_on_batch: bool = False,
         keepdim: bool = False,

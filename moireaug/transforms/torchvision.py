@@ -10,9 +10,9 @@ from torch import Tensor
 from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 
-from moireaug.mixtures import shot_of_one
+from moireaug.mixtures import SceneLike, draw_one
 from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scenes import Scene, Shot
+from moireaug.scenes import Shot
 from moireaug.transforms._convert import (
     check_probability,
     describe,
@@ -78,7 +78,7 @@ class RandomMoire(v2.Transform):
 
     def __init__(
         self,
-        scene: Scene | str | dict | list | tuple = "screen_photo",
+        scene: SceneLike = "screen_photo",
         p: float = 0.5,
         shrink: float | tuple[float, float] | None = None,
     ) -> None:
@@ -117,9 +117,9 @@ class RandomMoire(v2.Transform):
         warn_without_moire(self.scene, (height, width))
         shot: Shot | MixedShot
         if len(chosen) == 1:  # of one scene: a mixture's takes three times as long
-            shot = shot_of_one(self.scene, u[chosen], (height, width))
+            shot = draw_one(self.scene, u[chosen], (height, width))
         else:
-            shot = self.scene.shot_of(u[chosen], (height, width))
+            shot = self.scene.draw(u[chosen], (height, width))
         if len(chosen) == len(u):
             return apply_shot(inpt, shot)
         plain, rows = inpt.as_subclass(Tensor), chosen.to(inpt.device)

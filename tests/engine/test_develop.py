@@ -5,7 +5,7 @@ import torch
 
 from moireaug import Develop, Lens, Scene, Sensor, View, develop
 from moireaug.camera import pipeline
-from moireaug.engine import program
+from moireaug.engine import execution
 from moireaug.scene.by_name import with_values
 
 BENT = Lens(k1=0.05, k2=-0.02)
@@ -78,7 +78,7 @@ def assert_equals_the_reference(scene, size):
     reading = torch.rand(shot.raw_shape()) * 1.3 - 0.1
     reading[..., :3] = reading[..., :3].round()  # exactly on the bounds, too
     raw, precise = reading.clone().requires_grad_(), reading.double().requires_grad_()
-    assert not program.program_of_call(raw, shot).why_not_develop
+    assert not execution.call_of(shot, None, raw).execution.why_not_develop
     photo, expected = develop(raw, shot), pipeline.develop(precise, shot)
     ahead = torch.randn_like(photo)
     (grad,) = torch.autograd.grad(photo, raw, ahead)

@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Scene, capture, develop, engine, expose
-from moireaug.engine import differences, dispatch, program, shot_steps
+from moireaug.engine import differences, execution, exposing, kernel_check, shot_steps
 from moireaug.mixtures import as_scenes
 from moireaug.scene.by_name import values_of, with_values
 from moireaug.scene.fields import bounds
@@ -107,7 +107,7 @@ def test_every_field_of_each_stage(name):
 @pytest.mark.parametrize("shift", [1e-8, 0.5])
 def test_a_step_that_is_far_too_small_or_too_large_is_found(shift, monkeypatch):
     """The negative control: the panel moves by `shift` sensor pixels."""
-    monkeypatch.setattr(dispatch, "MAX_EXPOSE_SHIFT", shift)
+    monkeypatch.setattr(exposing.Exposing, "max_shift", shift)
     monkeypatch.setattr(shot_steps, "MAX_RELATIVE_STEP", 1e3 * shift)
     preset, size, changes = CASES["LEDs"]
     shot = scene_of(preset, size, changes).sample(1, (size, size), torch.Generator().manual_seed(0))
@@ -134,7 +134,7 @@ def test_a_number_at_its_limit_has_a_one_sided_difference(field, limit):
 
 def test_numbers_that_do_not_vary_cost_nothing(monkeypatch):
     launched, images, shot = [], picture((12, 12), 2), small_shot()
-    kernels = dispatch.trial.kernels_of(program.program_of_call(images, shot).backend)
+    kernels = kernel_check.kernels_of(execution.call_of(shot, None, images).execution.backend)
     for name in ("launch_expose", "launch_develop"):
         launch = getattr(kernels, name)
 
@@ -174,9 +174,7 @@ def test_a_second_derivative_is_that_of_the_reference():
 
 
 def test_point_exposures_have_the_slope_of_the_reference(monkeypatch):
-    monkeypatch.setattr(
-        differences.ShotDifferences, "gradients", lambda *_: pytest.fail("differences are taken")
-    )
+    monkeypatch.setattr(differences, "gradients", lambda *_: pytest.fail("differences are taken"))
     scene = Scene.preset("paper")
     gradients(expose, picture((12, 12)), scene.sample(1, (12, 12)), ["view.roll"])
     assert "gradient on cpu    in the shot: reference: readings of" in engine.explain(scene)

@@ -10,7 +10,7 @@ from moireaug import Layout, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.camera import pipeline
 from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.capture import reading_of
-from moireaug.engine import program
+from moireaug.engine import execution
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.scene.by_name import with_values
@@ -67,7 +67,7 @@ def test_random_scenes(part):
         scene = random_scene(5 * part + i)
         shot = scene.sample(1, (14, 19), torch.Generator().manual_seed(i))
         images = torch.rand(1, 3, 14, 19, generator=torch.Generator().manual_seed(i))
-        if not program.program_of_call(images, shot).why_not_expose:
+        if not execution.call_of(shot, None, images).execution.why_not_expose:
             assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
 
 

@@ -8,7 +8,7 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.camera import pipeline
 from moireaug.camera.exposure.bin_geometry import pixels_on_photo
-from moireaug.engine import program, reference
+from moireaug.engine import execution, reference
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.budget import ErrorBudget
 from moireaug.engine.lower.exposure import lower_exposure
@@ -64,7 +64,7 @@ def error(got, expected):
 @pytest.mark.parametrize("name", SCENES)
 def test_equals_the_references_and_changes_no_reading(name, monkeypatch):
     shot, images = shot_and_images(name)
-    assert not program.program_of_call(images, shot).why_not_expose
+    assert not execution.call_of(shot, None, images).execution.why_not_expose
     expected, _ = gradient(pipeline.expose, images.double(), shot)
     got, raw = gradient(expose, images, shot)
     assert torch.equal(raw, expose(images, shot))
@@ -78,8 +78,8 @@ def test_another_record_has_another_gradient(monkeypatch):
     shot, images = shot_and_images("bent")
     expected, _ = gradient(expose, images, shot)
 
-    def moved(shot, decoded):
-        exposure, view = lower_exposure(shot, decoded=decoded)
+    def moved(shot, **options):
+        exposure, view = lower_exposure(shot, **options)
         return exposure._replace(cameras=exposure.cameras * (1 + 1e-3)), view
 
     monkeypatch.setattr("moireaug.engine.lower.exposure.lower_exposure", moved)

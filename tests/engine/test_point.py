@@ -7,7 +7,7 @@ import torch
 
 from moireaug import Develop, Panel, Scene, Sensor, View, expose
 from moireaug.camera import pipeline
-from moireaug.engine import program
+from moireaug.engine import execution
 
 POINT = Sensor(scale=3.0, exposure="point")
 TURNED = View(yaw=(-20.0, 20.0), pitch=(-10.0, 10.0), roll=(-20.0, 20.0))
@@ -38,7 +38,7 @@ SCENES = {
 def test_equals_the_reference(name, size):
     shot = SCENES[name].sample(3, size, torch.Generator().manual_seed(2))
     images = torch.rand(3, 3, *size, generator=torch.Generator().manual_seed(3))
-    assert not program.program_of_call(images, shot).why_not_expose
+    assert not execution.call_of(shot, None, images).execution.why_not_expose
     got, expected = expose(images, shot).double(), pipeline.expose(images.double(), shot)
     different = (got - expected).abs() > 1e-5
     # a pixel that falls on the border between two may be rounded to either

@@ -5,7 +5,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.camera import pipeline
-from moireaug.engine import program
+from moireaug.engine import execution
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.engine.lower.exposure_records import Camera
@@ -40,7 +40,7 @@ def of(scene, *size):
 
 
 def assert_reads_alike(images, shot):
-    assert not program.program_of_call(images, shot).why_not_expose
+    assert not execution.call_of(shot, None, images).execution.why_not_expose
     assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
 
 

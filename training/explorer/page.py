@@ -5,7 +5,7 @@ from pathlib import Path
 import gradio as gr
 
 from moireaug.scene.presets import PRESETS
-from moireaug.scenes import Scene
+from moireaug.scenes import as_scene
 from training.explorer import attack
 from training.explorer.photograph_tab import DEFAULT_PRESET, REFUSALS, photograph_tab
 
@@ -75,7 +75,7 @@ def show_ladder(
     """Return the ladder of one image, or the reason why there is none."""
     try:
         run = attack.open_run(folder)
-        rows = attack.ladder(run, int(index), Scene.preset(preset), eps / 255, int(steps))
+        rows = attack.ladder(run, int(index), as_scene(preset), eps / 255, int(steps))
     except REFUSALS as error:
         return f"**Not possible:** {error}", ""
     label = int(run.labels[int(index)])

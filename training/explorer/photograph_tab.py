@@ -6,7 +6,7 @@ import gradio as gr
 
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
-from moireaug.scenes import Scene
+from moireaug.scenes import Scene, as_scene
 from training.explorer import photo
 from training.explorer.controls import CONTROLS, Control, scene_of, values_of
 from training.explorer.scene_code import as_python, as_yaml
@@ -46,7 +46,7 @@ def visible(control: Control, scene: Scene) -> Any:
 
 def preset_updates(name: str) -> list[Any]:
     """Return the values of all widgets for a preset, and which groups are visible."""
-    scene = Scene.preset(name)
+    scene = as_scene(name)
     updates = [gr.update(visible=visible(control, scene)) for control in CONTROLS]
     return [*values_of(scene), *updates]
 
@@ -94,7 +94,7 @@ def photograph_tab(blocks: gr.Blocks) -> None:
             with gr.Row():
                 seed = gr.Number(0, label="Shot number", precision=0, minimum=0, min_width=100)
                 another = gr.Button("Another shot", min_width=100)
-            widgets, groups = scene_widgets(Scene.preset(DEFAULT_PRESET))
+            widgets, groups = scene_widgets(as_scene(DEFAULT_PRESET))
         with gr.Column(scale=3, min_width=320, elem_id="results"):
             summary = gr.Markdown(elem_id="summary")
             options = {"interactive": False, "format": "png", "buttons": ["fullscreen"]}
@@ -157,7 +157,7 @@ def show_photo(
     """Return all that the first tab shows; if the settings are refused, return the reason and
     leave the rest unchanged."""
     try:
-        scene = scene_of(values, Scene.preset(preset))
+        scene = scene_of(values, as_scene(preset))
         picture = picture_of(sample, file)
         result = photo.photograph(photo.as_batch(picture), scene, shot_number(seed))
     except REFUSALS as error:
@@ -180,7 +180,7 @@ def show_times(preset: str, sample: str, file: str | None, seed: float | None, *
     """Return the table of milliseconds; leave it unchanged if the settings are refused."""
     try:
         batch = photo.as_batch(picture_of(sample, file))
-        scene = scene_of(values, Scene.preset(preset))
+        scene = scene_of(values, as_scene(preset))
         times = photo.time_effects(batch, scene, shot_number(seed))
     except REFUSALS:
         return gr.skip()

@@ -7,13 +7,13 @@ from typing import Any
 import yaml
 
 from moireaug.scene.parts import PARTS
-from moireaug.scenes import Scene
+from moireaug.scenes import Scene, as_scene
 
 
 def differences(scene: Scene, preset: str) -> dict[str, Any]:
     """Return the argument of `Scene.from_dict` for a scene: a preset's name, and the fields that
     differ from it."""
-    ours, theirs = scene.to_dict(), Scene.preset(preset).to_dict()
+    ours, theirs = scene.to_dict(), as_scene(preset).to_dict()
     settings: dict[str, Any] = {"preset": preset}
     for part in PARTS:
         changed = {}

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from moireaug.scene.fields import Range, bounds
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 
@@ -37,7 +37,7 @@ class Effect(ABC):
     is_listed = True  # in a plan; effects that only clip are not
 
     @abstractmethod
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         """Judge by the scene's ranges alone."""
 
     @abstractmethod
@@ -58,7 +58,7 @@ def format_range(value: Range) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
-def verdict_of(change: float, scene: SizedScene, why: str, why_not: str) -> Verdict:
+def verdict_of(change: float, scene: SceneRecord, why: str, why_not: str) -> Verdict:
     """Call for an effect that changes some value by more than the tolerance."""
     if change > scene.tolerance:
         return called(why)

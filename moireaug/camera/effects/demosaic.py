@@ -12,7 +12,7 @@ from torch import Tensor
 from moireaug.camera.effects.base import Effect, Verdict, called, left_out
 from moireaug.common.numeric import repeat_edges
 from moireaug.scene.geometry.lattice import CFA, unpack
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 
@@ -25,7 +25,7 @@ class Demosaic(Effect):
 
     name = "demosaic"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.filter_cell == "none":
             return left_out("every pixel reads all colours")
         if scene.is_binned_bayer:

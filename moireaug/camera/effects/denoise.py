@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
-from kornia.filters import bilateral_blur
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, left_out
 from moireaug.camera.effects.codes import check_only_backward, from_codes, to_codes
 from moireaug.common.extras import require
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 WINDOW = 5  # pixels: larger than the 3 x 3 that demosaicing has already smoothed
@@ -25,7 +24,7 @@ class Denoise(Effect):
 
     name = "denoise"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.develop.denoise is None:
             return left_out("not asked for")
         return called(f"{scene.develop.denoise}, on every sensor pixel")
@@ -65,6 +64,9 @@ def bilateral(photo: Tensor) -> Tensor:
 
     Takes and returns (B, 3, H, W) float32 or float64 in [0, 1]. Differentiable.
     """
+    # on first use: importing kornia takes as long as all of this package
+    from kornia.filters import bilateral_blur
+
     sigma = (SIGMA_SPACE, SIGMA_SPACE)
     # reflect, kornia's default, fails on images of 2 pixels or less
     return bilateral_blur(photo, WINDOW, SIGMA_COLOUR, sigma, border_type="replicate")

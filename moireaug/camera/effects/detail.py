@@ -7,15 +7,15 @@ import functools
 import math
 
 import torch
-from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.camera.exposure.extreme_scales import least_bin_scale
 from moireaug.common.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import bounds, deviation
-from moireaug.scene.record import SceneRecord, SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.sized import panel_scales
 
 KERNEL_SIGMAS = 3.0  # standard deviations that a kernel holds
 MIN_SAMPLED_VARIANCE = 0.5  # squared pixels: a narrower Gaussian misses the next pixel
@@ -27,7 +27,7 @@ class ChromaBlur(Effect):
 
     name = "chroma_blur"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         blur = scene.develop.chroma_blur
         if bounds(blur)[1] == 0:
             return left_out("colour keeps its detail")
@@ -43,7 +43,7 @@ class Sharpen(Effect):
 
     name = "sharpen"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         develop = scene.develop
         amount, radius = format_range(develop.sharpen), format_range(develop.sharpen_radius)
         why = f"unsharp mask of {amount}, {radius} sensor pixels"
@@ -61,7 +61,7 @@ class ClipDetail(Effect):
     name = "clip_detail"
     is_listed = False
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if ChromaBlur().verdict(scene).called or Sharpen().verdict(scene).called:
             return called("overshoots end at 0 and 1")
         return left_out("nothing overshoots")
@@ -94,6 +94,9 @@ def brightness(photo: Tensor) -> Tensor:
 def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
     """Return planes (B, C, H, W) blurred by Gaussians of sigma (B,) pixels; edge pixels are
     repeated past the border."""
+    # on first use, as in `denoise.bilateral`
+    from kornia.filters import filter2d_separable, get_gaussian_kernel1d
+
     sigmas = sigma.clamp(min=MIN_SIGMA).to(planes.dtype)[:, None]
     kernel, half = get_gaussian_kernel1d(size, sigmas), size // 2
     wide = repeat_edges(planes, half, half, half, half)
@@ -130,7 +133,7 @@ def max_photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> flo
     sigma = bounds(getattr(scene.develop, name))[1]
     if not scene.is_binned:
         return sigma
-    alpha, _ = scene.panel_scales(size)
+    alpha, _ = panel_scales(scene, size)
     return min(sigma / least_bin_scale(scene, alpha), float(max(size)))
 
 

@@ -14,7 +14,7 @@ from moireaug.common.numeric import per_image
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.frame import FrameSize
 from moireaug.scene.geometry.lattice import CFA
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 
@@ -23,7 +23,7 @@ class BlackLevel(Effect):
 
     name = "black_level"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         black = scene.panel.black
         why = f"black pixels emit {format_range(black)} of a white one's light"
         change = bounds(black)[1] * bounds(scene.sensor.gain)[1]
@@ -38,7 +38,7 @@ class Glare(Effect):
 
     name = "glare"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         glare = scene.panel.glare
         why = f"the glass reflects {format_range(glare)} of a white screen's light"
         change = max_glare(scene) * bounds(scene.sensor.gain)[1]

@@ -18,7 +18,7 @@ from moireaug.camera.exposure.choose import method_of
 from moireaug.camera.exposure.extreme_harmonics import harmonics, harmonics_in_bins
 from moireaug.camera.exposure.extreme_scales import least_bin_scale
 from moireaug.scene.fields import bounds, varies
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 
@@ -27,7 +27,7 @@ class PanelLayout(WithinExposure):
 
     name = "layout"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         panel, method = scene.panel, method_of(scene)
         layout = panel.layout
         name = layout if isinstance(layout, str) else f"a cell of {len(layout.subpixels)} subpixels"
@@ -64,7 +64,7 @@ class Pose(WithinExposure):
 
     name = "pose"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if not scene.is_posed:
             return left_out("frontal and edge to edge")
         view, angles = scene.view, []
@@ -82,7 +82,7 @@ class LensDistortion(WithinExposure):
 
     name = "lens"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         lens = scene.lens
         if not scene.is_bent:
             return left_out("no distortion, k1 = k2 = 0")
@@ -94,7 +94,7 @@ class Crosstalk(WithinExposure):
 
     name = "crosstalk"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         crosstalk = scene.sensor.crosstalk
         if not varies(crosstalk):
             return left_out("each filter passes its own colour alone")
@@ -107,7 +107,7 @@ class Exposure(Effect):
 
     name = "exposure"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if not _is_exposed(scene):
             return left_out("each sensor pixel reads its own image pixel")
         method, lens = method_of(scene), scene.lens
@@ -128,7 +128,7 @@ class Exposure(Effect):
         return shot.plan.method(light, shot)
 
 
-def _is_exposed(scene: SizedScene) -> bool:
+def _is_exposed(scene: SceneRecord) -> bool:
     """Whether a sensor pixel ever reads anything but its own image pixel."""
     lens, sensor = scene.lens, scene.sensor
     if scene.is_posed or scene.is_bent or not scene.is_solid or scene.is_binned:

@@ -9,7 +9,7 @@ from moireaug.camera.effects.base import Effect, Verdict, format_range, verdict_
 from moireaug.camera.effects.readings import in_planes, photo_coordinates
 from moireaug.camera.exposure.extreme_light import modulation_depth
 from moireaug.scene.fields import bounds
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 ROWS_OF_A_BIN = 8  # rows sampled within a bin
@@ -20,7 +20,7 @@ class Flicker(Effect):
 
     name = "flicker"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         panel, sensor = scene.panel, scene.sensor
         why = f"pulses of {format_range(panel.pwm)} Hz, {format_range(panel.duty)} on, through a "
         why += f"shutter of {format_range(sensor.shutter)} s, rows read in "

@@ -6,14 +6,13 @@ import io
 
 import numpy as np
 import torch
-from kornia.enhance import jpeg_codec_differentiable
 from PIL import Image
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out
 from moireaug.camera.effects.codes import check_only_backward, from_codes, to_codes
 from moireaug.scene.fields import bounds
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 # Kornia's rounding has no slope where a coefficient is a whole multiple of its step, as all are in
@@ -27,7 +26,7 @@ class Jpeg(Effect):
 
     name = "jpeg"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         quality = scene.develop.jpeg
         if bounds(quality)[1] == 0:
             return left_out("no quality given")
@@ -87,6 +86,9 @@ def _backward(ctx, gradient):
     photo, quality = ctx.saved_tensors
     if not photo.numel():  # kornia refuses an empty batch
         return gradient, None
+    # on first use, as in `denoise.bilateral`
+    from kornia.enhance import jpeg_codec_differentiable
+
     create_graph = torch.is_grad_enabled()  # the gradient itself is to be differentiated
     # autocast may be on where backward is called
     with torch.enable_grad(), torch.autocast(photo.device.type, enabled=False):

@@ -15,7 +15,7 @@ from moireaug.camera.exposure.choose import method_of
 from moireaug.common.numeric import repeat_edges
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry import grids
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 MAX_PYRAMID_LEVELS = 10  # halvings of a picture seen from afar or at a grazing angle
@@ -27,7 +27,7 @@ class Prefilter(Effect):
 
     name = "prefilter"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         variance = max_lost_variance(scene)
         if 2 * bounds(scene.sensor.gain)[1] * variance <= scene.tolerance:
             return left_out("a sensor pixel sees few of the panel's pixels")
@@ -45,7 +45,7 @@ class Prefilter(Effect):
 
 
 @functools.lru_cache(maxsize=64)
-def max_lost_variance(scene: SizedScene) -> float:
+def max_lost_variance(scene: SceneRecord) -> float:
     """Return the largest variance that a scene's exposure leaves to the prefilter, in squared image
     pixels."""
     return method_of(scene).max_lost_variance(scene)

@@ -9,7 +9,7 @@ from moireaug.camera.exposure.bin_geometry import pixels_on_photo
 from moireaug.common.numeric import clip_straight_through
 from moireaug.scene.fields import bounds, varies
 from moireaug.scene.geometry.grids import look_up
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 
@@ -19,7 +19,7 @@ class Register(Effect):
 
     name = "register"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if not scene.develop.registered:
             return left_out("the photo stays in the camera's frame")
         if not (scene.is_posed or scene.is_bent):
@@ -39,7 +39,7 @@ class Register(Effect):
         return photo * on_photo.to(photo.dtype)[:, None]
 
 
-def _is_shown_whole(scene: SizedScene) -> bool:
+def _is_shown_whole(scene: SceneRecord) -> bool:
     """Whether the photo always shows all of the image: one that fits, is not enlarged and not
     moved."""
     view = scene.view

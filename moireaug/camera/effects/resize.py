@@ -9,7 +9,7 @@ from torch import Tensor
 from moireaug.camera.effects.base import Effect, Verdict, called, left_out
 from moireaug.common.numeric import clip_straight_through
 from moireaug.scene.geometry.lattice import SampledPixels
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 
@@ -18,7 +18,7 @@ class Resize(Effect):
 
     name = "resize"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.is_binned:
             return left_out("a binned reading has the photo's pixels")
         scale = scene.sensor.scale

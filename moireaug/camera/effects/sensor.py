@@ -16,7 +16,7 @@ from moireaug.camera.exposure.extreme_light import max_glare, modulation_depth
 from moireaug.common import tensor_physics
 from moireaug.common.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds, deviation
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 DARK_LEVEL = 1e-4  # of full scale, below which photon noise falls no further: dark current
@@ -28,7 +28,7 @@ class Gain(Effect):
 
     name = "gain"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         gain = scene.sensor.gain
         return verdict_of(deviation(gain, 1), scene, f"raw times {format_range(gain)}", "gain is 1")
 
@@ -41,7 +41,7 @@ class Noise(Effect):
 
     name = "noise"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         sensor = scene.sensor
         read, photons = bounds(sensor.read_noise)[1], bounds(sensor.shot_noise)[1]
         why = f"standard deviation {format_range(sensor.read_noise)}"
@@ -68,7 +68,7 @@ class ClipReading(Effect):
     name = "clip_reading"
     is_listed = False
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if Saturate().verdict(scene).called or Noise().verdict(scene).called:
             return called("a reading can leave [0, 1], and ends there")
         return left_out("no reading leaves [0, 1]")
@@ -89,7 +89,7 @@ class Saturate(Effect):
 
     name = "saturate"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         brightest = 1 + modulation_depth(scene) + max_glare(scene)  # of a white screen's light
         if bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance:
             return called("the reading can exceed a full well")
@@ -104,7 +104,7 @@ class Bits(Effect):
 
     name = "bits"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         bits = scene.sensor.bits
         if bits is None or scene.is_binned:
             return left_out("a mean is not rounded" if bits else "the reading is not rounded")

@@ -8,11 +8,11 @@ from moireaug.camera.effects.base import Effect, Verdict, called, left_out
 from moireaug.common.numeric import clip
 from moireaug.common.physics.srgb import SLOPE_AT_BLACK
 from moireaug.common.tensor_physics import srgb
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 
-def in_codes(light: float, scene: SizedScene) -> float:
+def in_codes(light: float, scene: SceneRecord) -> float:
     """Return the most by which a change of light can change a code: sRGB is steepest at black."""
     return light * SLOPE_AT_BLACK if scene.develop.linear_light else light
 
@@ -33,7 +33,7 @@ class Decode(Effect):
 
     name = "decode"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.develop.linear_light:
             return called("sRGB codes to light")
         return left_out("linear_light is off")
@@ -47,7 +47,7 @@ class Encode(Effect):
 
     name = "encode"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.develop.linear_light:
             return called("light to sRGB codes")
         return left_out("linear_light is off")
@@ -62,7 +62,7 @@ class Clip(Effect):
     name = "clip"
     is_listed = False
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         return called("codes end at 0 and 1")
 
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:

@@ -12,7 +12,7 @@ from moireaug.camera.exposure.filters import crosstalk_matrix
 from moireaug.common.numeric import clip, mix_colours, per_image
 from moireaug.common.tensor_physics import tone
 from moireaug.scene.fields import deviation, varies
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 CONTRAST_PER_CODE = 6 * 3**0.5  # the reciprocal of the most by which a contrast of 1 moves a code
@@ -23,7 +23,7 @@ class Balance(Effect):
 
     name = "balance"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         red, blue = scene.develop.red, scene.develop.blue
         why = f"red times {format_range(red)}, blue {format_range(blue)}"
         return verdict_of(
@@ -39,7 +39,7 @@ class ColourMatrix(Effect):
 
     name = "colour_matrix"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         crosstalk, saturation = scene.sensor.crosstalk, scene.develop.saturation
         if not varies(crosstalk) and not varies(saturation, 1.0):
             return left_out("the sensor's own colours")
@@ -57,7 +57,7 @@ class ToneCurve(Effect):
 
     name = "tone_curve"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         contrast, shoulder = scene.develop.contrast, scene.develop.shoulder
         most = deviation(contrast, 0) / CONTRAST_PER_CODE + shoulder_shift(deviation(shoulder, 0))
         why = f"shoulder {format_range(shoulder)}, contrast {format_range(contrast)}"
@@ -72,7 +72,7 @@ class Brighten(Effect):
 
     name = "brighten"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         brighten = scene.develop.brighten
         return verdict_of(
             deviation(brighten, 0), scene, f"{format_range(brighten)} added", "nothing to add"

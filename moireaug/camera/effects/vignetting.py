@@ -9,7 +9,7 @@ from moireaug.camera.effects.readings import in_planes, photo_coordinates, photo
 from moireaug.common.tensor_physics import sensor
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.frame import FrameSize
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 
@@ -18,7 +18,7 @@ class Vignetting(Effect):
 
     name = "vignetting"
 
-    def verdict(self, scene: SizedScene) -> Verdict:
+    def verdict(self, scene: SceneRecord) -> Verdict:
         lost = bounds(scene.lens.vignetting)[1]
         why = f"{format_range(scene.lens.vignetting)} of the light lost in the corners"
         return verdict_of(

@@ -10,7 +10,7 @@ from moireaug.camera.exposure.binned import Binned
 from moireaug.camera.exposure.full import Box, Mean, Spectral
 from moireaug.camera.exposure.sampled import Point, Supersample
 from moireaug.scene.exposure_method import ExposureMethod
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 
 # a magnified screen with more harmonics than this is integrated by overlaps instead, or, in bins,
 # loses the weakest, as `effects.exposure.PanelLayout` says
@@ -22,7 +22,7 @@ MAX_TAPS = 7
 
 
 @functools.lru_cache(maxsize=512)
-def method_of(scene: SizedScene) -> ExposureMethod:
+def method_of(scene: SceneRecord) -> ExposureMethod:
     """Return the method that a scene's `Sensor.exposure` names; for "auto" the cheapest that meets
     its tolerance.
 
@@ -58,7 +58,7 @@ def method_of(scene: SizedScene) -> ExposureMethod:
     return Spectral(taps, tuple(pair for pair, _ in harmonics), in_float64=in_float64)
 
 
-def _binned(scene: SizedScene) -> Binned:
+def _binned(scene: SceneRecord) -> Binned:
     taps = taps_of(scene)
     if scene.sensor.exposure == "mean":
         return Binned(taps, (), name="mean")
@@ -66,7 +66,7 @@ def _binned(scene: SizedScene) -> Binned:
     return Binned(taps, tuple(pair for pair, _ in harmonics), name="spectral")
 
 
-def _is_cut(scene: SizedScene, harmonics: list[tuple[tuple[int, int], float]]) -> bool:
+def _is_cut(scene: SceneRecord, harmonics: list[tuple[tuple[int, int], float]]) -> bool:
     """Whether the series would go on past the highest order. Every third order of a stripe is
     empty, so any of the last three decides."""
     px, py = scene.panel.cell.period
@@ -74,6 +74,6 @@ def _is_cut(scene: SizedScene, harmonics: list[tuple[tuple[int, int], float]]) -
     return any(max(abs(k) / px, abs(l) / py) > last for (k, l), _ in harmonics)
 
 
-def taps_of(scene: SizedScene) -> int:
+def taps_of(scene: SceneRecord) -> int:
     """Return how many panel pixels along an axis a sensor pixel must see: 1, 3, 5 or 7."""
     return min(2 * math.floor(extreme_footprints.max_reach(scene) + 0.5) + 1, MAX_TAPS)

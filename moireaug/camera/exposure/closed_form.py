@@ -14,7 +14,7 @@ from moireaug.camera.exposure import extreme_footprints
 from moireaug.camera.exposure.axis_views import AxisView, variance_beyond_taps
 from moireaug.common.numeric import is_transformed
 from moireaug.scene.exposure_method import ExposureMethod
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 # elements of the largest tensor, by device: rows are read in bands that keep to it
@@ -43,7 +43,7 @@ class ClosedForm(ExposureMethod):
         views, alpha = self.views(points.expand(len(shot), -1, -1, -1), shot)
         return variance_beyond_taps(views, alpha, self.taps)
 
-    def max_lost_variance(self, scene: SizedScene) -> float:
+    def max_lost_variance(self, scene: SceneRecord) -> float:
         return extreme_footprints.max_lost_variance(scene, self.taps)
 
 

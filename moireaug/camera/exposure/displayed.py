@@ -13,6 +13,7 @@ from moireaug.common.numeric import is_transformed
 from moireaug.common.tensor_physics import panel
 from moireaug.scene.geometry import grids
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.sized import panel_scales
 
 EDGE_PIXELS = 2  # panel pixels ahead of a picture, and behind it, until all is its edge pixels
 
@@ -29,7 +30,7 @@ class DisplayedPicture:
     """
 
     def __init__(self, light: Tensor, shot: ShotRecord, content: BinContent | None = None) -> None:
-        least, most = shot.scene.panel_scales(shot.whole_size)
+        least, most = panel_scales(shot.scene, shot.whole_size)
         alpha, self._lead = shot.panel_scale, None
         if content is not None:
             least, most, alpha = min(least, 1.0), 1.0, content.scale

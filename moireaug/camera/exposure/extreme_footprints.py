@@ -19,17 +19,17 @@ from moireaug.camera.exposure.extreme_views import FLOAT64_ON_CPU, extreme_jacob
 from moireaug.camera.exposure.footprint import Footprint, blur_variance
 from moireaug.camera.exposure.optics import Optics
 from moireaug.scene.fields import bounds
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 
 
-def min_aperture_width(scene: SizedScene) -> float:
+def min_aperture_width(scene: SceneRecord) -> float:
     """Return the smallest width of an aperture's shadow on the panel along an axis, in cells."""
     widest = largest_panel_steps(scene).abs().amax(-1).amin(0)  # along x and y
     period = widest.new_tensor(scene.panel.cell.period)
     return bounds(scene.sensor.fill)[0] * float((widest / period).min())
 
 
-def max_reach(scene: SizedScene) -> float:
+def max_reach(scene: SceneRecord) -> float:
     """Return how many cells to each side a sensor pixel sees at most."""
     most = 0.0
     for alpha in range_points(scene.panel.scale, 1.0):
@@ -39,7 +39,7 @@ def max_reach(scene: SizedScene) -> float:
     return most
 
 
-def max_lost_variance(scene: SizedScene, taps: int) -> float:
+def max_lost_variance(scene: SceneRecord, taps: int) -> float:
     """Return the most variance that a view loses when narrowed to `taps` cells, in squared image
     pixels."""
     most = 0.0
@@ -50,7 +50,7 @@ def max_lost_variance(scene: SizedScene, taps: int) -> float:
     return most
 
 
-def widest_views(scene: SizedScene, alpha: float) -> list[AxisView]:
+def widest_views(scene: SceneRecord, alpha: float) -> list[AxisView]:
     """Return the views of sensor pixels, or of bins, for the widest spread that the optics allow,
     on a panel of `alpha` pixels per image pixel."""
     optics = _widest_optics(scene)
@@ -62,7 +62,7 @@ def widest_views(scene: SizedScene, alpha: float) -> list[AxisView]:
     return _views_of_bins(scene, image_views, alpha, optics)
 
 
-def _widest_optics(scene: SizedScene) -> Optics:
+def _widest_optics(scene: SceneRecord) -> Optics:
     sensor, lens = scene.sensor, scene.lens
     # as if the hand moved in every direction
     motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
@@ -72,7 +72,7 @@ def _widest_optics(scene: SizedScene) -> Optics:
 
 
 def _views_of_bins(
-    scene: SizedScene, image_views: Tensor, alpha: float, optics: Optics
+    scene: SceneRecord, image_views: Tensor, alpha: float, optics: Optics
 ) -> list[AxisView]:
     """Return the views of bins on a panel of at most the picture's pixels; `optics` of a sensor
     pixel."""

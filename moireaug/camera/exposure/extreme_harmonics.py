@@ -19,12 +19,12 @@ from moireaug.camera.exposure.extreme_views import FLOAT64_ON_CPU, range_points
 from moireaug.camera.panel.fourier import coefficient, own_orders
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 
 HIGHEST_ORDER = 32  # highest harmonic per panel pixel that is ever summed
 
 
-def harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
+def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return the harmonics whose contrast at the sensor can exceed the tolerance, strongest first;
     see `_harmonics`."""
     if bounds(scene.sensor.pitch)[1]:  # however large the picture is shown
@@ -33,7 +33,7 @@ def harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
 
 
 @functools.lru_cache(maxsize=64)
-def _harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
+def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return the harmonics whose contrast in the raw reading can exceed the tolerance, strongest
     first.
 
@@ -68,7 +68,7 @@ def _harmonics(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
 
 
 @functools.lru_cache(maxsize=64)
-def harmonics_in_bins(scene: SizedScene) -> list[tuple[tuple[int, int], float]]:
+def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return those harmonics whose contrast can exceed the tolerance in a binned reading, strongest
     first: as their slowest alias can be in any view, at any scale, in the smallest bin. Where the
     screen's light can exceed a full well, all are kept: pixels that saturate before they are
@@ -120,7 +120,7 @@ def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
     return k[counted], l[counted]
 
 
-def _strongest(scene: SizedScene, k: Tensor, l: Tensor) -> Tensor:
+def _strongest(scene: SceneRecord, k: Tensor, l: Tensor) -> Tensor:
     """Return how strong each of a layout's harmonics can be, in its strongest colour."""
     panel, layout = scene.panel, scene.panel.cell
     lit = range_points(panel.lit, points=9)
@@ -136,13 +136,13 @@ def _strongest(scene: SizedScene, k: Tensor, l: Tensor) -> Tensor:
     return strongest.amax(0)
 
 
-def _through_aperture(scene: SizedScene, frequency: Tensor) -> Tensor:
+def _through_aperture(scene: SceneRecord, frequency: Tensor) -> Tensor:
     """Bound the sinc of the smallest aperture along one axis; frequency in cycles per sensor
     pixel."""
     fill = bounds(scene.sensor.fill)[0]
     return 1 / (math.pi * fill * frequency.abs()).clamp(min=1.0)
 
 
-def _through_lens(scene: SizedScene, squared: Tensor) -> Tensor:
+def _through_lens(scene: SceneRecord, squared: Tensor) -> Tensor:
     """Return the transfer of the sharpest lens at this squared frequency."""
     return torch.exp(-2 * math.pi**2 * bounds(scene.lens.blur)[0] ** 2 * squared)

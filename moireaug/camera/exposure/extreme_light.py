@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from moireaug.scene.fields import bounds, deviation
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 
 
-def modulation_depth(scene: SizedScene) -> float:
+def modulation_depth(scene: SceneRecord) -> float:
     """Return the most by which a row's light can differ from the mean, as a share of it."""
     panel, (short, long) = scene.panel, bounds(scene.sensor.shutter)
     (slow, fast), duty = bounds(panel.pwm), bounds(panel.duty)[0]
@@ -18,7 +18,7 @@ def modulation_depth(scene: SizedScene) -> float:
     return max(brighter, darker)
 
 
-def max_glare(scene: SizedScene) -> float:
+def max_glare(scene: SceneRecord) -> float:
     """Return the most light that the glass can reflect, which it does in a corner of the photo."""
     panel = scene.panel
     return bounds(panel.glare)[1] * (1 + deviation(panel.glare_x, 0) + deviation(panel.glare_y, 0))

@@ -15,11 +15,11 @@ from torch import Tensor
 
 from moireaug.camera.exposure.extreme_views import extreme_jacobians, magnifications
 from moireaug.scene.fields import bounds
-from moireaug.scene.record import SceneRecord, SizedScene
+from moireaug.scene.record import SceneRecord
 
 
 def extreme_panel_steps(
-    scene: SizedScene, zoom: float, pitch: float, alpha: float, *, with_strips: bool
+    scene: SceneRecord, zoom: float, pitch: float, alpha: float, *, with_strips: bool
 ) -> Tensor:
     """Return panel pixels per sensor pixel, d(x, y) / d(u, v), in the views that a scene allows at
     this zoom: (N, 2, 2) float64. See `extreme_jacobians`.
@@ -33,21 +33,21 @@ def extreme_panel_steps(
     return extreme_jacobians(scene, zoom, with_strips=with_strips) * (alpha / scene.sensor.scale)
 
 
-def largest_panel_steps(scene: SizedScene) -> Tensor:
+def largest_panel_steps(scene: SceneRecord) -> Tensor:
     """Return `extreme_panel_steps` of the views that show the panel at its largest, where its
     harmonics have their lowest frequencies."""
     zoom, pitch = bounds(scene.view.zoom)[1], bounds(scene.sensor.pitch)[1]
     return extreme_panel_steps(scene, zoom, pitch, bounds(scene.panel.scale)[0], with_strips=True)
 
 
-def smallest_panel_steps(scene: SizedScene, alpha: float, *, with_strips: bool) -> Tensor:
+def smallest_panel_steps(scene: SceneRecord, alpha: float, *, with_strips: bool) -> Tensor:
     """Return `extreme_panel_steps` of the views that show the panel at its smallest, for `alpha`
     panel pixels per image pixel."""
     zoom, pitch = bounds(scene.view.zoom)[0], bounds(scene.sensor.pitch)[0]
     return extreme_panel_steps(scene, zoom, pitch, alpha, with_strips=with_strips)
 
 
-def panel_scale_ratio(scene: SizedScene) -> float:
+def panel_scale_ratio(scene: SceneRecord) -> float:
     """Return the most over the least panel pixels per sensor pixel, in a view of the same
     angles."""
     pitch = bounds(scene.sensor.pitch)
@@ -76,7 +76,7 @@ def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
     return per_image_pixel * math.sqrt(math.cos(yaw) * math.cos(tilt))
 
 
-def least_side(scene: SizedScene, alpha: float) -> float:
+def least_side(scene: SceneRecord, alpha: float) -> float:
     """Return the least side of a bin in any view, in sensor pixels, for `alpha` panel pixels per
     image pixel."""
     if not scene.is_rectified:

@@ -13,7 +13,7 @@ from moireaug.scene.fields import Range, bounds
 from moireaug.scene.geometry.grids import image_to_photo, jacobian
 from moireaug.scene.geometry.homography import camera_pose, homography
 from moireaug.scene.parts import Lens, View
-from moireaug.scene.record import SizedScene
+from moireaug.scene.record import SceneRecord
 
 # height and width; bounds for these hold for most images
 PHOTO_SHAPES = ((256, 256), (192, 256), (256, 192))
@@ -32,7 +32,7 @@ def range_points(value: Range, *inner: float, points: int = 2) -> list[float]:
 
 
 def extreme_jacobians(
-    scene: SizedScene, zoom: float, *, with_strips: bool, magnified: bool = False
+    scene: SceneRecord, zoom: float, *, with_strips: bool, magnified: bool = False
 ) -> Tensor:
     """Return d(x, y) / d(u, v), image pixels per photo pixel, (N, 2, 2) float64, for the angles and
     lenses that a scene allows at this zoom.

@@ -15,39 +15,21 @@ from moireaug.engine.lower import pose
 from moireaug.engine.lower.cameras import camera_fields, lower_cameras
 from moireaug.engine.lower.cell import cell_of_whole_pixels, mean_light_of
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, FullView
-from moireaug.engine.lower.numbers import (
-    bin_scale_of,
-    frame_of,
-    panel_scale_of,
-    sensor_scale_of,
-)
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.frame import Frame
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import HostGeometry
 
 BORDER_POINTS = 9  # along each axis, where the rows are taken that a part of a photo sees
 
 
-def binned_view(
-    shot: ShotRecord, drawn: dict[str, np.ndarray], homography: np.ndarray, magnified: np.ndarray
-) -> tuple[np.ndarray, Cell, BinnedView]:
-    """Return a shot's cameras, of photo pixels, (B, fields), its Cell and its BinnedView.
-
-    Args:
-        homography, magnified: from `numbers.homography_of`.
-    """
-    frame = frame_of(shot, drawn, homography)
+def binned_view(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarray, Cell, BinnedView]:
+    """Return a shot's cameras, of photo pixels, (B, fields), its Cell and its BinnedView."""
     with torch.no_grad():
         content = content_of(shot)
-    bin_scale = bin_scale_of(shot, drawn, magnified)
-    scales = _BinScales(
-        panel_scale_of(shot, drawn),
-        sensor_scale_of(shot, drawn, magnified),
-        bin_scale,
-        enlargement(torch.from_numpy(bin_scale), shot.scene).numpy(),
-    )
-    fields = camera_fields(shot, drawn, frame) | _place_of(shot, frame, content)
-    inverse = np.linalg.inv(homography)
+    scales = BinScales.of(shot, geometry)
+    fields = camera_fields(shot, geometry) | _place_of(shot, geometry.frame, content)
+    inverse = np.linalg.inv(geometry.homography)
     cameras, blur_cameras, sensors = _bin_cameras(shot, inverse, fields, content, scales)
     # none at the same height: centres differ
     cell = cell_of_whole_pixels(shot.plan.method.taps)
@@ -56,14 +38,20 @@ def binned_view(
     return cameras, cell, BinnedView(_picture_view(blur_cameras, content), beats)
 
 
-class _BinScales(NamedTuple):
-    """`shot.panel_scale`, `shot.sensor_scale`, `shot.bin_scale` and `bin_geometry.enlargement`,
-    (B,) each."""
+class BinScales(NamedTuple):
+    """The scales of a shot's bins, (B,) each: `panel_scale`, `sensor_scale` and `bin_scale` of its
+    geometry, and `bin_geometry.enlargement`."""
 
     panel: np.ndarray
     sensor: np.ndarray
     bin: np.ndarray
     enlargement: np.ndarray
+
+    @staticmethod
+    def of(shot: ShotRecord, geometry: HostGeometry) -> BinScales:
+        bin_scale = geometry.bin_scale
+        enlarged = enlargement(torch.from_numpy(bin_scale), shot.scene).numpy()
+        return BinScales(geometry.panel_scale, geometry.sensor_scale, bin_scale, enlarged)
 
 
 def _place_of(shot: ShotRecord, frame: Frame, content: BinContent) -> dict[str, np.ndarray]:
@@ -106,7 +94,7 @@ def _bin_cameras(
     inverse: np.ndarray,
     fields: dict[str, np.ndarray],
     content: BinContent,
-    scales: _BinScales,
+    scales: BinScales,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a shot's cameras, (B, fields) each: of photo pixels, of what blurs them and of sensor
     pixels; fields: those of sensor pixels."""
@@ -141,7 +129,7 @@ def _picture_view(blur_cameras: np.ndarray, content: BinContent) -> FullView:
 
 
 def _beats_of(
-    shot: ShotRecord, sensors: np.ndarray, content: BinContent, scales: _BinScales
+    shot: ShotRecord, sensors: np.ndarray, content: BinContent, scales: BinScales
 ) -> Beats:
     """Return a shot's Beats; sensors: the cameras of sensor pixels."""
     layout, method = shot.scene.panel.cell, shot.plan.method

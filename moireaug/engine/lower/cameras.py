@@ -5,25 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.lower.exposure_records import Camera
-from moireaug.engine.lower.numbers import distortion_of
-from moireaug.scene.geometry.frame import Frame
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import HostGeometry
 
 HOMOGRAPHY_FIELDS = [f"h{row}{column}" for row in range(3) for column in range(3)]
 
 
-def camera_fields(
-    shot: ShotRecord, drawn: dict[str, np.ndarray], frame: Frame
-) -> dict[str, np.ndarray]:
+def camera_fields(shot: ShotRecord, geometry: HostGeometry) -> dict[str, np.ndarray]:
     """Return the fields of a shot's cameras that neither pose nor scale change; neutral values for
-    effects that are not planned. frame: the shot's."""
-    zero = np.zeros(len(shot))
+    effects that are not planned."""
+    drawn, zero = geometry.numbers(), np.zeros(len(shot))
 
     def planned(effect: str, name: str, neutral: np.ndarray = zero) -> np.ndarray:
         return drawn[name] if effect in shot.plan else neutral
 
-    h, w = frame.size
-    k1, k2 = distortion_of(shot, drawn)
+    h, w = geometry.photo_size
+    k1, k2 = geometry.lens_distortion
     vignetting = planned("vignetting", "lens.vignetting")
     glare = planned("glare", "panel.glare")
     return {

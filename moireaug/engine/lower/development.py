@@ -19,21 +19,16 @@ from moireaug.engine.lower.development_records import (
     Registration,
     Resize,
 )
-from moireaug.engine.lower.numbers import (
-    MAX_CACHED_SCENES,
-    bin_scale_of,
-    distortion_of,
-    homography_of,
-    number_table,
-)
+from moireaug.engine.lower.full import MAX_CACHED_SCENES
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
 from moireaug.scene.geometry.lattice import SampledPixels
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import DEMOSAIC_REACH, ShotRecord, sampled_rows_and_columns
+from moireaug.scene.shot_geometry import HostGeometry
 
 
 class _LastDevelopment(NamedTuple):
-    """A Development, and what it was made of; numbers: see `number_table`."""
+    """A Development, and what it was made of; numbers: see `ShotRecord.host_numbers`."""
 
     scene: SceneRecord
     sizes: tuple[tuple[int, int], tuple[int, int]]
@@ -44,28 +39,30 @@ class _LastDevelopment(NamedTuple):
 _last: _LastDevelopment | None = None
 
 
-def lower_development(shot: ShotRecord) -> Development:
-    """Return a shot's Development, without `Program.reference_effects`; if it is denoised, it ends
-    at the codes of every sensor pixel. Made once for equal shots in a row, as of an attack's steps.
+def lower_development(shot: ShotRecord, table: np.ndarray | None = None) -> Development:
+    """Return a shot's Development, without `Execution.reference_effects`; if it is denoised, it
+    ends at the codes of every sensor pixel. Made once for equal shots in a row, as of an attack's
+    steps.
+
+    table: the shot's numbers, from `host_numbers`, if they are at hand.
     """
     global _last
-    last, numbers = _last, number_table(shot)  # a copy, as tensors may be changed in place
+    last, numbers = _last, shot.host_numbers() if table is None else table
     if (
         last is None
         or last.scene is not shot.scene
         or last.sizes != (shot.size, shot.whole_size)
         or not np.array_equal(last.numbers, numbers)
     ):
-        drawn = dict(zip(shot.numbers(), numbers, strict=True))
-        development = _development_of(shot.to("cpu"), drawn)
+        development = _development_of(shot, shot.host_geometry(numbers))
         _last = last = _LastDevelopment(
             shot.scene, (shot.size, shot.whole_size), numbers, development
         )
     return last.development
 
 
-def _development_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Development:
-    plan, sensor = shot.plan, shot.scene.sensor
+def _development_of(shot: ShotRecord, geometry: HostGeometry) -> Development:
+    plan, sensor, drawn = shot.plan, shot.scene.sensor, geometry.numbers()
     whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
     demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
     if "colour_matrix" in plan:
@@ -82,7 +79,7 @@ def _development_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Developme
         contrast[:] = drawn["develop.contrast"]
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
-    denoises, detail = "denoise" in plan, _detail_of(shot, drawn)
+    denoises, detail = "denoise" in plan, _detail_of(shot, geometry)
     levels = np.float32(0)
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
@@ -108,7 +105,7 @@ def _development_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Developme
         filters_detail=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
         detail=detail,
         registers=_warps(shot) and not denoises,
-        registration=_registration_of(shot, drawn),
+        registration=_registration_of(shot, geometry),
     )
 
 
@@ -117,16 +114,15 @@ def _warps(shot: ShotRecord) -> bool:
     return "register" in shot.plan and not shot.scene.is_rectified
 
 
-def _registration_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Registration:
+def _registration_of(shot: ShotRecord, geometry: HostGeometry) -> Registration:
     if not _warps(shot):
         return Registration(np.empty((0, 3, 3)), np.empty((0, 2)))
-    homography, _ = homography_of(shot, drawn)
-    return Registration(homography, np.stack(distortion_of(shot, drawn), 1))
+    return Registration(geometry.homography, np.stack(geometry.lens_distortion, 1))
 
 
-def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
+def _detail_of(shot: ShotRecord, geometry: HostGeometry) -> Detail:
     """Return a shot's Detail; neutral values for effects that are not planned."""
-    plan, how = shot.plan, shot.scene.develop
+    plan, how, drawn = shot.plan, shot.scene.develop, geometry.numbers()
     rows, cols = shot.sampled_pixels()
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
     chroma, sharp = drawn["develop.chroma_blur"], drawn["develop.sharpen_radius"]
@@ -136,11 +132,9 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
         amount[:] = drawn["develop.sharpen"]
         sharp_size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.whole_size))
     if shot.scene.is_binned and max(chroma_size, sharp_size) > 1:
-        _, magnified = homography_of(shot, drawn)
-        scale = bin_scale_of(shot, drawn, magnified)
         longest = max(shot.whole_size)
-        both = torch.from_numpy(np.minimum(np.stack([chroma, sharp]) / scale, longest))
-        chroma, sharp = kernel_sigma(both).numpy()
+        both = np.minimum(np.stack([chroma, sharp]) / geometry.bin_scale, longest)
+        chroma, sharp = kernel_sigma(torch.from_numpy(both)).numpy()
     return Detail(
         (_pixel_count(rows), _pixel_count(cols)),
         _resize_of_photo(rows, how.resize),

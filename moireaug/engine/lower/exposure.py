@@ -16,8 +16,7 @@ from moireaug.engine.lower.binned import binned_view
 from moireaug.engine.lower.budget import ErrorBudget
 from moireaug.engine.lower.cell import mean_light_of
 from moireaug.engine.lower.exposure_records import Camera, Exposure, PanelView, Sites
-from moireaug.engine.lower.full import cameras_and_cell, full_view, point_view
-from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, homography_of, numbers_of
+from moireaug.engine.lower.full import MAX_CACHED_SCENES, cameras_and_cell, full_view, point_view
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.lattice import CFA
 from moireaug.scene.record import SceneRecord
@@ -28,7 +27,7 @@ MIN_BANDS_PER_ROW, MAX_BANDS_PER_ROW = 16, 64
 
 
 def lower_exposure(
-    shot: ShotRecord, *, decoded: bool, exactness: int = 1
+    shot: ShotRecord, *, decoded: bool, exactness: int = 1, table: np.ndarray | None = None
 ) -> tuple[Exposure, PanelView]:
     """Return a shot's Exposure, and how its pixels see the panel.
 
@@ -36,14 +35,16 @@ def lower_exposure(
         decoded: the pictures have already been decoded, raised to the black level and prefiltered.
         exactness: by how much the errors of the pattern are smaller than the scene's tolerance
             asks for.
+        table: the shot's numbers, from `host_numbers`, if they are at hand.
     """
-    plan, drawn = shot.plan, numbers_of(shot)
-    homography, magnified = homography_of(shot, drawn)
+    plan = shot.plan
+    geometry = shot.host_geometry(shot.host_numbers() if table is None else table)
+    drawn = geometry.numbers()
     view: PanelView
     if shot.scene.is_binned:
-        cameras, cell, view = binned_view(shot, drawn, homography, magnified)
+        cameras, cell, view = binned_view(shot, geometry)
     else:
-        cameras, cell = cameras_and_cell(shot, drawn, np.linalg.inv(homography))
+        cameras, cell = cameras_and_cell(shot, geometry)
         view = point_view(shot) if plan.exposure == "point" else full_view(shot, cameras)
     # of one layout, as kernels are compiled for each
     filters = np.ascontiguousarray(filters_of(shot).detach().numpy())

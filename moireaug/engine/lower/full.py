@@ -16,22 +16,21 @@ from moireaug.engine.lower.cell import (
     mean_light_of,
 )
 from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
-from moireaug.engine.lower.numbers import MAX_CACHED_SCENES, panel_scale_of
 from moireaug.scene.exposure_method import ExposureMethod
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import HostGeometry
 from moireaug.scene.subpixel import Subpixel
 
+MAX_CACHED_SCENES = 64  # scenes and sizes whose tables are cached
 
-def cameras_and_cell(
-    shot: ShotRecord, drawn: dict[str, np.ndarray], inverse: np.ndarray
-) -> tuple[np.ndarray, Cell]:
-    """Return a shot's cameras, of sensor pixels, (B, fields), and its Cell; inverse: (B, 3, 3),
-    from ideal photo to image coordinates, both about the centre."""
+
+def cameras_and_cell(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarray, Cell]:
+    """Return a shot's cameras, of sensor pixels, (B, fields), and its Cell."""
     rows, cols = shot.sampled_pixels()
     h, w = shot.size
-    fields = camera_fields(shot, drawn, shot.frame) | {"alpha": panel_scale_of(shot, drawn)}
-    back = pose.from_corner(inverse, w / 2, h / 2)
+    fields = camera_fields(shot, geometry) | {"alpha": geometry.panel_scale}
+    back = pose.from_corner(np.linalg.inv(geometry.homography), w / 2, h / 2)
     cameras = lower_cameras(back, (rows.scale, cols.scale), fields)
     return cameras, _cell(shot.scene, shot.plan.method)
 

@@ -6,7 +6,7 @@ from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
 from moireaug.evaluation.tables import SuiteConfig, Table, undefended_row
 from moireaug.mixtures import as_scenes, scenes_of
 from moireaug.scene.presets import PRESETS
-from moireaug.scenes import Scene, preset_name
+from moireaug.scenes import Scene, as_scene, preset_name
 
 OWN_SCENE_ROW = "own_scene"
 
@@ -22,7 +22,7 @@ def _registered_presets(config: SuiteConfig) -> dict[str, Scene]:
     """Return the presets in the image's frame, of crops where the images are crops."""
     presets = {}
     for name in PRESETS:
-        preset = Scene.preset(name)
+        preset = as_scene(name)
         if preset.develop.registered:
             (presets[name],) = scenes_of(as_scenes(preset, config.shrink))
     return presets

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from moireaug.attacks import LOSSES, evaluating
 from moireaug.attacks.model import attacked_logits, repeats_answers
-from moireaug.common.numeric import as_single
+from moireaug.common.numeric import widen_half
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, SquareAttacker
@@ -42,7 +42,7 @@ class PhotoGradient(Photo):
             photo = images.detach().clone().requires_grad_()
             logits = attacked_logits(model, photo, batch.labels)
             if logits.requires_grad:
-                loss = LOSSES["ce"](as_single(logits), batch.labels).sum()
+                loss = LOSSES["ce"](widen_half(logits), batch.labels).sum()
                 (gradient,) = torch.autograd.grad(loss, photo, allow_unused=True)
         if gradient is None:
             return {"zero_gradients": [1.0] * len(images)}

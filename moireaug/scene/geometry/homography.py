@@ -55,7 +55,9 @@ def camera_pose(
     before it is turned, (B,).
 
     Args:
-        view, k1, k2, size: as in `homography`.
+        view: a drawn View, whose fields are (B,).
+        k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
+        size: height and width of the whole photo, see `frame.Frame`.
         xp: module of the arrays, torch or numpy, which is faster for so few numbers.
     """
     h, w = size
@@ -110,21 +112,31 @@ def released_pose(view: DrawnView, size: tuple[int, int], scale: float) -> Tenso
     return m / m[:, 2:, 2:]  # depth positive in the centre, whatever the sign of the focal length
 
 
-def homography(view: DrawnView, k1: Tensor, k2: Tensor, size: FrameSize, scale: float) -> Tensor:
-    """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
+def pose_of(
+    view: DrawnView, k1: Any, k2: Any, size: FrameSize, scale: float, xp: ModuleType = torch
+) -> tuple[Any, Any]:
+    """Return what `camera_pose` does, of whichever pose a view has; of the released one, every
+    pixel is as large. scale: sensor pixels per photo pixel, which only that pose reads."""
+    if view.pose != "released":
+        return camera_pose(view, k1, k2, size, xp)
+    one = xp.ones_like(view.zoom)
+    if xp is torch:
+        return released_pose(view, size, scale), one
+    tensors = {name: torch.from_numpy(getattr(view, name)) for name in view.ranged}
+    return released_pose(view.drawn(tensors), size, scale).numpy(), one
 
-    Args:
-        view: a drawn View, whose fields are (B,).
-        k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
-        size: height and width of the whole photo, see `frame.Frame`.
-        scale: sensor pixels per photo pixel; only the "released" pose reads it.
-    """
-    if view.pose == "released":
-        m = released_pose(view, size, scale)
-    else:
-        m, _ = camera_pose(view, k1, k2, size)
+
+def homography(view: DrawnView, k1: Tensor, k2: Tensor, size: FrameSize, scale: float) -> Tensor:
+    """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64; arguments as
+    of `pose_of`."""
+    return about_corners(pose_of(view, k1, k2, size, scale)[0], size)
+
+
+def about_corners(pose: Tensor, size: FrameSize) -> Tensor:
+    """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64, of one about
+    the centres of both; size: height and width of the whole photo, see `frame.Frame`."""
     h, w = size
-    return translation(w / 2, h / 2, m) @ m @ translation(-w / 2, -h / 2, m)
+    return translation(w / 2, h / 2, pose) @ pose @ translation(-w / 2, -h / 2, pose)
 
 
 def translation(x: Number, y: Number, like: Tensor) -> Tensor:

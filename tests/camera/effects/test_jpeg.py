@@ -72,7 +72,7 @@ def test_the_gradient_is_kornias_with_a_share_straight_through(monkeypatch):
     torch.testing.assert_close(got, want + STRAIGHT_THROUGH_SHARE * weight)
     assert none is None
 
-    monkeypatch.setattr("moireaug.camera.effects.jpeg.jpeg_codec_differentiable", None)
+    monkeypatch.setattr("kornia.enhance.jpeg_codec_differentiable", None)
     assert torch.equal(jpeg(photo, quality), out)  # forward never calls it
 
 

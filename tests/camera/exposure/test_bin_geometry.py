@@ -7,6 +7,7 @@ from moireaug import Develop, Lens, Panel, Scene, Sensor, View
 from moireaug.camera.exposure.bin_geometry import middle_bins, pixels_on_photo
 from moireaug.camera.exposure.extreme_scales import least_bin_scale
 from moireaug.scene.geometry import grids
+from moireaug.scene.sized import scene_of_size
 
 SCREEN = {"panel": Panel(width=200.0), "sensor": Sensor(pitch=2.0)}
 
@@ -54,6 +55,6 @@ def test_no_bin_is_smaller_than_the_plan_takes_for_the_least(registered, lens, z
     view = View(yaw=(-20.0, 20.0), roll=(-30.0, 30.0), zoom=zoom)
     scene = Scene(**SCREEN, view=view, lens=lens, develop=Develop(registered=registered))
     size = (128, 128)
-    least = least_bin_scale(scene.at(size), 200.0 / 128)
+    least = least_bin_scale(scene_of_size(scene, size), 200.0 / 128)
     bins = scene.sample(200, size, torch.Generator().manual_seed(0)).bin_scale
     assert 0.6 * float(bins.min()) < least <= 1.001 * float(bins.min())

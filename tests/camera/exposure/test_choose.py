@@ -10,6 +10,7 @@ from moireaug import Lens, Panel, Scene, Sensor, View, expose
 from moireaug.camera.exposure.choose import MAX_HARMONICS
 from moireaug.camera.exposure.extreme_harmonics import harmonics_in_bins
 from moireaug.scene.by_name import with_values
+from moireaug.scene.sized import scene_of_size
 
 TAPS = [  # scene, panel pixels along an axis that a sensor pixel sees
     (Scene(panel=Panel(scale=0.1, layout="led")), 1),
@@ -65,7 +66,7 @@ def test_another_exposure_is_not():
 
 def test_a_plan_says_which_harmonics_are_too_many():
     scene = Scene(panel=Panel(lit=0.5, width=20.0), sensor=Sensor(pitch=60.0, gain=10.0))
-    possible, summed = harmonics_in_bins(scene.at()), scene.plan().harmonics
+    possible, summed = harmonics_in_bins(scene_of_size(scene)), scene.plan().harmonics
     assert summed == tuple(pair for pair, _ in possible[:MAX_HARMONICS])
     left_out, strength = len(possible) - len(summed), possible[len(summed)][1]
     reason = f"; {left_out} weaker ones, up to {strength:.2g}, are too many to sum"

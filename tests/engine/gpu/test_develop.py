@@ -9,10 +9,10 @@ import torch
 pytest.importorskip("triton")
 from moireaug import Develop, Panel, Scene, Sensor, View
 from moireaug.camera import pipeline
+from moireaug.engine.execution import execution_of
 from moireaug.engine.gpu import develop as gpu
 from moireaug.engine.gpu import physics, tile
 from moireaug.engine.lower.development import lower_development
-from moireaug.engine.program import program_of_scene
 from moireaug.scene.by_name import with_values
 from tests.engine.test_develop import FILTERED
 
@@ -50,7 +50,7 @@ def assert_equal(scene, size, n=1):
     shot, raw = shot_and_reading(scene, size, n)
     development = lower_development(shot)
     precise = raw.double().requires_grad_()
-    effects = program_of_scene(shot.scene, shot.plan).engine_effects
+    effects = execution_of(shot.scene, shot.plan).engine_effects
     expected = pipeline.apply(effects, precise, shot)
     ahead = torch.randn(expected.shape, generator=torch.Generator().manual_seed(3))
     (slope,) = torch.autograd.grad(expected, precise, ahead.double())

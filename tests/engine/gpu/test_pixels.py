@@ -13,7 +13,7 @@ from moireaug.camera import pipeline
 from moireaug.camera.effects import random_numbers
 from moireaug.camera.exposure.displayed import EDGE_PIXELS, shrink
 from moireaug.common.tensor_physics import clipping
-from moireaug.engine.dispatch import DECODING
+from moireaug.engine.exposing import DECODING
 from moireaug.engine.gpu import panel, sensor
 from moireaug.engine.gpu import random_numbers as gpu_random_numbers
 from moireaug.engine.gpu.arrays import NOTHING, upload

@@ -1,9 +1,11 @@
-"""Who computes a scene's photos: which kernels, and what is left to the reference."""
+"""Who computes photos, decided before a picture is met: which kernels, and what is left to the
+reference."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd import forward_ad
@@ -14,6 +16,7 @@ from moireaug.engine.backends import BACKENDS, Backend, backend_of, why_no_kerne
 from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.sized import scene_of_size
 
 ENGINE_EXPOSURES = ("spectral", "mean", "point")
 ENGINE_DTYPES = (torch.float32, torch.uint8)
@@ -30,8 +33,8 @@ ENGINE_DEVELOPING = {
 REFERENCE_DEVELOPING = {"denoise", "jpeg"}
 
 
-class Program(NamedTuple):
-    """Who computes what of a photo.
+class Execution(NamedTuple):
+    """Who computes what of a scene's photos.
 
     Args:
         backend: whose kernels run, if any do; None if there are none for the device.
@@ -47,10 +50,10 @@ class Program(NamedTuple):
     reference_effects: tuple[str, ...]
 
 
-def program_of_scene(
+def execution_of(
     scene: SceneRecord, plan: Plan, device_type: str = "cpu", why_not: str = ""
-) -> Program:
-    """Return the Program of a scene's photos of this plan.
+) -> Execution:
+    """Return the Execution of a scene's photos of this plan.
 
     The engine has no kernel for the denoiser, for what follows it, for JPEG and, of bins in the
     image's frame, for what the photo does not show.
@@ -64,7 +67,7 @@ def program_of_scene(
     off = why_no_kernels(device_type) or why_not
     if backend and not backend.reads_full and not scene.is_binned:
         off = off or f"{backend.name} kernels take binned readings alone"
-    return Program(
+    return Execution(
         backend,
         off or _why_not_expose(plan),
         off or _why_not_develop(plan),
@@ -73,13 +76,54 @@ def program_of_scene(
     )
 
 
-def program_of_call(values: Tensor, shot: ShotRecord) -> Program:
-    """Return the Program of photographing images (B, 3, H, W), or of developing readings."""
-    why_not = _why_not_accepted(values) or _why_not_differentiated(values, shot)
-    program = program_of_scene(shot.scene, shot.plan, values.device.type, why_not)
-    if _asks_for_shot(shot) and not program.why_not_expose:
-        return program._replace(why_not_expose=_why_not_moved(shot.plan))
-    return program
+class Call(NamedTuple):
+    """A call of `capture`, `expose` or `develop`: one shot, and who computes it.
+
+    Args:
+        table: the shot's numbers, from `host_numbers`; None where they are unknown, see
+            `numeric.is_transformed`.
+        moved_numbers: names of those in which a gradient may be asked for.
+    """
+
+    shot: ShotRecord
+    table: np.ndarray | None
+    execution: Execution
+    moved_numbers: tuple[str, ...]
+
+    def part(self, mask: Tensor) -> Call:
+        """Return the call of the images of a mask (B,) alone."""
+        table = None if self.table is None else self.table[:, mask.numpy()]
+        return self._replace(shot=self.shot[mask.to(self.shot.device)], table=table)
+
+    def host_shot(self) -> ShotRecord:
+        """Return the shot on the CPU, without a gradient in its numbers."""
+        if self.shot.device.type == "cpu" and not self.moved_numbers:
+            return self.shot
+        rows = torch.from_numpy(self.shot.host_numbers() if self.table is None else self.table)
+        numbers = dict(zip(self.shot.numbers(), rows, strict=True))
+        return self.shot.with_numbers(numbers, self.shot.seed.cpu())
+
+
+def call_of(
+    shot: ShotRecord, table: np.ndarray | None, values: Tensor, noise: Tensor | None = None
+) -> Call:
+    """Return the Call of photographing images (B, 3, H, W), or of developing readings.
+
+    Args:
+        table: see `Call`.
+        noise: to be added to the images' readings.
+    """
+    moved_numbers: tuple[str, ...] = ()
+    if torch.is_grad_enabled():
+        drawn = shot.numbers().items()
+        moved_numbers = tuple(name for name, one in drawn if one.requires_grad)
+    why_not = _why_not_accepted(values) or _why_not_differentiated(shot, values, noise)
+    if moved_numbers and torch.compiler.is_compiling():
+        why_not = "a gradient in the shot is asked for within torch.compile"
+    execution = execution_of(shot.scene, shot.plan, values.device.type, why_not)
+    if moved_numbers and not execution.why_not_expose:
+        execution = execution._replace(why_not_expose=_why_not_moved(shot.plan))
+    return Call(shot, table, execution, moved_numbers)
 
 
 def explain(scene: SceneRecord) -> str:
@@ -99,16 +143,16 @@ def explain(scene: SceneRecord) -> str:
         raise TypeError(
             f"scene must be a Scene; got {scene!r}. For a preset, pass Scene.preset(name)."
         )
-    plan, lines = pipeline.make_plan(scene.at()), []
+    plan, lines = pipeline.make_plan(scene_of_size(scene)), []
     for backend in BACKENDS:
-        program = program_of_scene(scene, plan, backend.device_type)
-        reasons = {"expose": program.why_not_expose, "develop": program.why_not_develop}
+        execution = execution_of(scene, plan, backend.device_type)
+        reasons = {"expose": execution.why_not_expose, "develop": execution.why_not_develop}
         for stage, reason in reasons.items():
             by = f"reference: {reason}" if reason else f"{backend.name} kernels, in float32"
-            if stage == "develop" and program.reference_effects and not reason:
-                by += f"; reference from {program.reference_effects[0]!r} on"
+            if stage == "develop" and execution.reference_effects and not reason:
+                by += f"; reference from {execution.reference_effects[0]!r} on"
             lines.append(f"{stage:8} on {backend.device_type:6} {by}")
-        reason = program.why_not_expose or _why_not_moved(plan) or program.why_not_develop
+        reason = execution.why_not_expose or _why_not_moved(plan) or execution.why_not_develop
         by = f"reference: {reason}" if reason else f"differences of {backend.name} kernels"
         lines.append(f"gradient on {backend.device_type:6} in the shot: {by}")
     return "\n".join(lines)
@@ -124,17 +168,13 @@ def _why_not_accepted(values: Tensor) -> str:
     return ""
 
 
-def _why_not_differentiated(values: Tensor, shot: ShotRecord) -> str:
-    if torch.compiler.is_compiling() and _asks_for_shot(shot):
-        return "a gradient in the shot is asked for within torch.compile"
-    if may_be_dual(values) or _is_dual(shot):
+def _why_not_differentiated(shot: ShotRecord, values: Tensor, noise: Tensor | None) -> str:
+    given = [values] if noise is None else [values, noise]
+    if forward_ad._current_level >= 0:  # else no number can be dual, which spares asking each
+        given += shot.numbers().values()
+    if any(map(may_be_dual, given)):
         return "a forward derivative, or one by torch.func, is asked for"
     return ""
-
-
-def _asks_for_shot(shot: ShotRecord) -> bool:
-    """Return whether a gradient in a drawn number may be asked for."""
-    return torch.is_grad_enabled() and shot.requires_grad
 
 
 def _why_not_moved(plan: Plan) -> str:
@@ -142,13 +182,6 @@ def _why_not_moved(plan: Plan) -> str:
     if "exposure" in plan and not plan.method.differentiable_in_shot:
         return f"readings of the exposure {plan.method.name!r} have no slope in the shot"
     return ""
-
-
-def _is_dual(shot: ShotRecord) -> bool:
-    """Return whether a forward derivative in a drawn number is asked for."""
-    if forward_ad._current_level < 0:  # which spares asking every number
-        return False
-    return any(may_be_dual(values) for values in shot.numbers().values())
 
 
 def _why_not_expose(plan: Plan) -> str:

@@ -1,6 +1,6 @@
-"""The first use of kernels: those that cannot be imported, and those of a GPU that fail or differ
-from the reference on the user's own batch, are left alone. They were proved equal on a CPU; drivers
-and cards are many."""
+"""Kernels that cannot be imported, and those of a GPU that fail or differ from the reference on the
+first batch that a user gives them, are left alone. They were proved equal on a CPU; drivers and
+cards are many."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ import torch
 from torch import Tensor
 
 from moireaug.common.numeric import as_float
-from moireaug.engine import autograd
-from moireaug.engine.autograd import Stage
 from moireaug.engine.backends import Backend
+from moireaug.engine.stage import KernelStage, Stage
 
 MAX_RMS = 1e-3  # of photos and readings, in [0, 1]; kernels and reference differ by 1e-4 at most
 _agreements: dict[tuple[str, torch.dtype, torch.device, bool], bool] = {}
@@ -33,27 +32,27 @@ def kernels_of(backend: Backend) -> ModuleType | None:
     return kernels
 
 
-def agrees(stage: Stage, kind: str, values: Tensor) -> bool:
+def matches_reference(stage: KernelStage, values: Tensor, *, back: bool) -> bool:
     """Return whether a stage's kernels give the reference's results on the device of `values`, and
-    a gradient if one is asked for. Tried once a process, device, dtype and kind of kernels, and
-    again when a gradient is first asked for, and again after every batch that was too large to
+    a gradient if one is asked for. Tried once a process, device, dtype and variant of the kernels,
+    and again when a gradient is first asked for, and again after every batch that was too large to
     compare.
 
     Args:
-        kind: name of the kernels, the same only if they are compiled alike.
         values: pictures or readings, (B, C, H, W).
+        back: a gradient in the values is asked for.
     """
     if values.device.type == "cpu":
         return True
-    back = autograd.is_asked(values)
-    key = kind, values.dtype, values.device, back
+    variant = stage.variant()
+    key = variant, values.dtype, values.device, back
     if key not in _agreements:
         failure = failure_of(stage, values.detach(), back=back)
         if failure is None:
             return True
         _agreements[key] = not failure
         if failure:
-            _report(f"GPU kernels ({kind}) {failure} on {values.device}, of {values.dtype}")
+            _report(f"GPU kernels ({variant}) {failure} on {values.device}, of {values.dtype}")
     return _agreements[key]
 
 

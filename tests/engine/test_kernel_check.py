@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from moireaug import Scene, capture
-from moireaug.engine import backends, trial
-from moireaug.engine.autograd import Stage
+from moireaug.engine import backends, kernel_check
+from moireaug.engine.stage import Stage
 from moireaug.engine.switch import reference
 
 
@@ -36,18 +36,36 @@ STAGES = {
 }
 
 
+class Doubling(Stage):
+    """Twice its values, by some functions in the place of kernels."""
+
+    def __init__(self, forward, backward, reference=lambda values: values * 2):
+        self.functions = forward, backward, reference
+
+    def forward(self, values, saves):
+        return self.functions[0](values, saves)
+
+    def backward(self, grad, values, saved):
+        return self.functions[1](grad, values, saved)
+
+    def reference(self, values):
+        return self.functions[2](values)
+
+    def variant(self):
+        return "doubling"
+
+
 def stage_of(name):
-    forward, backward, _ = STAGES[name]
-    return Stage(forward, backward, lambda values: values * 2)
+    return Doubling(*STAGES[name][:2])
 
 
 @pytest.mark.parametrize("name", STAGES)
 def test_kernels_are_held_against_the_reference(name):
     message = STAGES[name][2]
-    failure = trial.failure_of(stage_of(name), torch.rand(2, 3, 4, 5), back=True)
+    failure = kernel_check.failure_of(stage_of(name), torch.rand(2, 3, 4, 5), back=True)
     assert re.match(message, failure) and bool(failure) == bool(message)
     if "gradient" in name:  # tried where one is asked for
-        assert not trial.failure_of(stage_of(name), torch.rand(2, 3, 4, 5), back=False)
+        assert not kernel_check.failure_of(stage_of(name), torch.rand(2, 3, 4, 5), back=False)
 
 
 @pytest.fixture
@@ -62,27 +80,33 @@ def test_a_batch_too_large_for_the_reference_is_not_compared(monkeypatch):
     def lacks_memory(values):
         raise torch.OutOfMemoryError("CUDA out of memory")
 
-    monkeypatch.setattr(trial, "_agreements", {})
-    stage = stage_of("equal")._replace(reference=lacks_memory)
-    assert trial.failure_of(stage, torch.rand(2, 3, 4, 5), back=True) is None
-    monkeypatch.setattr(trial, "failure_of", lambda *_, back: None)
-    assert trial.agrees(stage, "developing", torch.empty(1, 3, 2, 2, device="meta"))
-    assert not trial._agreements
+    monkeypatch.setattr(kernel_check, "_agreements", {})
+    stage = Doubling(doubled, slope, lacks_memory)
+    assert kernel_check.failure_of(stage, torch.rand(2, 3, 4, 5), back=True) is None
+    monkeypatch.setattr(kernel_check, "failure_of", lambda *_, back: None)
+    batch = torch.empty(1, 3, 2, 2, device="meta")
+    assert kernel_check.matches_reference(stage, batch, back=False)
+    assert not kernel_check._agreements
 
 
 def test_kernels_are_tried_for_each_dtype_and_a_failure_is_reported_once(said, monkeypatch):
     failures = {torch.float32: "", torch.uint8: "do not run"}
-    monkeypatch.setattr(trial, "_agreements", {})
-    monkeypatch.setattr(trial, "failure_of", lambda stage, values, back: failures[values.dtype])
+    monkeypatch.setattr(kernel_check, "_agreements", {})
+    monkeypatch.setattr(
+        kernel_check, "failure_of", lambda stage, values, back: failures[values.dtype]
+    )
     # any device but the CPU
     batches = [torch.empty(1, 3, 2, 2, device="meta", dtype=dtype) for dtype in failures]
-    verdicts = [trial.agrees(stage_of("equal"), "exposing", batch) for batch in 2 * batches]
+    verdicts = []
+    for batch in 2 * batches:
+        verdicts.append(kernel_check.matches_reference(stage_of("equal"), batch, back=False))
     assert verdicts == [True, False, True, False]
     assert len(said) == 1
 
 
 def test_kernels_of_the_cpu_are_not_tried():
-    assert trial.agrees(Stage(fails, fails, fails), "developing", torch.rand(1, 3, 2, 2))
+    stage = Doubling(fails, fails, fails)
+    assert kernel_check.matches_reference(stage, torch.rand(1, 3, 2, 2), back=True)
 
 
 def test_kernels_that_cannot_be_imported_are_left_alone(said, monkeypatch):

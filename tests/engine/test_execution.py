@@ -12,7 +12,15 @@ from torch.autograd import forward_ad
 from moireaug import Scene, Sensor, View, capture, develop, expose
 from moireaug.camera import pipeline
 from moireaug.camera.effects.base import Effect, called
-from moireaug.engine import dispatch, explain, program, reference, switch, trial
+from moireaug.engine import (
+    developing,
+    execution,
+    explain,
+    exposing,
+    kernel_check,
+    reference,
+    switch,
+)
 from moireaug.engine.backends import BACKENDS
 from moireaug.scene.by_name import with_values
 
@@ -22,10 +30,14 @@ FULL = Scene(view=View(roll=3.0), sensor=Sensor(scale=2.0))
 
 
 def test_what_kernels_are_compiled_for_is_tried_apart(monkeypatch):
-    kinds = []
+    variants = []
     kernels = Mock(fits=lambda exposure, view: np.ones(len(exposure.cameras), bool))
-    monkeypatch.setattr(trial, "kernels_of", lambda backend: kernels)
-    monkeypatch.setattr(trial, "agrees", lambda stage, kind, light: kinds.append(kind))
+    monkeypatch.setattr(kernel_check, "kernels_of", lambda backend: kernels)
+    monkeypatch.setattr(
+        kernel_check,
+        "matches_reference",
+        lambda stage, light, back: variants.append(stage.variant()),
+    )
     changes = [
         {}, {"sensor.cfa": "none"}, {"sensor.reading": "binned"}, {"sensor.read_noise": 0.01},
         {"sensor.read_noise": 0.01, "sensor.gain": 2.0}, {"develop.registered": False},
@@ -34,11 +46,11 @@ def test_what_kernels_are_compiled_for_is_tried_apart(monkeypatch):
     scenes = [with_values(FULL, change) for change in changes]
     for scene in scenes:
         expose(IMAGES, scene.sample(4, (16, 20)))
-    assert len(set(kinds)) == len(scenes)
+    assert len(set(variants)) == len(scenes)
 
 
 def test_photos_whose_views_kernels_cannot_follow_are_counted_once(monkeypatch):
-    monkeypatch.setattr(dispatch, "_reported", set())
+    monkeypatch.setattr(exposing, "_reported", set())
     said = []
     monkeypatch.setattr(logging.getLogger("moireaug"), "warning", said.append)
     scene = with_values(FULL, {"view.yaw": (0.0, 89.0)})
@@ -169,7 +181,18 @@ def test_the_environment_turns_the_engine_off(monkeypatch):
     for value in ("off", "OFF", "0", "false", "", "on"):
         monkeypatch.setenv(switch.ENGINE_VARIABLE, value)
         off = value not in ("", "on")
-        assert ("turned off" in program.explain(Scene.preset("screen_photo"))) == off
+        assert ("turned off" in execution.explain(Scene.preset("screen_photo"))) == off
     monkeypatch.setenv(switch.ENGINE_VARIABLE, "of")
     with pytest.raises(ValueError, match="MOIREAUG_ENGINE must be 'off', or unset; got 'of'"):
         Scene.preset("screen_photo").capture(torch.rand(1, 3, 8, 8))
+
+
+def test_on_a_gpu_the_photo_of_a_reading_that_is_not_finite_is_nan():
+    """Nothing is asked of the values, which would wait for the GPU."""
+    raw = expose(IMAGES, SHOT)
+    photo = develop(raw, SHOT).requires_grad_()
+    raw[1, 2, 3, 4] = float("inf")
+    marked = developing.nan_where(~developing.finite_images(raw), photo)
+    assert marked[1].isnan().all() and torch.equal(marked[[0, 2, 3]], photo[[0, 2, 3]])
+    marked[0].sum().backward()
+    assert photo.grad[0].eq(1).all() and not photo.grad[1:].any()

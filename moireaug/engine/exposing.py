@@ -1,0 +1,119 @@
+"""From images to readings: by kernels where they can follow an image's view, else by the
+reference."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from moireaug.camera import pipeline
+from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
+from moireaug.common.numeric import as_float
+from moireaug.engine import autograd, kernel_check
+from moireaug.engine.execution import Call
+from moireaug.engine.stage import KernelStage, RowSplit
+from moireaug.engine.torch_operators import OperatorStage
+from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot import ShotRecord
+
+if TYPE_CHECKING:
+    from moireaug.engine.lower.exposure_records import Exposure, PanelView
+
+    Records = tuple[Exposure, PanelView]
+
+DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
+# scenes of which it was said that the reference computes some of their photos
+_reported: set[SceneRecord] = set()
+
+
+@dataclass(frozen=True, eq=False)
+class Exposing(KernelStage):
+    """The stage from images (B, 3, H, W), float32 or uint8, to readings.
+
+    is_decoded: the reference decodes, raises to the black level and prefilters the images before,
+        as where the blur differs from place to place.
+    """
+
+    # lens and aperture pass a cycle per sensor pixel or so: phases that are seen turn by 0.01 rad
+    max_shift = 0.002
+
+    is_decoded: bool
+
+    @property
+    def sums_in_order(self) -> bool:
+        return self.kernels.SUMS_IN_ORDER
+
+    def lower(self, shot: ShotRecord, exactness: int, table: np.ndarray | None = None) -> Records:
+        # with the first photo: importing the package would take a tenth longer
+        from moireaug.engine.lower.exposure import lower_exposure
+
+        is_decoded = self.is_decoded
+        return lower_exposure(shot, decoded=is_decoded, exactness=exactness, table=table)
+
+    def can_follow(self, records: Records) -> np.ndarray:
+        return self.kernels.fits(*records)
+
+    def launch(self, values: Tensor, saves: bool, records: Records) -> tuple[Tensor, Tensor]:
+        return self.kernels.launch_expose(values, saves, *records)
+
+    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
+        return self.kernels.launch_expose_back(grad, values, saved, *self.records)
+
+    def __call__(self, light: Tensor) -> Tensor:
+        if self.is_decoded:
+            names = [name for name in self.shot.plan.exposing if name in DECODING]
+            light = pipeline.apply(names, as_float(light), self.shot)
+        return autograd.run(self, light)
+
+
+def exposing(call: Call) -> Callable[[Tensor], Tensor]:
+    """Return the function from a call's images (B, 3, H, W) to their readings; differentiable in
+    float images."""
+    shot = call.shot
+
+    def reference(light: Tensor) -> Tensor:
+        return pipeline.expose(as_float(light), shot)
+
+    if call.execution.why_not_expose:
+        return reference
+    if torch.compiler.is_compiling():
+        return OperatorStage("expose", shot, reference)
+    kernels = kernel_check.kernels_of(call.execution.backend)
+    if kernels is None:
+        return reference
+    is_decoded = shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
+    effects = shot.plan.exposing
+    if is_decoded:
+        effects = tuple(name for name in effects if name not in DECODING)
+    stage = Exposing(call, kernels, effects, shot.plan.exposure, is_decoded)
+    followed = torch.from_numpy(stage.can_follow(stage.records))
+    if followed.all():
+        return stage
+    _report_unfollowed(shot.scene, int((~followed).sum()), len(followed))
+    if not followed.any():
+        return reference
+    # each image by itself, so that its reading does not depend on the rest of the batch
+    others = call.part(~followed).shot
+    return RowSplit(
+        followed,
+        exposing(call.part(followed)),
+        lambda light: pipeline.expose(as_float(light), others),
+    )
+
+
+def _report_unfollowed(scene: SceneRecord, n: int, total: int) -> None:
+    """Say once for each scene how many photos of a batch the reference computes."""
+    if scene in _reported:
+        return
+    _reported.add(scene)
+    logging.getLogger("moireaug").warning(
+        f"moireaug's kernels cannot follow the views of {n} of these {total} photos, which PyTorch "
+        "computes instead; this takes many times longer. Views near the horizon are the usual "
+        "reason: narrow the ranges of View.yaw, pitch and fov. This is said once for each scene."
+    )

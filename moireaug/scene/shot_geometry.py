@@ -1,0 +1,146 @@
+"""Where a shot's images lie: on the panel, on the sensor, and in the photo that they are, or are a
+part of."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from moireaug.scene.fields import bounds
+from moireaug.scene.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
+from moireaug.scene.geometry.homography import DrawnView, pose_of
+from moireaug.scene.record import SceneRecord
+
+Array = TypeVar("Array", Tensor, np.ndarray)
+
+
+class ShotGeometry(Generic[Array]):
+    """The geometry of B images, of drawn numbers that are tensors or, which is faster for so few,
+    arrays, (B,) float64 each.
+
+    Attributes:
+        scene: of the shot.
+        view: the drawn one.
+        whole_size: height and width of the image, or of the larger one of which it is a part.
+        corner: row and column at which it begins there.
+        xp: module of the numbers, torch or numpy.
+    """
+
+    scene: SceneRecord
+    view: DrawnView
+    whole_size: tuple[int, int]
+    corner: tuple[int, int]
+    xp: ModuleType = torch
+    _numbers: Mapping[str, Array]
+
+    def numbers(self) -> dict[str, Array]:
+        """Return the drawn numbers, (B,) each, by name, such as "view.yaw"."""
+        return dict(self._numbers)
+
+    @property
+    def panel_scale(self) -> Array:
+        """Panel pixels per image pixel, (B,): `Panel.scale`, or from `Panel.width`, or of a crop
+        from `Sensor.shrink` and `Sensor.pitch`."""
+        n = self._numbers
+        if bounds(self.scene.panel.width)[1]:
+            return n["panel.width"] / max(self.whole_size)
+        if self.scene.is_crop:
+            return n["sensor.shrink"] * n["view.zoom"] / n["sensor.pitch"]
+        return n["panel.scale"]
+
+    @property
+    def sensor_scale(self) -> Array:
+        """Sensor pixels per photo pixel along each axis, (B,): `Sensor.shrink` or `scale`, or from
+        `Sensor.pitch`, which holds in the middle of the picture before it is turned."""
+        n = self._numbers
+        if self.scene.is_crop:
+            return n["sensor.shrink"]
+        if not bounds(self.scene.sensor.pitch)[1]:
+            return self.xp.full_like(n["panel.scale"], self.scene.sensor.scale)
+        return n["sensor.pitch"] * self.panel_scale / self.magnification
+
+    @property
+    def bin_scale(self) -> Array:
+        """Sensor pixels along each side of a binned reading's bins, (B,): `sensor_scale`, or of
+        bins in the image's frame the root of their area in the middle of the picture."""
+        scale, xp = self.sensor_scale, self.xp
+        if not self.scene.is_rectified:
+            return scale
+        yaw, pitch = (xp.deg2rad(self._numbers[name]) for name in ("view.yaw", "view.pitch"))
+        return scale * self.magnification * xp.sqrt(xp.cos(yaw) * xp.cos(pitch))
+
+    @property
+    def magnification(self) -> Array:
+        """Photo pixels that an image pixel takes along each axis before it is turned, (B,)."""
+        return self._numbers["view.zoom"] if self.scene.is_crop else self._pose()[1]
+
+    @property
+    def homography(self) -> Array:
+        """From image to ideal photo coordinates, both about their centres, (B, 3, 3)."""
+        return self._pose()[0]
+
+    def _pose(self) -> tuple[Any, Any]:
+        k1, k2, scale = self._numbers["lens.k1"], self._numbers["lens.k2"], self.scene.sensor.scale
+        return pose_of(self.view, k1, k2, self.photo_size, scale, self.xp)
+
+    @property
+    def photo_size(self) -> FrameSize:
+        """Height and width of the whole photo, numbers or (B,) each."""
+        if self.scene.is_crop:
+            shrink = self._numbers["sensor.shrink"]
+            return size_of_crops_photo(self.scene.sensor.pixels, shrink, self.whole_size)
+        return self.whole_size
+
+    @property
+    def lens_distortion(self) -> tuple[Any, Any]:
+        """k1 and k2, (B,) each; zeros of a scene whose lens never distorts."""
+        k1, k2 = self._numbers["lens.k1"], self._numbers["lens.k2"]
+        if not self.scene.is_bent:
+            return self.xp.zeros_like(k1), self.xp.zeros_like(k2)
+        return k1, k2
+
+    @property
+    def frame(self) -> Frame:
+        """The photo that the image is, or is a part of."""
+        (height, width), (top, left) = self.whole_size, self.corner
+        if not self.scene.is_crop:
+            return Frame(height, width, top, left, top, left)
+        place = self._numbers["sensor.crop_x"], self._numbers["sensor.crop_y"]
+        size, lens = self.photo_size, self.lens_distortion
+        whole = frame_of_crop(size, self.whole_size, place, self.homography, lens, self.xp)
+        return whole.part(top, left)
+
+    @property
+    def panel_corner(self) -> Array:
+        """Where on the panel the image's corner lies, x and y in panel pixels, (B, 2)."""
+        alpha, (top, left) = self.panel_scale, self.corner
+        if not bounds(self.scene.panel.width)[1] and self.scene.is_crop:
+            frame = self.frame
+            top, left = frame.image_top, frame.image_left
+        return self.xp.stack((alpha * left, alpha * top), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class HostGeometry(ShotGeometry[np.ndarray]):
+    """A ShotGeometry of arrays, whose pose is computed once."""
+
+    scene: SceneRecord
+    view: DrawnView
+    _numbers: Mapping[str, np.ndarray]
+    whole_size: tuple[int, int]
+    corner: tuple[int, int]
+    xp: ModuleType = np
+
+    @functools.cached_property
+    def _host_pose(self) -> tuple[np.ndarray, np.ndarray]:
+        return super()._pose()
+
+    def _pose(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._host_pose
