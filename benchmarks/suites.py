@@ -22,11 +22,12 @@ import pandas as pd
 from benchmarks import measure
 from training.attack.protocol import SuiteAttack
 from training.attack.subject import subject_of_run
-from training.attack.suites import fabric_of, suite_config
+from training.attack.suite_config import suite_config
 from training.config.checks import merge_run_settings
 from training.config.schema import Reattack, ReattackConfig
 from training.runs import trained
 from training.suites import SUITES
+from training.trainer.ranks import fabric_of
 
 SLOW = {"adaptive": 3, "standard": 6}  # images of slow suites
 FULL: dict[str, Any] = {"n": 16, "steps": 20, "suites": tuple(SUITES)}

@@ -24,17 +24,19 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
 from dataclasses import replace
+from datetime import timedelta
 from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
+from torch.distributed import barrier, new_group
 
 from moireaug.common.argument_checks import one_of
-from training.attack.protocol import attack, attack_run
+from training.attack.protocol import AttackResult, SuiteAttack, attack, attack_run
 from training.attack.results import publish, publish_suite, run_metrics
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
-from training.attack.suites import attack_by_suite
+from training.attack.suite_config import suite_config
 from training.config import commands, scenes
 from training.config.checks import check_classifier, check_overrides, keys_of, merge_run_settings
 from training.config.compose import DATA_GROUPS, register
@@ -44,7 +46,10 @@ from training.runs.run import Run, locked_folder
 from training.runs.trained import TrainedRun, read, read_baseline_of, read_training_cost
 from training.suites import GROUPS, SUITES
 from training.system.processes import join_launch
-from training.trainer.ranks import run_job
+from training.trainer.ranks import fabric_of, run_job
+
+# the first process to finish waits for the last: longer than the half hour that torch allows
+MAX_WAIT = timedelta(days=30)
 
 
 def reattack(config: ReattackConfig, overrides: list[str]) -> dict[str, Any]:
@@ -104,6 +109,21 @@ def attack_by_ladder(
             baseline_run, protocol, home and subject.records
         )
     return publish(subject.folder, metrics, results, splits.classes, baseline)
+
+
+def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> AttackResult | None:
+    """Attack a classifier by `cfg.suite`, shared among the processes that the trainer's settings
+    ask for; return the results in the first of them."""
+    fabric = fabric_of(cfg.trainer)
+    everyone: Any = None
+    if fabric.world_size > 1:
+        everyone = new_group(backend="gloo", timeout=MAX_WAIT)
+    config = suite_config(cfg, subject, fabric)
+    suite_attack = SuiteAttack(subject.model, cfg.suite, subject.protocol, subject.records, config)
+    suite_attack.run(cfg.suite, fabric.global_rank, fabric.world_size)
+    if fabric.world_size > 1:
+        barrier(everyone)
+    return None if fabric.global_rank else suite_attack.results()
 
 
 def plain_metrics(run: TrainedRun) -> PlainMetrics:

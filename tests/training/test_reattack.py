@@ -7,7 +7,6 @@ import torch
 from tests.training.small import BRIEF, configured
 from tests.training.strangers import attack, images, put
 from training import reattack
-from training.attack import suites
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -66,6 +65,14 @@ def test_a_run_that_cannot_be_written_is_attacked_into_another_folder(tmp_path):
     assert list(tmp_path.glob("elsewhere/clean/seed0/reattack/*/ladder/report.html"))
 
 
+def test_the_scene_need_not_allow_what_the_training_searched(tmp_path, monkeypatch):
+    """The attack has a search of its own."""
+    attacked = ["adversary.kind=moire_attack", "adversary.share=0.5", "adversary.eps=0.02"]
+    folder = put(tmp_path, *attacked, "adversary.steps=1", "adversary.optimise=[noise,view]")
+    monkeypatch.setattr(reattack, "attack_by_suite", lambda cfg, subject: None)
+    assert attack(folder, "scene=paper_code", "suite=jpeg") == {}
+
+
 def test_weights_are_attacked_without_settings_of_training(nothing_attacked):
     for setting in ("train.lr=0.2", "+recipe=clean"):
         given = ["model=resnet18", "weights=DEFAULT", setting]
@@ -92,7 +99,7 @@ def test_data_of_other_classes_is_refused(trained_on, classes, message, tmp_path
         seen.append(cfg)
         raise StopIteration
 
-    monkeypatch.setattr(suites, "suite_config", reached)
+    monkeypatch.setattr(reattack, "suite_config", reached)
     with pytest.raises(ValueError if message else StopIteration, match=message):
         attack(folder, *given)
     assert message or seen[0].data.size == 24, "the size that the model was trained on"

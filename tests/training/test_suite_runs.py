@@ -13,12 +13,13 @@ from moireaug.defenses import demoire
 from tests.training.forked import Command
 from tests.training.small import wait
 from tests.training.tiny_suites import TINY, cells, configured, folder_of, records_of, suite
-from training.attack import suites
+from training import reattack
 from training.attack.subject import subject_of_weights
-from training.attack.suites import networks_of
+from training.attack.suite_config import networks_of, suite_config
 from training.config.command_line import check_keys
 from training.config.schema import Reattack, ReattackConfig
 from training.data.splits import EvalBatches, Splits
+from training.trainer.ranks import fabric_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -93,15 +94,15 @@ def test_the_first_process_to_finish_waits_for_the_last(monkeypatch):
         "new_group": lambda backend, timeout: (backend, timeout.days),
         "barrier": done.append,
     }.items():
-        monkeypatch.setattr(suites, name, function)
-    assert suites.attack_by_suite(ReattackConfig(suite="paper"), subject) is None
+        monkeypatch.setattr(reattack, name, function)
+    assert reattack.attack_by_suite(ReattackConfig(suite="paper"), subject) is None
     assert done == [("paper", 1, 2), ("gloo", 30)]
 
 
 def test_a_network_against_moire_is_a_defence(weights, tmp_path):
     given = ["model=small_resnet", f"weights={weights}", "suite=defences", f"demoire={RELU}"]
     cfg = configured(*given, f"runs={tmp_path}")
-    config = suites.suite_config(cfg, subject_of_weights(cfg), suites.fabric_of(cfg.trainer))
+    config = suite_config(cfg, subject_of_weights(cfg), fabric_of(cfg.trainer))
     assert config.defences.keys() >= {RELU, "quilting"} and not config.networks
 
 

@@ -24,7 +24,7 @@ def environment(accelerator: str) -> dict[str, Any]:
         versions[module.__name__] = module.__version__
     versions["cpu"] = _cpu()
     versions["threads"] = torch.get_num_threads()
-    versions["device"] = torch.cuda.get_device_name() if _on_gpu(accelerator) else "cpu"
+    versions["device"] = torch.cuda.get_device_name() if on_gpu(accelerator) else "cpu"
     return versions
 
 
@@ -49,15 +49,21 @@ def precision(precision_setting: Any, accelerator: str) -> Any:
 
 def device(accelerator: str) -> torch.device:
     """Return the GPU where there is one, unless the trainer's accelerator is "cpu"."""
-    return torch.device("cuda" if _on_gpu(accelerator) else "cpu")
+    return torch.device("cuda" if on_gpu(accelerator) else "cpu")
 
 
-def _on_gpu(accelerator: str) -> bool:
+def accelerator(accelerator_setting: str) -> str:
+    """Return the accelerator to name to Lightning, whose "auto" may be mps, see `ACCELERATORS`."""
+    return accelerator_setting if on_gpu(accelerator_setting) else "cpu"
+
+
+def on_gpu(accelerator: str) -> bool:
+    """Return whether a trainer with this accelerator uses a GPU."""
     return torch.cuda.is_available() and accelerator != "cpu"
 
 
 def _multiplies_bfloat16(accelerator: str) -> bool:
-    if _on_gpu(accelerator):
+    if on_gpu(accelerator):
         return torch.cuda.is_bf16_supported(including_emulation=False)
     try:
         flags = set(CPUINFO.read_text("utf-8").split())

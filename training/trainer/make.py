@@ -20,6 +20,7 @@ from lightning.pytorch.utilities import rank_zero_only
 from moireaug.common.files import write_bytes
 from training.config.schema import Trainer
 from training.runs.identity import Origin
+from training.system import machine
 from training.system.messages import terminate
 
 # Lightning's warnings at every start that a user of these recipes cannot act on
@@ -76,8 +77,7 @@ def make_trainer(
     options = asdict(settings)
     if options["precision"] is None:
         options["precision"] = "32-true"
-    if options["accelerator"] == "auto" and not torch.cuda.is_available():
-        options["accelerator"] = "cpu"  # not mps, as in `ACCELERATORS`
+    options["accelerator"] = machine.accelerator(settings.accelerator)
     plugins: list[Any] = [AtomicCheckpointIO()]
     if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
         plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself

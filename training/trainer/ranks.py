@@ -18,6 +18,7 @@ from torch.distributed import DistError
 
 from training.config.checks import check_devices
 from training.config.schema import Trainer
+from training.system import machine
 from training.system.files import read_checkpoint
 from training.system.messages import (
     Terminated,
@@ -31,6 +32,7 @@ from training.system.processes import join_launch
 
 if TYPE_CHECKING:
     import lightning as L
+    from lightning import Fabric
 
 LOST_PROCESS = (
     "another process of this run was lost: it was killed, ran out of memory, or failed with the "
@@ -72,8 +74,7 @@ def device_count(settings: Trainer) -> int:
     if isinstance(devices, Sequence) and not isinstance(devices, str):
         return len(devices)
     if devices in ("auto", "-1", -1):
-        on_gpu = settings.accelerator != "cpu" and torch.cuda.is_available()
-        return torch.cuda.device_count() if on_gpu else 1
+        return torch.cuda.device_count() if machine.on_gpu(settings.accelerator) else 1
     return int(devices)
 
 
@@ -170,3 +171,17 @@ def fit(
     best = read_checkpoint(folder / "best.ckpt")
     module.load_state_dict(best["state_dict"])
     return best, seconds
+
+
+def fabric_of(settings: Trainer) -> Fabric:
+    """Return Lightning's Fabric of the processes that share the work, set up as in training."""
+    from lightning import Fabric  # takes seconds to import
+
+    fabric = Fabric(
+        accelerator=machine.accelerator(settings.accelerator),
+        devices=settings.devices,
+        num_nodes=settings.num_nodes,
+        strategy=settings.strategy,
+    )
+    fabric.launch()
+    return fabric

@@ -17,7 +17,7 @@ from tests.evaluation.conftest import classifier
 from tests.evaluation.haze import cell_of, ran
 from tests.training.report.conftest import suite_metrics
 from training import report
-from training.attack.suites import PAPER_TARGETS
+from training.attack.suite_config import PAPER_TARGETS
 from training.report.page import render
 from training.report.published import read_published, with_paper
 from training.report.suite_view import suite_view

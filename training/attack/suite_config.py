@@ -1,5 +1,4 @@
-"""Attack a model by a suite: its processes, the targets that it transfers to, and its learned
-defences."""
+"""The configuration of a re-attack's suite, with the models and defences that its settings name."""
 
 from __future__ import annotations
 
@@ -8,22 +7,19 @@ import importlib
 import os
 import sys
 from collections.abc import Mapping
-from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import nn
-from torch.distributed import barrier, new_group
 from torch.utils.data import Subset
 
 from moireaug.defenses import Quilting, demoire
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import ImageTransform
 from moireaug.evaluation.identity import require_identity
-from training.attack.protocol import AttackResult, SuiteAttack
 from training.attack.subject import Subject
-from training.config.schema import Data, ReattackConfig, Trainer
+from training.config.schema import Data, ReattackConfig
 from training.data.splits import Splits
 from training.models.classifiers import as_model, model_names
 from training.runs.identity import fingerprint_of, result_settings
@@ -35,43 +31,9 @@ if TYPE_CHECKING:
     from lightning import Fabric
 
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
-# The first process to finish waits for the last: longer than the half hour that torch allows
-MAX_WAIT = timedelta(days=30)
 RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
 # of image quilting: patches of its bank, and images that they are drawn from
 BANK_PATCHES, MAX_DONOR_IMAGES = 50_000, 500
-
-
-def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> AttackResult | None:
-    """Attack a classifier by `cfg.suite`, shared among the processes that the trainer's settings
-    ask for; return the results in the first of them."""
-    fabric = fabric_of(cfg.trainer)
-    everyone: Any = None
-    if fabric.world_size > 1:
-        everyone = new_group(backend="gloo", timeout=MAX_WAIT)
-    config = suite_config(cfg, subject, fabric)
-    suite_attack = SuiteAttack(subject.model, cfg.suite, subject.protocol, subject.records, config)
-    suite_attack.run(cfg.suite, fabric.global_rank, fabric.world_size)
-    if fabric.world_size > 1:
-        barrier(everyone)
-    return None if fabric.global_rank else suite_attack.results()
-
-
-def fabric_of(trainer: Trainer) -> Fabric:
-    """Return Lightning's Fabric of the processes that share the work, set up as in training."""
-    from lightning import Fabric  # takes seconds to import
-
-    kind = trainer.accelerator
-    if kind == "auto" and not torch.cuda.is_available():
-        kind = "cpu"
-    fabric = Fabric(
-        accelerator=kind,
-        devices=trainer.devices,
-        num_nodes=trainer.num_nodes,
-        strategy=trainer.strategy,
-    )
-    fabric.launch()
-    return fabric
 
 
 def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> PaperConfig:
