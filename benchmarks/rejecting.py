@@ -27,7 +27,7 @@ from benchmarks import measure
 from moireaug import capture, evaluation
 from moireaug.defenses import JPEG, Rejecting
 from moireaug.evaluation.tables import eps_row
-from moireaug.mixtures import as_scenes, scenes_of
+from moireaug.mixtures import scenes_of
 from moireaug.scenes import Scene
 from moireaug.synthesis import without_moire
 from training.attack.protocol import protocol_of
@@ -107,7 +107,7 @@ def measure_run(folder: Path, sizes: dict[str, Any]) -> list[dict[str, Any]]:
     run.cfg.reattack.n = sizes["n"]
     splits = load(run.cfg.data)
     protocol = protocol_of(run.cfg, splits)
-    model, scene, steps = run.model(), as_scenes(run.cfg.scene), sizes["steps"]
+    model, scene, steps = run.model(), protocol.scene, sizes["steps"]
     detector = train_detector(stacked(splits.train, 4000), scenes_of(scene), sizes["batches"])
     with torch.no_grad():
         scores = torch.cat([detector(part) for part in stacked(splits.val, 320).split(64)])

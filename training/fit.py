@@ -28,7 +28,7 @@ import hydra
 from omegaconf import DictConfig
 
 from training.config import commands, scenes
-from training.config.checks import check_classifier
+from training.config.checks import check_classifier, check_search
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import RECIPES, Adversary, Config, as_config
 from training.data.load import require_training_images
@@ -70,6 +70,7 @@ def as_dict(metrics: RunMetrics | None) -> dict[str, Any]:
 def check(cfg: Config) -> None:
     """Refuse invalid settings before any time is spent."""
     check_classifier(cfg)
+    check_search(cfg)
     require_known(cfg.model)
     require_training_images(cfg.data)
     if cfg.recipe in PLAIN_RECIPES and cfg.adversary != Adversary():

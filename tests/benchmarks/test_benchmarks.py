@@ -29,6 +29,7 @@ from benchmarks import (
 from moireaug import Scene, capture, evaluation
 from moireaug.defenses import Rejecting
 from tests.training.small import TINY, configured, train
+from tests.training.strangers import put
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICKLY = ["--quick", "--threads", "1", "--out", "."]
@@ -198,6 +199,17 @@ def test_rejected_photos_are_neither_fooled_nor_let_through():
     frame = evaluation.evaluate(model, [(images, labels)], "ladder", steps=1, progress=False)
     (row, *_) = rejecting.outcome_rows(frame, "knows the detector")
     assert row["rejected"] == 1 and row["fooled"] == 0 and math.isnan(row["accuracy_of_passed"])
+
+
+def test_the_detector_is_trained_on_crops_where_the_run_was(tmp_path, monkeypatch):
+    def train_detector(images, scenes, batches):
+        raise StopIteration(scenes)
+
+    monkeypatch.setattr(rejecting, "train_detector", train_detector)
+    with pytest.raises(StopIteration) as trained:
+        rejecting.measure_run(put(tmp_path, "shrink=[1,3]"), rejecting.QUICK)
+    (scene,) = trained.value.value
+    assert scene.sensor.shrink == (1, 3)
 
 
 def test_a_folder_without_a_run_is_refused_in_a_sentence(monkeypatch, capsys):

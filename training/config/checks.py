@@ -32,11 +32,7 @@ def check_classifier(cfg: Config) -> None:
     if len(set(eps)) < len(eps):
         raise ValueError(f"reattack.eps must be different bounds; got {list(eps)}.")
     check_bounds(eps)
-    scene, adversary = scene_of(cfg), cfg.adversary
-    MoireAttack(nn.Identity(), scene=scene, steps=cfg.reattack.steps)
-    MoireAttack(
-        nn.Identity(), scene=scene, optimise=tuple(adversary.optimise), draws=adversary.draws
-    )
+    scene_of(cfg)  # raises where it is none
 
 
 def require_used(cfg: Data) -> None:
@@ -49,6 +45,13 @@ def require_used(cfg: Data) -> None:
                 f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "
                 "the data set that it is for, such as data=folder."
             )
+
+
+def check_search(cfg: Config) -> None:
+    """Refuse a search of the training's adversary that its scene does not allow; a re-attack, which
+    has a search of its own, may be in another scene."""
+    optimise = tuple(cfg.adversary.optimise)
+    MoireAttack(nn.Identity(), scene=scene_of(cfg), optimise=optimise, draws=cfg.adversary.draws)
 
 
 def check_adversary(cfg: Adversary) -> None:
@@ -64,8 +67,9 @@ def check_adversary(cfg: Adversary) -> None:
             f"adversary.kind={cfg.kind} needs a share, steps and eps above 0; got "
             f"{cfg.share}, {cfg.steps} and {cfg.eps}. Without an attack, the kind is none."
         )
-    moves = Adversary(optimise=cfg.optimise, draws=cfg.draws)
-    if cfg.kind != "moire_attack" and moves != Adversary():
+    default = Adversary()
+    searches = (cfg.optimise, cfg.draws) != (default.optimise, default.draws)
+    if cfg.kind != "moire_attack" and searches:
         raise ValueError(
             "adversary.optimise and adversary.draws are for adversary.kind=moire_attack; got "
             f"{list(cfg.optimise)}, {cfg.draws} and the kind {cfg.kind}."
