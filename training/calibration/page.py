@@ -26,8 +26,6 @@ from training.system import machine
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
 MAX_CROPS = 6  # of the page
-
-
 SIZE_INCHES, DPI = (10.4, 6.4), 100
 MAIN_UNIT = "codes RMS"  # of most statistics, on the left
 MARK_SHIFT = 0.17  # of the two marks of a row, in rows

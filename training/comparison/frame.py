@@ -129,8 +129,9 @@ def _table(root: Path, trained: Runs) -> RunTable:
         rows.append(_row(metrics, attack))
         rows[-1]["baseline"] = baseline_recipe(metrics, trained.values())
     runs = pd.DataFrame(rows)
-    shared: dict[str, Any] = {"data": data_name(trained.values()), "model": metrics.model}
-    shared["scene"] = metrics.scene_name
+    folder, attack = next(iter(attacked.items()))  # any: they share these
+    shared: dict[str, Any] = {"data": data_name(trained.values()), "model": trained[folder].model}
+    shared["scene"] = trained[folder].scene_name
     shared |= {name: getattr(attack, name) for name in ("n", "steps", "bound")}
     return RunTable(runs, shared, commands, caveats(runs, trained, attacked))
 
@@ -138,8 +139,8 @@ def _table(root: Path, trained: Runs) -> RunTable:
 def _commands(trained: Runs, attacked: Attacks) -> list[str]:
     """Return the commands that attack the other runs as those attacked were."""
     protocol = SUGGESTED_PROTOCOL
-    for attack in attacked.values():  # which share it
-        protocol = protocol_settings(attack)
+    if attacked:  # which share theirs
+        protocol = protocol_settings(next(iter(attacked.values())))
     starts_alone = all(metrics.recipe == "clean" for metrics in trained.values())
     commands = []
     for folder, metrics in trained.items():

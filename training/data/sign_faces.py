@@ -11,7 +11,7 @@ Colour = tuple[int, int, int]
 Box = list[tuple[float, float]]
 Pen = ImageDraw.ImageDraw
 
-_FACE = 512  # side of the canvas on which a sign face is drawn, once
+_FACE = 512  # side of the transparent canvas on which a sign face is drawn, once
 STYLES = 3  # looks per class: colours, weight of the lettering, painted or lit
 _WHITE, _BLACK, _YELLOW = (244, 244, 240), (18, 18, 20), (250, 196, 20)
 _REDS = ((196, 20, 32), (214, 36, 28), (170, 16, 36))
@@ -29,9 +29,6 @@ _LETTERS = {
     "O": (14, 17, 17, 17, 17, 17, 14),
     "W": (17, 17, 17, 21, 21, 27, 17),
 }
-
-
-# Faces: each draws one sign on a 512 x 512 transparent canvas, in one of three styles.
 
 
 def _disc(pen: Pen, radius: float, fill: Colour, x: float = 256, y: float = 256) -> None:

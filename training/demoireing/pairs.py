@@ -126,8 +126,8 @@ class TurnedPairs(Dataset):
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
         orientation, number = divmod(k, self.count)
         if number not in self._pair_of:
-            later = range(number, self.candidates * self.count, self.count)
-            self._pair_of[number] = max((self.pairs[k] for k in later), key=coarse_colour)
+            candidates = range(number, self.candidates * self.count, self.count)
+            self._pair_of[number] = max(map(self.pairs.__getitem__, candidates), key=coarse_colour)
         turns, mirrored = orientation % 4, orientation // 4 % 2
         photo, target = (side.rot90(turns, (1, 2)) for side in self._pair_of[number])
         return (photo.flip(2), target.flip(2)) if mirrored else (photo, target)

@@ -18,8 +18,6 @@ PART_TITLES = {
     "sensor": "Sensor",
     "develop": "Develop: from raw to photo",
 }
-
-
 REFUSALS = (ValueError, TypeError, OSError)  # errors that the page shows as sentences
 DEFAULT_PRESET, DEFAULT_SAMPLE = "screen_photo", "cat"
 

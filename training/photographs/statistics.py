@@ -47,14 +47,12 @@ class Statistic(NamedTuple):
         small: amount that hardly matters, in that unit: two numbers are compared by
             asinh(a / small) - asinh(b / small), which is the logarithm of their ratio where they
             are large, and their difference, in units of small, where they are near 0.
-        paired: whether it needs the original.
         compared: whether it describes the look of photos, as a direction does not.
     """
 
     title: str
     unit: str
     small: float
-    paired: bool = False
     compared: bool = True
 
 
@@ -75,15 +73,15 @@ STATISTICS = {
     "peak_angle": Statistic("strongest peak, direction", "degrees", 90.0, compared=False),
     "chroma_2d": Statistic("chroma: stripes 0, lattice 1", "", 0.1),
     "luma_2d": Statistic("luma: stripes 0, lattice 1", "", 0.1),
-    "psnr": Statistic("PSNR", "dB", 10.0, paired=True),
-    "psnr_mapped": Statistic("PSNR, colours mapped", "dB", 10.0, paired=True),
+    "psnr": Statistic("PSNR", "dB", 10.0),
+    "psnr_mapped": Statistic("PSNR, colours mapped", "dB", 10.0),
     "white": Statistic("white level", "codes", 20.0),
     "black": Statistic("black level", "codes", 10.0),
     "contrast": Statistic("contrast of luma", "codes RMS", 5.0),
     "saturation": Statistic("saturation", "codes", 5.0),
     "cast_red": Statistic("cast of greys, R - G", "codes", 5.0),
     "cast_blue": Statistic("cast of greys, B - G", "codes", 5.0),
-    "sharpness": Statistic("gradients over the original's", "ratio", 0.1, paired=True),
+    "sharpness": Statistic("gradients over the original's", "ratio", 0.1),
     "noise": Statistic("noise", "codes RMS", 0.25),
     "blocks": Statistic("blocks of 8 px", "ratio - 1", 0.05),
 }
@@ -94,8 +92,8 @@ def measure(photos: Tensor, originals: Tensor | None = None) -> list[dict[str, f
 
     Args:
         photos: (B, 3, H, W) in [0, 1], at least 32 px a side.
-        originals: the same crops of the pictures on the screen; None leaves out the statistics that
-            are `paired`, and takes flat and grey places from the photo itself.
+        originals: the same crops of the pictures on the screen; None leaves out PSNR and sharpness,
+            which compare with them, and takes flat and grey places from the photo itself.
 
     Returns:
         A dict of `STATISTICS` per crop; finite numbers.

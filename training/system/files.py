@@ -20,12 +20,8 @@ from filelock import FileLock, Timeout
 
 MAX_SETTINGS_BYTES = 1_000_000  # of a config.yaml; fit.py writes about two thousand
 MAX_REASON_CHARACTERS = 300  # of PyYAML's message
-_NO_LOCKS = (
-    errno.ENOSYS,
-    errno.ENOLCK,
-    errno.EOPNOTSUPP,
-    errno.ENOTSUP,
-)  # of a file system without locks
+# of a file system without locks
+NO_LOCKS_ERRORS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 
 
 class PlainLoader(yaml.SafeLoader):
@@ -85,9 +81,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         if not all(torch.is_tensor(value) for value in checkpoint["state_dict"].values()):
             raise TypeError("a value of its state_dict is no tensor")
         return checkpoint
-    except (
-        Exception
-    ) as error:  # whichever byte is damaged: UnpicklingError, EOFError, RuntimeError, KeyError ...
+    except Exception as error:  # by the damaged byte: UnpicklingError, EOFError, KeyError, ...
         raise ValueError(
             f"The checkpoint {path} could not be read ({type(error).__name__}). "
             "It may be missing or damaged: train again with resume=false, "
@@ -169,6 +163,6 @@ def locked(path: Path, busy: str, wait_seconds: float = 0) -> Iterator[None]:
         except Timeout:
             raise ValueError(busy) from None
         except OSError as error:
-            if error.errno not in _NO_LOCKS:
+            if error.errno not in NO_LOCKS_ERRORS:
                 raise
         yield
