@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, 
 
 from training.data import signs
 
+SCENE = Scene.preset("screen_photo").with_shrink((1, 3))  # images are crops of larger photos
 MEAN, STD = (0.5, 0.5, 0.5), (0.25, 0.25, 0.25)
 
 
@@ -68,12 +69,12 @@ def main() -> None:
 
     codes, labels = signs.make("test", args.attacked, size=32)
     images = codes.float() / 255
-    shot = Scene.preset("screen_photo").sample(len(images), (32, 32))
+    shot = SCENE.sample(len(images), (32, 32))
     photos = capture(images, shot)
     print(f"clean images          {accuracy(model, images, labels):.0%}")
     print(f"photos, no noise      {accuracy(model, photos, labels):.0%}")
     for eps in (2, 4, 8):
-        attack = attacks.MoireAttack(model, eps=eps / 255, steps=args.steps)
+        attack = attacks.MoireAttack(model, scene=SCENE, eps=eps / 255, steps=args.steps)
         attacked = attack(images, labels, shot=shot).images
         print(f"Moiré Attack {eps}/255    {accuracy(model, attacked, labels):.0%}")
     save_image(torch.cat([images[:3], photos[:3], attacked[:3]]), args.out, nrow=3)

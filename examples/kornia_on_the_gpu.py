@@ -38,7 +38,7 @@ def main() -> None:
 
     augment = AugmentationSequential(
         RandomAffine(degrees=10.0, translate=(0.05, 0.05), p=0.5),
-        RandomMoire(scene="screen_photo", p=0.5),  # computes only the chosen rows
+        RandomMoire(scene="screen_photo", p=0.5, shrink=(1, 3)),  # computes the chosen rows only
         ColorJitter(brightness=0.1, p=0.5),
         data_keys=["input", "mask"],
     )

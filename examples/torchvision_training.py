@@ -42,7 +42,7 @@ class Signs(Dataset):
 
 def train(p: float, n: int, epochs: int) -> nn.Module:
     """Train a network with a share `p` of its pictures photographed off a screen."""
-    moire = RandomMoire(scene="screen_photo", p=p)  # before v2.Normalize
+    moire = RandomMoire(scene="screen_photo", p=p, shrink=(1, 3))  # images are crops
     transform = v2.Compose([v2.RandomCrop(32, 3), moire, v2.ToDtype(torch.float32, scale=True)])
     layers: list[nn.Module] = []
     for inputs, outputs in ((3, 32), (32, 64), (64, 128)):
@@ -70,10 +70,10 @@ def main() -> None:
     parser.add_argument("--images", type=int, default=2000)
     parser.add_argument("--epochs", type=int, default=10)
     args = parser.parse_args()
-
     codes, labels = signs.make("test", min(args.images, 480), size=32)
     clean = codes.float() / 255
-    photos = Scene.preset("phone_at_phone").capture(clean, torch.Generator().manual_seed(0))
+    scene = Scene.preset("phone_at_phone").with_shrink((1, 3))
+    photos = scene.capture(clean, torch.Generator().manual_seed(0))
     for p in (0.0, 0.5):
         torch.manual_seed(0)
         model = train(p, args.images, args.epochs)

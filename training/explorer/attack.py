@@ -4,7 +4,7 @@ import html
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -22,13 +22,18 @@ MAX_IMAGES = 24  # of a run's test images, to choose from
 
 
 class OpenedRun(NamedTuple):
-    """A trained model, and test images (N, 3, H, W) in [0, 1] with their labels (N,)."""
+    """A trained model, and test images (N, 3, H, W) in [0, 1] with their labels (N,).
+
+    Args:
+        shrink: as of the run's settings: that of crops; None for whole photos.
+    """
 
     name: str
     model: nn.Module
     images: Tensor
     labels: Tensor
     classes: dict[int, str]
+    shrink: Any = None
 
 
 class LadderRow(NamedTuple):
@@ -61,7 +66,12 @@ def open_run(folder: str) -> OpenedRun:
         labels.append(int(label))
     images = torch.stack(pictures).float() / 255
     return OpenedRun(
-        folder.strip(), trained.model(), images, torch.tensor(labels, device="cpu"), splits.classes
+        folder.strip(),
+        trained.model(),
+        images,
+        torch.tensor(labels, device="cpu"),
+        splits.classes,
+        trained.cfg.shrink,
     )
 
 
@@ -71,11 +81,14 @@ def ladder(
     """Show a run's model one of its test images, row by row: each adds one thing.
 
     Args:
+        scene: of whole photos; where the run is of crops, they are of its shrink.
         eps: bound of the noise, in [0, 1] units of codes.
         seed: seed of the shot and of the random rows.
     """
     if not 0 <= index < len(run.images):
         raise ValueError(f"image must be 0 to {len(run.images) - 1}; got {index}.")
+    if run.shrink is not None:
+        scene = scene.with_shrink(run.shrink)
     image, label = run.images[index : index + 1], run.labels[index : index + 1]
     size = (image.shape[-2], image.shape[-1])
     generator = torch.Generator().manual_seed(seed)

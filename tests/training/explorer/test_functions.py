@@ -18,6 +18,7 @@ from moireaug.camera.pipeline import EXPOSE
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS, Lens
 from moireaug.scene.presets import PRESETS
+from tests.training.strangers import put
 from training import explore
 from training.config import scenes
 from training.explorer import attack, photo, scene_code
@@ -189,6 +190,17 @@ def test_a_ladder_climbs_from_clean_to_fooling_images():
     by_title = {row.title: row for row in rows}
     assert not by_title["Moiré Attack 48/255"].right
     assert all(0 <= row.probability <= 1 for row in rows)
+
+
+def test_a_run_of_crops_is_shown_crops(tmp_path, monkeypatch):
+    def sample(scene, *_):
+        raise StopIteration(scene)
+
+    run = attack.open_run(str(put(tmp_path, "shrink=[1,3]")))
+    monkeypatch.setattr(Scene, "sample", sample)
+    with pytest.raises(StopIteration) as drawn:
+        attack.ladder(run, 0, Scene.preset("screen_photo"), 4 / 255, 1)
+    assert drawn.value.value.sensor.shrink == (1, 3)
 
 
 def test_a_run_or_an_image_that_is_not_there_is_refused(tmp_path):
