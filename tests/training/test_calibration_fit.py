@@ -99,10 +99,13 @@ def test_a_scene_that_overfits_the_search_is_not_taken(monkeypatch, hidden, caps
 
 
 def test_every_searched_field_is_a_range_of_a_scene():
-    for name in ("screen_photo", "dashcam_at_led_sign", "paper"):
-        scene = Scene.preset(name)
+    presets = [Scene.preset(name) for name in ("screen_photo", "dashcam_at_led_sign", "paper")]
+    for scene in (*presets, presets[0].with_shrink((1, 3))):
         limits = tuple(fitting.widen(scene, one) for one in FIELDS_TO_SEARCH(scene))
         again = fitting.decode(scene, limits, fitting.encode(scene, limits))
+        names = {one.field for one in limits}
+        assert ("sensor.shrink" in names) == scene.is_crop
+        assert ("panel.scale" in names) == (not scene.is_binned), "elsewhere it has no effect"
         for field, low, high in limits:
             wanted = pytest.approx(fitting.range_of(scene, field), abs=0.021 * (high - low))
             assert fitting.range_of(again, field) == wanted, field

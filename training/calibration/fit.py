@@ -69,15 +69,16 @@ CAMERA_FIELDS = (
 SCREEN_FIELDS = (
     SearchedField("panel.width", 64.0, 2500.0),
     SearchedField("sensor.pitch", 1.0, 3.5),
+    SearchedField("sensor.shrink", 1.0, 4.0),
 )
 SCALE_FIELD = SearchedField("panel.scale", 0.4, 2.0)
 
 
 def fields_to_search(scene: Scene) -> tuple[SearchedField, ...]:
-    """Return the fields of a scene to search. Width and pitch of a screen are ranges in a binned
-    reading alone."""
+    """Return the fields of a scene to search. Width, pitch and shrink are ranges in a binned
+    reading alone, which has no scale where it states two of them."""
     fields = [one for one in SCREEN_FIELDS if scene.is_binned and range_of(scene, one.field)[1]]
-    if not range_of(scene, "panel.width")[1]:
+    if not range_of(scene, "panel.width")[1] and not scene.is_crop:
         fields.append(SCALE_FIELD)
     return (*fields, *CAMERA_FIELDS)
 
