@@ -50,7 +50,7 @@ METHODS: dict[str, dict[str, Any]] = {
     "box": {"exposure": "box"},
     "auto": {"exposure": "auto"},
 }
-FULL: dict[str, Any] = {
+FULL_SETTINGS: dict[str, Any] = {
     "problems": PROBLEMS,
     "sensor_pixels": 120,
     "batch": 4,
@@ -58,7 +58,7 @@ FULL: dict[str, Any] = {
     "repeats": 9,
     "warmup": 1,
 }
-QUICK: dict[str, Any] = {
+QUICK_SETTINGS: dict[str, Any] = {
     "problems": PROBLEMS[1:2],
     "sensor_pixels": 24,
     "batch": 1,
@@ -79,7 +79,7 @@ STYLES = {  # Okabe and Ito (2008), told apart by every common kind of colour vi
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.set_defaults(threads=1)
-    args, sizes, _ = measure.begin(parser, FULL, QUICK)
+    args, sizes, _ = measure.begin(parser, FULL_SETTINGS, QUICK_SETTINGS)
     rows: list[dict[str, Any]] = []
     for settings in sizes["problems"]:
         rows += solve(problem(**settings), sizes)

@@ -45,8 +45,8 @@ class Kind(NamedTuple):
     shown: str
 
 
-REAL = Kind("the real photos", "a screen")
-CONTROL = "the originals"  # shrunk, and not photographed
+REAL_PHOTOS = Kind("the real photos", "a screen")
+ORIGINALS = "the originals"  # shrunk, and not photographed
 Answers = dict[tuple[str, Kind], list[bool]]  # whether each is kept, by classifier and kind
 
 
@@ -66,10 +66,10 @@ def read_classifiers(folder: Path) -> dict[str, nn.Module]:
             f"there are no classifiers in {folder}: put state_dicts there that are named as "
             "torchvision's models, such as resnet18.pth."
         )
-    found = {}
+    classifiers = {}
     for file in files:
-        found[file.stem] = models.as_model(file.stem, CLASSES, str(file), whole=True).eval()
-    return found
+        classifiers[file.stem] = models.as_model(file.stem, CLASSES, str(file), whole=True).eval()
+    return classifiers
 
 
 @torch.no_grad()
@@ -86,20 +86,20 @@ def answers_kept(
         pairs: real photos with their originals.
         chosen: scenes, and mixtures of them, by name.
     """
-    found: Answers = {}
+    answers: Answers = {}
     for index, (_, photo, original) in enumerate(pairs):
         assert original is not None
-        seen = {REAL: photo[None] / 255}
+        pictures = {REAL_PHOTOS: photo[None] / 255}
         for side in sizes.shrunk:
-            seen[Kind(CONTROL, f"shrunk to {side} px")] = shrunk(original[None] / 255, side)
+            pictures[Kind(ORIGINALS, f"shrunk to {side} px")] = shrunk(original[None] / 255, side)
         for name, scene in chosen.items():
             for shown, simulated in simulated_photos(scene, original, sizes.shrunk, index):
-                seen[Kind(name, shown)] = simulated
-        told = judged(classifiers, original[None] / 255, sizes.judged)
-        for kind, picture in seen.items():
+                pictures[Kind(name, shown)] = simulated
+        for_original = judged(classifiers, original[None] / 255, sizes.judged)
+        for kind, picture in pictures.items():
             for name, answer in judged(classifiers, picture, sizes.judged).items():
-                found.setdefault((name, kind), []).append(answer == told[name])
-    return found
+                answers.setdefault((name, kind), []).append(answer == for_original[name])
+    return answers
 
 
 def simulated_photos(
@@ -139,8 +139,8 @@ def rows_of(answers: Answers) -> list[dict[str, Any]]:
         row: dict[str, Any] = {"classifier": classifier} | kind._asdict()
         row |= {"kept": sum(kept), "pictures": len(kept), "share": sum(kept) / len(kept)}
         row |= {"low": low, "high": high, "phi": None}
-        if kind != REAL:
-            row["phi"] = phi_coefficient(answers[classifier, REAL], kept)
+        if kind != REAL_PHOTOS:
+            row["phi"] = phi_coefficient(answers[classifier, REAL_PHOTOS], kept)
         rows.append(row)
     return sorted(rows, key=lambda row: row["classifier"])
 

@@ -35,8 +35,8 @@ from training.data.load import load
 from training.runs import trained
 
 STEPS = (1, 2, 5, 10, 20, 50)
-FULL: dict[str, Any] = {"steps": STEPS, "n": 96}
-QUICK: dict[str, Any] = {"steps": (1, 2), "n": 4}
+FULL_SETTINGS: dict[str, Any] = {"steps": STEPS, "n": 96}
+QUICK_SETTINGS: dict[str, Any] = {"steps": (1, 2), "n": 4}
 EPS = 4 / 255
 QUERIES = 20  # of Square, for each step of the others
 MAX_ACCURACY_GAP = 0.01  # a point
@@ -114,7 +114,7 @@ def quick_model(n: int) -> dict[str, tuple[nn.Module, Batches, Scene]]:
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.add_argument("runs", nargs="*", help="folders of runs; none with --quick")
-    args, settings, _ = measure.begin(parser, FULL, QUICK)
+    args, settings, _ = measure.begin(parser, FULL_SETTINGS, QUICK_SETTINGS)
     if not args.runs and not args.quick:
         parser.error("name folders of runs, as in runs/baseline/seed0 runs/moire_at/seed0")
     n = settings["n"]

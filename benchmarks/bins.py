@@ -35,9 +35,9 @@ CAMERAS = {"frontal": View(), "turned by 3 degrees": View(roll=3.0), "oblique": 
 BLUR = 0.4  # sensor pixels
 READINGS = ("full", "binned")
 TOLERANCES = (1 / 2048, 1 / 512, 1 / 128)
-USUAL = 1 / 512  # the default of a scene
-EXACT = 1 / 8192
-FULL: dict[str, Any] = {
+DEFAULT_TOLERANCE = 1 / 512  # the default of a scene
+EXACT_TOLERANCE = 1 / 8192
+FULL_SETTINGS: dict[str, Any] = {
     "pitches": (1.2, 1.6, 2.0, 2.4),
     "scales": (2, 3, 4, 6, 8, 12),
     "views": tuple(CAMERAS),
@@ -46,7 +46,7 @@ FULL: dict[str, Any] = {
     "repeats": 7,
     "warmup": 1,
 }
-QUICK: dict[str, Any] = {
+QUICK_SETTINGS: dict[str, Any] = {
     "pitches": (2.4,),
     "scales": (2, 4),
     "views": ("oblique",),
@@ -55,7 +55,7 @@ QUICK: dict[str, Any] = {
     "repeats": 1,
     "warmup": 0,
 }
-ABOUT = """Medians over the problems; RMS in codes of 255, ms a photo, full over binned.
+CAPTION = """Medians over the problems; RMS in codes of 255, ms a photo, full over binned.
 scale: sensor pixels a photo pixel; pitch: sensor pixels a panel pixel."""
 
 
@@ -97,7 +97,7 @@ def solve(problem: Problem, shown: Tensor, settings: dict[str, Any]) -> list[dic
     """Return a row for each tolerance: errors and times of both readings, and the strength of the
     moiré."""
     size = (shown.shape[-2], shown.shape[-1])
-    shot = problem.scene("full", EXACT).sample(1, size)
+    shot = problem.scene("full", EXACT_TOLERANCE).sample(1, size)
     exact, twin = capture(shown, shot), capture(shown, without_moire(shot))
     shots = {}
     for reading, tolerance in product(READINGS, TOLERANCES):
@@ -146,14 +146,14 @@ def summary(table: pd.DataFrame, key: str) -> pd.DataFrame:
 
 
 def main() -> None:
-    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL, QUICK)
+    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL_SETTINGS, QUICK_SETTINGS)
     shown = images("photo", 1, settings["side"])
     rows = []
     for problem in problems(settings):
         rows += solve(problem, shown, settings)
     table = pd.DataFrame(rows)
-    usual = table[table["tolerance"] == USUAL]
-    print(ABOUT)
+    usual = table[table["tolerance"] == DEFAULT_TOLERANCE]
+    print(CAPTION)
     for key in ("scale", "pitch", "view", "layout"):
         print(f"\n{measure.text_of(summary(usual, key))}")
     print(f"\n{measure.text_of(summary(table, 'tolerance'))}")

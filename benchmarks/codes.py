@@ -39,8 +39,8 @@ FORMATS = {
     "Data Matrix": zxingcpp.BarcodeFormat.DataMatrix,
     "EAN-13": zxingcpp.BarcodeFormat.EAN13,
 }
-WHOLE = "whole"  # in place of a shrink
-PLOTTED = "zxing-cpp"
+WHOLE_PHOTO = "whole"  # in place of a shrink
+PLOTTED_READER = "zxing-cpp"
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class Sizes:
 
     side: int = 256  # pixels of a picture
     modules: tuple[int, ...] = (1, 2, 3, 4, 6, 8)  # pixels of one module
-    shrinks: tuple[float | str, ...] = (1.0, 2.0, 4.0, WHOLE)
+    shrinks: tuple[float | str, ...] = (1.0, 2.0, 4.0, WHOLE_PHOTO)
     presets: tuple[str, ...] = MIXTURES["anywhere"]
     shots: int = 16
 
 
-QUICK = Sizes(128, (4,), (1.0, WHOLE), ("screen_photo",), 2)
+QUICK_SETTINGS = Sizes(128, (4,), (1.0, WHOLE_PHOTO), ("screen_photo",), 2)
 
 
 def drawn(code: str, module: int, side: int) -> Tensor | None:
@@ -93,7 +93,7 @@ UNREAD_BY_OPENCV = "Data Matrix"
 
 def rows_of(preset: str, shrink: float | str, sizes: Sizes) -> list[dict]:
     """Return the shares of photos and twins that are read, of every code and module size."""
-    (scene,) = scenes_of(as_scenes(preset, None if shrink == WHOLE else shrink))
+    (scene,) = scenes_of(as_scenes(preset, None if shrink == WHOLE_PHOTO else shrink))
     rows = []
     for code in TEXTS:
         for module in sizes.modules:
@@ -129,8 +129,12 @@ def plot(table: pd.DataFrame, path: Path) -> None:
     for panel, code in zip(panels, TEXTS, strict=True):
         for shrink, colour in zip(table["shrink"].unique(), ("C0", "C1", "C2", "C3"), strict=False):
             chosen = table[(table["code"] == code) & (table["shrink"] == shrink)]
-            means = chosen.groupby("module")[[f"photo, {PLOTTED}", f"twin, {PLOTTED}"]].mean()
-            label = "whole photo" if shrink == WHOLE else f"{float(shrink):g} x {float(shrink):g}"
+            means = chosen.groupby("module")[
+                [f"photo, {PLOTTED_READER}", f"twin, {PLOTTED_READER}"]
+            ].mean()
+            label = (
+                "whole photo" if shrink == WHOLE_PHOTO else f"{float(shrink):g} x {float(shrink):g}"
+            )
             panel.plot(means.index, 100 * means.iloc[:, 0], "o-", color=colour, label=label)
             panel.plot(means.index, 100 * means.iloc[:, 1], "--", color=colour, alpha=0.6)
         modules = sorted(table.loc[table["code"] == code, "module"].unique())
@@ -144,7 +148,7 @@ def plot(table: pd.DataFrame, path: Path) -> None:
 
 def main() -> None:
     """Photograph, read, publish."""
-    args, sizes, _ = measure.begin(measure.arguments(__doc__ or ""), Sizes(), QUICK)
+    args, sizes, _ = measure.begin(measure.arguments(__doc__ or ""), Sizes(), QUICK_SETTINGS)
     rows = []
     for preset in sizes.presets:
         for shrink in sizes.shrinks:

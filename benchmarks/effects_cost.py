@@ -30,12 +30,12 @@ from moireaug.engine import execution
 from moireaug.scene.by_name import with_values
 
 # differences of a tenth of a millisecond need many rounds
-FULL: dict[str, Any] = {"photo": (16, 224), "repeats": 60, "warmup": 1}
-QUICK: dict[str, Any] = {"photo": (1, 16), "repeats": 1, "warmup": 0}
-DEFAULT = "screen_photo"
+FULL_SETTINGS: dict[str, Any] = {"photo": (16, 224), "repeats": 60, "warmup": 1}
+QUICK_SETTINGS: dict[str, Any] = {"photo": (1, 16), "repeats": 1, "warmup": 0}
+DEFAULT_SCENE = "screen_photo"
 
 # changes that take each effect out of the default scene
-WITHOUT: dict[str, dict[str, Any]] = {
+REMOVED_EFFECTS: dict[str, dict[str, Any]] = {
     "decode, encode": {"develop.linear_light": False},
     "black_level": {"panel.black": 0.0},
     "layout": {"panel.layout": "even", "panel.lit_x": 1.0, "panel.lit_y": 1.0},
@@ -49,7 +49,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "chroma_blur, sharpen": {"develop.chroma_blur": 0.0, "develop.sharpen": 0.0},
 }
 # and changes that add others; a binned photo has no bits, no denoiser, and one way to be resized
-WITH: dict[str, dict[str, Any]] = {
+ADDED_EFFECTS: dict[str, dict[str, Any]] = {
     "layout of a black matrix": {"panel.lit": 0.6},
     "layout pentile": {"panel.layout": "pentile"},
     "OLPF": {"lens.olpf": 0.5},
@@ -59,11 +59,11 @@ WITH: dict[str, dict[str, Any]] = {
     "brighten": {"develop.brighten": 0.05},
     "jpeg": {"develop.jpeg": 80.0},
 }
-ALWAYS = ("exposure alone", "demosaic, resize")  # with all of `WITHOUT` left out
+CONSTANT_STAGES = ("exposure alone", "demosaic, resize")  # with all of `REMOVED_EFFECTS` left out
 
 
 def main() -> None:
-    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL, QUICK)
+    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL_SETTINGS, QUICK_SETTINGS)
     photo = default_photo(settings)
     print("The default photo, {} images of {} px".format(*settings["photo"]))
     print(photo_report(photo))
@@ -75,12 +75,12 @@ def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
     """Return the default photo's time, and a row for each effect: what it adds, in seconds an
     image."""
     shown = images("photo", *settings["photo"])
-    whole = Scene.preset(DEFAULT)
+    whole = Scene.preset(DEFAULT_SCENE)
     bare = whole
-    for changes in WITHOUT.values():
+    for changes in REMOVED_EFFECTS.values():
         bare = with_values(bare, changes)
     scenes = {}
-    for name, changes in (WITHOUT | WITH).items():
+    for name, changes in (REMOVED_EFFECTS | ADDED_EFFECTS).items():
         scenes[name] = with_values(whole, changes)
 
     calls = {"whole": taking(whole, shown)}
@@ -88,18 +88,18 @@ def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
         calls[name] = taking(scene, shown)
     shot = draw(bare, shown)
     raw = expose(shown, shot)
-    exposure, development = ALWAYS
+    exposure, development = CONSTANT_STAGES
     calls[exposure] = lambda: expose(shown, shot)
     calls[development] = lambda: develop(raw, shot)
     times = measure.timed_together(calls, settings["repeats"], settings["warmup"])
     times = {name: time / len(shown) for name, time in times.items()}
 
     rows = []
-    for name in WITHOUT:
+    for name in REMOVED_EFFECTS:
         rows.append(effect_row(name, "left out", scenes[name], times))
-    for name in WITH:
+    for name in ADDED_EFFECTS:
         rows.append(effect_row(name, "added", scenes[name], times))
-    for name in ALWAYS:
+    for name in CONSTANT_STAGES:
         rows.append(effect_row(name, "always there", bare, times))
     return {"seconds": times["whole"]._asdict(), "effects": rows}
 

@@ -51,7 +51,7 @@ class Effort:
     side: int = 224
 
 
-QUICK = Effort(steps=2, batch=2, side=64)
+QUICK_SETTINGS = Effort(steps=2, batch=2, side=64)
 
 
 def photographer(scene: str, *, moire: bool) -> Photograph:
@@ -147,7 +147,7 @@ def main() -> None:
     parser.add_argument(
         "--classifiers", type=Path, required=True, help="a folder of files such as resnet18.pth"
     )
-    args, effort, _ = measure.begin(parser, Effort(), QUICK)
+    args, effort, _ = measure.begin(parser, Effort(), QUICK_SETTINGS)
     try:
         teachers = read_classifiers(args.classifiers)
         crops = read_crops(args.images, effort.side)

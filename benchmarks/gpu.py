@@ -36,13 +36,13 @@ from moireaug.attacks import PGD, MoireAttack
 
 Calls = dict[str, Callable[[], Any]]
 
-FULL: dict[str, Any] = {
+FULL_SETTINGS: dict[str, Any] = {
     "scenes": ("screen_photo", "phone_at_phone"),
     "networks": (resnet18, resnet50),
     "models": ("resnet18", "resnet50"),
     "warmup": 2,
 }
-QUICK: dict[str, Any] = {
+QUICK_SETTINGS: dict[str, Any] = {
     "scenes": ("screen_photo",),
     "networks": (resnet18,),
     "models": ("small_resnet",),
@@ -68,7 +68,7 @@ def main() -> None:
         action="store_true",
         help="without a GPU: compile its kernels, and estimate their times",
     )
-    args, settings, facts = measure.begin(parser, FULL, QUICK)
+    args, settings, facts = measure.begin(parser, FULL_SETTINGS, QUICK_SETTINGS)
     if args.compile:
         gpu_compiled.main(args, facts)
         return

@@ -15,7 +15,7 @@ from moireaug.engine.lower.development_records import Development
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.engine.lower.exposure_records import BinnedView, Exposure
 
-DEFAULT = "screen_photo"
+DEFAULT_SCENE = "screen_photo"
 
 
 class Case(NamedTuple):
@@ -60,12 +60,14 @@ ENTRIES = {
 
 def cases(batch: int, side: int) -> list[Case]:
     """Return the default scene, and one of PenTile."""
-    return [_case(name, Scene.preset(name), batch, side) for name in (DEFAULT, "phone_at_phone")]
+    return [
+        _case(name, Scene.preset(name), batch, side) for name in (DEFAULT_SCENE, "phone_at_phone")
+    ]
 
 
 def prepare_on_host(batch: int, side: int) -> None:
     """Draw and lower the default scene, and choose its terms, as for one batch of photos."""
-    shot = Scene.preset(DEFAULT).sample(batch, (side, side))
+    shot = Scene.preset(DEFAULT_SCENE).sample(batch, (side, side))
     exposure, view = lower_exposure(shot, decoded=False)
     assert isinstance(view, BinnedView)
     beat_terms(exposure, view.beats)

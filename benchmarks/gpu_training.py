@@ -10,12 +10,12 @@ from hydra import initialize
 
 from benchmarks import training_steps
 
-SHARE = "adversary.share=0.625"  # of the batch that is attacked, in both
+ATTACKED_SHARE = "adversary.share=0.625"  # of the batch that is attacked, in both
 RECIPES = {
     "plain": ["recipe=clean"],
     "RandomMoire on the batch": ["recipe=moire_aug", "adversary.natural=1.0"],
-    "pgd_at": ["recipe=pgd_at", SHARE],
-    "moire_at": ["recipe=moire_at", SHARE],
+    "pgd_at": ["recipe=pgd_at", ATTACKED_SHARE],
+    "moire_at": ["recipe=moire_at", ATTACKED_SHARE],
 }
 # a step with as many passes of the network, and no camera
 WITHOUT_CAMERA = {"RandomMoire on the batch": "plain", "moire_at": "pgd_at"}

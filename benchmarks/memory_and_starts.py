@@ -19,12 +19,12 @@ from moireaug import Scene, capture
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENE = "screen_photo"
-TORCH = "import torch"
-PHOTO = (
+TORCH_CODE = "import torch"
+PHOTO_CODE = (
     "import torch, moireaug; scene = moireaug.Scene.preset('screen_photo'); "
     "moireaug.capture(torch.rand(1, 3, 224, 224), scene.sample(1, (224, 224)))"
 )
-MEMORY = (
+MEMORY_CODE = (
     "from benchmarks.memory_and_starts import resident_rise; "
     "print(resident_rise({shape}, {threads}))"
 )
@@ -54,7 +54,7 @@ def peak_memory(
     stretch: float | None = None,
 ) -> Row:
     """Return the row of images of a shape, each measured in a process of its own."""
-    code = MEMORY.format(shape=shape, threads=threads)
+    code = MEMORY_CODE.format(shape=shape, threads=threads)
     rises = [float(run_apart(code)) for _ in range(min(3, repeats))]
     low, median, high = np.percentile(rises, [25, 50, 75]).tolist()
     own = 4 * 3 * math.prod(shape) / 2**20
@@ -124,7 +124,7 @@ def large_photo(size: Size) -> Iterator[Row]:
 def starts(size: Size) -> Iterator[Row]:
     """Yield import and first photo above `import torch` alone: with compiled kernels, and on a
     machine's very first call."""
-    calls = {"torch": lambda: run_apart(TORCH), "photo": lambda: run_apart(PHOTO)}
+    calls = {"torch": lambda: run_apart(TORCH_CODE), "photo": lambda: run_apart(PHOTO_CODE)}
     times = timed_together(calls, size.slow, warmup=min(1, size.slow - 1))
     alone = times["torch"].median
     yield above("import and first photo", times["photo"], alone, MAX_START_SECONDS)
@@ -135,7 +135,7 @@ def starts(size: Size) -> Iterator[Row]:
 
 def cold_start() -> None:
     with tempfile.TemporaryDirectory() as empty:
-        run_apart(PHOTO, NUMBA_CACHE_DIR=empty)
+        run_apart(PHOTO_CODE, NUMBA_CACHE_DIR=empty)
 
 
 def above(what: str, time: Timing, alone: float, allowed: float) -> Row:

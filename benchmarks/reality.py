@@ -52,14 +52,14 @@ from training.data.real_pairs import find_pairs, read_pairs
 from training.photographs.tone import ColourMap
 from training.report.terminal import plain
 
-FULL: dict[str, Any] = {
+FULL_SETTINGS: dict[str, Any] = {
     "side": 384,
     "each": 8,
     "shots": 3,
     "apart": told_apart.Effort(),
     "agreement": agreement.Sizes(),
 }
-QUICK: dict[str, Any] = {
+QUICK_SETTINGS: dict[str, Any] = {
     "side": 48,
     "each": 2,
     "shots": 1,
@@ -67,8 +67,8 @@ QUICK: dict[str, Any] = {
     "agreement": agreement.Sizes(judged=64, shrunk=(48, 32)),
 }
 CONTROLS = ("the real photos", "the originals")
-OF_CROPS = ("statistics", "apart")
-PARTS = (*OF_CROPS, "agreement")
+CROP_PARTS = ("statistics", "apart")
+PARTS = (*CROP_PARTS, "agreement")
 
 
 def simulated(scene: Scene, crops: Crops, shots: int) -> Tensor:
@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument(
         "--only", nargs="+", choices=PARTS, help="these parts; they get a file of their own"
     )
-    args, settings, facts = measure.begin(parser, FULL, QUICK)
+    args, settings, facts = measure.begin(parser, FULL_SETTINGS, QUICK_SETTINGS)
     parts = args.only or PARTS
     if "agreement" in (args.only or ()) and not args.classifiers:
         parser.error(
@@ -164,7 +164,7 @@ def main() -> None:
                 "is left out at a time. Add pairs, or pass --only statistics."
             )
         crops = None
-        if set(OF_CROPS) & set(parts):
+        if set(CROP_PARTS) & set(parts):
             crops = cut_crops(read_pairs(pairs), settings["side"], settings["each"])
         classifiers = None
         if "agreement" in parts and args.classifiers:

@@ -35,8 +35,8 @@ from training.data.load import load
 from training.models.small_resnet import SmallResNet
 from training.runs import trained
 
-FULL: dict[str, Any] = {"n": 480, "steps": 20, "batches": 400}
-QUICK: dict[str, Any] = {"n": 4, "steps": 1, "batches": 2}
+FULL_SETTINGS: dict[str, Any] = {"n": 480, "steps": 20, "batches": 400}
+QUICK_SETTINGS: dict[str, Any] = {"n": 4, "steps": 1, "batches": 2}
 BATCH = 32
 FALSE_ALARMS = 0.05
 EPS = 4 / 255
@@ -126,7 +126,7 @@ def measure_run(folder: Path, sizes: dict[str, Any]) -> list[dict[str, Any]]:
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.add_argument("runs", nargs="+", type=Path, help="folders of trained runs")
-    args, sizes, _ = measure.begin(parser, FULL, QUICK)
+    args, sizes, _ = measure.begin(parser, FULL_SETTINGS, QUICK_SETTINGS)
     rows = []
     for folder in args.runs:
         rows += [{"run": str(folder)} | row for row in measure_run(folder, sizes)]

@@ -30,7 +30,7 @@ from moireaug import Lens, Scene, Sensor, View, capture, develop, engine, expose
 from moireaug.transforms import RandomMoire
 from moireaug.transforms import kornia as kornia_transforms
 
-QUICK = Size(
+QUICK_SETTINGS = Size(
     side=32,
     batch=2,
     paper=27,
@@ -199,7 +199,7 @@ def main() -> None:
     parser = measure.arguments(__doc__)
     names = [group.__name__ for group in GROUPS]
     parser.add_argument("--only", choices=names, help="one group of rows, into a file of its own")
-    args, size, facts = measure.begin(parser, Size(), QUICK)
+    args, size, facts = measure.begin(parser, Size(), QUICK_SETTINGS)
     torch.manual_seed(0)
     size = replace(size, threads=args.threads)
     rows = []

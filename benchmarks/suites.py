@@ -29,10 +29,10 @@ from training.runs import trained
 from training.suites import SUITES
 from training.trainer.ranks import fabric_of
 
-SLOW = {"adaptive": 3, "standard": 6}  # images of slow suites
-FULL: dict[str, Any] = {"n": 16, "steps": 20, "suites": tuple(SUITES)}
-QUICK: dict[str, Any] = {"n": 1, "steps": 1, "suites": ("unseen", "transfer")}
-N = 480  # images that the minutes are of
+IMAGES_OF_SLOW_SUITES = {"adaptive": 3, "standard": 6}
+FULL_SETTINGS: dict[str, Any] = {"n": 16, "steps": 20, "suites": tuple(SUITES)}
+QUICK_SETTINGS: dict[str, Any] = {"n": 1, "steps": 1, "suites": ("unseen", "transfer")}
+REPORTED_IMAGES = 480  # images that the minutes are of
 
 
 def seconds(run: trained.TrainedRun, suite: str, n: int, steps: int) -> float:
@@ -60,7 +60,7 @@ def seconds(run: trained.TrainedRun, suite: str, n: int, steps: int) -> float:
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.add_argument("run", type=Path, help="folder of a run")
-    args, sizes, _ = measure.begin(parser, FULL, QUICK)
+    args, sizes, _ = measure.begin(parser, FULL_SETTINGS, QUICK_SETTINGS)
     try:
         run = trained.read(args.run)
     except ValueError as error:
@@ -68,9 +68,11 @@ def main() -> None:
     seconds(run, "success", 1, 1)  # kernels and layers start
     rows = []
     for suite in sizes["suites"]:
-        n = min(SLOW.get(suite, sizes["n"]), sizes["n"])
+        n = min(IMAGES_OF_SLOW_SUITES.get(suite, sizes["n"]), sizes["n"])
         took = seconds(run, suite, n, sizes["steps"])
-        rows.append({"suite": suite, "n": n, "seconds": took, "minutes": took * N / n / 60})
+        rows.append(
+            {"suite": suite, "n": n, "seconds": took, "minutes": took * REPORTED_IMAGES / n / 60}
+        )
     measure.publish(pd.DataFrame(rows), measure.results(args) / "suites.csv")
 
 

@@ -28,8 +28,8 @@ from benchmarks.measure import Timing
 from moireaug.synthesis import Pairs
 from training.pairs.files import EncodedPair, encode_pair, write_tar
 
-FULL: dict[str, Any] = {"sizes": (256, 512), "pairs": 24}
-QUICK: dict[str, Any] = {"sizes": (16,), "pairs": 2}
+FULL_SETTINGS: dict[str, Any] = {"sizes": (256, 512), "pairs": 24}
+QUICK_SETTINGS: dict[str, Any] = {"sizes": (16,), "pairs": 2}
 SCENE = "phone_at_monitor"
 ENCODINGS = (("png", None), ("webp", None), ("webp", 90), ("jpeg", 95))
 MILLION = 1_000_000
@@ -39,7 +39,7 @@ def main() -> None:
     parser = measure.arguments(__doc__)
     parser.set_defaults(threads=1)
     parser.add_argument("images", nargs="?", type=Path, help="a folder of pictures")
-    args, settings, facts = measure.begin(parser, FULL, QUICK)
+    args, settings, facts = measure.begin(parser, FULL_SETTINGS, QUICK_SETTINGS)
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         rows = list(

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from training.calibration.compare import Crops
 from training.comparison.summaries import t_interval
 
-DETAIL = (3,)  # sigmas, pixels
+DETAIL_SIGMAS = (3,)  # sigmas, pixels
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Effort:
 def discriminator(width: int = 16) -> nn.Sequential:
     """Return a network of three strided convolutions and a mean over the patch, of 26 k
     parameters."""
-    channels, kernels = (3 + 3 * len(DETAIL), width, 2 * width, 4 * width), (5, 3, 3)
+    channels, kernels = (3 + 3 * len(DETAIL_SIGMAS), width, 2 * width, 4 * width), (5, 3, 3)
     layers: list[nn.Module] = []
     for i, kernel in enumerate(kernels):
         conv = nn.Conv2d(channels[i], channels[i + 1], kernel, stride=2, padding=kernel // 2)
@@ -112,7 +112,7 @@ def with_detail(photos: Tensor) -> Tensor:
     for photo in photos:
         codes = photo.permute(1, 2, 0).float().numpy()
         layers = [photo]
-        for sigma in DETAIL:
+        for sigma in DETAIL_SIGMAS:
             detail = np.tanh((codes - cv2.GaussianBlur(codes, (0, 0), sigma)) * (10 / 127.5))
             as_codes = torch.from_numpy(127.5 * (1 + detail)).round().to(torch.uint8)
             layers.append(as_codes.permute(2, 0, 1))

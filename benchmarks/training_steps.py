@@ -39,7 +39,7 @@ from training.data.load import load
 from training.system import machine
 
 # models: name, batch, side of its images
-FULL = {
+FULL_SETTINGS = {
     "models": (("attention_convnet", 64, 48), ("resnet18", 8, 224)),
     "repeats": 9,
     "warmup": 2,
@@ -47,7 +47,7 @@ FULL = {
     "sides": (48, 256),
     "compile": True,
 }
-QUICK = {
+QUICK_SETTINGS = {
     "models": (("small_resnet", 2, 24),),
     "repeats": 1,
     "warmup": 0,
@@ -56,8 +56,8 @@ QUICK = {
     "compile": False,
 }
 # what a pass of the loader reads, and its workers
-READ = (("files", 0), ("files", 2), ("memory", 0))
-SMALL = 64  # px; networks of larger images take steps of SGD
+READ_SOURCES = (("files", 0), ("files", 2), ("memory", 0))
+MAX_MUON_SIDE = 64  # px; networks of larger images take steps of SGD
 OPTIONS = {
     "as it is": [],
     "train.compile=true": ["train.compile=true"],
@@ -67,7 +67,7 @@ OPTIONS = {
 
 
 def main() -> None:
-    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL, QUICK)
+    args, settings, facts = measure.begin(measure.arguments(__doc__), FULL_SETTINGS, QUICK_SETTINGS)
     with initialize(version_base="1.3", config_path=None):
         found = {
             "recipes": recipes(settings),
@@ -142,7 +142,7 @@ def step(
     device = torch.device(device)
     model = classifier_of(cfg, 16).to(device)
     model._strength, model.log = (lambda: 1.0), (lambda *args, **kwargs: None)  # type: ignore[method-assign]
-    chosen = tuning_of(cfg.train, fine=side > SMALL)
+    chosen = tuning_of(cfg.train, fine=side > MAX_MUON_SIDE)
     optimizer = make_optimizer(model.parameters(), chosen, cfg.train.momentum)
     shown = (images("photo", batch, side) * 255).to(device, torch.uint8)
     labels = torch.arange(batch, device=device) % 16
@@ -159,8 +159,8 @@ def step(
 
 
 def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return a row for each size of files and each of `READ`: images per second, and those of clean
-    training."""
+    """Return a row for each size of files and each of `READ_SOURCES`: images per second, and those
+    of clean training."""
     rows = []
     for side in settings["sides"]:
         model, batch, size = settings["models"][0 if side < 100 else -1]
@@ -176,7 +176,7 @@ def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
         with tempfile.TemporaryDirectory() as root:
             write_folder(Path(root), settings["files"], side)
             cfg = configure(*given, f"data.root={root}", "data.val=2")
-            for source, workers in READ:
+            for source, workers in READ_SOURCES:
                 loader = loader_of(cfg, source, workers)
                 n = len(loader) * min(batch, settings["files"])
                 taken = measure.timed(

@@ -8,7 +8,15 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from benchmarks.agreement import CONTROL, REAL, Kind, Sizes, agree, answers_kept, phi_coefficient
+from benchmarks.agreement import (
+    ORIGINALS,
+    REAL_PHOTOS,
+    Kind,
+    Sizes,
+    agree,
+    answers_kept,
+    phi_coefficient,
+)
 from moireaug import Lens, Panel, Scene, Sensor
 from training.data.real_pairs import ScreenPhoto
 
@@ -48,8 +56,8 @@ def shown(*pairs):
 def test_answers_are_those_for_the_simulated_photos():
     chosen = {"bright": SCREEN, "dark": DARK}
     found = answers_kept({"net": IsBright()}, shown((180, 180), (180, 180)), chosen, SIZES)
-    assert found.pop(("net", REAL)) == [True, True]
-    assert found.pop(("net", Kind(CONTROL, "shrunk to 32 px"))) == [True, True]
+    assert found.pop(("net", REAL_PHOTOS)) == [True, True]
+    assert found.pop(("net", Kind(ORIGINALS, "shrunk to 32 px"))) == [True, True]
     assert found == {
         ("net", Kind(scene, shown)): [scene == "bright"] * 2 for scene in chosen for shown in FROM
     }
@@ -57,7 +65,7 @@ def test_answers_are_those_for_the_simulated_photos():
 
 def test_moire_alone_changes_the_answers_of_a_stripe_detector():
     found = answers_kept({"net": IsStriped()}, shown((180, 180)), {"screen": SCREEN}, SIZES)
-    kept = {kind: all(answers) for (_, kind), answers in found.items() if kind.scene != CONTROL}
+    kept = {kind: all(answers) for (_, kind), answers in found.items() if kind.scene != ORIGINALS}
     assert {kind.shown: is_kept for kind, is_kept in kept.items()} == {
         "a screen": True,
         "its own size": False,
@@ -71,8 +79,8 @@ def test_the_correlation_is_picture_by_picture():
     for real, phi in (((60, 60, 60), 1.0), ((180, 180, 180), -1.0)):
         pairs = shown(*zip(real, (180, 180, 60), strict=True))
         rows = agree({"net": IsBright()}, pairs, {"dark": DARK}, SIZES)
-        assert rows[0]["scene"] == REAL.scene and rows[0]["phi"] is None
-        assert rows[1]["scene"] == CONTROL and rows[1]["kept"] == 3 and rows[1]["phi"] is None
+        assert rows[0]["scene"] == REAL_PHOTOS.scene and rows[0]["phi"] is None
+        assert rows[1]["scene"] == ORIGINALS and rows[1]["kept"] == 3 and rows[1]["phi"] is None
         assert [(row["kept"], row["pictures"]) for row in rows[2:]] == [(1, 3)] * 3
         assert [row["phi"] for row in rows[2:]] == [pytest.approx(phi)] * 3
 

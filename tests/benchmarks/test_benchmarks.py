@@ -62,7 +62,7 @@ def ran(tmp_path, monkeypatch, capsys):
 def test_accuracy_vs_time(ran, tmp_path):
     _, table = ran("accuracy_vs_time")
     assert (tmp_path / "accuracy_vs_time.png").is_file()
-    assert table["problem"].nunique() == len(accuracy_vs_time.QUICK["problems"])
+    assert table["problem"].nunique() == len(accuracy_vs_time.QUICK_SETTINGS["problems"])
     assert (table[["ms_low", "ms", "ms_high", "max_percent", "ciede2000"]] > 0).all(axis=None)
     for title, rows in table.groupby("problem"):
         error = rows.set_index("method")["rmse_percent"]
@@ -76,7 +76,7 @@ def test_accuracy_vs_time(ran, tmp_path):
 def test_bins(ran):
     _, written = ran("bins")
     rows = written["rows"]
-    assert len(rows) == len(list(bins.problems(bins.QUICK))) * len(bins.TOLERANCES)
+    assert len(rows) == len(list(bins.problems(bins.QUICK_SETTINGS))) * len(bins.TOLERANCES)
     for row in rows:
         assert 0 < row["binned_error"] < row["moire"]
         assert row["full_error"] < 0.01 * row["moire"]  # it differs by its tolerance alone
@@ -86,7 +86,11 @@ def test_bins(ran):
 def test_effects_cost(ran):
     _, written = ran("effects_cost")
     effects = {row["effect"]: row for row in written["default_photo"]["effects"]}
-    assert effects.keys() == {*effects_cost.WITHOUT, *effects_cost.WITH, *effects_cost.ALWAYS}
+    assert effects.keys() == {
+        *effects_cost.REMOVED_EFFECTS,
+        *effects_cost.ADDED_EFFECTS,
+        *effects_cost.CONSTANT_STAGES,
+    }
     whole = written["default_photo"]["seconds"]["median"]
     assert effects["pose"]["share"] == pytest.approx(effects["pose"]["seconds"] / whole)
     assert effects["jpeg"]["run_by"] == "expose and develop; reference from 'jpeg' on"
@@ -125,7 +129,7 @@ def test_training_steps(ran):
     assert rows["moire_at"]["passes"] == 2.875 and rows["moire_at"]["relative"] > 0
     assert all(row["loaded"] > 0 and row["share"] > 0 for row in written["loading"])
     read = [(row["read_from"], row["workers"]) for row in written["loading"]]
-    assert read == list(training_steps.READ)
+    assert read == list(training_steps.READ_SOURCES)
 
 
 def test_gpu(ran):
@@ -139,7 +143,7 @@ def test_gpu(ran):
 
 def test_attack_budget(ran):
     out, table = ran("attack_budget")
-    names, steps = attack_budget.attackers(1), attack_budget.QUICK["steps"]
+    names, steps = attack_budget.attackers(1), attack_budget.QUICK_SETTINGS["steps"]
     assert set(zip(table["attacker"], table["steps"], strict=True)) == set(
         itertools.product(names, steps)
     )
@@ -153,7 +157,7 @@ def test_suites(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["suites.py", str(run.folder), *QUICKLY[:-1], str(tmp_path)])
     suites.main()
     table = pd.read_csv(tmp_path / "suites.csv").set_index("suite")
-    assert tuple(table.index) == suites.QUICK["suites"] and set(table["n"]) == {1}
+    assert tuple(table.index) == suites.QUICK_SETTINGS["suites"] and set(table["n"]) == {1}
     assert table["minutes"].tolist() == pytest.approx((8 * table["seconds"]).tolist(), rel=1e-3)
 
 
@@ -207,7 +211,7 @@ def test_the_detector_is_trained_on_crops_where_the_run_was(tmp_path, monkeypatc
 
     monkeypatch.setattr(rejecting, "train_detector", train_detector)
     with pytest.raises(StopIteration) as trained:
-        rejecting.measure_run(put(tmp_path, "shrink=[1,3]"), rejecting.QUICK)
+        rejecting.measure_run(put(tmp_path, "shrink=[1,3]"), rejecting.QUICK_SETTINGS)
     (scene,) = trained.value.value
     assert scene.sensor.shrink == (1, 3)
 

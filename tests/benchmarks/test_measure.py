@@ -74,12 +74,12 @@ def test_an_effect_costs_what_it_adds_to_the_photo():
 
 def test_the_default_photo_has_what_is_left_out_and_not_what_is_added():
     """`saturate` goes with a gain that cannot exceed the full well."""
-    whole = Scene.preset(effects_cost.DEFAULT)
-    for name, values in effects_cost.WITHOUT.items():
+    whole = Scene.preset(effects_cost.DEFAULT_SCENE)
+    for name, values in effects_cost.REMOVED_EFFECTS.items():
         bare = with_values(whole, values)
         for effect in name.split(", "):
             assert effect in whole.plan() and effect not in bare.plan(), name
-    for name, values in effects_cost.WITH.items():
+    for name, values in effects_cost.ADDED_EFFECTS.items():
         more = with_values(whole, values)
         assert str(more.plan()) != str(whole.plan()), name
         # else it is another kind of one that is there

@@ -124,3 +124,13 @@ def test_adversaries_that_cannot_be_get_a_sentence():
     ):
         with pytest.raises(ValueError, match=sentence):
             check_adversary(Adversary(**settings))
+
+
+def test_the_page_of_recipes_has_their_bounds():
+    rows = (RECIPES.parent / "docs/training.md").read_text("utf-8").splitlines()
+    for recipe in ("moire_at", "moire_fast", "pgd_at"):
+        adversary = configured(f"recipe={recipe}").adversary
+        (row,) = [row for row in rows if row.startswith(f"| `{recipe}` |")]
+        assert f"in {adversary.steps} steps at {255 * adversary.eps:.0f}/255" in row
+        assert f"{100 * adversary.share:g} % attacked" in row
+        assert row.split("|")[-2].strip() == f"{passes(adversary):.2g}"
