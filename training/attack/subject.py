@@ -58,7 +58,8 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
     model, protocol = run.model(), protocol_of(cfg, splits, lpips)
     same_data = result_settings(cfg)["data"] == result_settings(run.cfg)["data"]
     name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
-    folder, seconds = home / "reattack" / name / cfg.suite, {"data": time.perf_counter() - start}
+    folder = home / "reattack" / name / cfg.suite
+    seconds = {"data": time.perf_counter() - start}
     return Subject(cfg.recipe, model, splits, protocol, home / "records", folder, seconds)
 
 
@@ -80,7 +81,8 @@ def subject_of_weights(cfg: ReattackConfig) -> Subject:
         splits = splits._replace(classes=class_names(cfg.model) or splits.classes)
     protocol = protocol_of(cfg, splits, lpips)
     name = protocol_name(cfg, protocol.batches.n, with_data=True)
-    folder, seconds = home / name / cfg.suite, {"data": time.perf_counter() - start}
+    folder = home / name / cfg.suite
+    seconds = {"data": time.perf_counter() - start}
     return Subject(cfg.model, model, splits, protocol, home / "records", folder, seconds)
 
 

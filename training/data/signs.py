@@ -113,7 +113,9 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
     """Draw one photograph, uint8 (size, size, 3), sRGB, of the sign CLASSES[label]; all randomness
     comes from rng.
 
-    Raises ValueError for a size below 16."""
+    Raises:
+        ValueError: a size below 16.
+    """
     _check_size(size)
     fine = _SUPERSAMPLING * size
     street = Image.fromarray(_uint8(scene(rng, size)))
@@ -164,7 +166,8 @@ def make(split: str, n: int, size: int = 48, seed: int = 0) -> tuple[torch.Tenso
         size: side in pixels, at least 16.
         seed: not negative; another seed is another data set.
 
-    Raises ValueError for a size below 16.
+    Raises:
+        ValueError: a size below 16.
     """
     _check_size(size)
     labels = [label_of(split, index, seed) for index in range(n)]

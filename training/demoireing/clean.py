@@ -32,6 +32,7 @@ from moireaug.synthesis.pictures import Pictures
 from training.config.commands import parse, report_errors
 from training.config.settings import setting
 from training.demoireing.tiles import TILE_OVERLAP, TILE_SIDE, tiled
+from training.system import machine
 
 EXAMPLE = "python training/demoire.py clean in=DIR out=DIR"
 DEVICES = ("cpu", "cuda", "mps")
@@ -77,13 +78,12 @@ def configure(argv: Sequence[str]) -> Config:
 def device_of(name: str) -> torch.device:
     """Return the device of that name; "auto" is a GPU where there is one."""
     if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        return machine.device(name)
     try:
         device = torch.empty(0, device=name).device
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
         raise ValueError(f"device={name} cannot be used ({reason}). Use device=cpu.") from error
-
     if device.type not in DEVICES:
         kinds = ", ".join(DEVICES)
         raise ValueError(f"device must be auto, or one of {kinds}; got {name}. Use device=cpu.")

@@ -3,6 +3,7 @@ the data and weights that it began with."""
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import re
@@ -63,6 +64,7 @@ def result_settings(cfg: RunConfig) -> dict[str, Any]:
 def training_fingerprint(values: dict[str, Any], schema: type[RunConfig]) -> str:
     """Return the fingerprint of the settings that the trained weights depend on, of all plain
     values of a schema's settings."""
+    values = copy.deepcopy(values)
     for key, setting in settings_of(schema).items():
         if setting.tests or not setting.changes_result:
             _leave_out(key, values)
