@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, 
 from training.data import signs
 from training.models.small_resnet import SmallResNet
 
-SETTINGS = {"eps": 4 / 255, "shrink": (1, 3)}  # images are crops of larger photos
+ATTACK_SETTINGS = {"eps": 4 / 255, "shrink": (1, 3)}  # images are crops of larger photos
 
 
 def halved(images: Tensor) -> Tensor:
@@ -67,12 +67,12 @@ def main() -> None:
     loader = DataLoader(test, batch_size=50)
     columns = {}
     for name, judged in (("bare", model), ("defended", defended)):
-        frame = evaluation.evaluate(judged, loader, steps=args.steps, **SETTINGS)
+        frame = evaluation.evaluate(judged, loader, steps=args.steps, **ATTACK_SETTINGS)
         columns[name] = evaluation.rates(frame).set_index("row")["accuracy"]
     print(pd.DataFrame(columns).map("{:.0%}".format))
 
     images, labels = next(iter(loader))
-    blind = attacks.MoireAttack(model, scene="screen_photo", steps=args.steps, **SETTINGS)
+    blind = attacks.MoireAttack(model, scene="screen_photo", steps=args.steps, **ATTACK_SETTINGS)
     result = blind(images.float() / 255, labels)
     answers = defended(result.images).argmax(1)
     rate = (answers == labels).float().mean()

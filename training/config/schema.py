@@ -104,8 +104,8 @@ class Adversary:
     steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
     optimise: list[str] = setting(
         lambda: ["noise"],
-        "what a moire_attack moves: noise, and parts of the scene such as view and panel, at about "
-        "three times the cost of the noise alone",
+        "what a moire_attack moves: noise, and parts of the scene such as view and panel, at three "
+        "(large images) to ten times (small ones) the cost of the noise alone",
         example="[noise,view]",
     )
     draws: int = setting(1, "shots of which a moire_attack takes the worst", bounds=(1, 10_000))
