@@ -19,7 +19,8 @@ from training.suites import OPTION_SUITES
 
 # the suites that have a use for an option of a re-attack
 SUITES_OF_OPTIONS = {
-    {"eps": "reattack.eps"}.get(option, option): suites for option, suites in OPTION_SUITES.items()
+    "reattack.eps" if option == "eps" else option: suites
+    for option, suites in OPTION_SUITES.items()
 }
 
 
