@@ -18,6 +18,7 @@ from tests.training.small import BRIEF, NO_DATA, TINY, configured, inside, wait
 from training import fit
 from training.classifier.train import classifier_of, train_model, trainer_of
 from training.classifier.tuning import tuning_of
+from training.config.checks import check_devices
 from training.config.schema import Trainer
 from training.data.load import load
 from training.demoireing import fit as demoireing  # noqa: F401  # registers its settings with Hydra
@@ -157,8 +158,12 @@ def test_a_run_of_one_process_reports_whatever_launched_its_shell(tmp_path, envi
 def test_devices_are_counted_as_lightning_does(devices, count, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
+    check_devices(Trainer(devices=devices))
     assert ranks.device_count(Trainer(devices=devices)) == count
     assert ranks.device_count(Trainer(accelerator="cpu", devices="auto")) == 1
+    for odd in ("two", "0;1", 5, "-2", None):
+        with pytest.raises(ValueError, match=rf"trainer.devices must be 1 to 4 GPUs, .* got {odd}"):
+            check_devices(Trainer(devices=odd))
 
 
 def test_a_terminated_process_sends_nothing_within_a_batch(tmp_path, monkeypatch):

@@ -107,14 +107,21 @@ def check_devices(trainer: Trainer) -> None:
     # two processes can be tried on any machine
     available = max(2, os.cpu_count() or 1) if on_cpu else gpus
     unit = "processes (CPU cores)" if on_cpu else "GPUs"
-    if isinstance(devices, str) and devices.isdigit():
+    if isinstance(devices, str) and devices.removeprefix("-").isdigit():
         devices = int(devices)
-    if devices == "auto" or (not on_cpu and (devices == -1 or isinstance(devices, Sequence))):
+    if devices == "auto" or (not on_cpu and (devices == -1 or _is_list_of_gpus(devices))):
         return
     if type(devices) is not int or not 1 <= devices <= available:
         raise ValueError(
             f"trainer.devices must be 1 to {available} {unit}, or auto; got {devices}."
         )
+
+
+def _is_list_of_gpus(devices: Any) -> bool:
+    """Return whether devices are several by their numbers, such as [0, 2] or "0,2"."""
+    if isinstance(devices, str):
+        return "," in devices and all(part.strip().isdigit() for part in devices.split(",") if part)
+    return isinstance(devices, Sequence)
 
 
 def check_overrides(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
