@@ -13,7 +13,6 @@ without gradients, shots drawn and plans made; what the engine leaves to the ref
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +20,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 
 import pandas as pd
 import torch
-from torch import Tensor
 
 from benchmarks import measure
+from benchmarks.panels import running
 from benchmarks.problems import images
-from moireaug import Scene, Shot, capture, develop, expose
+from moireaug import Scene, capture, develop, expose
 from moireaug.engine import execution
 from moireaug.scene.by_name import with_values
 
@@ -83,10 +82,10 @@ def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
     for name, changes in (REMOVED_EFFECTS | ADDED_EFFECTS).items():
         scenes[name] = with_values(whole, changes)
 
-    calls = {"whole": taking(whole, shown)}
+    calls = {"whole": running(capture, whole, shown)}
     for name, scene in scenes.items():
-        calls[name] = taking(scene, shown)
-    shot = draw(bare, shown)
+        calls[name] = running(capture, scene, shown)
+    shot = bare.sample(len(shown), tuple(shown.shape[-2:]), torch.Generator().manual_seed(0))
     raw = expose(shown, shot)
     exposure, development = CONSTANT_STAGES
     calls[exposure] = lambda: expose(shown, shot)
@@ -102,16 +101,6 @@ def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
     for name in CONSTANT_STAGES:
         rows.append(effect_row(name, "always there", bare, times))
     return {"seconds": times["whole"]._asdict(), "effects": rows}
-
-
-def draw(scene: Scene, shown: Tensor) -> Shot:
-    return scene.sample(len(shown), tuple(shown.shape[-2:]), torch.Generator().manual_seed(0))
-
-
-def taking(scene: Scene, shown: Tensor) -> Callable[[], Tensor]:
-    """Return a capture of images in a shot that is drawn and planned once."""
-    shot = draw(scene, shown)
-    return lambda: capture(shown, shot)
 
 
 def effect_row(

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.measure import Timing, timed_together
+from benchmarks.measure import ROOT, Timing, timed_together
 from benchmarks.rows import Row, Size
 from moireaug import Scene, capture
 
-ROOT = Path(__file__).resolve().parents[1]
 SCENE = "screen_photo"
 TORCH_CODE = "import torch"
 PHOTO_CODE = (
