@@ -21,11 +21,11 @@ class NoAnswerError(ValueError):
 
 def check_eps(eps: object) -> None:
     """Refuse an `eps` that is not one number in [0, 1]: ValueError."""
-    if isinstance(eps, bool) or not is_finite(eps) or eps < 0:  # type: ignore[operator]
+    if not is_finite(eps) or eps < 0:
         is_list = isinstance(eps, (Sequence, np.ndarray, Tensor)) and not isinstance(eps, str)
         advice = " Make one attack per value." if is_list else ""
         raise ValueError(f"eps must be a number >= 0 in [0, 1] units; got {eps!r}.{advice}")
-    if eps > 1:  # type: ignore[operator]
+    if eps > 1:
         raise ValueError(
             f"eps is in [0, 1] units, where 1 is full scale; got {eps!r}. Divide by 255?"
         )
