@@ -82,7 +82,7 @@ class CW(NamesForeignArguments):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
             problem = PixelProblem(images)
-            search = Search(self.model, problem, labels, targets, targets, generator)
+            search = Search(self.model, problem, labels, targets, generator)
             pixels, losses = self._nearest(search, problem.base)
             photo = pixels.to(images.dtype)
             with torch.no_grad():

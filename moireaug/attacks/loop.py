@@ -143,7 +143,7 @@ class Attack(NamesForeignArguments, ABC):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
             problem = self.problem(images, shot, generator)
-            return reduce(Search(self.model, problem, labels, targets, targets, generator))
+            return reduce(Search(self.model, problem, labels, targets, generator))
 
     def _last_images(self, search: Search) -> Tensor:
         """Return the images at the last point."""

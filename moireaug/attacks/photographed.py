@@ -81,7 +81,7 @@ class Photographed(nn.Module):
             # into training
             self.training = model.training
         with torch.no_grad():
-            raw = expose(images, shot)
+            raw = expose(images, shot)  # at "image", for its checks alone
             is_light = noise_at == "raw" and shot.scene.develop.linear_light
             self.takes_codes_of_light = is_light and bound == "codes"
             clean = raw.clamp(0, 1) if noise_at == "raw" else images.detach().clone()
