@@ -13,8 +13,9 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.answers import is_success, predicted
-from moireaug.attacks.checks import check_differentiable, check_eps, check_goals, check_sizes
+from moireaug.attacks.checks import check_eps, check_goals, check_sizes
 from moireaug.attacks.foreign import NamesForeignArguments
+from moireaug.attacks.gradient_checks import check_differentiable
 from moireaug.attacks.losses import LOSSES, loss_curve
 from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.problem import Point, Problem
