@@ -3,6 +3,8 @@ warned about where their photos show no moiré."""
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import logging
 from collections.abc import Sequence
 from numbers import Real
@@ -11,9 +13,9 @@ import torch
 
 from moireaug.common.argument_checks import is_finite
 from moireaug.mixtures import Mixture, SceneLike, as_scenes, scenes_of
-from moireaug.scene.presets import MIXTURES
+from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.sized import size_octave
-from moireaug.scenes import Scene, preset_name
+from moireaug.scenes import Scene, as_scene, preset_name
 
 NO_MOIRE_MESSAGE = (
     "images of {} x {} pixels are taken for whole photos of {}: half of them show {:.1f} codes of "
@@ -71,20 +73,42 @@ def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
 
 
 def describe(scene: Scene | Mixture) -> str:
-    """Return a scene for a `repr`: its preset's name in quotes, or the fields in which it differs
-    from `Scene()`; of a mixture, its name or the list of these."""
-    if isinstance(scene, Mixture):
-        names = tuple(map(preset_name, scene.scenes))
-        for name, presets in MIXTURES.items():
-            if names == presets:
-                return repr(name)
-        return f"[{', '.join(map(describe, scene.scenes))}]"
-    preset = preset_name(scene)
-    if preset:
-        return repr(preset)
+    """Return a scene for a `repr`: its preset's name in quotes, with `shrink` where it is of crops,
+    or the fields in which it differs from `Scene()`; of a mixture, its name or the list of
+    these."""
+    scenes = scenes_of(scene)
+    names = tuple(map(_preset_name_of_crops, scenes))
+    shrinks = {one.sensor.shrink for one in scenes}
+    shrink = f", shrink={shrinks.pop()}" if scenes[0].is_crop and len(shrinks) == 1 else ""
+    if not (shrink and all(names)):
+        names, shrink = tuple(map(preset_name, scenes)), ""
+    if not isinstance(scene, Mixture):
+        return _describe_one(scene, names[0]) + shrink
+    for name, presets in MIXTURES.items():
+        if names == presets:
+            return repr(name) + shrink
+    return f"[{', '.join(map(_describe_one, scenes, names))}]{shrink}"
+
+
+def _describe_one(scene: Scene, name: str) -> str:
+    """Return a preset's name in quotes, or the fields of a scene without a name."""
+    if name:
+        return repr(name)
     changed = []
     for part, fields in scene.changed_fields().items():
         changed += [f"{part}.{name}={value!r}" for name, value in fields.items()]
     if scene.tolerance != Scene().tolerance:
         changed.append(f"tolerance={scene.tolerance!r}")
     return f"Scene({', '.join(changed)})"
+
+
+@functools.lru_cache(maxsize=64)
+def _preset_name_of_crops(scene: Scene) -> str:
+    """Return the name of the preset whose `with_shrink` is a scene of crops, or an empty string."""
+    if scene.is_crop:
+        for name in PRESETS:
+            preset = as_scene(name)
+            with contextlib.suppress(ValueError):  # of a preset that cannot be shrunk so
+                if preset.with_shrink(scene.sensor.shrink) == scene:
+                    return name
+    return ""
