@@ -161,7 +161,7 @@ class Attack(NamesForeignArguments, ABC):
         for restart in range(self.restarts):
             if search.is_over:
                 break
-            search.begin_run()
+            search.losses = []
             for point, logits in self._steps(search, self._start(search, restart)):
                 if logits is None:
                     logits = search.active_logits(point)

@@ -74,7 +74,7 @@ class Photographed(nn.Module):
         self.model, self.shot = model, shot
         self.rejects = getattr(model, "rejects", False)
         self.noise_at = one_of("noise_at", noise_at, CAMERAS)
-        self.bound = one_of("bound", bound, BOUNDS)
+        one_of("bound", bound, BOUNDS)
         self.dtype = images.dtype if isinstance(images, Tensor) else None
         if isinstance(model, nn.Module):
             # an attack restores the mode that it finds here, and must not put an evaluated model

@@ -109,10 +109,6 @@ class Search:
         if len(self.rows) == len(self.labels):
             check_answers(logits, self.model, self.problem.images)
 
-    def begin_run(self) -> None:
-        """Begin another run from a starting point; the best points and margins stay."""
-        self.losses = []
-
     def drop_fooled_if_deterministic(self, point: Point, logits: Tensor) -> None:
         """From now on, drop fooled images if the model, asked again, gives every active image the
         same logits (b, K), see `is_same_answer`."""
