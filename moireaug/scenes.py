@@ -22,6 +22,7 @@ from moireaug.scene.draws import (
     numbers_from_dict,
     numbers_needed,
     random_numbers,
+    whole_from_dict,
 )
 from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.fields import bounds
@@ -77,9 +78,9 @@ class Scene(SceneRecord):
 
     def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
         """Return the ordered effects that this scene calls for in photos of `size` (height, width),
-        each with its reason, and how many panel and sensor pixels an image pixel gets. Only scenes
-        with `Panel.width` differ by size: there a plan is for all sizes between two powers of 2.
-        Computed once.
+        each with its reason, and how many panel and sensor pixels an image pixel gets. Only crops
+        and scenes with `Panel.width` differ by size: there a plan is for all sizes between two
+        powers of 2. Computed once.
 
         Raises:
             ValueError: the "point" or "box" exposure with a layout of slanted subpixels, a size
@@ -162,11 +163,11 @@ class Scene(SceneRecord):
         panel = self.panel
         if bounds(self.sensor.pitch)[1]:
             panel = replace(panel, width=0.0, scale=1.0)
-        given: Any = tuple(shrink) if isinstance(shrink, (list, tuple)) else shrink
-        sensor = replace(self.sensor, shrink=given, scale=1.0)
-        if not sensor.shrink:
+        given: Any = shrink  # a list becomes a tuple
+        scene = replace(self, panel=panel, sensor=replace(self.sensor, shrink=given, scale=1.0))
+        if not scene.is_crop:
             raise ValueError("shrink must be at least 0.1; got 0. For whole photos, leave it out.")
-        return replace(self, panel=panel, sensor=sensor)
+        return scene
 
     def capture(self, images: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw a shot for `images` (B, 3, H, W), from `generator` or torch's global one, and return
@@ -227,6 +228,7 @@ class Shot(ShotRecord):
         size: height and width of the images.
         panel, view, lens, sensor, develop: the drawn parts.
         seed: (B,) int64, the seeds of the sensor noise.
+        part_of: the larger image of whose photo this is the shot of a part, if any; see `crop`.
 
     Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`,
     within the scene's range; other dtypes become float64. The scene's ranges decide which effects
@@ -266,12 +268,10 @@ class Shot(ShotRecord):
         scene = as_scene(values["scene"])
         numbers, seed = numbers_from_dict(scene, values)
         size = check_size(values["size"])
-        whole = values.get("part_of")
-        if whole is None:
+        if values.get("part_of") is None:
             return scene.shot_from_numbers(size, numbers, seed)
-        shot = scene.shot_from_numbers(check_size(whole["size"]), numbers, seed)
-        top, left = whole["corner"]
-        return shot.crop(top, left, *size)
+        whole_size, corner = whole_from_dict(values["part_of"])
+        return scene.shot_from_numbers(whole_size, numbers, seed).crop(*corner, *size)
 
 
 def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:

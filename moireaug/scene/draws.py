@@ -226,6 +226,22 @@ def check_size(size: Any) -> tuple[int, int]:
     return h, w
 
 
+def whole_from_dict(whole: Any) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return size and corner of a `WholeImage` from the plain values in a shot's dict.
+
+    Raises:
+        ValueError: anything but two pairs of whole numbers.
+    """
+    try:
+        top, left = map(operator.index, whole["corner"])
+        return check_size(whole["size"]), (top, left)
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(
+            "a shot's part_of must hold the size (height, width) of the larger image, and the "
+            f"corner (row, column) at which the part begins; got {whole!r}."
+        ) from None
+
+
 def mix_seeds(*parts: int) -> int:
     """Return one seed from several integers, the same on every machine."""
     seed = 0
