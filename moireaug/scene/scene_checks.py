@@ -68,7 +68,6 @@ def _check_binned(view: View, sensor: Sensor, develop: Develop) -> None:
     only: tuple[tuple[str, object, tuple], ...] = (
         ("Sensor.exposure", sensor.exposure, ("auto", "spectral", "mean")),
         ("Develop.demosaic", develop.demosaic, ("bilinear",)),
-        ("Develop.resize", develop.resize, ("area", "antialias", "point")),
         ("Develop.denoise", develop.denoise, (None,)),
         ("View.pose", view.pose, ("camera",)),
     )

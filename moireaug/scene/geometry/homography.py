@@ -126,12 +126,6 @@ def pose_of(
     return released_pose(view.drawn(tensors), size, scale).numpy(), one
 
 
-def homography(view: DrawnView, k1: Tensor, k2: Tensor, size: FrameSize, scale: float) -> Tensor:
-    """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64; arguments as
-    of `pose_of`."""
-    return about_corners(pose_of(view, k1, k2, size, scale)[0], size)
-
-
 def about_corners(pose: Tensor, size: FrameSize) -> Tensor:
     """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64, of one about
     the centres of both; size: height and width of the whole photo, see `frame.Frame`."""
