@@ -7,8 +7,7 @@ import functools
 import numpy as np
 
 from moireaug.camera.panel.fourier import emitting_share, own_orders
-from moireaug.engine.lower import pose
-from moireaug.engine.lower.cameras import camera_fields, lower_cameras
+from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
 from moireaug.engine.lower.cell import (
     cell_of_whole_pixels,
     highest_orders,
@@ -30,7 +29,7 @@ def cameras_and_cell(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarr
     rows, cols = shot.sampled_pixels()
     h, w = shot.size
     fields = camera_fields(shot, geometry) | {"alpha": geometry.panel_scale}
-    back = pose.from_corner(np.linalg.inv(geometry.homography), w / 2, h / 2)
+    back = from_corner(np.linalg.inv(geometry.homography), w / 2, h / 2)
     cameras = lower_cameras(back, (rows.scale, cols.scale), fields)
     return cameras, _cell(shot.scene, shot.plan.method)
 
