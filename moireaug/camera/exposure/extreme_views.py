@@ -94,8 +94,8 @@ def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
     return float(torch.cat(every).min()), float(torch.cat(every).max())
 
 
-def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[View, Tensor, Tensor]:
-    """Return a drawn View of the angles that a scene allows, k1 and k2, (N,) each."""
+def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[Any, Tensor, Tensor]:
+    """Return a DrawnView of the angles that a scene allows, k1 and k2, (N,) each."""
     turns = [range_points(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = range_points(v.roll, 0.0, 90.0, -90.0, points=9)
     poses = itertools.product(*turns, rolls, range_points(lens.k1), range_points(lens.k2))
