@@ -15,22 +15,14 @@ from moireaug.common.argument_checks import one_of
 from moireaug.common.image_checks import check_shape
 from moireaug.engine import operators
 from moireaug.scene.by_name import parts_from_dict, parts_with
-from moireaug.scene.draws import (
-    check_shot_keys,
-    check_size,
-    draw_numbers,
-    numbers_from_dict,
-    numbers_needed,
-    random_numbers,
-    whole_from_dict,
-)
+from moireaug.scene.draws import check_size, draw_numbers, numbers_needed, random_numbers
 from moireaug.scene.expected_moire import moire_of
-from moireaug.scene.fields import bounds
 from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.preset_names import PresetName
 from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_dict import check_shot_keys, numbers_from_dict, whole_from_dict
 from moireaug.scene.sized import NOMINAL_SIZE, scene_of_size, size_octave
 
 UNPLANNED_MESSAGE = (
@@ -161,7 +153,7 @@ class Scene(SceneRecord):
                 "or null on a command line."
             )
         panel = self.panel
-        if bounds(self.sensor.pitch)[1]:
+        if self.sensor.pitch:
             panel = replace(panel, width=0.0, scale=1.0)
         given: Any = shrink  # a list becomes a tuple
         scene = replace(self, panel=panel, sensor=replace(self.sensor, shrink=given, scale=1.0))
