@@ -17,7 +17,7 @@ from moireaug.scene.by_name import values_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
-MAX_CACHED_SCENES = 64
+MAX_CACHED_SCENES = 64  # of which is kept what is derived from them
 ANGLES = ("view.yaw", "view.pitch", "view.roll")
 
 

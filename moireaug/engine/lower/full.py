@@ -15,13 +15,12 @@ from moireaug.engine.lower.cell import (
     mean_light_of,
 )
 from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
+from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.exposure_method import ExposureMethod
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_geometry import HostGeometry
 from moireaug.scene.subpixel import Subpixel
-
-MAX_CACHED_SCENES = 64  # scenes and sizes whose tables are cached
 
 
 def cameras_and_cell(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarray, Cell]:
