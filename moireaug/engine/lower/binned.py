@@ -70,12 +70,12 @@ def _place_of(shot: ShotRecord, frame: Frame, content: BinContent) -> dict[str, 
         "corner_y": frame.height / 2 - frame.image_top + lead[:, 1],
     }
     if "flicker" in shot.plan and (shot.part_of is not None or shot.scene.is_crop):
-        first, last = rows_seen(shot)
+        first, last = _rows_seen(shot)
         fields |= {"pulses_top": first - frame.height / 2, "pulses_height": last - first}
     return fields
 
 
-def rows_seen(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray]:
+def _rows_seen(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and the last row of the whole photo that a shot's bins see, (B,) each, with
     a row to spare."""
     if not shot.scene.is_rectified:
