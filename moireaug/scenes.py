@@ -262,8 +262,8 @@ class Shot(ShotRecord):
         size = check_size(values["size"])
         if values.get("part_of") is None:
             return scene.shot_from_numbers(size, numbers, seed)
-        whole_size, corner = whole_from_dict(values["part_of"])
-        return scene.shot_from_numbers(whole_size, numbers, seed).crop(*corner, *size)
+        whole = whole_from_dict(values["part_of"])
+        return scene.shot_from_numbers(whole.size, numbers, seed).crop(*whole.corner, *size)
 
 
 def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:

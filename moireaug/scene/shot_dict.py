@@ -15,6 +15,7 @@ from moireaug.scene.draws import check_size
 from moireaug.scene.fields import check_number
 from moireaug.scene.parts import PARTS
 from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot import WholeImage
 
 
 def check_shot_keys(values: Any) -> None:
@@ -74,15 +75,15 @@ def _numbers_of(part: str, given: Any, scene: SceneRecord, n: int) -> dict[str, 
     return checked
 
 
-def whole_from_dict(whole: Any) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return size and corner of a `WholeImage` from the plain values in a shot's dict.
+def whole_from_dict(whole: Any) -> WholeImage:
+    """Return the image of which a shot's is a part, from the plain values in its dict.
 
     Raises:
         ValueError: anything but two pairs of whole numbers.
     """
     try:
         top, left = map(operator.index, whole["corner"])
-        return check_size(whole["size"]), (top, left)
+        return WholeImage(check_size(whole["size"]), (top, left))
     except (KeyError, TypeError, ValueError):
         raise ValueError(
             "a shot's part_of must hold the size (height, width) of the larger image, and the "
