@@ -143,6 +143,9 @@ REFUSED = {
     "outside": (
         lambda: SCENES["crop"].sample(1, (9, 9)).crop(2, 0, 8, 9), "within the image of 9 x 9"
     ),
+    "half a pixel": (
+        lambda: SCENES["crop"].sample(1, (9, 9)).crop(4.5, 0, 4, 4), "whole numbers of pixels; got"
+    ),
     "part of a full reading": (
         lambda: Scene().sample(1, (9, 9)).crop(0, 0, 8, 8), "this shot's is full"
     ),

@@ -69,7 +69,8 @@ def _numbers_of(part: str, given: Any, scene: SceneRecord, n: int) -> dict[str, 
         numbers, allowed = given.get(name), PARTS[part].__dataclass_fields__[name].metadata
         if not isinstance(numbers, list | tuple) or len(numbers) != n:
             raise ValueError(
-                f"a shot's {part}.{name} must hold {n} numbers, one per image of its seed list."
+                f"a shot's {part}.{name} must hold {n} numbers, one per image of its seed list; "
+                f"got {numbers!r}."
             )
         checked[name] = [check_number(f"a shot's {part}.{name}", x, **allowed) for x in numbers]
     return checked
