@@ -12,7 +12,7 @@ from moireaug.engine import reference
 from moireaug.mixtures import as_scenes
 from moireaug.scene.sized import scene_of_size
 from moireaug.synthesis.twins import without_moire
-from moireaug.transforms import _convert
+from moireaug.transforms import _scenes
 
 TURNED = View(yaw=(-20.0, 20.0), pitch=(-12.0, 12.0), roll=(-8.0, 8.0), fov=(30.0, 50.0))
 BENT = Lens(k1=(-0.03, 0.05), blur=(0.3, 0.5), vignetting=0.3)
@@ -207,8 +207,8 @@ def test_crops_show_moire_where_whole_photos_show_none(size):
 
 def test_a_transform_says_once_that_no_moire_is_left(monkeypatch):
     said = []
-    monkeypatch.setattr(_convert, "_asked", set())
-    monkeypatch.setattr(_convert.logger, "warning", said.append)
+    monkeypatch.setattr(_scenes, "_checked_octaves", set())
+    monkeypatch.setattr(_scenes.logger, "warning", said.append)
     images = torch.rand(1, 3, 32, 32)
     for _ in range(2):
         transforms.RandomMoire("phone_at_monitor", p=1.0)(images)

@@ -83,11 +83,9 @@ class CameraProblem(Problem):
         scene, each at the point's pose."""
         if self.eot == 1:
             return self.render(point)
-        n, _, height, width = self.images.shape
-        shots = self.shot.scene.sample(self.eot * n, (height, width), self.generator)
+        shots = self._fresh_shots(self.eot * len(self.images))
         if "pose" in point:
-            pose = point["pose"].repeat(self.eot, 1)
-            shots = shot_at_pose(shots.to(self.images.device), self.fields, pose)
+            shots = shot_at_pose(shots, self.fields, point["pose"].repeat(self.eot, 1))
         clean = self.before_noise(self.images.repeat(self.eot, 1, 1, 1), shots)
         noise = self.bound.box(clean).noise(point["noise"].repeat(self.eot, 1, 1, 1))
         return self.after_noise(clean + noise, shots).to(self.images.dtype)
@@ -100,9 +98,9 @@ class CameraProblem(Problem):
 
     def drawn_again(self) -> CameraProblem:
         """Return the problem of a fresh draw of the scene."""
-        size = self.images.shape[-2], self.images.shape[-1]
-        shot = self.shot.scene.sample(len(self.images), size, self.generator)
-        return self._at(shot.to(self.images.device))
+        shot = self._fresh_shots(len(self.images))
+        clean = self.before_noise(self.images, shot)
+        return dataclasses.replace(self, shot=shot, clean=clean)
 
     def where(self, chosen: Tensor, other: CameraProblem) -> CameraProblem:
         """Return the problem with the other's shot of the images of which `chosen` (B,) is true."""
@@ -110,11 +108,15 @@ class CameraProblem(Problem):
         numbers = {name: torch.where(rows, others[name], own[name]) for name in own}
         seed = torch.where(rows, other.shot.seed, self.shot.seed)
         shot = dataclasses.replace(self.shot, **parts_with(self.shot, numbers), seed=seed)
-        return self._at(shot, select_rows(chosen, other.clean, self.clean))
-
-    def _at(self, shot: Shot, clean: Tensor | None = None) -> CameraProblem:
-        clean = self.before_noise(self.images, shot) if clean is None else clean
+        clean = select_rows(chosen, other.clean, self.clean)
         return dataclasses.replace(self, shot=shot, clean=clean)
+
+    def _fresh_shots(self, n: int) -> Shot:
+        """Return n draws of the scene, of the same part of a larger image where the shot is one."""
+        shots = self.shot.scene.sample(n, self.shot.whole_size, self.generator)
+        if self.shot.part_of is not None:
+            shots = shots.crop(*self.shot.corner, *self.shot.size)
+        return shots.to(self.images.device)
 
     def noise_of(self, point: Point) -> Tensor:
         box = self.box

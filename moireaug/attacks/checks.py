@@ -21,11 +21,11 @@ class NoAnswerError(ValueError):
 
 def check_eps(eps: object) -> None:
     """Refuse an `eps` that is not one number in [0, 1]: ValueError."""
-    if isinstance(eps, bool) or not is_finite(eps) or eps < 0:  # type: ignore[operator]
+    if not is_finite(eps) or eps < 0:
         is_list = isinstance(eps, (Sequence, np.ndarray, Tensor)) and not isinstance(eps, str)
         advice = " Make one attack per value." if is_list else ""
         raise ValueError(f"eps must be a number >= 0 in [0, 1] units; got {eps!r}.{advice}")
-    if eps > 1:  # type: ignore[operator]
+    if eps > 1:
         raise ValueError(
             f"eps is in [0, 1] units, where 1 is full scale; got {eps!r}. Divide by 255?"
         )
@@ -157,52 +157,3 @@ def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Ten
             f"the model's logits are NaN or infinite for all {len(images)} clean images: it is "
             "broken, not robust. Look for NaN in its weights, or for an overflow in half precision."
         )
-
-
-NO_GRADIENT_MESSAGE = (
-    "the model's logits have no gradient: it runs under torch.no_grad, detaches, is quantised, or "
-    "computes in integers or outside torch. Pass a differentiable model, or search without "
-    "gradients: attacks.SquareMoire."
-)
-
-
-def check_differentiable(logits: Tensor) -> None:
-    """Refuse logits without a gradient: ValueError."""
-    if not logits.requires_grad:
-        raise ValueError(NO_GRADIENT_MESSAGE)
-
-
-def check_gradient(gradients: Sequence[Tensor | None]) -> None:
-    """Refuse gradients none of which is defined: ValueError."""
-    if all(gradient is None for gradient in gradients):
-        raise ValueError(NO_GRADIENT_MESSAGE)
-
-
-def watched_copy(images: Tensor) -> Tensor:
-    """Return a copy of images for a model, which may work in place. A backward pass that brings no
-    gradient to it, because an operator of the model has none, raises the ValueError of
-    `check_gradient`: on its way through a camera, no gradient would become one of zeros."""
-    copy = images.clone()
-    if copy.grad_fn is not None and not torch.compiler.is_compiling():
-        copy.grad_fn.register_prehook(check_gradient)
-    return copy
-
-
-def keep_undefined(logits: Tensor) -> None:
-    """Let a backward pass from logits leave a gradient undefined where it is: an autograd.Function
-    is else given zeros in its place, and passes them on."""
-    nodes: list[Any] = [logits.grad_fn]
-    visited: set[Any] = {None}
-    for node in nodes:  # which grows
-        if node not in visited and node.next_functions:  # else a weight's own, which stays
-            visited.add(node)
-            node.register_hook(_undefined_if_undefined)
-            nodes += [following for following, _ in node.next_functions]
-
-
-def _undefined_if_undefined(
-    inward: Sequence[Tensor | None], outward: Sequence[Tensor | None]
-) -> tuple[None, ...] | None:
-    """Return no gradients in place of a node's gradients in its inputs, where those in its results
-    are not defined."""
-    return (None,) * len(inward) if all(gradient is None for gradient in outward) else None

@@ -10,8 +10,9 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.answers import has_prediction, is_success, predicted
-from moireaug.attacks.checks import check_differentiable, check_goals
+from moireaug.attacks.checks import check_goals
 from moireaug.attacks.foreign import NamesForeignArguments
+from moireaug.attacks.gradient_checks import check_differentiable
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
@@ -82,7 +83,7 @@ class CW(NamesForeignArguments):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
             problem = PixelProblem(images)
-            search = Search(self.model, problem, labels, targets, targets, generator)
+            search = Search(self.model, problem, labels, targets, generator)
             pixels, losses = self._nearest(search, problem.base)
             photo = pixels.to(images.dtype)
             with torch.no_grad():

@@ -13,8 +13,9 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.answers import is_success, predicted
-from moireaug.attacks.checks import check_differentiable, check_eps, check_goals, check_sizes
+from moireaug.attacks.checks import check_eps, check_goals, check_sizes
 from moireaug.attacks.foreign import NamesForeignArguments
+from moireaug.attacks.gradient_checks import check_differentiable
 from moireaug.attacks.losses import LOSSES, loss_curve
 from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.problem import Point, Problem
@@ -143,7 +144,7 @@ class Attack(NamesForeignArguments, ABC):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
             problem = self.problem(images, shot, generator)
-            return reduce(Search(self.model, problem, labels, targets, targets, generator))
+            return reduce(Search(self.model, problem, labels, targets, generator))
 
     def _last_images(self, search: Search) -> Tensor:
         """Return the images at the last point."""
@@ -160,7 +161,7 @@ class Attack(NamesForeignArguments, ABC):
         for restart in range(self.restarts):
             if search.is_over:
                 break
-            search.begin_run()
+            search.losses = []
             for point, logits in self._steps(search, self._start(search, restart)):
                 if logits is None:
                     logits = search.active_logits(point)

@@ -10,12 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.answers import is_same_answer, rejection_as_label
-from moireaug.attacks.checks import (
-    check_classes,
-    check_gradient,
-    keep_undefined,
-    watched_copy,
-)
+from moireaug.attacks.checks import check_classes
+from moireaug.attacks.gradient_checks import check_gradient, keep_undefined, watched_copy
 from moireaug.common.networks import first_weight, in_evaluation_mode, networks_of
 
 # messages of torch where weights and images differ in precision or device, or in channels

@@ -87,7 +87,8 @@ class MoireAttack(Attack):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "scene", as_scenes(self.scene, self.shrink))
+        scene = as_scenes(self.scene, self.shrink)
+        object.__setattr__(self, "scene", scene)
         check_count("eot", self.eot, 1, "the shots per step")
         if self.until_fooled and self.eot > 1:
             raise ValueError(
@@ -102,7 +103,7 @@ class MoireAttack(Attack):
                 f"{self.optimise!r}."
             )
         object.__setattr__(self, "optimise", tuple(self.optimise))
-        for one in scenes_of(as_scenes(self.scene)):
+        for one in scenes_of(scene):
             searched_fields(one, self.optimise)
         check_count("draws", self.draws, 1, "the shots of which the worst is attacked")
         if self.draws > 1 and self.eot > 1:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.bounds import BOUNDS
-from moireaug.attacks.checks import watched_copy
+from moireaug.attacks.gradient_checks import watched_copy
 from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.capture import capture, develop, expose
 from moireaug.common.argument_checks import check_callable, one_of
@@ -74,14 +74,14 @@ class Photographed(nn.Module):
         self.model, self.shot = model, shot
         self.rejects = getattr(model, "rejects", False)
         self.noise_at = one_of("noise_at", noise_at, CAMERAS)
-        self.bound = one_of("bound", bound, BOUNDS)
+        one_of("bound", bound, BOUNDS)
         self.dtype = images.dtype if isinstance(images, Tensor) else None
         if isinstance(model, nn.Module):
             # an attack restores the mode that it finds here, and must not put an evaluated model
             # into training
             self.training = model.training
         with torch.no_grad():
-            raw = expose(images, shot)
+            raw = expose(images, shot)  # at "image", for its checks alone
             is_light = noise_at == "raw" and shot.scene.develop.linear_light
             self.takes_codes_of_light = is_light and bound == "codes"
             clean = raw.clamp(0, 1) if noise_at == "raw" else images.detach().clone()

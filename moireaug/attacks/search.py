@@ -38,11 +38,11 @@ class Search:
         problem: problem of the n images.
         labels: (n,) true classes.
         targets: (n,) classes to reach; None where any wrong class is a success.
-        loss_targets: (n,) classes that the loss steers toward; None where it steers away from the
-            label.
         generator: CPU generator of random starts; None is torch's global one.
 
     Attributes:
+        loss_targets: (n,) classes that the loss steers toward, at first `targets`; None where it
+            steers away from the label.
         rows: (b,) indices of the images that still take steps.
         active: problem of these b images.
         best: each image's point of the greatest margin, over steps and restarts.
@@ -59,12 +59,11 @@ class Search:
         problem: Problem,
         labels: Tensor,
         targets: Tensor | None,
-        loss_targets: Tensor | None,
         generator: torch.Generator | None,
     ) -> None:
         self.model = model
         self.problem, self.labels, self.targets = problem, labels, targets
-        self.loss_targets, self.generator = loss_targets, generator
+        self.loss_targets, self.generator = targets, generator
         self.rows, self.active = torch.arange(len(labels), device=labels.device), problem
         self.best: Point = {}
         self.margins = torch.full_like(labels, -math.inf, dtype=torch.float32)
@@ -109,10 +108,6 @@ class Search:
         # in a later run, the images that go on may well be those without an answer
         if len(self.rows) == len(self.labels):
             check_answers(logits, self.model, self.problem.images)
-
-    def begin_run(self) -> None:
-        """Begin another run from a starting point; the best points and margins stay."""
-        self.losses = []
 
     def drop_fooled_if_deterministic(self, point: Point, logits: Tensor) -> None:
         """From now on, drop fooled images if the model, asked again, gives every active image the

@@ -6,6 +6,7 @@ import difflib
 import math
 from collections.abc import Iterable
 from numbers import Integral, Real
+from typing import TypeGuard
 
 
 def check_callable(
@@ -30,9 +31,9 @@ def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
     raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}; got {got!r}.{hint}")
 
 
-def is_finite(value: object) -> bool:
-    """Return whether this is a real number, neither NaN nor infinite."""
-    return isinstance(value, Real) and math.isfinite(value)
+def is_finite(value: object) -> TypeGuard[float]:
+    """Return whether this is a real number, neither a bool nor NaN nor infinite."""
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def check_count(name: str, value: object, low: int, noun: str = "") -> None:
@@ -46,8 +47,7 @@ def check_count(name: str, value: object, low: int, noun: str = "") -> None:
 def check_positive(name: str, value: object, unit: str = "", *, or_zero: bool = False) -> None:
     """Refuse a value that is not a finite number above 0, or, with `or_zero`, of at least 0:
     ValueError."""
-    is_allowed = is_finite(value) and (value > 0 or (or_zero and value == 0))  # type: ignore[operator]
-    if not is_allowed:
+    if not (is_finite(value) and (value > 0 or (or_zero and value == 0))):
         allowed = ">= 0" if or_zero else "above 0"
         in_units = f", in {unit}" if unit else ""
         raise ValueError(f"{name} must be a finite number {allowed}{in_units}; got {value!r}.")

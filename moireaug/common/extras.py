@@ -20,8 +20,6 @@ MODULES = {
 }
 # the extras that each extra needs to work at all
 INCLUDED = {"train": ("eval", "opencv"), "explore": ("eval", "opencv", "train")}
-
-
 # how an extra is installed: there is no published package yet
 INSTALL_ADVICE = "Install with, in a clone of the repository: pip install '.[{extra}]'"
 BACKEND = "MPLBACKEND"  # matplotlib's variable

@@ -144,10 +144,8 @@ class MoireAttacker(Attacker):
         return attack_shot(attack, batch, *self.goals(batch)).images
 
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
-        if (
-            self.optimise != ("noise",) or self.draws > 1
-        ):  # there is no photo of the same pose to compare with
-            return {}
+        if self.optimise != ("noise",) or self.draws > 1:
+            return {}  # the photo without noise is of another shot
         return super().measure(batch, images)
 
 

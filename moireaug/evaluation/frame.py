@@ -20,20 +20,21 @@ CELL_COLUMNS = ["table", "row", "column"]
 MEASURES = ("psnr", "ssim", "ciede2000", "largest", "lpips")
 MOIRE_MEASURES = ("moire", "moire_seen")  # of photos without noise: see `rates`
 CONDITION_COLUMNS = ("condition", "control", "eps", "bound", "steps", "targeted", "judge")
+# without which rates are printed as a plain frame
+PRINTED_COLUMNS = {*CELL_COLUMNS, "eps", "largest", "psnr", "moire", "accuracy", "success", "n"}
 
 
 def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]) -> pd.DataFrame:
     """Return a row for each cell and image.
 
     Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `bound`, what eps counts
-    ("codes", "light" or, without noise, ""), `steps`, `targeted`, `judge`, the name of
-    the classifier;
-    `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, whether the attack's
-    goal is reached; `counted`, whether the model without a defence gets the clean image right;
-    `rejected`, whether a model that can do so rejects the image, which is then neither correct nor
-    fooled; `undecided`, whether the logits were not finite; `seconds`, the image's share; and
-    measures such as `psnr`, of attacks, and `moire`, of photos: their difference from the same
-    photo without moiré, in codes RMS.
+    ("codes", "light" or, without noise, ""), `steps`, `targeted`; `judge`, the name of the
+    classifier; `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, whether
+    the attack's goal is reached; `counted`, whether the model without a defence gets the clean
+    image right; `rejected`, whether a model that can do so rejects the image, which is then neither
+    correct nor fooled; `undecided`, whether the logits were not finite; `seconds`, the image's
+    share; and measures such as `psnr`, of attacks, and `moire`, of photos: their difference from
+    the same photo without moiré, in codes RMS.
     """
     condition_frames: dict[tuple[str, str], pd.DataFrame] = {}
     cell_frames = []
@@ -115,10 +116,6 @@ def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     )
 
 
-PRINTED_COLUMNS = {"table", "row", "column", "eps", "largest", "psnr", "moire"}
-PRINTED_COLUMNS |= {"accuracy", "success", "n"}
-
-
 class RatesFrame(pd.DataFrame):
     """A frame of rates that prints as a table of percentages; any part of it is a plain frame."""
 
@@ -130,7 +127,7 @@ class RatesFrame(pd.DataFrame):
         """Leave it to `repr` in notebooks, too."""
 
     def __repr__(self) -> str:
-        if not {*self.columns} >= PRINTED_COLUMNS:  # some were deleted
+        if not {*self.columns} >= PRINTED_COLUMNS:
             return super().__repr__()
         texts = []
         for name, part in self.groupby("table", sort=False):

@@ -102,6 +102,11 @@ def check_names(names: Sequence[str]) -> None:
             )
 
 
+def paper_defences() -> dict[str, ImageTransform]:
+    """Return the paper's defences by name, except image quilting, which needs a bank of patches."""
+    return {name: make() for name, make in DEFENSES.items()}
+
+
 @dataclass(frozen=True, kw_only=True)
 class SuiteConfig:
     """The settings of a suite's tables.
@@ -126,7 +131,7 @@ class SuiteConfig:
     eps: tuple[float, ...] | None = None
     steps: int = 20
     targets: Mapping[str, Model | None] = field(default_factory=dict)
-    defences: Mapping[str, ImageTransform] = field(default_factory=lambda: paper_defences())
+    defences: Mapping[str, ImageTransform] = field(default_factory=paper_defences)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scene", as_scenes(self.scene, self.shrink))
@@ -161,9 +166,7 @@ class SuiteConfig:
                 "your own in the braces."
             )
         defence = self.defences[name]
-        return (
-            averaging_classifier(name, defence) if averages else Classifier(name, defence=defence)
-        )
+        return averaging_classifier(name, defence) if averages else Classifier(name, defence)
 
 
 def _exact(eps: float) -> float:
@@ -171,11 +174,6 @@ def _exact(eps: float) -> float:
     it."""
     whole = round(255 * eps)
     return whole / 255 if math.isclose(255 * eps, whole, rel_tol=1e-6) else eps
-
-
-def paper_defences() -> dict[str, ImageTransform]:
-    """Return the paper's defences by name, except image quilting, which needs a bank of patches."""
-    return {name: make() for name, make in DEFENSES.items()}
 
 
 def cross(rows: Mapping[str, Classifier], columns: Mapping[str, Condition]) -> list[Cell]:

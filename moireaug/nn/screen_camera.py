@@ -15,7 +15,7 @@ from moireaug.mixtures import SceneLike
 from moireaug.scene.mixed_shot import MixedShot, per_scene
 from moireaug.scenes import Shot
 from moireaug.synthesis.twins import without_moire
-from moireaug.transforms._convert import describe, planned_scenes, warn_without_moire
+from moireaug.transforms._scenes import describe, planned_scenes, warn_without_moire
 
 # the corners of a picture from the top left one clockwise, as shares of its sides
 CORNERS = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))

@@ -39,7 +39,6 @@ class Pair:
         shot: shot of the photo, of one image.
         original, photo: (3, size, size) uint8, sRGB codes.
         twin: photo by `without_moire(shot)`, or None.
-        moire: photo minus twin, in codes RMS; None where there is no twin.
     """
 
     index: int
@@ -53,6 +52,7 @@ class Pair:
 
     @property
     def moire(self) -> float | None:
+        """Photo minus twin, in codes RMS; None where there is no twin."""
         if self.twin is None:
             return None
         return moire_codes(self.photo[None] / 255, self.twin[None] / 255).item()
@@ -77,7 +77,8 @@ class Pair:
             "left": self.left,
             "shot": self.shot.to_dict(),
         }
-        return values if self.moire is None else values | {"moire": self.moire}
+        moire = self.moire
+        return values if moire is None else values | {"moire": moire}
 
 
 class Pairs(IterableDataset):

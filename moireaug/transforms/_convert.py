@@ -4,9 +4,7 @@ the camera's frame."""
 from __future__ import annotations
 
 import dataclasses
-import logging
 from collections.abc import Callable, Sequence
-from numbers import Real
 from typing import TypeVar
 
 import torch
@@ -16,68 +14,11 @@ from moireaug.capture import photo_of
 from moireaug.common.image_checks import channels_last_hint, check_images, check_shape
 from moireaug.common.networks import first_weight, in_evaluation_mode
 from moireaug.common.numeric import as_float, luma
-from moireaug.mixtures import Mixture, SceneLike, as_scenes, scenes_of
 from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scene.presets import MIXTURES
-from moireaug.scene.sized import size_octave
-from moireaug.scenes import Scene, Shot, preset_name
+from moireaug.scenes import Shot
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
-
-NO_MOIRE_MESSAGE = (
-    "images of {} x {} pixels are taken for whole photos of {}: half of them show {:.1f} codes of "
-    "moiré or less, nine of ten {:.1f}, because shrinking a photo averages it away. If yours are "
-    "parts of larger photos, say so: shrink=(1, 3), sensor pixels per image pixel."
-)
-MIN_MEDIAN_MOIRE = 0.2  # codes, below which half of the photos are taken to have none
-logger = logging.getLogger("moireaug")
-_asked: set[tuple[Scene | Mixture, tuple[int, ...]]] = set()
 EDGE_POINTS = 17  # along each edge of a box: the arc of a bent edge is found to a 256th of its rise
-
-
-def check_probability(p: float) -> float:
-    """Return `p` if it is a number in [0, 1]; otherwise raise a ValueError."""
-    if isinstance(p, bool) or not isinstance(p, Real) or not 0 <= p <= 1:
-        raise ValueError(f"p must be a probability in [0, 1]; got {p!r}.")
-    return float(p)
-
-
-def planned_scenes(
-    scene: SceneLike, shrink: float | Sequence[float] | None = None
-) -> Scene | Mixture:
-    """Return `as_scenes(scene, shrink)`, planned: a scene that cannot be photographed is refused
-    when a transform is made.
-
-    Raises:
-        TypeError, ValueError: as of `as_scenes`; for a number, which is taken for a probability.
-    """
-    if isinstance(scene, Real) and not isinstance(scene, bool):
-        raise TypeError(
-            f"scene must be a Scene, a preset's name or a dict, or a list of these; got {scene!r}. "
-            f"For a probability, pass p={scene!r}."
-        )
-    scenes = as_scenes(scene, shrink)
-    scenes.plan()
-    return scenes
-
-
-def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
-    """Log once, for each scene and octave of sizes, that nine of ten photos of `size` (height,
-    width) will have less than a code of moiré, or half of them none, and what to do. torch.compile
-    leaves it out."""
-    if torch.compiler.is_compiling():
-        return
-    scenes = scenes_of(scene)
-    octaves = tuple(size_octave(one, size) for one in scenes)
-    if (scene, octaves) in _asked:
-        return
-    _asked.add((scene, octaves))
-    every = [one.plan(size).moire for one in scenes if one.shows_pattern]
-    moire = [one for one in every if one is not None]
-    if moire and len(moire) == len(every):
-        median, high = max(one.median for one in moire), max(one.high for one in moire)
-        if high < 1 or median < MIN_MEDIAN_MOIRE:
-            logger.warning(NO_MOIRE_MESSAGE.format(*size, describe(scene), median, high))
 
 
 def at_size(shot: AnyShot, size: tuple[int, int]) -> AnyShot:
@@ -97,26 +38,6 @@ def shot_of_frames(shot: AnyShot, counts: Sequence[int]) -> AnyShot:
     chosen = shot[torch.tensor(rows, dtype=torch.int64, device=shot.device)]
     offsets = torch.tensor(frames, dtype=torch.int64, device=shot.device)
     return dataclasses.replace(chosen, seed=chosen.seed + offsets)  # type: ignore[return-value]
-
-
-def describe(scene: Scene | Mixture) -> str:
-    """Return a scene for a `repr`: its preset's name in quotes, or the fields in which it differs
-    from `Scene()`; of a mixture, its name or the list of these."""
-    if isinstance(scene, Mixture):
-        names = tuple(map(preset_name, scene.scenes))
-        for name, presets in MIXTURES.items():
-            if names == presets:
-                return repr(name)
-        return f"[{', '.join(map(describe, scene.scenes))}]"
-    preset = preset_name(scene)
-    if preset:
-        return repr(preset)
-    changed = []
-    for part, fields in scene.changed_fields().items():
-        changed += [f"{part}.{name}={value!r}" for name, value in fields.items()]
-    if scene.tolerance != Scene().tolerance:
-        changed.append(f"tolerance={scene.tolerance!r}")
-    return f"Scene({', '.join(changed)})"
 
 
 def check_format(images: Tensor) -> None:

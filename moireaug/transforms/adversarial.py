@@ -23,14 +23,16 @@ from moireaug.transforms._convert import (
     as_float_rgb,
     as_input,
     as_model_takes,
-    check_probability,
-    describe,
     model_of_photos,
-    planned_scenes,
-    warn_without_moire,
     with_rows,
 )
 from moireaug.transforms._leaves import ANNOTATION_TYPES, IMAGE_TYPES, wrap
+from moireaug.transforms._scenes import (
+    check_probability,
+    describe,
+    planned_scenes,
+    warn_without_moire,
+)
 
 NO_BATCH_MESSAGE = (
     "a sample must hold one batch of images, a tensor (B, C, H, W), beside its labels; got {}."

@@ -35,8 +35,8 @@ from moireaug.transforms._arrays import (
     move_mask,
     pictures_of,
 )
-from moireaug.transforms._convert import (
-    at_size,
+from moireaug.transforms._convert import at_size
+from moireaug.transforms._scenes import (
     check_probability,
     describe,
     planned_scenes,

@@ -13,14 +13,12 @@ from moireaug.mixtures import Mixture, SceneLike, scenes_of
 from moireaug.scene.by_name import values_of
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Scene, Shot
-from moireaug.transforms._convert import (
-    check_format,
+from moireaug.transforms._convert import check_format, photograph, with_rows
+from moireaug.transforms._scenes import (
     check_probability,
     describe,
-    photograph,
     planned_scenes,
     warn_without_moire,
-    with_rows,
 )
 
 

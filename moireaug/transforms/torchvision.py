@@ -13,13 +13,7 @@ from torchvision.transforms.v2 import functional as F
 from moireaug.mixtures import SceneLike, draw_one
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
-from moireaug.transforms._convert import (
-    check_probability,
-    describe,
-    planned_scenes,
-    warn_without_moire,
-    with_rows,
-)
+from moireaug.transforms._convert import with_rows
 from moireaug.transforms._leaves import (
     ANNOTATION_TYPES,
     IMAGE_TYPES,
@@ -30,6 +24,12 @@ from moireaug.transforms._leaves import (
     draw_count,
     refuse_arrays,
     wrap,
+)
+from moireaug.transforms._scenes import (
+    check_probability,
+    describe,
+    planned_scenes,
+    warn_without_moire,
 )
 
 

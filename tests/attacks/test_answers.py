@@ -1,6 +1,7 @@
 """Models without a valid answer: every attack says so, and no answer counts as a wrong one."""
 
 import math
+import re
 from collections import namedtuple
 
 import numpy as np
@@ -147,7 +148,10 @@ def test_a_prediction_is_of_a_finite_greatest_logit():
 
 def test_a_result_prints_as_one_line(model, batch):
     result = MoireAttack(model, scene=SCENE, eps=EPS, steps=2)(*batch)
-    assert str(result) == repr(result)
+    number = r"[\d.]+"
+    losses = f"loss {number} to {number} in 2 steps"
+    counts = rf"\d of the \d right images fooled, accuracy {number} to {number} % of 6"
+    assert re.fullmatch(rf"Result\(eps 4/255 in codes, {counts}, {losses}\)", str(result))
     assert str(PGD(model, steps=0)(*batch)).endswith(" % of 6)")
     assert str(PGD(model, steps=1)(*batch)).endswith(" in 1 step)")
     none = (batch[0][:0], batch[1][:0])

@@ -11,7 +11,7 @@ from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.mixtures import as_scenes
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
-from tests.attacks.common import refusal
+from tests.attacks.common import EPS, refusal
 
 SCENE = Scene(
     panel=Panel(scale=(0.9, 1.2)),
@@ -124,6 +124,26 @@ def test_the_worst_of_several_draws_is_attacked(scene, model, small):
     numbers = result.shot.numbers()
     assert any(not torch.equal(drawn, numbers[name]) for name, drawn in shot.numbers().items())
     assert not torch.equal(result.shot.seed, shot.seed)
+
+
+WIDE = Scene(panel=Panel(width=90.0), view=View(yaw=20.0), sensor=Sensor(pitch=1.5, gain=1.5))
+
+
+@pytest.mark.parametrize("settings", [{"eot": 2}, {"draws": 4}, {"draws": 2, "noise_at": "photo"}])
+def test_draws_for_a_part_of_a_photo_are_of_that_part(settings, model, small):
+    """Of a scene without a range, they are the shot itself, at its place in the larger photo."""
+    images, labels = small
+    part = WIDE.sample(6, (40, 40)).crop(4, 28, 8, 8)
+    attack = MoireAttack(model, scene=WIDE, eps=EPS, steps=1, **settings)
+    problem = attack.problem(images, part, torch.Generator().manual_seed(0))
+    photos = problem.render(problem.clean_point())
+    assert torch.equal(photos, capture(images, part))
+    views = problem.forward_views(problem.clean_point())
+    assert torch.allclose(views, photos.repeat(attack.eot, 1, 1, 1), atol=1e-6)
+    drawn = problem.drawn_again()
+    assert torch.allclose(drawn.render(drawn.clean_point()), photos, atol=1e-6)
+    result = attack(images, labels, shot=part)
+    assert result.shot.part_of == part.part_of
 
 
 def test_draws_are_at_least_one_and_of_a_known_shot(model):

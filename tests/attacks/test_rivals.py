@@ -147,7 +147,7 @@ def test_square_needs_no_gradient_and_beats_chance(learnt, trained):
     photos = [result.images, capture(images, shot, chance), capture(images, shot)]
     margins = (attacks.margin(model(x), labels).mean() for x in (*photos, with_gradient.images))
     found, by_chance, clean, white = margins
-    assert white > found > by_chance + 0.5 * (white - clean) * 0.3
+    assert white > found > by_chance + 0.15 * (white - clean)
     # every value at a corner
     assert torch.allclose(result.noise.abs(), torch.tensor(settings["eps"]))
     with pytest.raises(ValueError, match=r"logits have no gradient.*SquareMoire"):

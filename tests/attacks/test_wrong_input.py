@@ -54,6 +54,7 @@ BAD = [
     (lambda m, x, y: SquareMoire(lambda i: m(i).long())(x, y), "point; got torch.int64"),
     (lambda m, x, y: CW(m, binary_search_steps=0), "binary_search_steps must be an integer >= 1"),
     (lambda m, x, y: CW(m, c=0), "c must be a finite number above 0"),
+    (lambda m, x, y: CW(m, c=True), "c must be a finite number above 0; got True"),
     (lambda m, x, y: CW(m, lr=math.nan), "lr must be a finite number above 0"),
     (lambda m, x, y: CW(m, confidence="1"), "confidence must be a finite number >= 0"),
     (lambda m, x, y: CW(m, steps=1.5), "steps must be an integer >= 0"),

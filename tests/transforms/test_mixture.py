@@ -1,5 +1,7 @@
 """Transforms with a list of scenes: each image is photographed in one of them."""
 
+from dataclasses import replace
+
 import albumentations as A
 import numpy as np
 import pytest
@@ -7,9 +9,10 @@ import torch
 from kornia.augmentation import AugmentationSequential
 from torchvision import tv_tensors
 
-from moireaug import Develop, Panel, Scene, Sensor, Shot, View, capture
+from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
 from moireaug.attacks import MoireAttack
 from moireaug.mixtures import as_scenes
+from moireaug.nn import ScreenCamera
 from moireaug.transforms import AdversarialMoire, RandomMoire, albumentations, kornia
 
 # no range and no noise, so that each image has one photo in each
@@ -111,6 +114,30 @@ def test_albumentations_draws_a_scene_for_each_call():
     # all pictures of one call are in one scene
     stacked = transform(images=np.stack([IMAGE] * 3))["images"]
     assert np.allclose(stacked[0], stacked[1]) and np.allclose(stacked[0], stacked[2])
+
+
+PRINTED = [
+    ("screen_photo", None, "'screen_photo'"),
+    ("anywhere", None, "'anywhere'"),
+    ("screen_photo", 2.0, "'screen_photo', shrink=2.0"),
+    ("anywhere", (1, 3), "'anywhere', shrink=(1.0, 3.0)"),
+    (["phone_at_laptop", "screen_photo"], 3, "['phone_at_laptop', 'screen_photo'], shrink=3.0"),
+]
+
+
+@pytest.mark.parametrize(("scene", "shrink", "text"), PRINTED)
+def test_presets_print_as_they_were_asked_for(scene, shrink, text):
+    for transform in (RandomMoire, kornia.RandomMoire, albumentations.RandomMoire):
+        assert f"scene={text}" in repr(transform(scene, shrink=shrink))
+    assert f"ScreenCamera({text}, jitter=0)" == repr(ScreenCamera(scene, shrink=shrink))
+
+
+def test_scenes_that_no_preset_and_shrink_gives_print_their_fields():
+    crops = Scene.preset("screen_photo").with_shrink(2)
+    others = Scene.preset("phone_at_laptop").with_shrink(3)
+    for scene in (crops.with_shrink((2, 3)), replace(crops, lens=Lens(blur=0.5))):
+        assert ", shrink=" not in repr(RandomMoire([scene, others]))
+        assert "sensor.shrink=" in repr(RandomMoire([scene, others]))
 
 
 def test_albumentations_writes_and_replays_a_list():

@@ -12,6 +12,7 @@ from moireaug.common.numeric import mirrored_indices
 from moireaug.defenses.base import straight_through
 
 MAX_WIDTH = 4.0
+CHANNEL_MULTIPLE = 4  # to which numbers of channels are rounded
 
 
 class DemoireNet(nn.Module, ABC):
@@ -100,12 +101,12 @@ class DemoireNet(nn.Module, ABC):
         return images
 
 
-def scaled(channels: int, width: float, multiple: int = 4) -> int:
-    """Return a published number of channels times `width`, rounded to a multiple of `multiple` and
-    at least that; at width 1 the number itself."""
+def scaled(channels: int, width: float) -> int:
+    """Return a published number of channels times `width`, rounded to a multiple of
+    `CHANNEL_MULTIPLE` and at least that; at width 1 the number itself."""
     if width == 1:
         return channels
-    return max(multiple, multiple * round(channels * width / multiple))
+    return CHANNEL_MULTIPLE * max(1, round(channels * width / CHANNEL_MULTIPLE))
 
 
 def _check_images(images: Tensor) -> None:

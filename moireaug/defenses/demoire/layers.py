@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 REGION_SIDE = 8  # of the regions of non-local attention, in pixels of its scale
 LEAKY_SLOPE = 0.1  # of leaky ReLUs
+CHANNEL_REDUCTION = 16  # of the hidden layer of channel attention, which keeps two channels or more
 
 
 def conv(inputs: int, outputs: int, stride: int = 1, rate: int = 1) -> nn.Sequential:
@@ -39,16 +40,11 @@ class Residual(nn.Module):
 
 class ChannelAttention(nn.Module):
     """Squeeze and excitation (Hu et al., CVPR 2018): channels weighed by a perceptron of their
-    means.
+    means."""
 
-    Args:
-        channels: of input and output. reduction: of the hidden layer, which keeps at least two
-            channels.
-    """
-
-    def __init__(self, channels: int, reduction: int = 16) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        hidden = max(2, channels // reduction)
+        hidden = max(2, channels // CHANNEL_REDUCTION)
         self.weigh = nn.Sequential(
             nn.Conv2d(channels, hidden, 1),
             nn.LeakyReLU(LEAKY_SLOPE, inplace=True),

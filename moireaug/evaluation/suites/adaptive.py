@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from moireaug.attacks.pose import searched_fields
+from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, APGDAttacker, SquareAttacker
 from moireaug.evaluation.classifiers import DEFENCE_DRAWS, UNDEFENDED
@@ -15,7 +16,6 @@ from moireaug.evaluation.tables import (
     SuiteConfig,
     Table,
     cross,
-    paper_defences,
     undefended_row,
     worst_of,
 )
@@ -35,7 +35,7 @@ def adaptive(config: SuiteConfig) -> Table:
     be compared."""
     eps, steps = config.middle, config.steps
     camera_attackers, reason = attackers_of_the_camera(config, eps)
-    added = [name for name in config.defences if name not in paper_defences()]
+    added = [name for name in config.defences if name not in DEFENSES]
     # quilting is the paper's, once it has its patches
     user_defences = [name for name in added if name != "quilting"]
     classifiers = {"undefended": UNDEFENDED}
