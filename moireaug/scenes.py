@@ -15,21 +15,14 @@ from moireaug.common.argument_checks import one_of
 from moireaug.common.image_checks import check_shape
 from moireaug.engine import operators
 from moireaug.scene.by_name import parts_from_dict, parts_with
-from moireaug.scene.draws import (
-    check_shot_keys,
-    check_size,
-    draw_numbers,
-    numbers_from_dict,
-    numbers_needed,
-    random_numbers,
-)
+from moireaug.scene.draws import check_size, draw_numbers, numbers_needed, random_numbers
 from moireaug.scene.expected_moire import moire_of
-from moireaug.scene.fields import bounds
 from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.preset_names import PresetName
 from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_dict import check_shot_keys, numbers_from_dict, whole_from_dict
 from moireaug.scene.sized import NOMINAL_SIZE, scene_of_size, size_octave
 
 UNPLANNED_MESSAGE = (
@@ -77,9 +70,9 @@ class Scene(SceneRecord):
 
     def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
         """Return the ordered effects that this scene calls for in photos of `size` (height, width),
-        each with its reason, and how many panel and sensor pixels an image pixel gets. Only scenes
-        with `Panel.width` differ by size: there a plan is for all sizes between two powers of 2.
-        Computed once.
+        each with its reason, and how many panel and sensor pixels an image pixel gets. Only crops
+        and scenes with `Panel.width` differ by size: there a plan is for all sizes between two
+        powers of 2. Computed once.
 
         Raises:
             ValueError: the "point" or "box" exposure with a layout of slanted subpixels, a size
@@ -160,13 +153,13 @@ class Scene(SceneRecord):
                 "or null on a command line."
             )
         panel = self.panel
-        if bounds(self.sensor.pitch)[1]:
+        if self.sensor.pitch:
             panel = replace(panel, width=0.0, scale=1.0)
-        given: Any = tuple(shrink) if isinstance(shrink, (list, tuple)) else shrink
-        sensor = replace(self.sensor, shrink=given, scale=1.0)
-        if not sensor.shrink:
+        given: Any = shrink  # a list becomes a tuple
+        scene = replace(self, panel=panel, sensor=replace(self.sensor, shrink=given, scale=1.0))
+        if not scene.is_crop:
             raise ValueError("shrink must be at least 0.1; got 0. For whole photos, leave it out.")
-        return replace(self, panel=panel, sensor=sensor)
+        return scene
 
     def capture(self, images: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw a shot for `images` (B, 3, H, W), from `generator` or torch's global one, and return
@@ -227,6 +220,7 @@ class Shot(ShotRecord):
         size: height and width of the images.
         panel, view, lens, sensor, develop: the drawn parts.
         seed: (B,) int64, the seeds of the sensor noise.
+        part_of: the larger image of whose photo this is the shot of a part, if any; see `crop`.
 
     Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`,
     within the scene's range; other dtypes become float64. The scene's ranges decide which effects
@@ -266,12 +260,10 @@ class Shot(ShotRecord):
         scene = as_scene(values["scene"])
         numbers, seed = numbers_from_dict(scene, values)
         size = check_size(values["size"])
-        whole = values.get("part_of")
-        if whole is None:
+        if values.get("part_of") is None:
             return scene.shot_from_numbers(size, numbers, seed)
-        shot = scene.shot_from_numbers(check_size(whole["size"]), numbers, seed)
-        top, left = whole["corner"]
-        return shot.crop(top, left, *size)
+        whole = whole_from_dict(values["part_of"])
+        return scene.shot_from_numbers(whole.size, numbers, seed).crop(*whole.corner, *size)
 
 
 def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:

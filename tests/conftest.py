@@ -21,7 +21,7 @@ THREADS = 1 if "PYTEST_XDIST_WORKER" in os.environ else 2
 # The first worker begins with what needs no kernels, while another compiles them, and goes on with
 # what takes longest: the end of the suite, where workers take tests from one another, is of small
 # ones.
-FIRST = ("tests/engine/gpu/", "tests/defenses/", "tests/effects/", "tests/training/")
+FIRST = ("tests/engine/gpu/", "tests/defenses/", "tests/camera/effects/", "tests/training/")
 
 
 def pytest_collection_modifyitems(items):

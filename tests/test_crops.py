@@ -132,6 +132,9 @@ REFUSED = {
         lambda: Scene(sensor=Sensor(pitch=2.0, shrink=2.0, reading="full")), "does not fix"
     ),
     "paper": (lambda: Scene.preset("paper").with_shrink(2.0), "Panel.scale and Sensor.scale"),
+    "a tensor": (
+        lambda: SCENES["crop"].with_shrink(torch.tensor([1.0, 3.0])), "must be a number or a"
+    ),
     "off": (lambda: SCENES["crop"].with_shrink(0.0), "at least 0.1; got 0"),
     "enormous": (
         lambda: Scene(panel=Panel(width=1.0), sensor=Sensor(shrink=99.0)).plan((900, 900)),
@@ -139,6 +142,9 @@ REFUSED = {
     ),
     "outside": (
         lambda: SCENES["crop"].sample(1, (9, 9)).crop(2, 0, 8, 9), "within the image of 9 x 9"
+    ),
+    "half a pixel": (
+        lambda: SCENES["crop"].sample(1, (9, 9)).crop(4.5, 0, 4, 4), "whole numbers of pixels; got"
     ),
     "part of a full reading": (
         lambda: Scene().sample(1, (9, 9)).crop(0, 0, 8, 8), "this shot's is full"
@@ -148,7 +154,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("build", "message"), REFUSED.values(), ids=REFUSED)
 def test_what_a_crop_cannot_be_is_said(build, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         build()
 
 

@@ -18,6 +18,7 @@ DROPPED = [  # effect, too small to matter, and not so
     ("glare", even(glare=0.001, glare_x=0.5, glare_y=-0.45), even(glare=0.2)),
     ("exposure", {"lens": Lens(blur=0.0012)}, {"lens": Lens(blur=0.5)}),
     ("exposure", {"lens": Lens(olpf=0.0024)}, {"lens": Lens(olpf=0.5)}),
+    ("exposure", LIGHT | {"lens": Lens(blur=9e-5)}, LIGHT | {"lens": Lens(blur=0.04)}),
     # a little more than the seven pixels in view
     ("prefilter", {"view": View(zoom=0.16664, fit=False)}, {"view": View(zoom=0.155, fit=False)}),
     ("vignetting", {"lens": Lens(vignetting=0.0019)}, {"lens": Lens(vignetting=0.3)}),

@@ -19,7 +19,7 @@ from moireaug.scene.by_name import values_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
-from moireaug.scenes import as_scene
+from moireaug.scenes import CACHE_FIELDS, as_scene
 
 BAD = [
     (lambda: Panel(scale=(3, 1)), "low <= high"),
@@ -136,6 +136,10 @@ def test_a_damaged_shot_dict_is_refused():
     values["view"]["roll"] = [0.0]
     with pytest.raises(ValueError, match=r"view\.roll must hold 2 numbers"):
         Shot.from_dict(values)
+    part = Scene.preset("screen_photo").sample(2, (8, 8)).crop(1, 2, 4, 4).to_dict()
+    for whole in ({}, {"size": [8, 8], "corner": [1.5, 2]}, {"size": [8], "corner": [1, 2]}, 0):
+        with pytest.raises(ValueError, match="a shot's part_of must hold the size"):
+            Shot.from_dict({**part, "part_of": whole})
 
 
 def test_a_pickled_shot_is_no_larger_than_its_numbers():
@@ -155,7 +159,7 @@ def test_a_copy_of_a_scene_makes_its_own_plan():
     scene = Scene.preset("screen_photo")
     scene.plan()
     for again in (pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene)):
-        assert again == scene and not {"_plans", "_text"} & vars(again).keys()
+        assert again == scene and not set(CACHE_FIELDS) & vars(again).keys()
         assert str(again.plan()) == str(scene.plan())
 
 

@@ -18,10 +18,10 @@ from moireaug.engine.backends import BACKENDS
 from moireaug.engine.switch import reference
 from moireaug.engine.torch_operators import LIBRARY
 from moireaug.scene.by_name import values_of
+from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.shot import ShotRecord
 
 ShotFunction = Callable[[Tensor, ShotRecord], Tensor]
-MAX_CACHED_SCENES = 64
 
 
 @dataclass(frozen=True)

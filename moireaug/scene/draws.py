@@ -13,13 +13,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.common.argument_checks import one_of
 from moireaug.scene.by_name import values_of
-from moireaug.scene.fields import bounds, check_number
-from moireaug.scene.parts import PARTS
+from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
-MAX_CACHED_SCENES = 64
+MAX_CACHED_SCENES = 64  # of which is kept what is derived from them
 ANGLES = ("view.yaw", "view.pitch", "view.roll")
 
 
@@ -149,63 +147,6 @@ def check_drawn(numbers: Mapping[str, Any], seed: Any) -> None:
                 "a shot's fields must be tensors of one number per image, here of shape "
                 f"({n},); got {got} as shot.{name}."
             )
-
-
-def check_shot_keys(values: Any) -> None:
-    """Refuse, with a ValueError or TypeError, what is no dict of a shot with all of its keys."""
-    if not isinstance(values, Mapping):
-        raise TypeError(f"a shot's values must be a mapping; got {values!r}.")
-    keys = ("scene", "size", "seed", *PARTS)
-    for key in values:
-        one_of("a key of a shot", key, (*keys, "part_of"))
-    missing = [key for key in keys if key not in values]
-    if missing:
-        raise ValueError(f"a shot's dict must have the keys {', '.join(keys)}; missing {missing}.")
-
-
-def numbers_from_dict(
-    scene: SceneRecord, values: Mapping[str, Any]
-) -> tuple[dict[str, Tensor], Tensor]:
-    """Return the fields and seeds of a shot, as `draw_numbers` does, from its dict's plain values.
-
-    Raises:
-        ValueError, TypeError: an unknown field, fields of different lengths, a number that no scene
-            may have, or a seed that is not in whole numbers.
-    """
-    seed = values["seed"]
-    _check_seed(seed)
-    numbers = {}
-    for part in PARTS:
-        for name, given in _numbers_of(part, values[part], scene, len(seed)).items():
-            numbers[f"{part}.{name}"] = torch.tensor(given, dtype=torch.float64, device="cpu")
-    return numbers, torch.tensor(seed, dtype=torch.int64, device="cpu")
-
-
-def _check_seed(seed: Any) -> None:
-    if not isinstance(seed, list | tuple) or not all(
-        isinstance(s, Integral) and not isinstance(s, bool) for s in seed
-    ):
-        raise ValueError(f"a shot's seed must be a list of whole numbers; got {seed!r}.")
-    if not all(-(2**63) <= s < 2**63 for s in seed):
-        raise ValueError(f"a shot's seed must lie in [-2**63, 2**63), 64 bits; got {seed!r}.")
-
-
-def _numbers_of(part: str, given: Any, scene: SceneRecord, n: int) -> dict[str, list[float]]:
-    """Return the drawn fields of one part of a shot's dict, checked."""
-    if not isinstance(given, Mapping):
-        raise TypeError(f"a shot's {part} must be a mapping of its fields; got {given!r}.")
-    wanted = getattr(scene, part).ranged
-    for name in given:
-        one_of(f"a field of a shot's {part}", name, wanted)
-    checked = {}
-    for name in wanted:
-        numbers, allowed = given.get(name), PARTS[part].__dataclass_fields__[name].metadata
-        if not isinstance(numbers, list | tuple) or len(numbers) != n:
-            raise ValueError(
-                f"a shot's {part}.{name} must hold {n} numbers, one per image of its seed list."
-            )
-        checked[name] = [check_number(f"a shot's {part}.{name}", x, **allowed) for x in numbers]
-    return checked
 
 
 def check_size(size: Any) -> tuple[int, int]:

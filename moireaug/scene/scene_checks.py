@@ -11,17 +11,16 @@ MIN_PANEL_SCALE, MAX_PANEL_SCALE = _PANEL_SCALE["low"], _PANEL_SCALE["high"]
 
 def check_scales(panel: Panel, view: View, sensor: Sensor) -> None:
     """Refuse crops that state one or three of what determines one another: ValueError."""
-    if not bounds(sensor.shrink)[1]:
+    if not sensor.shrink:
         return
-    width, pitch = bounds(panel.width)[1] > 0, bounds(sensor.pitch)[1] > 0
-    if width == pitch:
+    if bool(panel.width) == bool(sensor.pitch):
         raise ValueError(
             "a crop states Sensor.shrink and one of Panel.width and Sensor.pitch, from which the "
             f"other follows; got Panel.width = {panel.width!r}, Sensor.pitch = {sensor.pitch!r}. "
             "Leave Panel.width at 0 for a part of a screen, or Sensor.pitch for something of so "
             "many panel pixels."
         )
-    if not pitch:
+    if not sensor.pitch:
         return
     least, most = panel_scales_of_crop(view, sensor)
     if least < MIN_PANEL_SCALE or most > MAX_PANEL_SCALE:
@@ -68,7 +67,6 @@ def _check_binned(view: View, sensor: Sensor, develop: Develop) -> None:
     only: tuple[tuple[str, object, tuple], ...] = (
         ("Sensor.exposure", sensor.exposure, ("auto", "spectral", "mean")),
         ("Develop.demosaic", develop.demosaic, ("bilinear",)),
-        ("Develop.resize", develop.resize, ("area", "antialias", "point")),
         ("Develop.denoise", develop.denoise, (None,)),
         ("View.pose", view.pose, ("camera",)),
     )

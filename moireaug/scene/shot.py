@@ -161,7 +161,14 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
             TypeError: anything but whole numbers.
             ValueError: a part that the image does not hold, or a shot of a full reading.
         """
-        top, left, height, width = (operator.index(n) for n in (top, left, height, width))
+        given = top, left, height, width
+        try:
+            top, left, height, width = map(operator.index, given)
+        except TypeError:
+            raise TypeError(
+                "a part's top, left, height and width must be whole numbers of pixels; got "
+                f"{given}. Divide by //."
+            ) from None
         h, w = self.size
         rows_fit = 0 <= top < top + height <= h
         if not (rows_fit and 0 <= left < left + width <= w):

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.scene.fields import bounds
+from moireaug.scene.drawn_parts import DrawnView
 from moireaug.scene.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
-from moireaug.scene.geometry.homography import DrawnView, pose_of
+from moireaug.scene.geometry.homography import pose_of
 from moireaug.scene.record import SceneRecord
 
 Array = TypeVar("Array", Tensor, np.ndarray)
@@ -49,7 +49,7 @@ class ShotGeometry(Generic[Array]):
         """Panel pixels per image pixel, (B,): `Panel.scale`, or from `Panel.width`, or of a crop
         from `Sensor.shrink` and `Sensor.pitch`."""
         n = self._numbers
-        if bounds(self.scene.panel.width)[1]:
+        if self.scene.panel.width:
             return n["panel.width"] / max(self.whole_size)
         if self.scene.is_crop:
             return n["sensor.shrink"] * n["view.zoom"] / n["sensor.pitch"]
@@ -62,7 +62,7 @@ class ShotGeometry(Generic[Array]):
         n = self._numbers
         if self.scene.is_crop:
             return n["sensor.shrink"]
-        if not bounds(self.scene.sensor.pitch)[1]:
+        if not self.scene.sensor.pitch:
             return self.xp.full_like(n["panel.scale"], self.scene.sensor.scale)
         return n["sensor.pitch"] * self.panel_scale / self.magnification
 
@@ -121,7 +121,7 @@ class ShotGeometry(Generic[Array]):
     def panel_corner(self) -> Array:
         """Where on the panel the image's corner lies, x and y in panel pixels, (B, 2)."""
         alpha, (top, left) = self.panel_scale, self.corner
-        if not bounds(self.scene.panel.width)[1] and self.scene.is_crop:
+        if not self.scene.panel.width and self.scene.is_crop:
             frame = self.frame
             top, left = frame.image_top, frame.image_left
         return self.xp.stack((alpha * left, alpha * top), -1)

@@ -18,7 +18,7 @@ def size_octave(scene: SceneRecord, size: tuple[int, int]) -> int:
     """Return the exponent of the greatest power of 2 not above a picture's longer side, by which
     crops and scenes with `Panel.width` are planned; 0 for others, which do not differ by size."""
     octave = 0
-    if bounds(scene.panel.width)[1] or scene.is_crop:
+    if scene.panel.width or scene.is_crop:
         # compared, so that torch.compile, to which a size may be a symbol, guards the result
         while max(size) >= 2 ** (octave + 1):
             octave += 1
@@ -28,11 +28,11 @@ def size_octave(scene: SceneRecord, size: tuple[int, int]) -> int:
 def panel_scales(scene: SceneRecord, size: tuple[int, int]) -> tuple[float, float]:
     """Return the least and the greatest panel pixels per image pixel, for pictures of `size`
     (height, width), and of all sizes in the same octave."""
-    low, high = bounds(scene.panel.width)
-    if not high and scene.is_crop:
-        return panel_scales_of_crop(scene.view, scene.sensor)
-    if not high:
+    if not scene.panel.width:
+        if scene.is_crop:
+            return panel_scales_of_crop(scene.view, scene.sensor)
         return bounds(scene.panel.scale)
+    low, high = bounds(scene.panel.width)
     shortest = 2 ** size_octave(scene, size)
     return low / (2 * shortest), high / shortest
 
@@ -46,7 +46,7 @@ def scene_of_size(scene: SceneRecord, size: tuple[int, int] = NOMINAL_SIZE) -> S
     Raises:
         ValueError: a `Panel.width` of far fewer panel pixels than the picture has.
     """
-    if not bounds(scene.panel.width)[1] and not scene.is_crop:
+    if not scene.panel.width and not scene.is_crop:
         return scene
     scales, panel, view, sensor = panel_scales(scene, size), scene.panel, scene.view, scene.sensor
     if scales[0] < MIN_PANEL_SCALE and panel.width:

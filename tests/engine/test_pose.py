@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, View
-from moireaug.engine.lower import pose
+from moireaug.engine.lower.cameras import from_corner
 
 RANGES = {
     "yaw": (-60.0, 60.0),
@@ -36,6 +36,6 @@ def test_homographies_agree(view, size):
     assert abs(found - there).max() < 1e-10 * max(size)
     to_photo = np.array([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])
     # image to photo and back
-    both = pose.from_corner(np.linalg.inv(found), w / 2, h / 2) @ there @ to_photo
+    both = from_corner(np.linalg.inv(found), w / 2, h / 2) @ there @ to_photo
     both /= both[:, 2:, 2:]
     assert abs(both - np.eye(3)).max() < 1e-8 * max(size)

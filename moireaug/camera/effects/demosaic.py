@@ -38,7 +38,7 @@ class Demosaic(Effect):
         mosaic = unpack(repeat_edges(raw, 1, 1, 1, 1))
         colours = DEMOSAICS[shot.scene.develop.demosaic](mosaic)[..., 2:-2, 2:-2]
         rows, cols = shot.sampled_pixels()
-        return colours[..., rows.kept, cols.kept]
+        return colours[..., rows.of_photo, cols.of_photo]
 
 
 def demosaic_bilinear(mosaic: Tensor) -> Tensor:

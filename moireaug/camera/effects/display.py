@@ -11,6 +11,7 @@ from moireaug.camera.exposure.extreme_light import max_glare
 from moireaug.camera.exposure.filters import filters_of
 from moireaug.camera.panel.fourier import emitting_share, mean_light
 from moireaug.common.numeric import per_image
+from moireaug.scene.drawn_parts import DrawnPanel
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.frame import FrameSize
 from moireaug.scene.geometry.lattice import CFA
@@ -50,8 +51,8 @@ class Glare(Effect):
         return raw + in_planes(share, raw, shot) * white
 
 
-def glare_share(u: Tensor, v: Tensor, size: FrameSize, panel) -> Tensor:
-    """Return the light that a drawn Panel's glass reflects, as a share of a white screen's: (B, h,
+def glare_share(u: Tensor, v: Tensor, size: FrameSize, panel: DrawnPanel) -> Tensor:
+    """Return the light that a panel's glass reflects, as a share of a white screen's: (B, h,
     w) at photo coordinates that broadcast to (h, w) or (B, h, w)."""
     right = u / size[1] * 2 - 1
     down = v / size[0] * 2 - 1

@@ -14,6 +14,7 @@ from moireaug.camera.effects.base import (
     format_range,
     left_out,
 )
+from moireaug.camera.effects.srgb import in_codes
 from moireaug.camera.exposure.choose import method_of
 from moireaug.camera.exposure.extreme_harmonics import harmonics, harmonics_in_bins
 from moireaug.camera.exposure.extreme_scales import least_bin_scale
@@ -139,4 +140,4 @@ def _is_exposed(scene: SceneRecord) -> bool:
         return True
     sigma = (bounds(lens.blur)[1] ** 2 + bounds(lens.olpf)[1] ** 2 / 4) ** 0.5
     leak = sigma / math.sqrt(2 * math.pi)  # of the light next to each of a pixel's four edges
-    return 4 * leak * bounds(sensor.gain)[1] > scene.tolerance
+    return in_codes(4 * leak * bounds(sensor.gain)[1], scene) > scene.tolerance

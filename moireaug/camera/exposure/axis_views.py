@@ -149,8 +149,8 @@ def axis_shares_at(
     shot: ShotRecord,
     screen: Screen,
 ) -> AxisShares:
-    """Return the same of sensor pixels at positions `at` (B, h, w) in panel pixels; `footprint` and
-    `width` as of an `AxisView`."""
+    """Return the AxisShares of views whose middles lie at positions `at` (B, h, w) along the axis,
+    in panel pixels; `footprint` and `width` as of an `AxisView`."""
     taps, dtype, period = screen.taps, screen.light.dtype, place.period
     cells = (at - place.centre) / period
     nearest = cells.detach().round()

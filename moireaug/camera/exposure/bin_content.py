@@ -13,7 +13,6 @@ from moireaug.camera.exposure.bin_geometry import Bins
 from moireaug.camera.exposure.footprint import Footprint, blur_variance
 from moireaug.camera.exposure.optics import Optics, optics_of
 from moireaug.camera.panel.fourier import emitting_share
-from moireaug.scene.fields import bounds
 from moireaug.scene.layout import Layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
@@ -70,7 +69,7 @@ def content_of(shot: ShotRecord) -> BinContent:
     ratio = alpha.clamp(min=1)
     fine = 1 - 1 / ratio  # 0 for a panel of the picture's pixels, near 1 for a much finer one
     interpolation = torch.zeros_like(fine)
-    if not bounds(scene.panel.width)[1]:
+    if not scene.panel.width:
         # the filter that shrinks the photo blurs the picture, too, where its pixels are not means
         second_mean = 1.0 if scene.develop.resize == "antialias" else 0.0
         interpolation = (fine + second_mean * alpha.clamp(max=1).square()) / 12

@@ -27,7 +27,7 @@ HIGHEST_ORDER = 32  # highest harmonic per panel pixel that is ever summed
 def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return the harmonics whose contrast at the sensor can exceed the tolerance, strongest first;
     see `_harmonics`."""
-    if bounds(scene.sensor.pitch)[1]:  # however large the picture is shown
+    if scene.sensor.pitch:  # however large the picture is shown
         scene = with_values(scene, {"panel.scale": 1.0})
     return _harmonics(scene)
 

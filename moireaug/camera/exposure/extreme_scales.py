@@ -85,7 +85,7 @@ def least_side(scene: SceneRecord, alpha: float) -> float:
         return 1.0
     shrink, zoom = bounds(scene.sensor.shrink)[0], bounds(scene.view.zoom)[0]
     if shrink:
-        alpha, steps = shrink, extreme_jacobians(scene, zoom, with_strips=True)
+        steps = extreme_jacobians(scene, zoom, with_strips=True)
     else:
         steps = smallest_panel_steps(scene, alpha, with_strips=True)
-    return alpha / float(torch.linalg.svdvals(steps)[:, 0].max())
+    return (shrink or alpha) / float(torch.linalg.svdvals(steps)[:, 0].max())

@@ -11,14 +11,13 @@ from torch import Tensor
 
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.geometry.grids import image_to_photo, jacobian
-from moireaug.scene.geometry.homography import camera_pose, homography
+from moireaug.scene.geometry.homography import about_corners, camera_pose, pose_of
 from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SceneRecord
 
 # height and width; bounds for these hold for most images
-PHOTO_SHAPES = ((256, 256), (192, 256), (256, 192))
+PHOTO_SHAPES: tuple[tuple[int, int], ...] = ((256, 256), (192, 256), (256, 192))
 STRIP_SHAPES = ((16, 256), (256, 16))  # perspective is strongest along a long strip
-CROPS_PHOTO_SHAPES = ((192, 256), (256, 256), (256, 192))
 # a scene's plan depends neither on torch's default dtype nor on its default device
 FLOAT64_ON_CPU: dict[str, Any] = {"dtype": torch.float64, "device": "cpu"}
 
@@ -38,20 +37,18 @@ def extreme_jacobians(
     lenses that a scene allows at this zoom.
 
     They are taken at the picture's centre and corners, or of crops at those of the part of the
-    photo that they see. Corners outside
-    the circle through the photo's corners are also taken where the line to its centre meets it.
+    photo that they see. Corners outside the circle through the photo's corners are also taken where
+    the line to its centre meets it.
 
     Args:
-        with_strips: include photos that are long strips.
+        with_strips: include photos that are long strips, which no crop is a part of.
         magnified: multiply by `camera_pose`'s magnification; the product does not depend on zoom.
     """
-    shapes = PHOTO_SHAPES + STRIP_SHAPES if with_strips else PHOTO_SHAPES
-    seen = None
+    shapes, seen = PHOTO_SHAPES, None
     if scene.is_crop:
-        shapes, seen = (
-            CROPS_PHOTO_SHAPES,
-            (bounds(scene.sensor.crop_x), bounds(scene.sensor.crop_y)),
-        )
+        seen = bounds(scene.sensor.crop_x), bounds(scene.sensor.crop_y)
+    elif with_strips:
+        shapes += STRIP_SHAPES
     scale = scene.sensor.scale
     return _extreme_jacobians(scene.view, scene.lens, scale, zoom, shapes, magnified, seen)
 
@@ -70,7 +67,8 @@ def _extreme_jacobians(
     jacobians = []
     for size in shapes:
         h, w = size
-        m = homography(view, k1, k2, size, scale)
+        pose, magnification = pose_of(view, k1, k2, size, scale)
+        m = about_corners(pose, size)
         (left, right), (top, bottom) = seen or ((0, 1), (0, 1))
         corners = [(w * x, h * y) for x, y in itertools.product((left, right), (top, bottom))]
         picture = torch.tensor([*corners, (w / 2, h / 2)], **FLOAT64_ON_CPU)
@@ -80,7 +78,7 @@ def _extreme_jacobians(
         points = torch.cat([points, _in_the_photo(points, size)], 1)
         local = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
         if magnified:
-            local = local * camera_pose(view, k1, k2, size)[1][:, None, None, None, None]
+            local = local * magnification[:, None, None, None, None]
         jacobians.append(local.flatten(0, 2))
     return torch.cat(jacobians).unique(dim=0)
 
@@ -96,8 +94,8 @@ def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
     return float(torch.cat(every).min()), float(torch.cat(every).max())
 
 
-def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[View, Tensor, Tensor]:
-    """Return a drawn View of the angles that a scene allows, k1 and k2, (N,) each."""
+def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[Any, Tensor, Tensor]:
+    """Return a DrawnView of the angles that a scene allows, k1 and k2, (N,) each."""
     turns = [range_points(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = range_points(v.roll, 0.0, 90.0, -90.0, points=9)
     poses = itertools.product(*turns, rolls, range_points(lens.k1), range_points(lens.k2))

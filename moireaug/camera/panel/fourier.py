@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.scene.drawn_parts import DrawnPanel
 from moireaug.scene.layout import Layout
 from moireaug.scene.subpixel import Subpixel
 
@@ -59,13 +60,15 @@ def mean_light(layout: Layout, width: Tensor, height: Tensor) -> Tensor:
     return (width * height)[:, None] * width.new_tensor(density)
 
 
-def emitting_share(panel) -> tuple[Tensor, Tensor]:
-    """Return the shares of a subpixel's two edges that emit: (B,) each, for a drawn Panel."""
+def emitting_share(panel: DrawnPanel) -> tuple[Tensor, Tensor]:
+    """Return the shares of a subpixel's two edges that emit: (B,) each."""
     side = panel.lit.sqrt()
     return side * panel.lit_x, side * panel.lit_y
 
 
-def amplitudes_of(layout: Layout, harmonics: tuple[Orders, ...], panel) -> tuple[Tensor, Tensor]:
+def amplitudes_of(
+    layout: Layout, harmonics: tuple[Orders, ...], panel: DrawnPanel
+) -> tuple[Tensor, Tensor]:
     """Return twice the Fourier coefficients of each channel's light about the corner of the cell,
     (3, K, B) float64 each, real and imaginary part."""
     width, height = emitting_share(panel)

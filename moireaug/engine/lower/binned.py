@@ -11,8 +11,7 @@ from moireaug.camera.effects.binned_statistics import pixels_per_value
 from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
 from moireaug.camera.panel.fourier import amplitudes_of
-from moireaug.engine.lower import pose
-from moireaug.engine.lower.cameras import camera_fields, lower_cameras
+from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
 from moireaug.engine.lower.cell import cell_of_whole_pixels, mean_light_of
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, FullView
 from moireaug.scene.geometry import grids
@@ -71,12 +70,12 @@ def _place_of(shot: ShotRecord, frame: Frame, content: BinContent) -> dict[str, 
         "corner_y": frame.height / 2 - frame.image_top + lead[:, 1],
     }
     if "flicker" in shot.plan and (shot.part_of is not None or shot.scene.is_crop):
-        first, last = rows_seen(shot)
+        first, last = _rows_seen(shot)
         fields |= {"pulses_top": first - frame.height / 2, "pulses_height": last - first}
     return fields
 
 
-def rows_seen(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray]:
+def _rows_seen(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and the last row of the whole photo that a shot's bins see, (B,) each, with
     a row to spare."""
     if not shot.scene.is_rectified:
@@ -106,11 +105,11 @@ def _bin_cameras(
     sensor = fields | {"alpha": scales.panel, "rectified": zero + shot.scene.is_rectified}
     blur = {"alpha": content.scale.numpy(), "fill": zero, "blur": content.optics.blur.numpy()}
     corner = fields["corner_x"][:, None], fields["corner_y"][:, None]
-    images = of_sensor = pose.from_corner(inverse, *corner)
+    images = of_sensor = from_corner(inverse, *corner)
     if shot.scene.is_rectified:
         # pixels look straight at the picture
         of_bins |= {"k1": zero, "k2": zero}
-        images = pose.from_corner(np.eye(3)[None].repeat(len(shot), 0), *corner)
+        images = from_corner(np.eye(3)[None].repeat(len(shot), 0), *corner)
         of_sensor = inverse
     per_pixel = scales.sensor, scales.sensor
     return (

@@ -1,6 +1,8 @@
-"""The fields of a batch's cameras."""
+"""The fields of a batch's cameras, and their homographies."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -72,3 +74,12 @@ def lower_cameras(
     for i, name in enumerate(Camera._fields):
         cameras[:, i] = columns[name]
     return cameras
+
+
+def from_corner(m: np.ndarray, x: Any, y: Any) -> np.ndarray:
+    """Move the origin of the image coordinates that homographies (B, 3, 3) lead to, from the
+    centre to a corner x to its left and y above it, numbers or (B, 1) each."""
+    out = m.copy()
+    out[:, 0] += x * out[:, 2]
+    out[:, 1] += y * out[:, 2]
+    return out

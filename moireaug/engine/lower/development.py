@@ -19,8 +19,8 @@ from moireaug.engine.lower.development_records import (
     Registration,
     Resize,
 )
-from moireaug.engine.lower.full import MAX_CACHED_SCENES
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
+from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.geometry.lattice import SampledPixels
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import DEMOSAIC_REACH, ShotRecord, sampled_rows_and_columns
@@ -136,7 +136,7 @@ def _detail_of(shot: ShotRecord, geometry: HostGeometry) -> Detail:
         both = np.minimum(np.stack([chroma, sharp]) / geometry.bin_scale, longest)
         chroma, sharp = kernel_sigma(torch.from_numpy(both)).numpy()
     return Detail(
-        (_pixel_count(rows), _pixel_count(cols)),
+        (rows.count, cols.count),
         _resize_of_photo(rows, how.resize),
         _resize_of_photo(cols, how.resize),
         chroma,
@@ -167,18 +167,12 @@ def _resampling(
     )
 
 
-def _pixel_count(pixels: SampledPixels) -> int:
-    """Return how many sensor pixels make up photo pixels; others complete filter cells."""
-    return pixels.kept.stop - pixels.kept.start
-
-
 def _resize_of_photo(pixels: SampledPixels, how: str) -> Resize:
-    count = _pixel_count(pixels)
-    return lower_resize(count, pixels.size, count, how)
+    return lower_resize(pixels.count, pixels.size, pixels.count, how)
 
 
 def _resize(pixels: SampledPixels, how: str, reach: int, *, whole: bool) -> Resize:
-    read, count = len(pixels.index), _pixel_count(pixels)
+    read, count = len(pixels.index), pixels.count
     if whole:
         return lower_resize(read, count, count, "area")
     if how == "point" and pixels.step > 1:

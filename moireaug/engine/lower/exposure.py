@@ -16,7 +16,8 @@ from moireaug.engine.lower.binned import binned_view
 from moireaug.engine.lower.budget import ErrorBudget
 from moireaug.engine.lower.cell import mean_light_of
 from moireaug.engine.lower.exposure_records import Camera, Exposure, PanelView, Sites
-from moireaug.engine.lower.full import MAX_CACHED_SCENES, cameras_and_cell, full_view, point_view
+from moireaug.engine.lower.full import cameras_and_cell, full_view, point_view
+from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.lattice import CFA
 from moireaug.scene.record import SceneRecord

@@ -7,8 +7,7 @@ import functools
 import numpy as np
 
 from moireaug.camera.panel.fourier import emitting_share, own_orders
-from moireaug.engine.lower import pose
-from moireaug.engine.lower.cameras import camera_fields, lower_cameras
+from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
 from moireaug.engine.lower.cell import (
     cell_of_whole_pixels,
     highest_orders,
@@ -16,13 +15,12 @@ from moireaug.engine.lower.cell import (
     mean_light_of,
 )
 from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
+from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.exposure_method import ExposureMethod
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_geometry import HostGeometry
 from moireaug.scene.subpixel import Subpixel
-
-MAX_CACHED_SCENES = 64  # scenes and sizes whose tables are cached
 
 
 def cameras_and_cell(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarray, Cell]:
@@ -30,7 +28,7 @@ def cameras_and_cell(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarr
     rows, cols = shot.sampled_pixels()
     h, w = shot.size
     fields = camera_fields(shot, geometry) | {"alpha": geometry.panel_scale}
-    back = pose.from_corner(np.linalg.inv(geometry.homography), w / 2, h / 2)
+    back = from_corner(np.linalg.inv(geometry.homography), w / 2, h / 2)
     cameras = lower_cameras(back, (rows.scale, cols.scale), fields)
     return cameras, _cell(shot.scene, shot.plan.method)
 

@@ -90,7 +90,7 @@ def frame_of_crop(
     place: tuple[Any, Any],
     pose: Any,
     lens: tuple[Any, Any],
-    xp: ModuleType = torch,
+    xp: ModuleType,
 ) -> Frame:
     """Return the Frame of a crop that lies at a place in its photo, and whose image is in the
     middle of it.

@@ -17,9 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.scene.drawn_parts import DrawnView
 from moireaug.scene.geometry.frame import FrameSize, Number
 
-DrawnView = Any  # a View of (B,) tensors, whose annotations are those of a scene's
 BEHIND_CAMERA = 1e9  # where points behind the camera are put
 MIN_POINT_DEPTH = 1e-9  # depth above which a point counts as in front of the camera
 BORDER_STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -55,7 +55,7 @@ def camera_pose(
     before it is turned, (B,).
 
     Args:
-        view: a drawn View, whose fields are (B,).
+        view: its fields are (B,) tensors, or arrays.
         k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
         size: height and width of the whole photo, see `frame.Frame`.
         xp: module of the arrays, torch or numpy, which is faster for so few numbers.
@@ -124,12 +124,6 @@ def pose_of(
         return released_pose(view, size, scale), one
     tensors = {name: torch.from_numpy(getattr(view, name)) for name in view.ranged}
     return released_pose(view.drawn(tensors), size, scale).numpy(), one
-
-
-def homography(view: DrawnView, k1: Tensor, k2: Tensor, size: FrameSize, scale: float) -> Tensor:
-    """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64; arguments as
-    of `pose_of`."""
-    return about_corners(pose_of(view, k1, k2, size, scale)[0], size)
 
 
 def about_corners(pose: Tensor, size: FrameSize) -> Tensor:

@@ -65,11 +65,14 @@ class SampledPixels:
     scale: float
 
     @property
-    def kept(self) -> slice:
-        """The places in `index` of the pixels that make up photo pixels; the others complete filter
-        cells."""
-        count = self.size * self.step if self.step else max(1, round(self.size * self.scale))
-        return slice(self.lead, self.lead + count)
+    def count(self) -> int:
+        """How many of the pixels make up photo pixels; the others complete filter cells."""
+        return self.size * self.step if self.step else max(1, round(self.size * self.scale))
+
+    @property
+    def of_photo(self) -> slice:
+        """The places in `index` of the pixels that make up photo pixels."""
+        return slice(self.lead, self.lead + self.count)
 
     def positions(self, device: torch.device | str = "cpu") -> Tensor:
         """Return the photo coordinates of the pixels' centres, (len(index),) float64."""

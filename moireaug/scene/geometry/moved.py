@@ -8,10 +8,10 @@ from torch import Tensor
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.frame import Frame
 
-Distortion = tuple[Tensor, Tensor] | None  # k1 and k2, (B,) each
 
-
-def points_in_photo(points: Tensor, matrix: Tensor, frame: Frame, distortion: Distortion) -> Tensor:
+def points_in_photo(
+    points: Tensor, matrix: Tensor, frame: Frame, distortion: grids.RadialCoefficients | None
+) -> Tensor:
     """Return where points (B, N, 2) of the image lie in the photo, x then y in pixels, float64.
 
     Args:
@@ -22,7 +22,9 @@ def points_in_photo(points: Tensor, matrix: Tensor, frame: Frame, distortion: Di
     return moved - frame.photo_corner(moved)
 
 
-def mask_in_photo(mask: Tensor, matrix: Tensor, frame: Frame, distortion: Distortion) -> Tensor:
+def mask_in_photo(
+    mask: Tensor, matrix: Tensor, frame: Frame, distortion: grids.RadialCoefficients | None
+) -> Tensor:
     """Return a mask (B, C, H, W) of the image as in the photo: nearest pixel, 0 off the image;
     the rest as in `points_in_photo`."""
     h, w = mask.shape[-2:]

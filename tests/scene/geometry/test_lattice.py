@@ -35,7 +35,7 @@ def test_what_is_read_of_an_axis():
     for *given, index, step, lead, kept in SAMPLED:
         pixels = sampled_pixels(*given)
         assert (list(pixels.index), pixels.step, pixels.lead) == (index, step, lead), given
-        assert list(pixels.index[pixels.kept]) == kept, given
+        assert list(pixels.index[pixels.of_photo]) == kept, given
         if given[-1]:  # each of the parity of its place
             assert [i % 2 for i in pixels.index] == [0, 1] * (len(index) // 2), given
 
