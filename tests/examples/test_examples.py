@@ -123,7 +123,7 @@ NOTEBOOKS = {
     ),
     "train": (
         "IMAGES, EPOCHS, SIZE, ATTACKED, STEPS = 80, 1, 24, 16, 1",
-        r"clean image .*Report: .*\['",
+        r"clean image .*training: .*\['",
     ),
     "pairs": ('SIDE, PAIRS, SCENE = 48, 2, ["phone_at_monitor"]', r"moiré, codes RMS: \d.*True"),
     "calibrate": ("SIZE, EVALUATIONS = 32, 1", r"lens\.blur: .* before, .* fitted, .* true"),
