@@ -40,7 +40,7 @@ COLUMNS = ["model", "images", "row", "column", "success", "low", "high", "counte
 class Effort:
     """Pictures, and their side in pixels."""
 
-    n: int = 200
+    n: int = 100
     side: int = 224
 
 
