@@ -124,7 +124,7 @@ def _plan_line(cfg: Config, epochs: int, lr: float, start_cost: TrainCost | None
 def classifier_of(cfg: Config, num_classes: int) -> Classifier:
     """Return the classifier of these settings, with random weights or those of `weights=`."""
     return Classifier(
-        as_model(cfg.model, num_classes, cfg.weights),
+        as_model(cfg.model, num_classes, cfg.weights, whole=cfg.train.target == "answers"),
         cfg.train,
         cfg.adversary,
         scene_of(cfg),
