@@ -1,7 +1,6 @@
 """A network that is to keep its answers: unlabelled pictures, the frozen original, and the real
 command from weights to report, resumed and attacked again."""
 
-import copy
 import shutil
 
 import numpy as np
@@ -9,14 +8,16 @@ import pytest
 import torch
 from PIL import Image
 from torch import nn
+from torch.utils.data import TensorDataset
 
 from moireaug.attacks import predicted
 from moireaug.scenes import Scene
-from tests.training.small import BRIEF, TINY, configured, inside
+from tests.training.small import BRIEF, TINY, configured, inside, same
 from training import fit
 from training.attack.protocol import protocol_of
 from training.classifier import train as training_of_classifiers
 from training.classifier.adversaries import TrainingAdversary
+from training.classifier.blend import SHARES, keep_answers
 from training.classifier.original import Original, divergence
 from training.classifier.train import classifier_of
 from training.config.schema import Adversary, Data
@@ -31,7 +32,8 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 CLASSES = 5
 SMALL = ["recipe=moire_tune", "model=small_resnet", "data=folder", "data.size=24"]
 SMALL += [one for one in TINY if not one.startswith(("data.", "train.epochs"))]
-SMALL += [*BRIEF, "train.epochs=2", "train.batch_size=8", "data.val=4"]
+SMALL += [*BRIEF, "train.epochs=2", "train.batch_size=8", "data.train=16", "data.val=4"]
+SMALL += ["scene=screen_photo", "shrink=1.5"]
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +74,15 @@ def test_any_folder_of_pictures_is_split(pictures):
     assert len(unlabelled(pictures, test=1).train) == 17  # fewer to test on move none
 
 
+def test_a_few_pictures_are_repeated_as_often_as_each_other(pictures):
+    train = unlabelled(pictures, val=8, train=25).train
+    _, counts = (
+        torch.stack([image for image, _ in train]).flatten(1).unique(dim=0, return_counts=True)
+    )
+    assert sorted(counts.tolist()) == [2] * 5 + [3] * 5
+    assert len(unlabelled(pictures, val=8, train=4).train) == 4
+
+
 def test_the_parts_of_a_folder_stay_apart(pictures, tmp_path):
     shutil.copytree(pictures, tmp_path / "train")
     shutil.copytree(pictures / "more", tmp_path / "test")
@@ -103,6 +114,22 @@ def test_the_original_is_frozen_and_its_own_answers_cost_nothing():
     torch.testing.assert_close(divergence(other, wanted), by_hand)
     (gradient,) = torch.autograd.grad(divergence(other, wanted), other)
     torch.testing.assert_close(gradient, (probabilities[1] - probabilities[0]).detach() / 4)
+
+
+@pytest.mark.parametrize(("kept", "share"), [(0.0, 1.0), (0.7, 0.4), (1.0, 0.2)])
+def test_weights_move_towards_the_original_until_its_answers_are_kept(kept, share):
+    """Pictures as bright as 0 to 0.9, and a network that calls those above a bound bright."""
+    model = nn.Sequential(nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Linear(3, 2))
+    with torch.no_grad():
+        model[2].weight.copy_(torch.tensor([[0.0] * 3, [1 / 3] * 3]))
+        model[2].bias.copy_(torch.tensor([0.05, 0.0]))
+        original = Original(model)
+        model[2].bias.copy_(torch.tensor([0.75, 0.0]))  # of the new weights: 7 of 10 change
+    codes = (torch.arange(10) * 25.5).round().to(torch.uint8)
+    images = TensorDataset(codes[:, None, None, None].expand(-1, 3, 4, 4), torch.zeros(10))
+    assert keep_answers(model, original, images, kept) == share
+    bias = model[2].bias[0].item()
+    assert bias == pytest.approx(0.05 + 0.7 * share)
 
 
 def test_the_twin_is_photographed_without_moire():
@@ -141,6 +168,8 @@ def test_a_run_is_compared_with_the_network_before(tuned, network):
     assert any(not torch.equal(before[name], after[name]) for name in before)
     kept = run.original_model().state_dict()
     assert all(torch.equal(before[name], kept[name]) for name in before)
+    share = read_checkpoint(folder / "best.ckpt")["new_share"]
+    assert share in SHARES and f"{share:.0%} new" in said
     fresh = models.as_model("small_resnet", CLASSES, str(folder / "best.ckpt"), whole=True)
     assert all(torch.equal(value, after[name]) for name, value in fresh.state_dict().items())
 
@@ -163,14 +192,10 @@ def test_a_run_is_resumed_and_attacked_again_with_its_own_original(tuned, tmp_pa
     (page,) = copied.glob("reattack/*/ladder/metrics.json")
     assert read_metrics(page.parent)["baseline"]["clean_accuracy"] == 1.0
 
-    state = copy.deepcopy(read_checkpoint(copied / "best.ckpt")["state_dict"])
     (copied / "metrics.json").unlink()
-    (copied / "best.ckpt").unlink()
-    last = read_checkpoint(copied / "last.ckpt")
-    assert last["original"].keys() == {name.removeprefix("model.") for name in last["state_dict"]}
     resumed = inside("fit.py", *given, "resume=true", cwd=tmp_path)
-    assert "Resuming" in resumed.stdout or resumed.returncode, resumed.stderr
-    assert state
+    assert resumed.returncode == 0 and "Resuming" in resumed.stdout, resumed.stderr
+    assert same(folder, copied)
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,11 @@ class Data:
     size: int = setting(
         64, "side of the images, in pixels; the lens blurs small ones more", bounds=(16, 8192)
     )
-    train: int | None = setting(None, "training images; null is all there are", bounds=(1, None))
+    train: int | None = setting(
+        None,
+        "training images; null is all there are; with train.target=answers, fewer are repeated",
+        bounds=(1, None),
+    )
     val: int | None = setting(
         None, "validation images; null is 10 % of the training images", bounds=(1, None)
     )
@@ -125,6 +129,12 @@ class Train:
         "what is learnt: the labels, or the answers of the network with weights= to the images "
         "before they are photographed",
         choices=TARGETS,
+    )
+    kept: float = setting(
+        0.97,
+        "with train.target=answers, the least share of validation images that are to be answered "
+        "as before: the new weights are moved towards the old until they are",
+        bounds=(0, 1),
     )
     epochs: int = setting(30, "5 for signs", bounds=(1, None), may_differ=True)
     length: float = setting(

@@ -8,7 +8,7 @@ from torch.utils.data import Dataset
 
 from training.config.schema import DATA, Data
 from training.data import signs
-from training.data.splits import Splits, has_parts, split
+from training.data.splits import Splits, has_parts, repeated, split
 
 
 def load(cfg: Data, target: str = "labels") -> Splits:
@@ -22,7 +22,8 @@ def load(cfg: Data, target: str = "labels") -> Splits:
     from training.data import image_sets
 
     if cfg.name == "folder" and target == "answers":
-        return split(image_sets.read_unlabelled(cfg), cfg)
+        splits = split(image_sets.read_unlabelled(cfg), cfg)
+        return splits._replace(train=repeated(splits.train, cfg.train))
     return split(image_sets.read(cfg), cfg)
 
 

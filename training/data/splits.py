@@ -92,6 +92,13 @@ def random_subset(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
     return Subset(data, shuffled_indices(len(data), seed)[:n])  # type: ignore[arg-type]
 
 
+def repeated(data: Dataset, n: int | None) -> Dataset:
+    """Return n items, each as often as any other or once more; as many as there are if n is None
+    or not greater."""
+    total = len(data)  # type: ignore[arg-type]
+    return data if n is None or n <= total else Subset(data, [k % total for k in range(n)])
+
+
 def split(images: ImageSet, cfg: Data) -> Splits:
     """Return the parts of a data set, in the numbers that are asked for: of the training images, a
     fixed random part is held out for validation."""
