@@ -42,7 +42,7 @@ class Sizes:
     """What is photographed, how often."""
 
     presets: tuple[str, ...] = ("screen_photo", "phone_at_monitor", "phone_close_to_lcd")
-    shots: int = 4
+    shots: int = 2
     pairs: int | None = None
 
 
