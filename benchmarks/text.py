@@ -183,24 +183,26 @@ def plot(table: pd.DataFrame, path: Path) -> None:
     shrinks = [shrink for shrink in table["shrink"].unique() if shrink != ""]
     figure = Figure(figsize=(3 * len(shrinks) + 1, 3), layout="constrained")
     panels = figure.subplots(1, len(shrinks), sharey=True, squeeze=False)[0]
-    styles = {"photo": "o-", "cleaned": "s:", "twin": "--", "picture": "k-"}
-    labels = {
-        "photo": "photo",
-        "cleaned": "photo, demoiréd",
-        "twin": "photo without moiré",
-        "picture": "the picture itself",
+    styles = {
+        "photo": ("o-", "C0", "photo"),
+        "cleaned": ("s:", "C1", "photo, demoiréd"),
+        "twin": ("--", "C2", "photo without moiré"),
+        "picture": ("-", "k", "the picture itself"),
     }
     for panel, shrink in zip(panels, shrinks, strict=True):
-        for state, style in styles.items():
+        for state, (style, colour, label) in styles.items():
             chosen = table[(table["state"] == state) & table["shrink"].isin([shrink, ""])]
             if len(chosen):
                 means = 100 * chosen.groupby("type")["error"].mean()
-                panel.plot(means.index, means, style, label=labels[state], markersize=4)
-        name = "whole photos" if shrink == WHOLE_PHOTO else f"crops, {float(shrink):g} x {shrink:g}"
-        panel.set(title=name, xlabel="pixels of type", ylim=(-3, 103), xticks=means.index)
+                panel.plot(means.index, means, style, color=colour, label=label, markersize=4)
+        title = "whole photos"
+        if shrink != WHOLE_PHOTO:
+            title = f"crops, {float(shrink):g} x {float(shrink):g} sensor pixels a pixel"
+        panel.set_title(title, fontsize=9)
+        panel.set(xlabel="pixels of type", ylim=(-3, 103), xticks=means.index)
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("characters misread, %")
-    panels[-1].legend(fontsize=7)
+    panels[0].legend(fontsize=7)
     figure.savefig(path, dpi=110)
 
 
