@@ -244,6 +244,8 @@ def _distances(shot: Shot, boxes: Tensor, corner: Tensor) -> tuple[Tensor, Tenso
         corner: (B,) radii of the screens' corners, in the same pixels.
     """
     frame, lens = shot.frame, shot.distortion
+    if lens is not None:
+        lens = lens[0].to(corner.dtype), lens[1].to(corner.dtype)
     centres = grids.pixel_centres(shot.size, boxes.device).to(corner.dtype)
     points = (centres + frame.photo_corner(centres)).expand(len(shot), -1, -1, -1)
     inverse = torch.linalg.inv(shot.matrix()).to(corner.dtype)

@@ -1,0 +1,227 @@
+"""Examples for a detector of screen photos: crops at a photo's own pixels, and whole photos made
+small; screens from any camera, and what is none."""
+
+from __future__ import annotations
+
+import io
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from moireaug.capture import capture
+from moireaug.mixtures import Mixture, as_scenes, sample_one, scenes_of
+from moireaug.scene.by_name import with_values
+from moireaug.scenes import Scene
+from moireaug.synthesis import Room, screen_in_room, without_moire
+from moireaug.synthesis.pictures import Source
+from moireaug.synthesis.twins import moire_codes
+from training.data import drawn_pictures
+
+CROP_SIDE, WHOLE_SIDE = 224, 256  # pixels of what the network sees
+CUT_SIDES = (256, 352)  # of crops before they are shrunk, as photos are when they are shared
+PHOTO_SIDE = 512  # longer side of a simulated whole photo, pixels
+MIN_MOIRE = 1.0  # codes of moiré, below which a photo and its twin look alike
+CROP_SHRINK, WHOLE_SHRINK = (1.0, 4.0), (3.0, 8.0)  # of photos as they are shared, and made small
+ASPECTS = (16 / 9, 16 / 9, 16 / 10, 3 / 2, 4 / 3, 9 / 16, 9 / 19)  # of screens, width over height
+NEAR = Room(extent=(0.9, 4.0), bezel=(0.01, 0.15))  # a part of a screen, and often its edge
+WHOLE = Room(extent=(0.35, 1.3))
+# a picture on a wall or a page on a table, in the light of the room alone
+PRINT = {"glow": 0.0, "albedo": (0.0, 1.5), "bezel": (0.0, 0.15), "ambient": (0.3, 1.0)}
+
+
+class Example(NamedTuple):
+    """What the network sees, and whether it is a screen.
+
+    image: (3, side, side) uint8. look: "crop" or "whole". kind: what it is, in words.
+    """
+
+    image: Tensor
+    look: str
+    is_screen: bool
+    kind: str
+
+
+class Examples:
+    """Examples by number, each a pure function of (seed, number) and the pictures.
+
+    Args:
+        pictures: those that screens show and that rooms are.
+        scenes: of the screens, which state `Sensor.pitch` or `Panel.width`; those of LEDs stand in
+            no room.
+        drawn: share of the shown pictures that are drawn interfaces and pages.
+    """
+
+    def __init__(
+        self, pictures: Source, scenes: Scene | Mixture, seed: int, drawn: float = 0.3
+    ) -> None:
+        self.pictures, self.seed, self.drawn = pictures, seed, drawn
+        every = scenes_of(scenes)
+        in_rooms = [scene for scene in every if scene.panel.layout != "led"] or list(every)
+        self.crop_scenes = as_scenes(scenes, CROP_SHRINK)
+        self.near, self.far = as_scenes(in_rooms, CROP_SHRINK), as_scenes(in_rooms, WHOLE_SHRINK)
+        # one camera does for prints, which have no pattern; each scene takes time to be planned
+        no_pattern = with_values(Scene.preset("phone_at_monitor"), {"sensor.exposure": "mean"})
+        self.near_print = no_pattern.with_shrink(CROP_SHRINK)
+        self.far_print = no_pattern.with_shrink(WHOLE_SHRINK)
+
+    @torch.no_grad()
+    def make(self, number: int) -> list[Example]:
+        """Return the examples of a number: of each look, screens and others."""
+        rng = np.random.default_rng((self.seed, number))
+        return [*self.crops(rng), *self.wholes(rng)]
+
+    def crops(self, rng: np.random.Generator) -> list[Example]:
+        """Return crops: a picture, its photo off a screen, the photo's twin, a part of a screen
+        with its edge, and a part of a print with its edge."""
+        side = int(rng.integers(*CUT_SIDES))
+        size = (side, side)
+        original = _as_batch(_part(rng, self.shown(rng, side), size))
+        shot = sample_one(self.crop_scenes, size, _generator(rng))
+        photo, twin = capture(original, shot), capture(original, without_moire(shot))
+        found = [("original", original, False)]
+        if moire_codes(photo, twin).item() >= MIN_MOIRE:
+            found += [("photo", photo, True), ("twin", twin, False)]
+        else:
+            found.append(("photo without moiré", photo, True))
+        part = self.room(rng, size, self.near, NEAR)
+        if part.shares.item() > 0.4:
+            found.append(("part of a screen", part.photos, True))
+        part = self.room(rng, size, self.near_print, _print_like(NEAR), is_print=True)
+        found.append(("part of a print", part.photos, False))
+        return [
+            Example(saved(rng, image, CROP_SIDE), "crop", label, kind)
+            for kind, image, label in found
+        ]
+
+    def wholes(self, rng: np.random.Generator) -> list[Example]:
+        """Return whole photos: a picture, as a camera takes it, a screen that fills the photo, one
+        in a room, and a print in a room."""
+        size = (PHOTO_SIDE, int(PHOTO_SIDE * rng.choice([0.75, 0.75, 9 / 16])))
+        size = size if rng.random() < 0.5 else size[::-1]
+        _, picture = self.pictures.draw(rng)
+        original = _as_batch(_cover(picture, size))
+        shot = sample_one(self.far, size, _generator(rng))
+        filled = _as_batch(_cover(self.shown(rng, PHOTO_SIDE), size))
+        found = [
+            ("picture", original, False),
+            ("picture by a camera", capture(original, without_moire(shot)), False),
+            ("screen in a room", self.room(rng, size, self.far, WHOLE).photos, True),
+        ]
+        photo = capture(filled, shot)
+        if moire_codes(photo, capture(filled, without_moire(shot))).item() >= MIN_MOIRE:
+            found.append(("screen", photo, True))
+        if rng.random() < 0.5:
+            part = self.room(rng, size, self.far_print, _print_like(WHOLE), is_print=True)
+            found.append(("print in a room", part.photos, False))
+        return [
+            Example(saved(rng, image, WHOLE_SIDE), "whole", label, kind)
+            for kind, image, label in found
+        ]
+
+    def room(self, rng, size, scenes, room, *, is_print=False):
+        """Return a photo of a screen, or of a print, in a room."""
+        _, around = self.pictures.draw(rng)
+        aspect = float(rng.choice(ASPECTS))
+        screen = (
+            (PHOTO_SIDE, int(PHOTO_SIDE * aspect))
+            if aspect < 1
+            else (int(PHOTO_SIDE / aspect), PHOTO_SIDE)
+        )
+        shown = self.shown(rng, PHOTO_SIDE)
+        if not is_print:
+            shown = on_screen(rng, shown, screen)
+        picture = _as_batch(_cover(shown, screen))
+        if is_print:
+            picture = picture * float(rng.uniform(0.4, 0.9))
+        return screen_in_room(
+            picture, _as_batch(_part(rng, around, size)), scenes, room, generator=_generator(rng)
+        )
+
+    def shown(self, rng: np.random.Generator, side: int) -> Image.Image:
+        """Draw a picture that a screen or a page shows."""
+        if rng.random() >= self.drawn:
+            return self.pictures.draw(rng)[1]
+        draw = (drawn_pictures.page, drawn_pictures.interface)[int(rng.integers(2))]
+        return draw(rng, side)
+
+
+def on_screen(rng: np.random.Generator, picture: Image.Image, size: tuple[int, int]) -> Image.Image:
+    """Return a picture as screens show it: filling them, or in a viewer with bars around it."""
+    height, width = size
+    if rng.random() < 0.45:
+        return _cover(picture, size)
+    code = int(rng.choice([0, 15, 32, 45, 240, 255]))
+    canvas = Image.new("RGB", (width, height), (code, code, code))
+    room = rng.uniform(0.5, 1.0)
+    factor = room * min(width / picture.width, height / picture.height)
+    small = picture.resize(
+        (max(1, int(picture.width * factor)), max(1, int(picture.height * factor)))
+    )
+    top = int(rng.uniform(0.3, 0.7) * (height - small.height))
+    canvas.paste(small, ((width - small.width) // 2, top))
+    for bar in (0, 1):  # of titles, and of tasks
+        if rng.random() < 0.6:
+            thick = max(4, int(rng.uniform(0.03, 0.08) * height))
+            strip = drawn_pictures.interface(rng, 256).resize((width, 8 * thick))
+            canvas.paste(strip.crop((0, 0, width, thick)), (0, bar * (height - thick)))
+    return canvas
+
+
+def saved(rng: np.random.Generator, photo: Tensor, side: int) -> Tensor:
+    """Return a photo (1, 3, H, W) as a file holds it, saved as JPEG once or twice, and shrunk to
+    (3, side, side) uint8."""
+    codes = (photo[0] * 255).round().clamp(0, 255).to(torch.uint8).permute(1, 2, 0).numpy()
+    image = Image.fromarray(codes)
+    image = _through_jpeg(image, int(rng.integers(60, 97)))
+    if rng.random() < 0.5:
+        if image.height != side and rng.random() < 0.5:
+            image = image.resize((side, side), Image.Resampling.LANCZOS)
+        image = _through_jpeg(image, int(rng.integers(60, 97)))
+    if image.size != (side, side):
+        image = image.resize((side, side), Image.Resampling.LANCZOS)
+    if rng.random() < 0.5:
+        image = image.transpose(Image.Transpose.FLIP_LEFT_RIGHT)
+    return torch.from_numpy(np.array(image)).permute(2, 0, 1)
+
+
+def _through_jpeg(image: Image.Image, quality: int) -> Image.Image:
+    file = io.BytesIO()
+    image.save(file, "JPEG", quality=quality)
+    return Image.open(file).convert("RGB")
+
+
+def _print_like(room: Room) -> Room:
+    values = {name: getattr(room, name) for name in Room.ranged}
+    return Room(**values | PRINT)
+
+
+def _cover(picture: Image.Image, size: tuple[int, int]) -> Image.Image:
+    """Return the middle of a picture, scaled until it fills a size (height, width)."""
+    height, width = size
+    factor = max(width / picture.width, height / picture.height)
+    w, h = max(width, round(picture.width * factor)), max(height, round(picture.height * factor))
+    left, top = (w - width) // 2, (h - height) // 2
+    return picture.resize((w, h), Image.Resampling.BICUBIC).crop(
+        (left, top, left + width, top + height)
+    )
+
+
+def _part(rng: np.random.Generator, picture: Image.Image, size: tuple[int, int]) -> Image.Image:
+    """Return a part of a picture at its own pixels, enlarged only if it is smaller."""
+    height, width = size
+    if picture.height < height or picture.width < width:
+        return _cover(picture, size)
+    left = int(rng.integers(picture.width - width + 1))
+    top = int(rng.integers(picture.height - height + 1))
+    return picture.crop((left, top, left + width, top + height))
+
+
+def _as_batch(picture: Image.Image) -> Tensor:
+    return torch.from_numpy(np.array(picture)).permute(2, 0, 1)[None].float() / 255
+
+
+def _generator(rng: np.random.Generator) -> torch.Generator:
+    return torch.Generator().manual_seed(int(rng.integers(2**32)))
