@@ -148,7 +148,7 @@ def fit_head(head: nn.Linear, features: Tensor, is_screen: Sequence[bool], penal
     """Fit a head by logistic regression, screens and others weighing the same.
 
     Args:
-        features: (N, F) of the examples. is_screen: N truths.
+        head: nn.Linear(F, 1). features: (N, F) of the examples. is_screen: N truths.
         penalty: of the squared weights of standardised features, per example.
     """
     truth = torch.tensor(is_screen, dtype=torch.float64)
@@ -169,6 +169,6 @@ def fit_head(head: nn.Linear, features: Tensor, is_screen: Sequence[bool], penal
         return total
 
     optimiser.step(loss)
-    with torch.no_grad():
-        head.weight.copy_(slope / std)
-        head.bias.copy_(bias - (slope / std * mean).sum())
+    weight = (slope / std).detach()
+    state = {"weight": weight[None], "bias": (bias - weight @ mean).detach()[None]}
+    head.load_state_dict(state)
