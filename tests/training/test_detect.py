@@ -26,7 +26,7 @@ def trained(tmp_path_factory):
     root = tmp_path_factory.mktemp("detector")
     put(root / "pictures", sizes=[(400, 300), (300, 420), (500, 380)])
     torch.manual_seed(0)
-    settings = [f"images={root / 'pictures'}", f"out={root / 'out'}", "weights=null", "n=10"]
+    settings = [f"images={root / 'pictures'}", f"out={root / 'out'}", "weights=null", "n=4"]
     detect.main(["train", *settings, f"scene={SCENE}"])
     return root
 
@@ -47,7 +47,7 @@ def test_examples_depend_on_their_number_alone(tmp_path):
 
 def test_a_trained_detector_scores_a_folder(trained, capsys):
     metrics = json.loads((trained / "out" / "metrics.json").read_text())
-    assert metrics["auc"].keys() == {"crop", "whole"} and metrics["examples"]["crop: photo"] == 10
+    assert metrics["auc"].keys() == {"crop", "whole"} and metrics["examples"]["crop: original"] == 4
     photos = trained / "photos"
     for number, label in enumerate(("Real", "screens") * 2):
         path = photos / "one" / label / f"{number}.jpg"

@@ -4,6 +4,7 @@ small; screens from any camera, and what is none."""
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,11 +12,12 @@ import torch
 from PIL import Image
 from torch import Tensor
 
+from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.capture import capture
 from moireaug.mixtures import Mixture, as_scenes, sample_one, scenes_of
 from moireaug.scene.by_name import with_values
 from moireaug.scenes import Scene
-from moireaug.synthesis import Room, screen_in_room, without_moire
+from moireaug.synthesis import Room, RoomPhotos, screen_in_room, without_moire
 from moireaug.synthesis.pictures import Source
 from moireaug.synthesis.twins import moire_codes
 from training.data import drawn_pictures
@@ -28,8 +30,9 @@ CROP_SHRINK, WHOLE_SHRINK = (1.0, 4.0), (3.0, 8.0)  # of photos as they are shar
 ASPECTS = (16 / 9, 16 / 9, 16 / 10, 3 / 2, 4 / 3, 9 / 16, 9 / 19)  # of screens, width over height
 NEAR = Room(extent=(0.9, 4.0), bezel=(0.01, 0.15))  # a part of a screen, and often its edge
 WHOLE = Room(extent=(0.35, 1.3))
-# a picture on a wall or a page on a table, in the light of the room alone
-PRINT = {"glow": 0.0, "albedo": (0.0, 1.5), "bezel": (0.0, 0.15), "ambient": (0.3, 1.0)}
+# of rooms without a screen, for which cameras expose
+AMBIENT, MAX_BLUR = (0.25, 1.0), 8.0
+REFLECTED = (0.4, 0.9)  # of the room's light, by the paper of prints
 
 
 class Example(NamedTuple):
@@ -89,8 +92,10 @@ class Examples:
         part = self.room(rng, size, self.near, NEAR)
         if part.shares.item() > 0.4:
             found.append(("part of a screen", part.photos, True))
-        part = self.room(rng, size, self.near_print, _print_like(NEAR), is_print=True)
-        found.append(("part of a print", part.photos, False))
+        found.append(
+            ("part of a print", self.print_in_room(rng, size, self.near_print, NEAR), False)
+        )
+        found.append(("part of a room", self.empty_room(rng, size, self.near_print), False))
         return [
             Example(saved(rng, image, CROP_SIDE), "crop", label, kind)
             for kind, image, label in found
@@ -108,37 +113,51 @@ class Examples:
         found = [
             ("picture", original, False),
             ("picture by a camera", capture(original, without_moire(shot)), False),
+            ("room", self.empty_room(rng, size, self.far_print), False),
             ("screen in a room", self.room(rng, size, self.far, WHOLE).photos, True),
         ]
         photo = capture(filled, shot)
         if moire_codes(photo, capture(filled, without_moire(shot))).item() >= MIN_MOIRE:
             found.append(("screen", photo, True))
         if rng.random() < 0.5:
-            part = self.room(rng, size, self.far_print, _print_like(WHOLE), is_print=True)
-            found.append(("print in a room", part.photos, False))
+            photo = self.print_in_room(rng, size, self.far_print, WHOLE)
+            found.append(("print in a room", photo, False))
         return [
             Example(saved(rng, image, WHOLE_SIDE), "whole", label, kind)
             for kind, image, label in found
         ]
 
-    def room(self, rng, size, scenes, room, *, is_print=False):
-        """Return a photo of a screen, or of a print, in a room."""
-        _, around = self.pictures.draw(rng)
-        aspect = float(rng.choice(ASPECTS))
-        screen = (
-            (PHOTO_SIDE, int(PHOTO_SIDE * aspect))
-            if aspect < 1
-            else (int(PHOTO_SIDE / aspect), PHOTO_SIDE)
+    def room(
+        self, rng: np.random.Generator, size: tuple[int, int], scenes: Scene | Mixture, room: Room
+    ) -> RoomPhotos:
+        """Return a photo of a screen in a room, of a size (height, width)."""
+        shape = _shape(float(rng.choice(ASPECTS)))
+        shown = _as_batch(on_screen(rng, self.shown(rng, PHOTO_SIDE), shape))
+        around = _as_batch(_part(rng, self.pictures.draw(rng)[1], size))
+        return screen_in_room(shown, around, scenes, room, generator=_generator(rng))
+
+    def print_in_room(
+        self, rng: np.random.Generator, size: tuple[int, int], scene: Scene, room: Room
+    ) -> Tensor:
+        """Return a photo of a picture on a wall or a page on a table, which has the light of the
+        room alone: (1, 3, H, W)."""
+        shape, ambient = _shape(float(rng.choice(ASPECTS))), rng.uniform(*AMBIENT)
+        light = light_of_codes(_as_batch(_cover(self.shown(rng, PHOTO_SIDE), shape)))
+        printed = codes_of_light(light * float(ambient * rng.uniform(*REFLECTED)))
+        around = _as_batch(_part(rng, self.pictures.draw(rng)[1], size))
+        room = replace(room, ambient=float(ambient), glow=0.0, albedo=(0.0, 1.5), bezel=(0.0, 0.15))
+        return screen_in_room(printed, around, scene, room, generator=_generator(rng)).photos
+
+    def empty_room(self, rng: np.random.Generator, size: tuple[int, int], scene: Scene) -> Tensor:
+        """Return a photo of a room without a screen, as dim and as blurred as those with one:
+        (1, 3, H, W)."""
+        around, blur = _part(rng, self.pictures.draw(rng)[1], size), rng.uniform(1.0, MAX_BLUR)
+        small = [max(1, int(side / blur)) for side in around.size]
+        around = around.resize(small, Image.Resampling.BOX).resize(
+            around.size, Image.Resampling.BICUBIC
         )
-        shown = self.shown(rng, PHOTO_SIDE)
-        if not is_print:
-            shown = on_screen(rng, shown, screen)
-        picture = _as_batch(_cover(shown, screen))
-        if is_print:
-            picture = picture * float(rng.uniform(0.4, 0.9))
-        return screen_in_room(
-            picture, _as_batch(_part(rng, around, size)), scenes, room, generator=_generator(rng)
-        )
+        codes = codes_of_light(light_of_codes(_as_batch(around)) * float(rng.uniform(*AMBIENT)))
+        return capture(codes, sample_one(scene, size, _generator(rng)))
 
     def shown(self, rng: np.random.Generator, side: int) -> Image.Image:
         """Draw a picture that a screen or a page shows."""
@@ -193,9 +212,11 @@ def _through_jpeg(image: Image.Image, quality: int) -> Image.Image:
     return Image.open(file).convert("RGB")
 
 
-def _print_like(room: Room) -> Room:
-    values = {name: getattr(room, name) for name in Room.ranged}
-    return Room(**values | PRINT)
+def _shape(aspect: float) -> tuple[int, int]:
+    """Return height and width of a shown picture, of an aspect (width over height)."""
+    if aspect < 1:
+        return PHOTO_SIDE, int(PHOTO_SIDE * aspect)
+    return int(PHOTO_SIDE / aspect), PHOTO_SIDE
 
 
 def _cover(picture: Image.Image, size: tuple[int, int]) -> Image.Image:

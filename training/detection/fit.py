@@ -58,7 +58,7 @@ class Config:
     weights: str | None = setting(MISSING, "of the backbone: a file, a name, or null for random")
     backbone: str = setting("resnet18", "a ResNet of torchvision")
     out: str = setting("runs/detect", "the folder of the results")
-    n: int = setting(300, "rounds of examples, some nine each", bounds=(10, None))
+    n: int = setting(300, "rounds of about eleven examples", bounds=(4, None))
     penalty: float = setting(0.5, "of the heads' squared weights", bounds=(0, None))
     false_alarms: float = setting(0.1, "share of ordinary photos called screens", bounds=(0, 1))
     seed: int = setting(0, "of the examples", bounds=(0, 2**31))

@@ -20,7 +20,7 @@ from training.models.classifiers import as_model
 PHOTO_SIDE = 1024  # longest side at which photos are looked at, pixels: as messengers send them
 CROP_SIDE, WHOLE_SIDE = 224, 256  # of what the network sees, pixels
 # middles of the crops, as shares of a photo's height and width
-PLACES = tuple((y, x) for y in (0.2, 0.5, 0.8) for x in (0.25, 0.5, 0.75))
+PLACES = ((0.2, 0.25), (0.2, 0.75), (0.5, 0.5), (0.8, 0.25), (0.8, 0.75))
 STAGES = ("layer1", "layer2", "layer3", "layer4")  # of torchvision's ResNets
 LOOKS = ("crop", "whole")
 FILE_ADVICE = "Pass a file that training/detect.py train wrote."
