@@ -25,13 +25,13 @@ from training.data import drawn_pictures
 CROP_SIDE, WHOLE_SIDE = 224, 256  # pixels of what the network sees
 CUT_SIDES = (256, 352)  # of crops before they are shrunk, as photos are when they are shared
 PHOTO_SIDE = 512  # longer side of a simulated whole photo, pixels
+MIN_SHARE = 0.4  # of a crop, that a screen takes
 MIN_MOIRE = 1.0  # codes of moiré, below which a photo and its twin look alike
 CROP_SHRINK, WHOLE_SHRINK = (1.0, 4.0), (3.0, 8.0)  # of photos as they are shared, and made small
 ASPECTS = (16 / 9, 16 / 9, 16 / 10, 3 / 2, 4 / 3, 9 / 16, 9 / 19)  # of screens, width over height
 NEAR = Room(extent=(0.9, 4.0), bezel=(0.01, 0.15))  # a part of a screen, and often its edge
 WHOLE = Room(extent=(0.35, 1.3))
-# of rooms without a screen, for which cameras expose
-AMBIENT, MAX_BLUR = (0.25, 1.0), 8.0
+AMBIENT = (0.25, 1.0)  # light of rooms without a screen, for which cameras expose
 REFLECTED = (0.4, 0.9)  # of the room's light, by the paper of prints
 
 
@@ -77,11 +77,11 @@ class Examples:
         return [*self.crops(rng), *self.wholes(rng)]
 
     def crops(self, rng: np.random.Generator) -> list[Example]:
-        """Return crops: a picture, its photo off a screen, the photo's twin, a part of a screen
-        with its edge, and a part of a print with its edge."""
+        """Return crops: a picture, its photo off a screen and the photo's twin; and another as a
+        part of a screen, and of a print, often with the edge."""
         side = int(rng.integers(*CUT_SIDES))
         size = (side, side)
-        original = _as_batch(_part(rng, self.shown(rng, side), size))
+        original = _as_batch(part_of(rng, self.shown(rng, side), size))
         shot = sample_one(self.crop_scenes, size, _generator(rng))
         photo, twin = capture(original, shot), capture(original, without_moire(shot))
         found = [("original", original, False)]
@@ -89,75 +89,36 @@ class Examples:
             found += [("photo", photo, True), ("twin", twin, False)]
         else:
             found.append(("photo without moiré", photo, True))
-        part = self.room(rng, size, self.near, NEAR)
-        if part.shares.item() > 0.4:
+        shown = self.shown(rng, PHOTO_SIDE)
+        around = _as_batch(part_of(rng, self.pictures.draw(rng)[1], size))
+        part = screen(rng, shown, around, self.near, NEAR)
+        if part.shares.item() > MIN_SHARE:
             found.append(("part of a screen", part.photos, True))
         found.append(
-            ("part of a print", self.print_in_room(rng, size, self.near_print, NEAR), False)
+            ("part of a print", print_of(rng, shown, around, self.near_print, NEAR), False)
         )
-        found.append(("part of a room", self.empty_room(rng, size, self.near_print), False))
-        return [
-            Example(saved(rng, image, CROP_SIDE), "crop", label, kind)
-            for kind, image, label in found
-        ]
+        return _as_examples(rng, found, "crop", CROP_SIDE)
 
     def wholes(self, rng: np.random.Generator) -> list[Example]:
-        """Return whole photos: a picture, as a camera takes it, a screen that fills the photo, one
-        in a room, and a print in a room."""
+        """Return whole photos of one picture and one room: both as they are, by a camera, the
+        picture on a screen that fills the photo, and on one in the room, and as a print in it."""
         size = (PHOTO_SIDE, int(PHOTO_SIDE * rng.choice([0.75, 0.75, 9 / 16])))
         size = size if rng.random() < 0.5 else size[::-1]
-        _, picture = self.pictures.draw(rng)
-        original = _as_batch(_cover(picture, size))
+        shown, around = self.shown(rng, PHOTO_SIDE), self.pictures.draw(rng)[1]
+        picture, room = _as_batch(_cover(shown, size)), _as_batch(part_of(rng, around, size))
         shot = sample_one(self.far, size, _generator(rng))
-        filled = _as_batch(_cover(self.shown(rng, PHOTO_SIDE), size))
+        photo, twin = capture(picture, shot), capture(picture, without_moire(shot))
         found = [
-            ("picture", original, False),
-            ("picture by a camera", capture(original, without_moire(shot)), False),
-            ("room", self.empty_room(rng, size, self.far_print), False),
-            ("screen in a room", self.room(rng, size, self.far, WHOLE).photos, True),
+            ("picture", picture, False),
+            ("picture by a camera", twin, False),
+            ("room", room, False),
+            ("room by a camera", capture(room, without_moire(shot)), False),
+            ("screen in a room", screen(rng, shown, room, self.far, WHOLE).photos, True),
+            ("print in a room", print_of(rng, shown, room, self.far_print, WHOLE), False),
         ]
-        photo = capture(filled, shot)
-        if moire_codes(photo, capture(filled, without_moire(shot))).item() >= MIN_MOIRE:
+        if moire_codes(photo, twin).item() >= MIN_MOIRE:
             found.append(("screen", photo, True))
-        if rng.random() < 0.5:
-            photo = self.print_in_room(rng, size, self.far_print, WHOLE)
-            found.append(("print in a room", photo, False))
-        return [
-            Example(saved(rng, image, WHOLE_SIDE), "whole", label, kind)
-            for kind, image, label in found
-        ]
-
-    def room(
-        self, rng: np.random.Generator, size: tuple[int, int], scenes: Scene | Mixture, room: Room
-    ) -> RoomPhotos:
-        """Return a photo of a screen in a room, of a size (height, width)."""
-        shape = _shape(float(rng.choice(ASPECTS)))
-        shown = _as_batch(on_screen(rng, self.shown(rng, PHOTO_SIDE), shape))
-        around = _as_batch(_part(rng, self.pictures.draw(rng)[1], size))
-        return screen_in_room(shown, around, scenes, room, generator=_generator(rng))
-
-    def print_in_room(
-        self, rng: np.random.Generator, size: tuple[int, int], scene: Scene, room: Room
-    ) -> Tensor:
-        """Return a photo of a picture on a wall or a page on a table, which has the light of the
-        room alone: (1, 3, H, W)."""
-        shape, ambient = _shape(float(rng.choice(ASPECTS))), rng.uniform(*AMBIENT)
-        light = light_of_codes(_as_batch(_cover(self.shown(rng, PHOTO_SIDE), shape)))
-        printed = codes_of_light(light * float(ambient * rng.uniform(*REFLECTED)))
-        around = _as_batch(_part(rng, self.pictures.draw(rng)[1], size))
-        room = replace(room, ambient=float(ambient), glow=0.0, albedo=(0.0, 1.5), bezel=(0.0, 0.15))
-        return screen_in_room(printed, around, scene, room, generator=_generator(rng)).photos
-
-    def empty_room(self, rng: np.random.Generator, size: tuple[int, int], scene: Scene) -> Tensor:
-        """Return a photo of a room without a screen, as dim and as blurred as those with one:
-        (1, 3, H, W)."""
-        around, blur = _part(rng, self.pictures.draw(rng)[1], size), rng.uniform(1.0, MAX_BLUR)
-        small = [max(1, int(side / blur)) for side in around.size]
-        around = around.resize(small, Image.Resampling.BOX).resize(
-            around.size, Image.Resampling.BICUBIC
-        )
-        codes = codes_of_light(light_of_codes(_as_batch(around)) * float(rng.uniform(*AMBIENT)))
-        return capture(codes, sample_one(scene, size, _generator(rng)))
+        return _as_examples(rng, found, "whole", WHOLE_SIDE)
 
     def shown(self, rng: np.random.Generator, side: int) -> Image.Image:
         """Draw a picture that a screen or a page shows."""
@@ -165,6 +126,30 @@ class Examples:
             return self.pictures.draw(rng)[1]
         draw = (drawn_pictures.page, drawn_pictures.interface)[int(rng.integers(2))]
         return draw(rng, side)
+
+
+def screen(
+    rng: np.random.Generator,
+    shown: Image.Image,
+    around: Tensor,
+    scenes: Scene | Mixture,
+    room: Room,
+) -> RoomPhotos:
+    """Return the photo of a picture on a screen in a room, of the size of its surroundings."""
+    picture = _as_batch(on_screen(rng, shown, _shape(rng)))
+    return screen_in_room(picture, around, scenes, room, generator=_generator(rng))
+
+
+def print_of(
+    rng: np.random.Generator, shown: Image.Image, around: Tensor, scene: Scene, room: Room
+) -> Tensor:
+    """Return the photo (1, 3, H, W) of a picture on a wall or a page on a table, which has the
+    light of the room alone."""
+    ambient = float(rng.uniform(*AMBIENT))
+    light = light_of_codes(_as_batch(_cover(shown, _shape(rng))))
+    printed = codes_of_light(light * ambient * float(rng.uniform(*REFLECTED)))
+    room = replace(room, ambient=ambient, glow=0.0, albedo=(0.0, 1.5), bezel=(0.0, 0.15))
+    return screen_in_room(printed, around, scene, room, generator=_generator(rng)).photos
 
 
 def on_screen(rng: np.random.Generator, picture: Image.Image, size: tuple[int, int]) -> Image.Image:
@@ -212,8 +197,18 @@ def _through_jpeg(image: Image.Image, quality: int) -> Image.Image:
     return Image.open(file).convert("RGB")
 
 
-def _shape(aspect: float) -> tuple[int, int]:
-    """Return height and width of a shown picture, of an aspect (width over height)."""
+def _as_examples(
+    rng: np.random.Generator, found: list[tuple[str, Tensor, bool]], look: str, side: int
+) -> list[Example]:
+    """Return examples of photos (1, 3, H, W), each with its kind and whether it is a screen."""
+    return [
+        Example(saved(rng, image, side), look, is_screen, kind) for kind, image, is_screen in found
+    ]
+
+
+def _shape(rng: np.random.Generator) -> tuple[int, int]:
+    """Draw height and width of a shown picture."""
+    aspect = float(rng.choice(ASPECTS))
     if aspect < 1:
         return PHOTO_SIDE, int(PHOTO_SIDE * aspect)
     return int(PHOTO_SIDE / aspect), PHOTO_SIDE
@@ -230,7 +225,7 @@ def _cover(picture: Image.Image, size: tuple[int, int]) -> Image.Image:
     )
 
 
-def _part(rng: np.random.Generator, picture: Image.Image, size: tuple[int, int]) -> Image.Image:
+def part_of(rng: np.random.Generator, picture: Image.Image, size: tuple[int, int]) -> Image.Image:
     """Return a part of a picture at its own pixels, enlarged only if it is smaller."""
     height, width = size
     if picture.height < height or picture.width < width:

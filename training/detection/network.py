@@ -31,8 +31,8 @@ class Detector(nn.Module):
 
     A photo is looked at twice: in crops at its own pixels, for the panel's pattern, and whole and
     small, for what is around a screen. Each look has a linear head on the mean and the deviation
-    of every stage of the network; the score is the mean over crops, plus their maximum, plus twice
-    the whole photo's.
+    of every stage of the network; the score is the crops' mean and maximum and the whole photo's,
+    added up.
 
     Args:
         backbone: name of a ResNet of torchvision. weights: of it, see `as_model`; None leaves it
@@ -112,7 +112,7 @@ class Detector(nn.Module):
 def pooled_score(crops: Tensor, whole: Tensor) -> Tensor:
     """Return the scores (B,) of photos, of the logits of their crops (B, crops) and of the whole
     ones (B,)."""
-    return crops.mean(1) + crops.amax(1) + 2 * whole
+    return crops.mean(1) + crops.amax(1) + whole
 
 
 def at_photo_size(photos: Tensor) -> Tensor:
@@ -144,7 +144,8 @@ def as_photo(picture: Image.Image) -> Tensor:
     return pil_to_tensor(picture)[None].float() / 255
 
 
-def fit_head(head: nn.Linear, features: Tensor, is_screen: Sequence[bool], penalty: float) -> None:
+@torch.enable_grad()
+def fit_head(head: nn.Module, features: Tensor, is_screen: Sequence[bool], penalty: float) -> None:
     """Fit a head by logistic regression, screens and others weighing the same.
 
     Args:
