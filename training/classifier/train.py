@@ -3,14 +3,17 @@
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import lightning as L
 
 from moireaug.common.files import write_text
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes
+from training.classifier.blend import keep_answers
 from training.classifier.guard import CollapseGuard
 from training.classifier.module import Classifier
+from training.classifier.original import Original
 from training.classifier.tuning import Tuning, weight_averaging
 from training.config.scenes import scene_of
 from training.config.schema import Config, Trainer
@@ -26,7 +29,7 @@ from training.system.files import read_checkpoint
 from training.system.messages import count_text
 from training.system.processes import is_first, print_once
 from training.trainer import ranks
-from training.trainer.make import OriginRecord, RunCheckpoint, make_trainer
+from training.trainer.make import AtomicCheckpointIO, OriginRecord, RunCheckpoint, make_trainer
 
 
 def try_out(run: Run[Config], splits: Splits) -> None:
@@ -90,6 +93,8 @@ def train_model(
     origin = Origin.of(cfg.weights, splits)
     trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin)
     best_checkpoint, wall_seconds = ranks.fit(trainer, classifier, batches, out)
+    if classifier.original:
+        blend_best(classifier, classifier.original, splits, best_checkpoint, best)
     # an incomplete last batch is left out of an epoch
     epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
     images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
@@ -113,6 +118,24 @@ def train_model(
     return classifier.eval(), train
 
 
+def blend_best(
+    classifier: Classifier,
+    original: Original,
+    splits: Splits,
+    checkpoint: dict[str, Any],
+    path: Path,
+) -> None:
+    """Move the best weights towards the original's, as `keep_answers`, and write them."""
+    if "new_share" in checkpoint:  # by a command that was interrupted after it
+        return
+    kept = classifier.train_cfg.kept
+    share = keep_answers(classifier.model, original, splits.val, kept)
+    print_once(f"Kept weights: {share:.0%} new, the rest the original's.")
+    if is_first():
+        blended = checkpoint | {"new_share": share, "state_dict": classifier.state_dict()}
+        AtomicCheckpointIO().save_checkpoint(blended, path)
+
+
 def _plan_line(cfg: Config, epochs: int, lr: float, start_cost: TrainCost | None) -> str:
     """Return a line on the training that begins."""
     plan = count_text(epochs, "epoch")
@@ -124,7 +147,7 @@ def _plan_line(cfg: Config, epochs: int, lr: float, start_cost: TrainCost | None
 def classifier_of(cfg: Config, num_classes: int) -> Classifier:
     """Return the classifier of these settings, with random weights or those of `weights=`."""
     return Classifier(
-        as_model(cfg.model, num_classes, cfg.weights),
+        as_model(cfg.model, num_classes, cfg.weights, whole=cfg.train.target == "answers"),
         cfg.train,
         cfg.adversary,
         scene_of(cfg),
