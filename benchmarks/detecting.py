@@ -28,9 +28,10 @@ from benchmarks.other_libraries import overlay
 from moireaug.common.files import write_bytes
 from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import Pictures
-from training.detection import examples
+from training.detection.examples import part_of, saved
 from training.detection.measures import measures, roc_plot
 from training.detection.network import (
+    CROP_SIDE,
     WHOLE_SIDE,
     Detector,
     as_photo,
@@ -77,13 +78,13 @@ def of_others(crops: Tensor, wholes: Tensor, truth: Tensor, group: np.ndarray) -
 
 def sinusoid_head(detector: Detector, folder: str, n: int) -> nn.Module:
     """Return a crops' head that tells n crops from the same with a sinusoid in each colour."""
-    pictures, rng = Pictures(folder, examples.CROP_SIDE), np.random.default_rng(0)
+    pictures, rng = Pictures(folder, CROP_SIDE), np.random.default_rng(0)
     features, truth = [], []
-    size = (examples.CROP_SIDE, examples.CROP_SIDE)
+    size = (CROP_SIDE, CROP_SIDE)
     for _ in range(n):
-        crop = as_photo(examples.part_of(rng, pictures.draw(rng)[1], size))
+        crop = as_photo(part_of(rng, pictures.draw(rng)[1], size))
         for image, is_screen in ((crop, False), (overlay(crop), True)):
-            codes = examples.saved(rng, image, examples.CROP_SIDE)
+            codes = saved(rng, image, CROP_SIDE)
             features.append(detector.features(codes[None].float() / 255)[0])
             truth.append(is_screen)
     return fitted(torch.stack(features), torch.tensor(truth))

@@ -13,9 +13,9 @@ from moireaug.synthesis.pictures import Pictures
 from tests.synthesis.folders import put
 from training import detect
 from training.detection import fit, score
-from training.detection.examples import CROP_SIDE, WHOLE_SIDE, Examples
+from training.detection.examples import Examples
 from training.detection.measures import auc, equal_error_rate, found_at, measures
-from training.detection.network import Detector, fit_head
+from training.detection.network import CROP_SIDE, WHOLE_SIDE, Detector, fit_head
 
 SCENE = "phone_at_monitor"
 

@@ -21,8 +21,8 @@ from moireaug.synthesis import Room, RoomPhotos, screen_in_room, without_moire
 from moireaug.synthesis.pictures import Source
 from moireaug.synthesis.twins import moire_codes
 from training.data import drawn_pictures
+from training.detection.network import CROP_SIDE, WHOLE_SIDE
 
-CROP_SIDE, WHOLE_SIDE = 224, 256  # pixels of what the network sees
 CUT_SIDES = (256, 352)  # of crops before they are shrunk, as photos are when they are shared
 PHOTO_SIDE = 512  # longer side of a simulated whole photo, pixels
 MIN_SHARE = 0.4  # of a crop, that a screen takes
@@ -67,8 +67,7 @@ class Examples:
         self.near, self.far = as_scenes(in_rooms, CROP_SHRINK), as_scenes(in_rooms, WHOLE_SHRINK)
         # one camera does for prints, which have no pattern; each scene takes time to be planned
         no_pattern = with_values(Scene.preset("phone_at_monitor"), {"sensor.exposure": "mean"})
-        self.near_print = no_pattern.with_shrink(CROP_SHRINK)
-        self.far_print = no_pattern.with_shrink(WHOLE_SHRINK)
+        self.prints = no_pattern.with_shrink(CROP_SHRINK)
 
     @torch.no_grad()
     def make(self, number: int) -> list[Example]:
@@ -94,14 +93,13 @@ class Examples:
         part = screen(rng, shown, around, self.near, NEAR)
         if part.shares.item() > MIN_SHARE:
             found.append(("part of a screen", part.photos, True))
-        found.append(
-            ("part of a print", print_of(rng, shown, around, self.near_print, NEAR), False)
-        )
+        found.append(("part of a print", print_of(rng, shown, around, self.prints, NEAR), False))
         return _as_examples(rng, found, "crop", CROP_SIDE)
 
     def wholes(self, rng: np.random.Generator) -> list[Example]:
-        """Return whole photos of one picture and one room: both as they are, by a camera, the
-        picture on a screen that fills the photo, and on one in the room, and as a print in it."""
+        """Return whole photos of one picture and one room: both as they are and by a camera, and
+        the picture on a screen, in the room or filling the photo. Small photos of prints look like
+        those of screens."""
         size = (PHOTO_SIDE, int(PHOTO_SIDE * rng.choice([0.75, 0.75, 9 / 16])))
         size = size if rng.random() < 0.5 else size[::-1]
         shown, around = self.shown(rng, PHOTO_SIDE), self.pictures.draw(rng)[1]
@@ -114,7 +112,6 @@ class Examples:
             ("room", room, False),
             ("room by a camera", capture(room, without_moire(shot)), False),
             ("screen in a room", screen(rng, shown, room, self.far, WHOLE).photos, True),
-            ("print in a room", print_of(rng, shown, room, self.far_print, WHOLE), False),
         ]
         if moire_codes(photo, twin).item() >= MIN_MOIRE:
             found.append(("screen", photo, True))
