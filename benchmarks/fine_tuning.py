@@ -10,12 +10,14 @@ colours, and sinusoids. No training sees a real photo.
 
 Prints on what share of the pairs in PAIRS.csv (columns photo and original, aligned) a network
 answers the original as before, and the real photo as the original: as its own answer to it, and as
-the one before; for whole pictures, and for five crops of each at native pixels. Pairs of --loose
-show one object without being aligned, and are judged whole. Writes results/fine_tuning.csv.
+the one before; for whole pictures, and for the middle of each at native pixels. Pairs of --loose
+show one object without being aligned, and are judged whole. Each network is judged as trained, and
+averaged with the original as the recipe would. Writes results/fine_tuning.csv.
 """
 
 from __future__ import annotations
 
+import copy
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,13 +37,13 @@ from benchmarks.agreement import CLASSES, read_classifiers, shrunk
 from benchmarks.other_libraries import overlay
 from moireaug.evaluation.statistics import wilson
 from training.classifier.adversaries import TrainingAdversary
+from training.classifier.blend import keep_answers
 from training.classifier.train import classifier_of, train_model
 from training.config.compose import default_config
 from training.config.schema import Config
 from training.data.real_pairs import find_pairs, read_codes
 from training.data.splits import Splits
 from training.recipe.phases import load_data
-from training.runs import trained
 from training.runs.run import Run
 
 Photograph = Callable[[Tensor], Tensor]
@@ -119,21 +121,22 @@ def settings_of(treatment: Treatment, weights: Path, images: Path, effort: Effor
     )
 
 
-def tuned(cfg: Config, splits: Splits, photograph: Photograph | None) -> tuple[nn.Module, float]:
-    """Return a network tuned by the recipe, and the seconds of its training."""
+def tuned(cfg: Config, splits: Splits, photograph: Photograph | None) -> dict[float, nn.Module]:
+    """Return a network tuned by the recipe, by the share of its new weights: 1, and the share that
+    keeps `train.kept` of its answers."""
     with tempfile.TemporaryDirectory() as folder:
-        run = Run(replace(cfg, runs=folder))
+        run = Run(replace(cfg, runs=folder, train=replace(cfg.train, kept=0.0)))
         run.prepare()
-        classifier = classifier_of(cfg, splits.num_classes)
+        classifier = classifier_of(run.config, splits.num_classes)
+        assert classifier.original
         if photograph:
             classifier.adversary = classifier.validation_adversary = Rival(photograph)
         _, cost = train_model(run, splits, classifier=classifier)
-        return trained.read(run.folder).model(), cost.wall_seconds
-
-
-def five_crops(picture: Tensor, side: int) -> Tensor:
-    """Return the corners and the middle of a picture (3, H, W), (5, 3, S, S)."""
-    return torch.stack(v2.functional.five_crop(picture, [side, side]))
+        model = classifier.model.eval()
+        students = {1.0: copy.deepcopy(model)}
+        share = keep_answers(model, classifier.original, splits.val, cfg.train.kept)
+    print(f"{cfg.model}: {cost.wall_seconds:.0f} s, {share:.0%} new", file=sys.stderr, flush=True)
+    return students | {share: model}
 
 
 def read_pictures(table: Path, side: int, *, aligned: bool) -> Iterator[tuple[str, Judged]]:
@@ -145,7 +148,8 @@ def read_pictures(table: Path, side: int, *, aligned: bool) -> Iterator[tuple[st
             whole = shrunk(picture[None] / 255, side)
             parts.setdefault("whole", ([], []))[index].append((255 * whole).round().byte())
             if aligned:
-                parts.setdefault("crops", ([], []))[index].append(five_crops(picture, side))
+                crop = v2.functional.center_crop(picture, [side, side])
+                parts.setdefault("crops", ([], []))[index].append(crop[None])
     for part, (originals, photos) in parts.items():
         yield f"{table.stem}, {part}", Judged(torch.cat(originals), torch.cat(photos))
 
@@ -175,16 +179,16 @@ def row_of(before: Tensor, student: nn.Module, pictures: Judged) -> dict[str, An
 
 
 def rows_of(
-    name: str, students: Mapping[str, nn.Module], judged: Mapping[str, Judged]
+    name: str, students: Mapping[tuple[str, float], nn.Module], judged: Mapping[str, Judged]
 ) -> list[dict[str, Any]]:
-    """Return a row for each training of a classifier and kind of pairs. The first student is the
-    classifier before training."""
+    """Return a row for each training of a classifier, share of its new weights and kind of pairs.
+    The first student is the classifier before training."""
     teacher = next(iter(students.values()))
     rows = []
     for pairs, pictures in judged.items():
         before = answers(teacher, pictures.originals)
-        for training, student in students.items():
-            row = {"classifier": name, "pairs": pairs, "tuned on": training}
+        for (training, share), student in students.items():
+            row = {"classifier": name, "pairs": pairs, "tuned on": training, "new": share}
             rows.append(row | row_of(before, student, pictures))
     return rows
 
@@ -197,8 +201,12 @@ def main() -> None:
     parser.add_argument(
         "--classifiers", type=Path, required=True, help="a folder of files such as resnet18.pth"
     )
+    parser.add_argument("--pictures", type=int, help="of an epoch, instead of the recipe's")
+    parser.add_argument("--epochs", type=int, help="instead of the recipe's")
     parser.add_argument("--only", nargs="+", choices=TREATMENTS, default=list(TREATMENTS))
     args, effort, _ = measure.begin(parser, Effort(), QUICK_SETTINGS)
+    for name, value in (("train", args.pictures), ("epochs", args.epochs)):
+        effort = effort if value is None else replace(effort, **{name: value})
     try:
         teachers = read_classifiers(args.classifiers)
         judged = dict(read_pictures(args.pairs, effort.side, aligned=True))
@@ -216,15 +224,15 @@ def tune_and_judge(
     """Tune each classifier in every way, and return the rows of all."""
     rows = []
     for name, teacher in teachers.items():
-        students: dict[str, nn.Module] = {"nothing": teacher}
+        students: dict[tuple[str, float], nn.Module] = {("nothing", 0.0): teacher}
         weights = args.classifiers / f"{name}.pth"
         for training in args.only:
             treatment = TREATMENTS[training]
             cfg = settings_of(treatment, weights, args.images, effort)
             splits = load_data(cfg)
             assert splits.num_classes == CLASSES
-            students[training], seconds = tuned(cfg, splits, treatment.photograph)
-            print(f"{name}, {training}: {seconds:.0f} s", file=sys.stderr, flush=True)
+            for share, student in tuned(cfg, splits, treatment.photograph).items():
+                students[training, share] = student
         rows += rows_of(name, students, judged)
     return rows
 

@@ -32,7 +32,7 @@ def test_a_row_holds_the_shares_of_equal_answers():
     codes = torch.arange(10, dtype=torch.uint8) * 20 + 10  # 10 to 190
     originals = codes[:, None, None, None].expand(-1, 3, 4, 4)
     pictures = {"pairs": fine_tuning.Judged(originals, originals // 2)}
-    students = {"nothing": Bright(100 / 255), "tuned": Bright(60 / 255)}
+    students = {("nothing", 0.0): Bright(100 / 255), ("tuned", 1.0): Bright(60 / 255)}
     nothing, tuned = fine_tuning.rows_of("bright", students, pictures)
     assert nothing["original as before"] == 1 and nothing["n"] == 10
     assert nothing["photo as original"] == nothing["photo as original before"] == 0.5
@@ -73,7 +73,7 @@ def test_the_script_tunes_and_judges(tmp_path, monkeypatch):
     table = pd.read_csv("fine_tuning.csv")
     assert table.groupby("pairs", sort=False)["n"].first().to_dict() == {
         "pairs, whole": 4,
-        "pairs, crops": 20,
+        "pairs, crops": 4,
         "loose, whole": 1,
     }
     assert (table.groupby("pairs")["tuned on"].nunique() == 3).all()
