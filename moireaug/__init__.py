@@ -7,6 +7,7 @@ from moireaug.capture import capture, develop, expose
 from moireaug.scene.layout import Layout
 from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
 from moireaug.scene.plan import Plan
+from moireaug.scene.track import Hand
 from moireaug.scenes import Scene, Shot
 
 if TYPE_CHECKING:  # at run time on first use
@@ -21,6 +22,7 @@ __version__ = "0.2.0.dev0"
 
 __all__ = [
     "Develop",
+    "Hand",
     "Layout",
     "Lens",
     "Panel",

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from moireaug.camera.pipeline import make_plan
 from moireaug.capture import capture, develop, reading_of
-from moireaug.common.argument_checks import one_of
+from moireaug.common.argument_checks import check_whole, one_of
 from moireaug.common.image_checks import check_shape
 from moireaug.engine import operators
 from moireaug.scene.by_name import parts_from_dict, parts_with
@@ -24,6 +24,7 @@ from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_dict import check_shot_keys, numbers_from_dict, whole_from_dict
 from moireaug.scene.sized import NOMINAL_SIZE, scene_of_size, size_octave
+from moireaug.scene.track import DEFAULT_HAND, Hand, track_of
 
 UNPLANNED_MESSAGE = (
     "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
@@ -121,6 +122,30 @@ class Scene(SceneRecord):
         """
         size = check_size(size)
         return self.draw(self.random_numbers(n, generator), size)
+
+    def sample_track(
+        self,
+        n: int,
+        frames: int,
+        size: tuple[int, int],
+        generator: torch.Generator | None = None,
+        hand: Hand = DEFAULT_HAND,
+    ) -> Shot:
+        """Draw `n` shots as `sample` does, and film each by hand for so many frames: the same
+        screen, camera and exposure, the pose as `hand` moves it, sensor noise of its own in each
+        frame.
+
+        Returns:
+            a shot of n * frames images. Row i * frames + k is frame k of track i, as in
+            `capture(videos.flatten(0, 1), shot)` of videos (n, frames, 3, H, W). Frame 0 has the
+            numbers that `sample` draws.
+
+        Raises:
+            TypeError, ValueError: as `sample`; frames that are no whole number of at least 1; a
+                scene with View.pose = "released".
+        """
+        check_whole("frames", frames, 1)
+        return track_of(self.sample(n, size, generator), [frames] * n, hand)
 
     def random_numbers(self, n: int, generator: torch.Generator | None = None) -> Tensor:
         """Return the random numbers of `n` images, of whatever size, from which `draw` does;

@@ -22,7 +22,7 @@ from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.search import Search, Step
-from moireaug.common.argument_checks import check_callable, check_count, one_of
+from moireaug.common.argument_checks import check_callable, check_whole, one_of
 from moireaug.common.image_checks import check_images
 from moireaug.common.numeric import widen_half
 from moireaug.scene.mixed_shot import MixedShot
@@ -79,8 +79,8 @@ class Attack(NamesForeignArguments, ABC):
         check_callable("an attack's model", self.model)
         check_eps(self.eps)
         object.__setattr__(self, "eps", float(self.eps))  # it may be NumPy's
-        check_count("steps", self.steps, 0)
-        check_count("restarts", self.restarts, 1)
+        check_whole("steps", self.steps, 0)
+        check_whole("restarts", self.restarts, 1)
         check_sizes(self.step_size, self.random_start, self.steps)
         one_of("rule", self.rule, RULES)
         one_of("loss", self.loss, LOSSES)

@@ -20,7 +20,7 @@ from moireaug.attacks.mixed import join_results
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.search import Search
-from moireaug.common.argument_checks import check_count, one_of
+from moireaug.common.argument_checks import check_whole, one_of
 from moireaug.common.image_checks import check_images
 from moireaug.mixtures import Mixture, SceneLike, as_scenes, scenes_of
 from moireaug.scene.mixed_shot import MixedShot, join_rows, per_scene
@@ -71,10 +71,11 @@ class MoireAttack(Attack):
         others: see `Attack`.
 
     Raises:
-        ValueError: settings out of range or that exclude one another; an `optimise` that this
-            scene, or the shot of a call, does not allow: an exposure without a gradient in the shot
-            ("spectral", "box" and "mean" have one), a pose in whole degrees, no range. A model
-            without an answer to any of a batch's images; in a mixture, to any of a scene's.
+        TypeError, ValueError: settings of the wrong type, out of range or that exclude one another;
+            an `optimise` that this scene, or the shot of a call, does not allow: an exposure
+            without a gradient in the shot ("spectral", "box" and "mean" have one), a pose in whole
+            degrees, no range. A model without an answer to any of a batch's images; in a mixture,
+            to any of a scene's.
     """
 
     scene: SceneLike = "screen_photo"
@@ -89,7 +90,7 @@ class MoireAttack(Attack):
         super().__post_init__()
         scene = as_scenes(self.scene, self.shrink)
         object.__setattr__(self, "scene", scene)
-        check_count("eot", self.eot, 1, "the shots per step")
+        check_whole("eot", self.eot, 1, noun="the shots per step")
         if self.until_fooled and self.eot > 1:
             raise ValueError(
                 f"until_fooled asks whether one shot is fooled: it needs eot = 1; got {self.eot}."
@@ -105,7 +106,7 @@ class MoireAttack(Attack):
         object.__setattr__(self, "optimise", tuple(self.optimise))
         for one in scenes_of(scene):
             searched_fields(one, self.optimise)
-        check_count("draws", self.draws, 1, "the shots of which the worst is attacked")
+        check_whole("draws", self.draws, 1, noun="the shots of which the worst is attacked")
         if self.draws > 1 and self.eot > 1:
             raise ValueError(
                 f"draws = {self.draws} attacks the worst of several shots, and eot = {self.eot} an "

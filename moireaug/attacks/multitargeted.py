@@ -14,7 +14,7 @@ from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest_wrong_classes
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
-from moireaug.common.argument_checks import check_count
+from moireaug.common.argument_checks import check_whole
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
@@ -36,7 +36,7 @@ class MultiTargeted(NamesForeignArguments):
             but the label.
 
     Raises:
-        TypeError, ValueError: another kind of attack, or `targets` that is not an integer >= 1.
+        TypeError, ValueError: another kind of attack, or `targets` that is no whole number above 0.
     """
 
     attack: Attack = field(kw_only=False)
@@ -48,7 +48,7 @@ class MultiTargeted(NamesForeignArguments):
                 "MultiTargeted runs an attack whose steps have a target, like MoireAttack or PGD; "
                 f"got {self.attack!r}."
             )
-        check_count("targets", self.targets, 1, "the classes to go toward")
+        check_whole("targets", self.targets, 1, noun="the classes to go toward")
 
     def __call__(
         self,

@@ -12,7 +12,7 @@ import torch
 
 from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.model import class_count
-from moireaug.common.argument_checks import check_callable, check_count, one_of
+from moireaug.common.argument_checks import check_callable, check_whole, one_of
 from moireaug.common.networks import device_of
 from moireaug.defenses import Defence
 from moireaug.evaluation.classifiers import UNDEFENDED
@@ -111,8 +111,8 @@ def evaluate(
     if eps is not None:
         eps = tuple(np.atleast_1d(eps).tolist())
     one_of("bound", bound, BOUNDS)
-    check_count("steps", steps, 0)
-    check_count("seed", seed, 0)
+    check_whole("steps", steps, 0)
+    check_whole("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
     config = SuiteConfig(
         scene=as_scenes(scene),

@@ -9,7 +9,7 @@ from kornia.geometry.transform import get_perspective_transform, warp_perspectiv
 from torch import Tensor, nn
 
 from moireaug.capture import capture
-from moireaug.common.argument_checks import check_positive
+from moireaug.common.argument_checks import check_real
 from moireaug.common.image_checks import check_shape
 from moireaug.mixtures import SceneLike
 from moireaug.scene.mixed_shot import MixedShot, per_scene
@@ -73,7 +73,7 @@ class ScreenCamera(nn.Module):
     ) -> None:
         super().__init__()
         self.scene = planned_scenes(scene, shrink)
-        check_positive("jitter", jitter, "pixels", or_zero=True)
+        check_real("jitter", jitter, 0, or_low=True, unit="pixels")
         if jitter and self.scene.moves:
             raise ValueError(
                 f"jitter misplaces the corners that bring a photo to the image's frame; got "
@@ -108,7 +108,7 @@ class ScreenCamera(nn.Module):
             TypeError, ValueError: as `capture`.
         """
         draw = self.draw(images) if draw is None else draw
-        return _registered(capture(images, draw.shot, noise), draw.corner_errors)
+        return registered_by(capture(images, draw.shot, noise), draw.corner_errors)
 
     def twin(self, images: Tensor, draw: ScreenDraw) -> Tensor:
         """Return the same photos without moiré: of the same draw, of a panel without subpixels;
@@ -117,7 +117,7 @@ class ScreenCamera(nn.Module):
         def photograph(shot: Shot, images: Tensor) -> Tensor:
             return capture(images, without_moire(shot))
 
-        return _registered(per_scene(draw.shot, photograph, images), draw.corner_errors)
+        return registered_by(per_scene(draw.shot, photograph, images), draw.corner_errors)
 
     def draw(self, images: Tensor) -> ScreenDraw:
         """Draw for a batch of images (B, 3, H, W), as a call does."""
@@ -144,7 +144,7 @@ class ScreenCamera(nn.Module):
         super().__setstate__(state | {"_generator": generator})
 
 
-def _registered(photos: Tensor, corner_errors: Tensor | None) -> Tensor:
+def registered_by(photos: Tensor, corner_errors: Tensor | None) -> Tensor:
     """Return photos (B, 3, H, W) in the frame of corners that are misplaced by `corner_errors` (B,
     4, 2) pixels."""
     if corner_errors is None or not len(photos):

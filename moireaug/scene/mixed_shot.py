@@ -94,6 +94,11 @@ class MixedShot(Draws, Generic[S]):
         numbers = {name: values[rows] for name, values in self.drawn.items()}
         return self.scenes[k].shot_from_numbers(self.size, numbers, self.seed[rows])
 
+    @property
+    def moves(self) -> bool:
+        """Whether points may move from image to photo, in any of the scenes."""
+        return any(scene.moves for scene in self.scenes)
+
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image lie in the photo; see `Shot.to_photo`."""
         self._check_rows(points, "points")

@@ -20,6 +20,7 @@ from torch.utils.data import IterableDataset, get_worker_info
 from moireaug.capture import capture
 from moireaug.common.argument_checks import check_whole
 from moireaug.mixtures import Mixture, SceneLike, as_scenes, sample_one, scenes_of
+from moireaug.scene.track import DEFAULT_HAND, track_of
 from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.pictures import Pictures, Source
 from moireaug.synthesis.twins import moire_codes, without_moire
@@ -36,8 +37,9 @@ class Pair:
         index: number k of the pair in the sequence of its seed.
         picture: name of the picture, relative to the folder.
         top, left: corner of the crop in the picture, in pixels.
-        shot: shot of the photo, of one image.
-        original, photo: (3, size, size) uint8, sRGB codes.
+        shot: shot of the photo, of one image, or of each frame of a video.
+        original: (3, size, size) uint8, sRGB codes.
+        photo: as the original; of a video (frames, 3, size, size).
         twin: photo by `without_moire(shot)`, or None.
     """
 
@@ -52,10 +54,13 @@ class Pair:
 
     @property
     def moire(self) -> float | None:
-        """Photo minus twin, in codes RMS; None where there is no twin."""
+        """Photo minus twin, in codes RMS, the mean over frames; None where there is no twin."""
         if self.twin is None:
             return None
-        return moire_codes(self.photo[None] / 255, self.twin[None] / 255).item()
+        photos, twins = (
+            taken.reshape(-1, *self.original.shape) for taken in (self.photo, self.twin)
+        )
+        return moire_codes(photos / 255, twins / 255).mean().item()
 
     def pictures(self) -> dict[str, Tensor]:
         """Return photo, original and, where there is one, twin."""
@@ -85,9 +90,10 @@ class Pairs(IterableDataset):
     """Pairs of photographed pictures and their originals, made as they are asked for.
 
     Yields dicts of `photo`, `original` and, with `twin=True`, `twin`, (3, size, size) float32 in
-    [0, 1], multiples of 1/255 as in a file; and `index`, the pair's number. `make_pair` gives a
-    pair by its number, with the shot. Workers of a DataLoader and ranks of torch.distributed share
-    the numbers out, so that none makes another's pairs.
+    [0, 1], multiples of 1/255 as in a file; with `frames`, photo and twin are videos (frames, 3,
+    size, size). And `index`, the pair's number: `make_pair` gives a pair by it, with the shot.
+    Workers of a DataLoader and ranks of torch.distributed share the numbers out, so that none makes
+    another's pairs.
 
     Args:
         images: a folder of pictures, searched recursively. Those that are damaged or have a side
@@ -101,6 +107,8 @@ class Pairs(IterableDataset):
             iteration begins with pair 0: take another seed for other pairs.
         shrink: the crops are parts of larger photos, with so many sensor pixels per pixel; None
             leaves the scene as it is, in presets a whole photo of each. See `Scene.with_shrink`.
+        frames: frames of a video of each crop, filmed by hand as by `Scene.sample_track`; frame 0
+            is the photo that None, no video, takes.
 
     Raises:
         ValueError, TypeError: a folder without pictures, a scene in the camera's frame, a number
@@ -117,6 +125,7 @@ class Pairs(IterableDataset):
         seed: int = 0,
         n: int | None = None,
         shrink: float | tuple[float, float] | None = None,
+        frames: int | None = None,
     ) -> None:
         super().__init__()
         self.scene, self.twin = as_scenes(scene, shrink), twin
@@ -124,6 +133,9 @@ class Pairs(IterableDataset):
         check_whole("seed", seed, 0, MAX_SEED)
         if n is not None:
             check_whole("n", n, 1)
+        if frames is not None:
+            check_whole("frames", frames, 2)
+        self.frames = frames
         self.size, self.seed, self.n = int(size), int(seed), None if n is None else int(n)
         check_aligned(self.scene)
         self.pictures = Pictures(images, self.size)
@@ -138,7 +150,15 @@ class Pairs(IterableDataset):
         """
         check_whole("k", k, 0, 2**63 - 1)
         k = int(k)
-        return make_pair(k, self.pictures, self.scene, self.size, twin=self.twin, seed=self.seed)
+        return make_pair(
+            k,
+            self.pictures,
+            self.scene,
+            self.size,
+            twin=self.twin,
+            seed=self.seed,
+            frames=self.frames,
+        )
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         first, step = _process_share()
@@ -154,7 +174,14 @@ class Pairs(IterableDataset):
 
 
 def make_pair(
-    k: int, pictures: Source, scene: Scene | Mixture, size: int, *, twin: bool, seed: int
+    k: int,
+    pictures: Source,
+    scene: Scene | Mixture,
+    size: int,
+    *,
+    twin: bool,
+    seed: int,
+    frames: int | None = None,
 ) -> Pair:
     """Return the pair of a number: a picture, a crop of it and a shot, all drawn from (seed, k).
 
@@ -164,7 +191,7 @@ def make_pair(
         scene: scene, or mixture, that `check_aligned` accepts.
         size: side of the crop, in pixels.
         twin: whether to photograph the crop again without moiré.
-        seed: seed as in `Pairs`.
+        seed, frames: as in `Pairs`.
 
     Raises:
         ValueError: as `pictures.draw`.
@@ -179,6 +206,8 @@ def make_pair(
     # of different crops
     generator = torch.Generator().manual_seed(int(rng.integers(2**32)))
     shot = sample_one(scene, (size, size), generator)
+    if frames is not None:
+        shot = track_of(shot, [frames], DEFAULT_HAND)
     photo = photo_of_codes(original, shot)
     twin_photo = photo_of_codes(original, without_moire(shot)) if twin else None
     return Pair(k, name, top, left, shot, original, photo, twin_photo)
@@ -186,9 +215,11 @@ def make_pair(
 
 @torch.no_grad()
 def photo_of_codes(original: Tensor, shot: Shot) -> Tensor:
-    """Return the photo (3, H, W) of one picture, both uint8."""
-    photo = capture(original[None].float() / 255, shot)
-    return (photo[0] * 255).round().to(torch.uint8)
+    """Return the photo of one picture (3, H, W), both uint8; by a shot of several frames, (frames,
+    3, H, W)."""
+    photos = capture((original[None].float() / 255).expand(len(shot), -1, -1, -1), shot)
+    codes = (photos * 255).round().to(torch.uint8)
+    return codes[0] if len(codes) == 1 else codes
 
 
 def _process_share() -> tuple[int, int]:

@@ -15,6 +15,7 @@ from moireaug.common.image_checks import channels_last_hint, check_images, check
 from moireaug.common.networks import first_weight, in_evaluation_mode
 from moireaug.common.numeric import as_float, luma
 from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.track import DEFAULT_HAND, TRIPOD, track_of
 from moireaug.scenes import Shot
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
@@ -29,15 +30,12 @@ def at_size(shot: AnyShot, size: tuple[int, int]) -> AnyShot:
 
 
 def shot_of_frames(shot: AnyShot, counts: Sequence[int]) -> AnyShot:
-    """Return row i of a shot for counts[i] frames of one scene, (sum of counts,): they share the
-    draw and differ in sensor noise, frame k having the row's seed + k."""
+    """Return row i of a shot for counts[i] frames of one scene, (sum of counts,): filmed by hand,
+    see `track_of`; in the camera's frame, where boxes and masks are moved once for all frames, by a
+    camera that stands still."""
     if list(counts) == [1] * len(shot):
         return shot
-    rows = [row for row, count in enumerate(counts) for _ in range(count)]
-    frames = [frame for count in counts for frame in range(count)]
-    chosen = shot[torch.tensor(rows, dtype=torch.int64, device=shot.device)]
-    offsets = torch.tensor(frames, dtype=torch.int64, device=shot.device)
-    return dataclasses.replace(chosen, seed=chosen.seed + offsets)  # type: ignore[return-value]
+    return track_of(shot, counts, TRIPOD if shot.moves else DEFAULT_HAND)
 
 
 def check_format(images: Tensor) -> None:

@@ -72,8 +72,9 @@ class RandomMoire(SampledTransform):
     as luma; uint8, or any float in [0, 1], so use it before `A.Normalize`. Values that resizing,
     blur or noise left a little outside are clipped, see `moireaug.common.image_checks`. Shape and
     dtype are kept; float64, which `image / 255.` is, is computed in float32. The pictures of
-    `images` and the slices of a volume share one shot, as the frames of a video do, and differ only
-    in sensor noise; the first is the photo that it would be as `image`.
+    `images` and the slices of a volume are frames of one shot, filmed by hand at 30 a second as by
+    `Scene.sample_track`; in the camera's frame, by a camera that stands still. The first is the
+    photo that it would be as `image`.
 
     Masks, bboxes and keypoints stay untouched, unless the scene leaves the photo in the camera's
     frame (`Develop(registered=False)` with a pose or a lens); then they move with the picture:

@@ -58,9 +58,9 @@ class RandomMoire(v2.Transform):
     is computed in float32. Inputs are never modified.
 
     A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is
-    one scene: its frames share the shot and differ only in sensor noise. Images of one sample share
-    the draw. Images that are not chosen are returned unchanged. Differentiable in floating-point
-    images.
+    one shot, filmed by hand at 30 frames a second as by `Scene.sample_track`; in the camera's
+    frame, by a camera that stands still. Images of one sample share the draw. Images that are not
+    chosen are returned unchanged. Differentiable in floating-point images.
 
     Labels, masks, boxes and key points are returned as the same objects, unless the scene, or one
     of a list, leaves the photo in the camera's frame (`Develop(registered=False)` with a pose or a

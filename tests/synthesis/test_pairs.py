@@ -215,6 +215,7 @@ REFUSED = [
     ({"seed": -1}, "seed must be a whole number"),
     ({"n": True}, "n must be a whole number"),
     ({"n": 0}, "n must be a whole number of at least 1; got 0"),
+    ({"frames": 1}, "frames must be a whole number of at least 2; got 1"),
     ({"images": "nowhere"}, "nowhere is not a folder"),
     ({"images": "empty"}, "holds no pictures: none of its 1 files ends with .jpg"),
 ]
@@ -237,3 +238,18 @@ def test_each_pair_is_in_one_of_the_listed_scenes(folder):
     assert same(found[7], again.make_pair(7))
     one = Pairs(folder, names[:1], SIZE, twin=True)
     assert same(one.make_pair(3), Pairs(folder, names[0], SIZE, twin=True).make_pair(3))
+
+
+def test_a_video_begins_with_the_photo_and_replays(folder):
+    scene = Scene.preset("screen_photo").with_shrink(1.0)
+    filmed = Pairs(folder, scene, SIZE, twin=True, frames=3)
+    video, photo = filmed.make_pair(5), Pairs(folder, scene, SIZE, twin=True).make_pair(5)
+    assert video.photo.shape == video.twin.shape == (3, 3, SIZE, SIZE)
+    assert torch.equal(video.original, photo.original)
+    assert (video.photo[0].float() - photo.photo.float()).abs().max() <= 2  # of one more plan
+    shot = Shot.from_dict(json.loads(json.dumps(video.to_dict()["shot"])))
+    again = capture(video.original[None].expand(3, -1, -1, -1) / 255, shot)
+    assert torch.equal(video.photo, (again * 255).round().to(torch.uint8))
+    assert not torch.equal(video.photo[1], video.photo[0]) and video.moire > 0
+    item = next(iter(filmed))
+    assert item["photo"].shape == (3, 3, SIZE, SIZE) and item["original"].shape == (3, SIZE, SIZE)

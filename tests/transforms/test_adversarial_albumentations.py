@@ -1,6 +1,5 @@
 """AdversarialMoire in albumentations: one image at a time, its class passed as a target."""
 
-import dataclasses
 import json
 
 # isort: skip  # after moireaug, which keeps it from asking for its newest version
@@ -11,6 +10,7 @@ import torch
 from torch import nn
 
 from moireaug import Shot
+from moireaug.scene.track import DEFAULT_HAND, track_of
 from moireaug.transforms import albumentations as moire
 from tests.transforms.common import REGISTERED
 
@@ -92,8 +92,7 @@ def test_each_picture_has_noise_of_its_own_whatever_its_target(model):
     assert list(map(len, noise.values())) == [1, 2, 3]
     assert len(torch.cat([*noise.values()]).unique(dim=0)) == 6
     for target, i in (("images", 1), ("volume", 2)):
-        shot = Shot.from_dict(params["shot"])
-        shot = dataclasses.replace(shot, seed=shot.seed + i)
+        shot = track_of(Shot.from_dict(params["shot"]), [i + 1], DEFAULT_HAND)[i]
         expected = moire.apply_to_one(given[target][i], shot, noise[target][i : i + 1])
         assert np.array_equal(out[target][i], expected)
 

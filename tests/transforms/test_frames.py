@@ -1,6 +1,5 @@
-"""Pictures of one target share the shot; picture i has its seed + i for the noise."""
-
-import dataclasses
+"""Pictures of one target are the frames of a video that a hand films, or a tripod in the camera's
+frame; frame i has the shot's seed + i for the noise."""
 
 import albumentations as A
 import numpy as np
@@ -11,8 +10,10 @@ from torchvision import tv_tensors
 from moireaug import Shot
 from moireaug.attacks import MoireAttack
 from moireaug.scene.by_name import with_values
+from moireaug.scene.track import DEFAULT_HAND, TRIPOD, track_of
 from moireaug.transforms import albumentations as moire
 from moireaug.transforms import torchvision
+from moireaug.transforms._convert import shot_of_frames
 from tests.transforms.common import CAMERA, FRAMES, REGISTERED
 
 SHAPE = (9, 12, 3)
@@ -32,8 +33,9 @@ def of_target(target, pictures):
 
 
 def photos_by_hand(picture, shot, n):
-    shots = [dataclasses.replace(shot, seed=shot.seed + i) for i in range(n)]
-    return np.stack([moire.apply_to_one(picture, one) for one in shots])
+    frames = track_of(shot, [n], TRIPOD if shot.moves else DEFAULT_HAND)
+    assert torch.equal(frames.seed, shot.seed + torch.arange(n))
+    return np.stack([moire.apply_to_one(picture, frames[i]) for i in range(n)])
 
 
 @pytest.mark.parametrize("frame", ["registered", "camera"])
@@ -55,10 +57,16 @@ def test_a_video_s_frames_are_those_of_images(repeated):
     assert np.array_equal(frames, photos_by_hand(repeated[0], shot, 4))
 
 
-def test_without_sensor_noise_the_pictures_of_a_target_are_alike(repeated):
-    quiet = with_values(REGISTERED, {"sensor.read_noise": 0.0})
-    photos = A.Compose([moire.RandomMoire(quiet, p=1)])(images=repeated)["images"]
+def test_without_sensor_noise_a_tripod_s_frames_are_alike(repeated):
+    quiet = with_values(CAMERA, {"sensor.read_noise": 0.0})
+    photos = A.Compose([moire.RandomMoire(quiet, p=1)], seed=0)(images=repeated)["images"]
     assert np.array_equal(photos, np.repeat(photos[:1], 4, 0)) and np.any(photos != repeated)
+
+
+def test_masks_stay_where_the_camera_s_frame_has_its_video():
+    shot = CAMERA.sample(1, SHAPE[:2], torch.Generator().manual_seed(0))
+    frames = shot_of_frames(shot, [3])
+    assert torch.equal(frames.matrix(), shot.repeat(3).matrix())
 
 
 def test_the_masks_of_a_volume_move_alike(repeated):

@@ -20,13 +20,14 @@ DARK = Scene(panel=Panel(scale=1.2), view=View(roll=10.0), sensor=Sensor(gain=1.
 BRIGHT = Scene(panel=Panel(scale=0.9), sensor=Sensor(gain=3.0))
 TURNED = Scene(view=View(roll=20.0), develop=Develop(registered=False))
 LISTED = [DARK, BRIGHT]
+HAND_ERROR = 0.03  # by which frames that a hand films differ from the first, at most
 
 
-def which(photos, images, scenes=LISTED):
-    """Index of the scene that each photo is taken in, exactly; -1 for the image itself."""
+def which(photos, images, scenes=LISTED, error=1e-6):
+    """Index of the scene that each photo is taken in, to a mean error; -1 for the image itself."""
     found, taken = [], [images, *(scene.capture(images) for scene in scenes)]
     for row, photo in enumerate(photos):
-        near = [k - 1 for k, one in enumerate(taken) if torch.allclose(photo, one[row], atol=1e-6)]
+        near = [k - 1 for k, one in enumerate(taken) if (photo - one[row]).abs().mean() < error]
         assert len(near) == 1
         found += near
     return found
@@ -53,7 +54,8 @@ def test_each_chosen_image_is_in_one_of_the_scenes(library, many):
 
 def test_a_videos_frames_share_their_scene(many):
     video = tv_tensors.Video(many.reshape(4, 4, 3, 16, 20))
-    found = which(RandomMoire(LISTED, p=1)(video).reshape(16, 3, 16, 20), many)
+    photos = RandomMoire(LISTED, p=1)(video).reshape(16, 3, 16, 20)
+    found = which(photos, many, error=HAND_ERROR)
     assert [len(set(found[k : k + 4])) for k in range(0, 16, 4)] == [1] * 4
 
 
@@ -113,7 +115,7 @@ def test_albumentations_draws_a_scene_for_each_call():
     assert set(found) == {0, 1}
     # all pictures of one call are in one scene
     stacked = transform(images=np.stack([IMAGE] * 3))["images"]
-    assert np.allclose(stacked[0], stacked[1]) and np.allclose(stacked[0], stacked[2])
+    assert np.abs(stacked[1:] - stacked[0]).mean((1, 2, 3)).max() < HAND_ERROR
 
 
 PRINTED = [
