@@ -17,7 +17,7 @@ from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
 from training.classifier.adversaries import MIN_STRONG_STEPS, TrainingAdversary, strengthen
 from training.classifier.original import Original, divergence
-from training.classifier.tuning import make_optimizer, tuning_of
+from training.classifier.tuning import freeze_but_first, make_optimizer, tuning_of
 from training.config.schema import Adversary, Train
 from training.data.augmentation import augment
 
@@ -71,6 +71,7 @@ class Classifier(L.LightningModule):
         self.train_cfg, self.adversary_cfg = train, adversary
         self.augment = augment
         self.original = Original(model) if train.target == "answers" else None
+        freeze_but_first(model, train.layers)
         if train.compile:
             self.model.compile()
         self.adversary = TrainingAdversary(model, scene, adversary)
@@ -217,7 +218,8 @@ class Classifier(L.LightningModule):
 
     def configure_optimizers(self) -> Any:
         momentum = self.train_cfg.momentum
-        optimizer = make_optimizer(self.parameters(), self.tuning, momentum)
+        trained = [weight for weight in self.parameters() if weight.requires_grad]
+        optimizer = make_optimizer(trained, self.tuning, momentum)
         # with five steps the warm-up would have length 0, which OneCycleLR divides by
         total = max(6, int(self.trainer.estimated_stepping_batches) + 1)
         schedule = torch.optim.lr_scheduler.OneCycleLR(

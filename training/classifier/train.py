@@ -50,12 +50,16 @@ def try_out(run: Run[Config], splits: Splits) -> None:
 
 
 def train_model(
-    run: Run[Config], splits: Splits, start_cost: TrainCost | None = None
+    run: Run[Config],
+    splits: Splits,
+    start_cost: TrainCost | None = None,
+    classifier: Classifier | None = None,
 ) -> tuple[Classifier, TrainCost]:
     """Train, and return the averaged weights that did best on validation, and the cost.
 
     Args:
         start_cost: cost of the run whose weights it starts from, for the totals.
+        classifier: to train in place of the settings' own, such as one with another adversary.
 
     Raises:
         ValueError: a checkpoint that is missing or damaged.
@@ -68,7 +72,7 @@ def train_model(
     L.seed_everything(cfg.seed, verbose=False)
     out, resumes = run.folder, run.can_resume()
     last, best = out / "last.ckpt", out / "best.ckpt"
-    classifier = classifier_of(cfg, splits.num_classes)
+    classifier = classifier or classifier_of(cfg, splits.num_classes)
     if is_first():
         run.write_settings()
     if resumes and (train := TrainCost.read(out)):

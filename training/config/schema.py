@@ -67,7 +67,7 @@ class Data:
     augment: str = setting(
         "none",
         "of clean training images: none, shift (by up to 12.5 %), shift_flip, crop_flip (parts of "
-        "30 % or more), or affine (small changes of place, form and tone, and erased parts)",
+        "50 % or more), or affine (small changes of place, form and tone, and erased parts)",
         choices=AUGMENTATIONS,
         trains=True,
     )
@@ -129,6 +129,9 @@ class Train:
         "what is learnt: the labels, or the answers of the network with weights= to the images "
         "before they are photographed",
         choices=TARGETS,
+    )
+    layers: float = setting(
+        1.0, "share of the layers that are trained, from the image on", bounds=(0, 1)
     )
     kept: float = setting(
         0.97,

@@ -21,7 +21,7 @@ def pipeline(kind: str, height: int, width: int) -> AugmentationSequential:
         )
     if kind == "crop_flip":
         return AugmentationSequential(
-            K.RandomResizedCrop((height, width), scale=(0.3, 1.0), p=1.0),
+            K.RandomResizedCrop((height, width), scale=(0.5, 1.0), p=1.0),
             K.RandomHorizontalFlip(p=0.5),
         )
     reach = max(1, height // 8), max(1, width // 8)
