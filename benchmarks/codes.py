@@ -3,11 +3,13 @@ whole and as crops, in every preset of "anywhere".
 
     pip install zxing-cpp
     python benchmarks/codes.py             # minutes; writes results/codes.csv and docs/codes.png
+    python benchmarks/codes.py --photos DIR      # real photos of QR codes; writes codes_real.csv
     python benchmarks/codes.py --quick
 
 Each code is drawn and read by zxing-cpp, and read by OpenCV, too, where it can. A photo is compared
 with its twin, the same shot without moiré: what the twin loses, too, is lost to blur, noise, light
-and bands of flicker.
+and bands of flicker. Real photos, which DIR holds, are read as they are and shrunk by area to the
+sizes of a module; one that zxing-cpp cannot read has no known size, and counts as not read.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import pandas as pd
 import torch
 import zxingcpp
 from matplotlib.figure import Figure
+from PIL import Image
 from torch import Tensor
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
@@ -122,6 +125,57 @@ def shares_read(code: str, picture: Tensor, scene: Scene, n: int) -> dict[str, f
     return found
 
 
+def rows_of_real(folder: Path, sizes: Sizes) -> list[dict]:
+    """Return the shares of a folder's photos of QR codes that each reader reads, as they are
+    (module 0) and shrunk to each size of a module."""
+    read = []
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in (".jpg", ".png"))
+    for path in paths:
+        photo = np.array(Image.open(path).convert("RGB"))
+        found = zxingcpp.read_barcodes(photo, formats=FORMATS["QR"])
+        module = module_of(found[0]) if found else 0.0
+        for size in (0, *sizes.modules):
+            shown = photo
+            if size and module:
+                factor = size / module
+                shown = cv2.resize(photo, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+            row = {"module": size, "photo": path.name, "pixels a module": module}
+            if module or not size:
+                row |= {reader: any_text(shown) != "" for reader, any_text in ANY_TEXT.items()}
+            else:
+                row |= dict.fromkeys(ANY_TEXT, False)
+            read.append(row)
+    shares = pd.DataFrame(read).groupby("module").agg(
+        n=("photo", "size"), median_pixels=("pixels a module", "median"),
+        **{reader: (reader, "mean") for reader in ANY_TEXT},
+    )  # fmt: skip
+    return shares.reset_index().to_dict("records")
+
+
+def module_of(code: zxingcpp.Barcode) -> float:
+    """Return the mean pixels of a QR code's module, by its corners and version."""
+    corners = [getattr(code.position, name) for name in CORNERS]
+    points = np.array([(corner.x, corner.y) for corner in corners], float)
+    sides = np.linalg.norm(points - np.roll(points, 1, 0), axis=1)
+    return float(sides.mean() / (17 + 4 * int(code.extra["Version"])))
+
+
+def any_text_by_zxing(photo: np.ndarray) -> str:
+    found = zxingcpp.read_barcodes(photo, formats=FORMATS["QR"])
+    return found[0].text if found else ""
+
+
+def any_text_by_opencv(photo: np.ndarray) -> str:
+    try:
+        return cv2.QRCodeDetector().detectAndDecode(cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY))[0]
+    except cv2.error:  # as in read_by_opencv
+        return ""
+
+
+ANY_TEXT = {"zxing-cpp": any_text_by_zxing, "OpenCV": any_text_by_opencv}
+CORNERS = ("top_left", "top_right", "bottom_right", "bottom_left")
+
+
 def plot(table: pd.DataFrame, path: Path) -> None:
     """Draw the share that is read against the module's size, over all presets."""
     figure = Figure(figsize=(9, 3), layout="constrained")
@@ -148,7 +202,13 @@ def plot(table: pd.DataFrame, path: Path) -> None:
 
 def main() -> None:
     """Photograph, read, publish."""
-    args, sizes, _ = measure.begin(measure.arguments(__doc__ or ""), Sizes(), QUICK_SETTINGS)
+    parser = measure.arguments(__doc__ or "")
+    parser.add_argument("--photos", type=Path, help="folder of real photos, to read them alone")
+    args, sizes, _ = measure.begin(parser, Sizes(), QUICK_SETTINGS)
+    if args.photos:
+        real = pd.DataFrame(rows_of_real(args.photos, sizes))
+        measure.publish(real, measure.results(args) / "codes_real.csv")
+        return
     rows = []
     for preset in sizes.presets:
         for shrink in sizes.shrinks:

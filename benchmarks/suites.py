@@ -30,7 +30,7 @@ from training.runs import trained
 from training.suites import SUITES
 from training.trainer.ranks import fabric_of
 
-FULL_SETTINGS: dict[str, Any] = {"n": 32, "steps": 20, "suites": tuple(SUITES)}
+FULL_SETTINGS: dict[str, Any] = {"n": 16, "steps": 20, "suites": tuple(SUITES)}
 QUICK_SETTINGS: dict[str, Any] = {"n": 1, "steps": 1, "suites": ("unseen", "transfer")}
 REPORTED_IMAGES = 480  # images that the minutes are of
 

@@ -7,10 +7,11 @@ machines.
 
 Every picture is a crop of `size` pixels from a picture in `images`, at any depth; those that are
 damaged or smaller are named and skipped. A pair is `photo`, `original`, with twin=true `twin` (the
-same shot without moiré), and the numbers of its shot, which replay it. They are stored in
-000000.tar, 000001.tar, ... (WebDataset), or with format=imagefolder in folders of these numbers
-with a metadata.csv (Hugging Face datasets), `per_shard` pairs in each. What is in a file depends on
-the settings in dataset.json alone: not on the commands, machines or processes that share the work.
+same shot without moiré), with raw=true `raw` (the sensor's reading), and the numbers of its shot,
+which replay it. They are stored in 000000.tar, 000001.tar, ... (WebDataset), or with
+format=imagefolder in folders of these numbers with a metadata.csv (Hugging Face datasets),
+`per_shard` pairs in each. What is in a file depends on the settings in dataset.json alone: not on
+the commands, machines or processes that share the work.
 
 If a command is interrupted, the same command continues after the last whole file.
 """
@@ -74,6 +75,7 @@ def file_settings(cfg: Config, pairs: Pairs) -> dict[str, Any]:
         "scene": pairs.scene.to_dict(),
         "size": cfg.size,
         "twin": cfg.twin,
+        "raw": cfg.raw,
         "format": cfg.format,
         "encoding": cfg.encoding,
         "quality": cfg.quality,

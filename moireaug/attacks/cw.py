@@ -44,7 +44,7 @@ class CW(NamesForeignArguments):
             the middle between the greatest that failed and the least that succeeded, or, until one
             has, to ten times as much. The paper's are 9, from c = 1e-3. The default, 1, keeps c, as
             torchattacks does: fewer images are fooled, by more noise.
-        steps: Adam steps of a run; the start and every step's image but the last are judged.
+        steps: Adam steps of a run; its image after the last step is not classified.
         lr: Adam's learning rate, in tanh space.
 
     Raises:

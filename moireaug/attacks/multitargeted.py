@@ -24,11 +24,10 @@ class MultiTargeted(NamesForeignArguments):
     """Run an attack toward each of the likeliest wrong classes of the unattacked photo in turn
     (Gowal et al., 2019).
 
-    Any wrong class is a success. An image is done at its first success, unless the model answers
-    the same input differently when asked twice: being fooled once says little then. For the others
-    the greatest margin is kept. With the rule "apgd" and the loss "dlr" it is APGD-T, the second
-    attack of AutoAttack (Croce & Hein, 2020, section 5): `MultiTargeted(MoireAttack(model,
-    rule="apgd", loss="dlr", steps=100))`.
+    Any wrong class is a success, and ends the attack on an image, unless the model is random. For
+    the other images the greatest margin is kept. With the rule "apgd" and the loss "dlr" it is
+    APGD-T, the second attack of AutoAttack (Croce & Hein, 2020, section 5):
+    `MultiTargeted(MoireAttack(model, rule="apgd", loss="dlr", steps=100))`.
 
     Args:
         attack: a MoireAttack, PGD or another `Attack`, whose loss steers toward the class.
@@ -60,7 +59,7 @@ class MultiTargeted(NamesForeignArguments):
     ) -> Result:
         """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
 
-        Photos that are wrong without an attack are returned unchanged, where they are so each time.
+        Photos that a deterministic model gets wrong without an attack are returned unchanged.
         `loss` in the Result is of the last class that was tried, over the images that were left.
         """
         return self.attack.attack_batch(self._best_result, images, labels, None, shot, generator)

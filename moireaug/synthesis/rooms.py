@@ -25,6 +25,7 @@ from moireaug.scene.geometry import grids
 from moireaug.scene.mixed_shot import per_scene
 from moireaug.scenes import Scene, Shot
 
+SPACING = 8  # photo pixels between those whose view of the screen is computed
 GLOSS = 0.3  # of a bezel: share of its light that mirrors the room, and is not its mean
 # what the room is seen by: the same camera, straight on, without a panel's pattern and glass
 FRONTAL = {"view.yaw": 0.0, "view.pitch": 0.0, "view.roll": 0.0, "view.zoom": 1.0}
@@ -193,7 +194,7 @@ def _on_plane(picture: Tensor, box: list[int], size: tuple[int, int]) -> Tensor:
 
 
 def _rooms(surroundings: Tensor, drawn: dict[str, Tensor]) -> Tensor:
-    """Return the rooms' light out of focus and dimmed, as codes (B, 3, H, W)."""
+    """Return the rooms' light, out of focus and dimmed, (B, 3, H, W)."""
     size, light = surroundings.shape[-2:], light_of_codes(surroundings)
     for room, width in zip(light, drawn["blur"].tolist(), strict=True):
         if width >= 2:
@@ -201,7 +202,7 @@ def _rooms(surroundings: Tensor, drawn: dict[str, Tensor]) -> Tensor:
             coarse = F.interpolate(room[None], small, mode="area")
             room.copy_(F.interpolate(coarse, size, mode="bicubic")[0].clamp(0, 1))
     ambient = drawn["ambient"].to(surroundings)[:, None, None, None]
-    return codes_of_light((ambient * light).clamp(0, 1)).clamp(0, 1)
+    return ambient * light
 
 
 def _photograph(
@@ -210,7 +211,8 @@ def _photograph(
     """Return the `RoomPhotos` of one scene's images.
 
     Args:
-        planes, rooms: (B, 3, H, W), the screens' planes and the rooms. boxes: see `_boxes`.
+        planes, rooms: (B, 3, H, W), codes of the screens' planes, and light of the rooms.
+        boxes: see `_boxes`.
         numbers: (B, fields) float64, of `Room.draw`.
     """
     drawn = dict(zip(Room.ranged, numbers.to(planes).unbind(1), strict=True))
@@ -219,11 +221,12 @@ def _photograph(
     distance, pixel = _distances(shot.to(planes.device), boxes.to(planes.device), corner)
     inside = (0.5 - distance / pixel).clamp(0, 1)[:, None]
     framed = (0.5 - (distance - bezel[:, None, None]) / pixel).clamp(0, 1)[:, None]
-    mean = (light_of_codes(planes) * inside).sum((2, 3)) / inside.sum((2, 3)).clamp(min=1)
+    some = (..., slice(None, None, SPACING), slice(None, None, SPACING))
+    mean = (light_of_codes(planes[some]) * inside[some]).mean((2, 3), keepdim=True)
+    mean = mean / inside[some].mean((2, 3), keepdim=True).clamp(min=0.01)
     falloff = torch.exp(-distance.clamp(min=0) / shorter[:, None, None])[:, None]
-    glow = drawn["glow"][:, None, None, None] * mean[:, :, None, None] * falloff
-    rooms = codes_of_light((light_of_codes(rooms) + glow).clamp(0, 1)).clamp(0, 1)
-    around = expose(rooms, _frontal(shot))
+    glow = drawn["glow"][:, None, None, None] * mean * falloff
+    around = expose(codes_of_light((rooms + glow).clamp(0, 1)).clamp(0, 1), _frontal(shot))
     mirrored = around.flip(-1)
     lit = (1 - GLOSS) * around.mean((2, 3), keepdim=True) + GLOSS * mirrored
     rim = drawn["albedo"][:, None, None, None] * lit
@@ -244,18 +247,28 @@ def _distances(shot: Shot, boxes: Tensor, corner: Tensor) -> tuple[Tensor, Tenso
         corner: (B,) radii of the screens' corners, in the same pixels.
     """
     frame, lens = shot.frame, shot.distortion
-    centres = grids.pixel_centres(shot.size, boxes.device).to(corner.dtype)
-    points = (centres + frame.photo_corner(centres)).expand(len(shot), -1, -1, -1)
+    if lens is not None:
+        lens = lens[0].to(corner.dtype), lens[1].to(corner.dtype)
+    # where pixels look changes so slowly that every eighth is enough
+    rows, cols = (
+        torch.linspace(0.5, side - 0.5, -(-side // SPACING) + 1, device=boxes.device)
+        for side in shot.size
+    )
+    points = grids.grid(rows, cols).to(corner.dtype).expand(len(shot), -1, -1, -1)
+    points = points + frame.photo_corner(points)
     inverse = torch.linalg.inv(shot.matrix()).to(corner.dtype)
     looks = grids.photo_to_image(points, inverse, frame.size, lens)
     looks = looks - frame.image_corner(looks)
     steps = grids.jacobian(points, inverse, frame.size, lens)
-    half = boxes[:, 2:].to(corner) / 2
-    middle = boxes[:, :2].to(corner) + half
+    pixel = torch.linalg.det(steps).abs().sqrt().clamp(min=1e-6)
+    coarse = torch.stack((*looks.unbind(-1), pixel), 1)
+    x, y, pixel = F.interpolate(coarse, shot.size, mode="bilinear", align_corners=True).unbind(1)
+    left, top, width, height = boxes.to(corner)[..., None, None].unbind(1)
     radius = corner[:, None, None]
-    beyond = (looks - middle[:, None, None]).abs() - half[:, None, None] + radius[..., None]
-    distance = beyond.clamp(min=0).norm(dim=-1) + beyond.amax(-1).clamp(max=0) - radius
-    return distance, torch.linalg.det(steps).abs().sqrt().clamp(min=1e-6)
+    across = (x - left - width / 2).abs() - (width / 2 - radius)
+    down = (y - top - height / 2).abs() - (height / 2 - radius)
+    beyond = torch.hypot(across.clamp(min=0), down.clamp(min=0))
+    return beyond + torch.maximum(across, down).clamp(max=0) - radius, pixel
 
 
 def _join(rows: list[Tensor], parts: list[tuple[Tensor, Tensor, Tensor]]) -> tuple[Tensor, ...]:

@@ -12,12 +12,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from PIL import Image
 
 from benchmarks import (
     accuracy_vs_time,
     attack_budget,
     bins,
     codes,
+    detecting,
     effects_cost,
     memory_and_starts,
     other_libraries,
@@ -25,6 +27,7 @@ from benchmarks import (
     released,
     suites,
     training_steps,
+    watermark_networks,
 )
 from moireaug import Scene, capture, evaluation
 from moireaug.defenses import Rejecting
@@ -242,6 +245,46 @@ def test_codes(ran, tmp_path):
     assert (tmp_path / "codes.png").stat().st_size > 1000
 
 
+def test_real_photos_of_codes_are_read_at_each_size(tmp_path):
+    picture = (255 * codes.drawn("QR", 7, 256)).byte().permute(1, 2, 0).contiguous().numpy()
+    for name, pixels in (("code.png", picture), ("blank.png", np.full_like(picture, 255))):
+        Image.fromarray(pixels).save(tmp_path / name)
+    rows = codes.rows_of_real(tmp_path, codes.Sizes(modules=(1, 4)))
+    assert [row["module"] for row in rows] == [0, 1, 4] and {row["n"] for row in rows} == {2}
+    assert rows[0]["zxing-cpp"] == rows[2]["zxing-cpp"] == 0.5
+    assert rows[0]["median_pixels"] == pytest.approx(7 / 2, abs=0.3)  # of 7 and of none
+
+
+def test_watermarks(ran):
+    said, table = ran("watermarks")
+    assert len(table["trained with"].unique()) == 4 and len(table) == 4 * 5
+    assert table["psnr"].between(31.9, 33.5).all() and table["bit errors"].between(0.2, 0.8).all()
+    assert "unseen preset" in said
+
+
+def test_marks_have_their_psnr_and_layers_keep_pictures():
+    images, bits = torch.rand(4, 3, 128, 128) * 0.6 + 0.2, torch.randint(0, 2, (4, 64)).float()
+    marked = watermark_networks.Encoder()(images, bits, 40.0)
+    psnr = -10 * (marked - images).square().mean((1, 2, 3)).log10()
+    assert psnr.tolist() == pytest.approx([40.0] * 4, abs=0.01)
+    for layer in (watermark_networks.CropBlurJpeg(), watermark_networks.PimogLike()):
+        shown = images.clone().requires_grad_()
+        photos = layer(shown)
+        assert photos.shape == images.shape and photos.min() >= 0 and photos.max() <= 1
+        assert not torch.equal(layer(images)[0], photos[0])  # a draw for each call
+        (gradient,) = torch.autograd.grad(photos.sum(), shown)
+        assert (gradient != 0).float().mean() > 0.9
+    assert watermark_networks.Decoder()(marked).shape == (4, 64)
+
+
+def test_text(ran, tmp_path):
+    pytest.importorskip("rapidocr_onnxruntime")
+    _, table = ran("text")
+    assert set(table["state"]) == {"picture", "photo", "twin", "cleaned"}
+    assert (table.loc[table["state"] == "picture", "error"] < 0.05).all()
+    assert (tmp_path / "text.png").stat().st_size > 1000
+
+
 def test_codes_as_they_are_drawn_are_read():
     for code in codes.TEXTS:
         picture = codes.drawn(code, 2, 256)
@@ -251,3 +294,15 @@ def test_codes_as_they_are_drawn_are_read():
         blank = np.full_like(photo, 255)
         assert not any(codes.READERS[name](code, blank) for name in readers)
     assert codes.drawn("QR", 8, 128) is None
+
+
+def test_a_collection_is_scored_by_heads_of_the_others():
+    generator = torch.Generator().manual_seed(0)
+    truth = torch.arange(40) % 2 == 0
+    group = np.repeat(["one", "other"], 20)
+    signs = torch.from_numpy(np.where(group == "one", 1.0, -1.0)).float() * (2.0 * truth - 1)
+    crops = signs[:, None, None] + 0.1 * torch.randn(40, 5, 3, generator=generator)
+    scores = detecting.of_others(crops, crops.mean(1), truth, group)
+    for name in ("one", "other"):  # what tells them apart here says the opposite there
+        rows = torch.from_numpy(group == name)
+        assert scores[rows & truth].max() < scores[rows & ~truth].min()

@@ -12,19 +12,23 @@ import signal
 import tarfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
 
-from moireaug import Shot, capture
+from moireaug import Shot, capture, develop
+from moireaug.camera.effects.srgb import codes_of_light
+from moireaug.scene.by_name import with_values
 from tests.synthesis.folders import put, spoil
 from tests.training.forked import LONG
 from tests.training.pairs import FEW, hashes, made
 from training import synthesise
 from training.pairs import files as pair_files
 
+UNDONE = ("shoulder", "contrast", "chroma_blur", "sharpen", "jpeg")  # of a development
 FORKS = multiprocessing.get_context("fork")
 
 
@@ -141,6 +145,45 @@ def test_what_is_written_replays(tmp_path):
     assert torch.equal(codes("000009.photo.png"), (photo * 255).round().to(torch.uint8))
 
 
+@pytest.mark.parametrize("scene", ["phone_at_dimmed_phone", "full.yaml"])
+def test_a_raw_reading_develops_to_the_photo(tmp_path, scene):
+    Path("full.yaml").write_text("panel: {scale: 2.0}\nsensor: {scale: 1.5, gain: 1.3}\n")
+    made(tmp_path / "out", "raw=true", f"scene={scene}", "n=2", "encoding=png")
+    with tarfile.open(tmp_path / "out/000000.tar") as tar:
+        files = {member.name: tar.extractfile(member).read() for member in tar}
+    reading = np.load(io.BytesIO(files["000001.raw.npy"]))
+    facts = json.loads(files["000001.json"])
+    shot, raw = Shot.from_dict(facts["shot"]), facts["raw"]
+    assert reading.dtype == np.uint16 and (1, *reading.shape) == shot.raw_shape()
+    with Image.open(io.BytesIO(files["000001.photo.png"])) as picture:
+        photo = torch.from_numpy(np.array(picture)).permute(2, 0, 1)
+    light = torch.from_numpy(reading.astype(np.float32) / raw["white_level"])
+    developed = (develop(light[None], shot)[0] * 255).round()
+    assert (developed - photo).abs().max() <= 1
+    assert raw["planes"] == ["R", "G", "G", "B"] and raw["black_level"] == 0
+    assert raw["binned"] == (scene != "full.yaml") == raw["linear"]
+    assert raw["exposure_time"] == (shot.sensor.shutter.item() or None)
+    # what stands beside it is what development reads
+    red, _, blue = raw["white_balance"]
+    assert (red, blue) == (shot.develop.red.item(), shot.develop.blue.item())
+    grey = torch.full((1, 4, *reading.shape[1:]), 0.2)
+    plain = with_values(shot, {f"develop.{name}": torch.zeros(1) for name in UNDONE})
+    balanced = torch.tensor([[0.2 * red, 0.2, 0.2 * blue]]) @ torch.tensor(raw["colour_matrix"]).T
+    expected = codes_of_light(balanced) if raw["linear"] else balanced
+    middle = develop(grey, plain)[0, :, 12:20, 12:20].mean((1, 2))
+    assert torch.allclose(middle, expected[0].float(), atol=3e-3)
+
+
+def test_raw_readings_lie_in_folders_and_are_part_of_the_settings(tmp_path):
+    made(tmp_path / "out", "raw=true", "format=imagefolder", "n=2")
+    with (tmp_path / "out/000000/metadata.csv").open() as table:
+        row = next(csv.DictReader(table))
+    assert (tmp_path / "out/000000" / row["raw_file"]).exists()
+    assert json.loads(row["raw"])["white_level"] == 65535
+    with pytest.raises(SystemExit, match="raw: True there, False now"):
+        made(tmp_path / "out", "format=imagefolder", "n=2")
+
+
 def test_moire_is_told_and_written_beside_twins(tmp_path, capsys):
     strengths = []
     for shrink in ("null", "[1,3]"):
@@ -175,8 +218,8 @@ def test_encodings_keep_what_they_promise():
         (["encoding=jpeg", "quality=30"], "photo.jpg", 20),
     ):
         cfg = synthesise.configure([*FEW, "images=pictures", "out=out", *given])
-        item = pair_files.EncodedPairs(pairs, cfg.encoding, cfg.quality)[3]
-        with Image.open(io.BytesIO(item.pictures[name])) as picture:
+        item = pair_files.EncodedPairs(pairs, cfg.encoding, cfg.quality, cfg.raw)[3]
+        with Image.open(io.BytesIO(item.files[name])) as picture:
             error = np.sqrt(((np.array(picture).astype(float) - photo) ** 2).mean())
         assert (error == 0) == (most == 0) and error <= most, given
 

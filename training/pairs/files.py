@@ -16,9 +16,11 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from moireaug.synthesis import Pair, Pairs
+from training.pairs.raw import npy_of, raw_metadata, reading_of
 
 SUFFIXES = {"png": "png", "webp": "webp", "jpeg": "jpg"}  # by encoding
 JPEG_QUALITY = 95
+RAW_FILE = "raw.npy"
 
 
 @dataclass(frozen=True)
@@ -26,13 +28,14 @@ class EncodedPair:
     """A pair as it is written.
 
     Args:
-        pictures: content of its files, by their names ("photo.png").
-        made_from: numbers that replay it, see `Pair.to_dict`.
+        files: content of its files, by their names ("photo.png").
+        made_from: numbers that replay it, see `Pair.to_dict`; with a raw reading also `raw`, see
+            `raw_metadata`.
         skipped: sentences on the pictures newly skipped as unusable.
     """
 
     index: int
-    pictures: dict[str, bytes]
+    files: dict[str, bytes]
     made_from: dict[str, Any]
     skipped: list[str]
 
@@ -48,17 +51,22 @@ class EncodedPairs(Dataset):
     Args:
         encoding: key of `SUFFIXES`.
         quality: quality, 1 to 100; None is lossless, and for JPEG 95.
+        raw: whether to add the raw reading of each photo.
     """
 
-    def __init__(self, pairs: Pairs, encoding: str, quality: int | None) -> None:
-        self.pairs, self.encoding, self.quality = pairs, encoding, quality
+    def __init__(self, pairs: Pairs, encoding: str, quality: int | None, raw: bool) -> None:
+        self.pairs, self.encoding, self.quality, self.raw = pairs, encoding, quality, raw
 
     def __getitem__(self, k: int) -> EncodedPair:
         unusable = self.pairs.pictures.unusable
         known_count = len(unusable)
         pair = self.pairs.make_pair(k)
-        files = encode_pair(pair, self.encoding, self.quality)
-        return EncodedPair(k, files, pair.to_dict(), list(unusable.values())[known_count:])
+        files, made_from = encode_pair(pair, self.encoding, self.quality), pair.to_dict()
+        if self.raw:
+            reading = reading_of(pair)
+            files[RAW_FILE] = npy_of(reading)
+            made_from["raw"] = raw_metadata(pair.shot, reading)
+        return EncodedPair(k, files, made_from, list(unusable.values())[known_count:])
 
 
 def encode_pair(pair: Pair, encoding: str, quality: int | None) -> dict[str, bytes]:
@@ -93,7 +101,7 @@ def write_tar(path: Path, pairs: Iterable[EncodedPair]) -> None:
         with tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar:
             for pair in pairs:
                 numbers = json.dumps(pair.made_from).encode()
-                for name, content in {**pair.pictures, "json": numbers}.items():
+                for name, content in {**pair.files, "json": numbers}.items():
                     header = tarfile.TarInfo(f"{pair.key}.{name}")  # no owner, no time
                     header.size = len(content)
                     tar.addfile(header, io.BytesIO(content))
@@ -108,10 +116,13 @@ def write_folder(path: Path, pairs: Iterable[EncodedPair]) -> None:
     rows = None
     for pair in pairs:
         row = {}
-        for name, content in pair.pictures.items():
+        for name, content in pair.files.items():
             _write(path / f"{pair.key}.{name}", content)
-            row[f"{name.split('.')[0]}_file_name"] = f"{pair.key}.{name}"
-        row |= pair.made_from | {"shot": json.dumps(pair.made_from["shot"])}
+            # what ends in file_name is read as a picture
+            column = "raw_file" if name == RAW_FILE else f"{name.split('.')[0]}_file_name"
+            row[column] = f"{pair.key}.{name}"
+        for name, value in pair.made_from.items():
+            row[name] = json.dumps(value) if isinstance(value, dict) else value
         if rows is None:
             rows = csv.DictWriter(table, list(row), lineterminator="\n")
             rows.writeheader()

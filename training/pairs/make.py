@@ -39,7 +39,7 @@ def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
     print(moire_of_sample(pairs, min(total, MOIRE_SAMPLE_PAIRS)))
     skipped: set[str] = set()
     start = time.perf_counter()
-    encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality)
+    encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality, cfg.raw)
     numbers = itertools.chain.from_iterable(map(pair_set.pairs, missing))
     with tqdm(total=total, unit="pair", disable=None) as bar:
         loaded = loader(encoded, numbers, min(workers_of(cfg), total))
@@ -135,6 +135,7 @@ class Config:
     shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
     size: int = setting(512, "side of the crops, in pixels")
     twin: bool = setting(False, "whether to add the same shot without moiré")
+    raw: bool = setting(False, "whether to add the sensor's raw reading, as raw.npy in uint16")
     format: str = setting("webdataset", "of the files", choices=tuple(FORMATS))
     encoding: str = setting("png", "of the pictures", choices=tuple(SUFFIXES))
     quality: int | None = setting(

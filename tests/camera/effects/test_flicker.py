@@ -1,11 +1,14 @@
 """Flicker: the closed form against the light of every moment, summed."""
 
 import itertools
+import math
 
 import pytest
 import torch
 
+from moireaug import Scene, expose
 from moireaug.camera.effects.flicker import flicker
+from moireaug.scene.by_name import with_values
 
 FREQUENCIES, DUTIES, PHASES = (50.0, 240.0, 1000.0), (0.1, 0.5, 0.9, 1.0), (0.0, 0.35)
 SHUTTERS, READOUTS = (1 / 5000, 1 / 240, 1 / 60), (0.0, 1 / 30)
@@ -67,3 +70,31 @@ def test_gradients_of_every_field():
         given = fields(frequency, 0.5, 0.1, shutter, 0.02)
         flicker(ROWS, *given).sum().backward()
         assert all(f.grad.isfinite().all() for f in given if f.grad is not None)
+
+
+# what leaves a flat screen's light over the rows alone
+PLAIN = dict.fromkeys(("view.yaw", "view.pitch", "view.roll", "lens.k1", "panel.glare"), 0.0) | {
+    "sensor.read_noise": 0.0,
+    "sensor.gain": 0.5,
+    "sensor.exposure": "mean",
+}
+
+
+def test_the_dimmed_phone_s_bands_have_the_period_and_depth_of_their_closed_form():
+    """`pwm * readout` bands a photo, of depth 2 sinc(duty) |sinc(pwm * shutter)|, in the ranges
+    that the preset states."""
+    scene = with_values(Scene.preset("phone_at_dimmed_phone"), PLAIN)
+    assert "flicker" in scene.plan((512, 64))
+    shot = scene.sample(24, (512, 64), torch.Generator().manual_seed(0))
+    raw = expose(torch.full((24, 3, 512, 64), 0.5), shot)[:, 1].double().mean(2)
+    bands = shot.panel.pwm * shot.sensor.readout
+    rows = (torch.arange(512, dtype=torch.float64) + 0.5) / 512
+    orders = torch.arange(1, 40, dtype=torch.float64)
+    waves = 2 * math.pi * bands[:, None, None] * orders * rows[:, None]
+    fit = torch.cat([torch.ones(24, 512, 1), waves.cos(), waves.sin()], -1).double()
+    found = torch.linalg.lstsq(fit, raw[..., None]).solution[..., 0]
+    depth = found[:, [1, 40]].norm(dim=1) / found[:, 0]
+    expected = 2 * torch.sinc(shot.panel.duty) * torch.sinc(shot.panel.pwm * shot.sensor.shutter)
+    seen = bands > 2.5  # fewer are no waves of their own
+    assert seen.sum() > 10 and expected.abs()[seen].max() > 0.3
+    assert torch.allclose(depth[seen], expected.abs()[seen], atol=0.02)
