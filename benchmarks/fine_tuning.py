@@ -62,9 +62,10 @@ QUICK_SETTINGS = Effort(side=64, train=4, epochs=1)
 
 
 class Treatment(NamedTuple):
-    """What takes half of each batch: the recipe's photos, with moiré or without, or images that a
+    """What takes half of each batch: photos in a scene, with moiré or without, or images that a
     function changes in their place."""
 
+    scene: str = "anywhere"
     moire: bool = True
     photograph: Photograph | None = None
 
@@ -100,8 +101,10 @@ def degrade(images: Tensor) -> Tensor:
 
 
 TREATMENTS: dict[str, Treatment] = {
-    "photos": Treatment(),
-    "photos without moiré": Treatment(moire=False),
+    "anywhere": Treatment(),
+    "anywhere without moiré": Treatment(moire=False),
+    "screen_photo": Treatment("screen_photo"),
+    "screen_photo without moiré": Treatment("screen_photo", moire=False),
     "blur, colour and JPEG": Treatment(photograph=degrade),
     "a sinusoid in each colour": Treatment(photograph=overlay),
 }
@@ -115,6 +118,7 @@ def settings_of(treatment: Treatment, weights: Path, images: Path, effort: Effor
         cfg,
         model=weights.stem,
         weights=str(weights),
+        scene=treatment.scene,
         data=data,
         adversary=replace(cfg.adversary, moire=treatment.moire),
         train=replace(cfg.train, epochs=effort.epochs),

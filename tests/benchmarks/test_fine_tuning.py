@@ -67,7 +67,7 @@ def test_the_script_tunes_and_judges(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given = ["pairs.csv", "--loose", "loose.csv", "--images", "images"]
     given += ["--classifiers", "classifiers", "--quick", "--threads", "1", "--out", "."]
-    given += ["--only", "photos without moiré", "blur, colour and JPEG"]
+    given += ["--only", "screen_photo without moiré", "blur, colour and JPEG"]
     monkeypatch.setattr(sys, "argv", [str(Path("fine_tuning.py")), *given])
     fine_tuning.main()
     table = pd.read_csv("fine_tuning.csv")
