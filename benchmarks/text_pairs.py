@@ -5,8 +5,9 @@
 
 In DIR lie screenshot1.png and photo1.jpg, ... A photo is brought to its screenshot's frame by
 matched points. What is read of it, and of simulated photos of the same part of the screen with as
-many sensor pixels a panel pixel, is compared with what is read of the screenshot's part, at the
-photo's size and without spaces: character error rates as in text.py, which says what to install.
+many sensor pixels a panel pixel, shrunk with and without averaging, is compared with what is read
+of the screenshot's part, at the photo's size and without spaces: character error rates as in
+text.py, which says what to install.
 """
 
 from __future__ import annotations
@@ -41,12 +42,11 @@ SENSOR_PIXELS = 4032.0  # along a photo's longer side, before it was shrunk
 class Sizes:
     """What is photographed, how often."""
 
-    presets: tuple[str, ...] = ("screen_photo", "phone_at_monitor", "phone_close_to_lcd")
     shots: int = 2
     pairs: int | None = None
 
 
-QUICK_SETTINGS = Sizes(("screen_photo",), 1, 2)
+QUICK_SETTINGS = Sizes(1, 2)
 
 
 class Part(NamedTuple):
@@ -107,30 +107,40 @@ def homography(one: np.ndarray, other: np.ndarray) -> np.ndarray | None:
 
 
 @torch.no_grad()
-def rows_of(name: str, part: Part, sizes: Sizes) -> list[dict]:
+def rows_of(pair: str, part: Part, sizes: Sizes) -> list[dict]:
     """Return the error rates of a part's photo and of simulated ones."""
     text = read(part.picture)
     if len(text) < MIN_CHARACTERS:
         return []
-    facts = {"pair": name, "characters": len(text), "panel pixels": part.panel_pixels}
+    facts = {"pair": pair, "characters": len(text), "panel pixels": part.panel_pixels}
     (real,) = errors(tensor(part.photo), [text])
     rows = [facts | {"photo": "real", "error": real, "n": 1}]
     picture = tensor(part.picture)
-    height, width = picture.shape[-2:]
-    for preset in sizes.presets:
-        scene = Scene.preset(preset).with_shrink(part.shrink)
-        pitch = part.shrink * max(height, width) / part.panel_pixels
-        shot = with_values(scene, {"sensor.pitch": pitch}).sample(
-            sizes.shots, (height, width), torch.Generator().manual_seed(0)
-        )
-        images = picture.expand(sizes.shots, -1, -1, -1)
+    images = picture.expand(sizes.shots, -1, -1, -1)
+    for name, scene in scenes_of(part).items():
+        size = (picture.shape[-2], picture.shape[-1])
+        shot = scene.sample(sizes.shots, size, torch.Generator().manual_seed(0))
         photos, twins = capture(images, shot), capture(images, without_moire(shot))
         moire = float(moire_codes(photos, twins).median())
         for state, shown in (("", photos), (", without moiré", twins)):
             error = float(np.mean(errors(shown, [text] * sizes.shots)))
-            row = {"photo": preset + state, "error": error, "n": sizes.shots, "moire": moire}
+            row = {"photo": name + state, "error": error, "n": sizes.shots, "moire": moire}
             rows.append(facts | row)
     return rows
+
+
+def scenes_of(part: Part) -> dict[str, Scene]:
+    """Return scenes of a part of the screen with as many sensor pixels as its photo, by how these
+    become its pixels."""
+    preset, longer = Scene.preset("screen_photo"), max(part.picture.shape)
+    scale = part.panel_pixels / longer  # panel pixels a pixel
+    averaged = with_values(preset.with_shrink(part.shrink), {"sensor.pitch": part.shrink / scale})
+    full = {"panel.width": 0.0, "sensor.pitch": 0.0}
+    full |= {"panel.scale": scale, "sensor.scale": part.shrink}
+    return {
+        "shrunk by averaging": averaged,
+        "shrunk without": with_values(preset, full | {"develop.resize": "point"}),
+    }
 
 
 def tensor(picture: np.ndarray) -> Tensor:

@@ -155,6 +155,7 @@ def read(networks: nn.ModuleList, images: Tensor, sizes: Sizes) -> list[dict]:
     bits = torch.randint(0, 2, (len(images), BITS)).float()
     marked = (encoder(images, bits, sizes.psnr) * 255).round() / 255
     psnr = -10 * (marked - images).square().mean((1, 2, 3)).log10().mean()
+    coarse = share_of_coarse_waves(marked - images)
     channels = {name: layer for name, layer in layers().items() if name != "ScreenCamera"}
     for preset in sizes.presets:
         channels[preset] = photos_of_screens((preset,))
@@ -165,9 +166,18 @@ def read(networks: nn.ModuleList, images: Tensor, sizes: Sizes) -> list[dict]:
         kind = "layer"
         if name in sizes.presets:
             kind = "seen preset" if name in TRAINED_PRESETS else "unseen preset"
-        row = {"read through": name, "kind": kind, "psnr": float(psnr), "n": len(images)}
+        row = {"read through": name, "kind": kind, "psnr": float(psnr), "coarse": coarse}
+        row["n"] = len(images)
         rows.append(row | {"bit errors": float(errors.mean()), "std": float(errors.std())})
     return rows
+
+
+def share_of_coarse_waves(marks: Tensor) -> float:
+    """Return the share of marks' power in waves longer than 20 pixels."""
+    power = torch.fft.fft2(marks).abs().square().mean((0, 1))
+    frequency = torch.fft.fftfreq(SIDE)
+    is_coarse = torch.hypot(frequency[:, None], frequency) < 1 / 20
+    return float(power[is_coarse].sum() / power.sum())
 
 
 def trained_networks(

@@ -76,7 +76,7 @@ class Hand:
         fields), a function of the seeds (n,) of the tracks and the times (n,)."""
         moved = np.empty((len(seeds), len(MOVED_FIELDS)))
         for seed in np.unique(seeds):
-            rng = np.random.Generator(np.random.Philox(key=int(seed)))
+            rng = np.random.Generator(np.random.Philox(key=int(seed) % 2**64))
             drawn = rng.random((2, len(MOVED_FIELDS), WAVES))
             frequencies = self.frequency * (np.arange(WAVES) + drawn[0]) / WAVES
             rows = seeds == seed
