@@ -1,5 +1,4 @@
-"""Draw docs/effects.png, every effect by itself, and docs/effects/*.png, those that physics.md
-explains.
+"""Draw docs/effects.png, every effect by itself.
 
 Run it as `python docs/effects.py`.
 """
@@ -16,7 +15,6 @@ sys.path.insert(0, str(HERE.parent))
 import torch
 from matplotlib.figure import Figure
 from torch import Tensor
-from torchvision.transforms.v2.functional import to_pil_image
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View
 from moireaug.scene.layout import LAYOUTS
@@ -121,35 +119,6 @@ EFFECTS: dict[str, Scene] = {
     "JPEG, quality 10": replace(PLAIN, develop=Develop(jpeg=10)),
 }
 
-# the file in docs/effects of an effect's picture, and its caption above
-PICTURES = {
-    "layout": "layout: moiré of the stripes",
-    "black_matrix": "black matrix, 80 % of width and\n60 % of height lit: a lattice",
-    "black_level": "black level 0.1",
-    "glare": "glare 0.4, more of it\nat the right",
-    "flicker": "flicker: 240 Hz, 40 % on,\nrolling shutter",
-    "pose": "yaw 45, not registered",
-    "registration": "the same, registered",
-    "distortion": "lens k1 0.25, not registered",
-    "prefilter": "prefilter: seen from afar,\nzoom 0.2 and registered",
-    "vignetting": "vignetting 0.6",
-    "blur": "lens blur 0.6 px:\nthe moiré fades",
-    "motion": "motion along a diagonal, 2 px",
-    "olpf": "low-pass filter, 1 px apart",
-    "point": "exposure point, as the paper:\nmuch more than a lens passes",
-    "mean": "exposure mean:\nthe same camera, no moiré",
-    "crosstalk": "crosstalk 0.25, undone by\nthe colour matrix",
-    "gain": "gain 6: overexposed",
-    "noise": "shot noise 0.15:\ngrows with the light",
-    "bits": "2 bits",
-    "demosaic": "Bayer, bilinear, 1 sensor\npixel a photo pixel",
-    "balance": "white balance: red 1.3, blue 0.7",
-    "tone": "shoulder 3: highlights\nrolled off",
-    "denoise": "noise, then non-local means",
-    "chroma_blur": "chroma blur 4 px:\nbrightness stays",
-    "jpeg": "JPEG, quality 10",
-}
-
 
 def main() -> None:
     drawn, _ = signs.make("test", 32, size=SIZE, seed=4)
@@ -158,8 +127,6 @@ def main() -> None:
     for caption, scene in EFFECTS.items():
         photos[caption] = scene.capture(image[None], torch.Generator().manual_seed(3))[0]
     draw(photos)
-    for name, caption in PICTURES.items():
-        save(photos[caption], HERE / "effects" / f"{name}.png")
 
 
 def draw(photos: dict[str, Tensor]) -> None:
@@ -173,11 +140,6 @@ def draw(photos: dict[str, Tensor]) -> None:
         axis.imshow(photo.permute(1, 2, 0).numpy(), interpolation="nearest", vmin=0, vmax=1)
         axis.set_title(caption, fontsize=8)
     figure.savefig(HERE / "effects.png", pil_kwargs={"optimize": True})
-
-
-def save(photo: Tensor, path: Path) -> None:
-    path.parent.mkdir(exist_ok=True)
-    to_pil_image(photo).save(path, optimize=True)
 
 
 if __name__ == "__main__":

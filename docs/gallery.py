@@ -36,22 +36,22 @@ BANNER_CROP = (1.0, 3.0)
 
 INTRODUCTION = f"""# Gallery
 
-One photograph of {SIDE} px in every preset. First row: the image is a whole photo; of {CANDIDATES}
-draws, those with the strongest, middle and weakest moiré. Second row: it is a
+One photograph of {SIDE} px in every preset. First row: as a whole photo; of {CANDIDATES} samples,
+those with the strongest, middle and weakest moiré. Second row: as a
 [crop](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's own resolution
-(`shrink={CROP:g}`); the first three draws, not chosen. The paper's presets have no crops, and an
-LED sign is one. In both: a part of the first, magnified; the spectrum of its moiré. All draws are
-of seed {SEED}.
+(`shrink={CROP:g}`); the first three samples, not chosen. The paper's presets have no crops, and
+an LED sign is always one. Last, the middle of the first photo, magnified, and its moiré's spectrum.
 
-Moiré is the median of the {CANDIDATES} draws, the photo minus the same without, in codes RMS.
-Milliseconds are of CPU time per photo of 224 px, on one thread of {{machine}}.
-`python docs/gallery.py` draws this page; the portrait of Grace Hopper is in the public domain.
+Codes are the moiré's strength: the RMS difference of 8-bit values from the same photo without
+moiré, the median of the {CANDIDATES} samples. Milliseconds are CPU time per photo of 224 px, in
+batches of {TIMED_BATCH}, on one thread of {{machine}}. `python docs/gallery.py` draws this page
+(seed {SEED}); the portrait of Grace Hopper is in the public domain.
 """
 
 USES = {
     "paper": "The paper's text, section 3.3",
     "paper_code": "The paper's released code",
-    "screen_photo": "A phone in front of an LCD: the default",
+    "screen_photo": "A phone in front of an LCD, the default",
     "phone_at_monitor": "A phone in the hand, half a metre from a desk monitor",
     "phone_at_laptop": "A phone looking down at a laptop",
     "phone_at_phone": "A phone over another phone",
@@ -155,9 +155,9 @@ def section(name: str, picture: Tensor) -> str:
     figures = []
     for way, strength in draw(name, picture).items():
         time_text = f"{milliseconds(ways(name)[way]):.1f} ms"
-        figures.append(f"{way}: moiré of {strength:.1f} codes, {time_text}")
+        figures.append(f"{way} {strength:.1f} codes, {time_text}")
     return (
-        f"\n## {name}\n\n{USES[name]}; {'; '.join(figures)}.\n\n"
+        f"\n## {name}\n\n{USES[name]}: {'; '.join(figures)}.\n\n"
         f"[![{name}](gallery/{name}.jpg)](gallery/{name}.jpg)\n"
     )
 

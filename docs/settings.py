@@ -17,6 +17,7 @@ from training.config.schema import Config, ReattackConfig, RunConfig
 from training.config.settings import Setting, as_argument, settings_of
 from training.demoireing import clean
 from training.demoireing.schema import DemoireConfig
+from training.detection import fit, score
 
 PAGE = Path(__file__).with_suffix(".md")
 INTRODUCTION = """# Settings
@@ -29,6 +30,8 @@ COMMANDS = (
     ("Attacking trained classifiers", "training/reattack.py", ReattackConfig),
     ("Training demoiréing networks", "training/demoire.py train", DemoireConfig),
     ("Cleaning photos", "training/demoire.py clean", clean.Config),
+    ("Training a detector of screen photos", "training/detect.py train", fit.Config),
+    ("Scoring photos", "training/detect.py score", score.Config),
     ("Making pairs", "training/synthesise.py", synthesise.Config),
     ("Calibrating a scene", "training/calibrate.py", calibrate.Config),
 )

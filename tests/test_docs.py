@@ -13,15 +13,19 @@ from training.config.schema import Config, ReattackConfig
 from training.config.settings import settings_of
 from training.demoireing import clean
 from training.demoireing.schema import DemoireConfig
+from training.detection import fit, score
 
 ROOT = Path(__file__).parents[1]
 PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 }
-COMMAND = re.compile(r"(?:python|torchrun[^`\n]*) training/(\w+)\.py( train| clean)?([^`\n]*)")
+COMMAND = re.compile(
+    r"(?:python|torchrun[^`\n]*) training/(\w+)\.py( train| clean| score)?([^`\n]*)"
+)
 SCHEMAS = {"fit": Config, "reattack": ReattackConfig, "demoire train": DemoireConfig}
 OTHERS = {"synthesise": synthesise, "calibrate": calibrate, "demoire clean": clean}
+OTHERS |= {"detect train": fit, "detect score": score}
 
 
 def commands(text):
@@ -75,7 +79,7 @@ def test_a_setting_that_does_not_exist_is_noticed(script, setting):
 
 def test_commands_of_every_script_are_found():
     scripts = {script for _, script, _ in COMMANDS}
-    assert scripts - {"demoire"} == {"frontier", "explore", *SCHEMAS, *OTHERS}
+    assert scripts - {"demoire", "detect"} == {"frontier", "explore", *SCHEMAS, *OTHERS}
 
 
 def test_the_page_of_settings_is_as_they_are_declared():

@@ -31,7 +31,8 @@ APPLICATION = (
     ("attack",),
     ("calibration", "comparison", "pairs"),
     ("demoireing", "explorer", "recipe"),
-    ("fit", "reattack", "frontier", "synthesise", "calibrate", "demoire", "explore"),
+    ("detection",),
+    ("fit", "reattack", "frontier", "synthesise", "calibrate", "demoire", "detect", "explore"),
 )
 FLOORS = {"moireaug": LIBRARY, "training": APPLICATION}
 each_package = pytest.mark.parametrize("package", FLOORS)

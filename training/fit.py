@@ -28,7 +28,7 @@ import hydra
 from omegaconf import DictConfig
 
 from training.config import commands, scenes
-from training.config.checks import check_classifier, check_search
+from training.config.checks import check_answers, check_classifier, check_search
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import RECIPES, Adversary, Config, as_config
 from training.data.load import require_training_images
@@ -72,7 +72,10 @@ def check(cfg: Config) -> None:
     check_classifier(cfg)
     check_search(cfg)
     require_known(cfg.model)
-    require_training_images(cfg.data)
+    if cfg.train.target == "answers":
+        check_answers(cfg)
+    else:
+        require_training_images(cfg.data)
     if cfg.recipe in PLAIN_RECIPES and cfg.adversary != Adversary():
         raise ValueError(
             f"recipe={cfg.recipe} is plain training, which the others are compared with: leave "

@@ -34,14 +34,14 @@ from torch.distributed import barrier, new_group
 
 from moireaug.common.argument_checks import one_of
 from training.attack.protocol import AttackResult, SuiteAttack, attack, attack_run
-from training.attack.results import publish, publish_suite, run_metrics
+from training.attack.results import original_metrics, publish, publish_suite, run_metrics
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suite_config import suite_config
 from training.config import commands, scenes
 from training.config.checks import check_classifier, check_overrides, keys_of, merge_run_settings
 from training.config.compose import DATA_GROUPS, register
 from training.config.schema import RECIPES, ReattackConfig, as_config
-from training.runs.metrics import Metrics, PlainMetrics, RunMetrics
+from training.runs.metrics import ORIGINAL, Metrics, PlainMetrics, RunMetrics
 from training.runs.run import Run, locked_folder
 from training.runs.trained import TrainedRun, read, read_baseline_of, read_training_cost
 from training.suites import GROUPS, SUITES
@@ -108,6 +108,9 @@ def attack_by_ladder(
         results[baseline_run.cfg.recipe] = attack_run(
             baseline_run, protocol, home and subject.records
         )
+    if run and (original := run.original_model()):
+        baseline = original_metrics(cfg)
+        results[ORIGINAL] = attack(original, protocol, subject.records, ORIGINAL, check=False)
     return publish(subject.folder, metrics, results, splits.classes, baseline)
 
 

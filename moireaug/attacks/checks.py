@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.answers import has_prediction
-from moireaug.common.argument_checks import check_positive, is_finite
+from moireaug.common.argument_checks import check_real, is_finite
 
 
 class NoAnswerError(ValueError):
@@ -35,8 +35,8 @@ def check_sizes(step_size: float | None, random_start: float, steps: int) -> Non
     """Refuse a step size or a random start, in units of eps, that is out of range for these steps:
     ValueError."""
     if step_size is not None:
-        check_positive("step_size", step_size, "units of eps")
-    check_positive("random_start", random_start, "units of eps", or_zero=True)
+        check_real("step_size", step_size, 0, unit="units of eps")
+    check_real("random_start", random_start, 0, or_low=True, unit="units of eps")
     if random_start > 1 and steps != 1:
         raise ValueError(
             f"a random_start beyond the ball ({random_start!r} times eps) is for a single step, "

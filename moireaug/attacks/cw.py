@@ -18,7 +18,7 @@ from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
-from moireaug.common.argument_checks import check_callable, check_count, check_positive
+from moireaug.common.argument_checks import check_callable, check_real, check_whole
 from moireaug.common.image_checks import check_images
 from moireaug.common.numeric import select_rows
 from moireaug.scene.mixed_shot import MixedShot
@@ -44,11 +44,11 @@ class CW(NamesForeignArguments):
             the middle between the greatest that failed and the least that succeeded, or, until one
             has, to ten times as much. The paper's are 9, from c = 1e-3. The default, 1, keeps c, as
             torchattacks does: fewer images are fooled, by more noise.
-        steps: Adam steps of a run; the start and every step's image but the last are judged.
+        steps: Adam steps of a run; its image after the last step is not classified.
         lr: Adam's learning rate, in tanh space.
 
     Raises:
-        ValueError: settings out of range.
+        TypeError, ValueError: settings of the wrong type or out of range.
     """
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
@@ -60,11 +60,11 @@ class CW(NamesForeignArguments):
 
     def __post_init__(self) -> None:
         check_callable("an attack's model", self.model)
-        check_count("steps", self.steps, 0)
-        check_count("binary_search_steps", self.binary_search_steps, 1)
-        check_positive("c", self.c)
-        check_positive("lr", self.lr)
-        check_positive("confidence", self.confidence, "logits", or_zero=True)
+        check_whole("steps", self.steps, 0)
+        check_whole("binary_search_steps", self.binary_search_steps, 1)
+        check_real("c", self.c, 0)
+        check_real("lr", self.lr, 0)
+        check_real("confidence", self.confidence, 0, or_low=True, unit="logits")
 
     def __call__(
         self,

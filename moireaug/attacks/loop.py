@@ -22,7 +22,7 @@ from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.search import Search, Step
-from moireaug.common.argument_checks import check_callable, check_count, one_of
+from moireaug.common.argument_checks import check_callable, check_whole, one_of
 from moireaug.common.image_checks import check_images
 from moireaug.common.numeric import widen_half
 from moireaug.scene.mixed_shot import MixedShot
@@ -43,8 +43,8 @@ class Attack(NamesForeignArguments, ABC):
     Args:
         model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, buffers and gradients
             are the same after the attack as before, even if it raises.
-        eps: bound of the noise in [0, 1] units: of codes, as pixels are; see also
-            `MoireAttack.bound`.
+        eps: L-infinity bound of the noise, in [0, 1] units; of sRGB values, unless
+            `MoireAttack.bound` says otherwise.
         steps: gradient steps.
         step_size: in units of eps; None is min(1, 2.5 / steps), or 2 with the rule "apgd", and 1 /
             steps with "printed".
@@ -56,10 +56,9 @@ class Attack(NamesForeignArguments, ABC):
             Above 1, allowed only with a single step, the noise may end outside the ball: N-FGSM (de
             Jorge et al., 2022).
         restarts: number of runs, the later ones from a random start; the best per image is kept.
-        until_fooled: whether an image stops once it is fooled: just as many are fooled, in less
-            time, by noise that goes less far beyond the decision boundary. If the model answers the
-            same input differently when asked twice, every step is taken, because being fooled once
-            says little.
+        until_fooled: whether the attack on an image stops once it is misclassified: as many are
+            fooled, in less time, by noise that goes less far beyond the decision boundary. On a
+            random model, whose answers to one input differ, every step is taken.
 
     A model that rejects images says so by an attribute `rejects = True`, see `defenses.Rejecting`:
     its last logit is then not that of a class, and a success is an image that is let through.
@@ -79,8 +78,8 @@ class Attack(NamesForeignArguments, ABC):
         check_callable("an attack's model", self.model)
         check_eps(self.eps)
         object.__setattr__(self, "eps", float(self.eps))  # it may be NumPy's
-        check_count("steps", self.steps, 0)
-        check_count("restarts", self.restarts, 1)
+        check_whole("steps", self.steps, 0)
+        check_whole("restarts", self.restarts, 1)
         check_sizes(self.step_size, self.random_start, self.steps)
         one_of("rule", self.rule, RULES)
         one_of("loss", self.loss, LOSSES)
@@ -106,8 +105,8 @@ class Attack(NamesForeignArguments, ABC):
             images: (B, 3, H, W) float in [0, 1].
             labels: (B,) int64 true classes.
             targets: (B,) int64 classes to reach; None is untargeted.
-            shot: the shot that is attacked, in its own scene; None draws one.
-            generator: CPU generator of the draw and of random starts; None is torch's global one.
+            shot: parameters of the photo that is attacked, in its own scene; None draws them.
+            generator: CPU generator of that draw and of random starts; None is torch's global one.
 
         Raises:
             TypeError, ValueError: images, labels or logits of the wrong type, shape or range;
@@ -124,9 +123,9 @@ class Attack(NamesForeignArguments, ABC):
         shot: Shot | MixedShot | None = None,
         generator: torch.Generator | None = None,
     ) -> Tensor:
-        """Return the images after the last step, (B, 3, H, W), whether or not an earlier one was
-        better, as adversarial training needs them: exactly one forward and backward pass per step,
-        and every step for every image. Arguments as in a call."""
+        """Return the images after the last step, (B, 3, H, W), even if an earlier one was better,
+        for adversarial training: one forward and backward pass per step, and every step for every
+        image. Arguments as in a call."""
         return self.attack_batch(self._last_images, images, labels, None, shot, generator)
 
     def attack_batch(

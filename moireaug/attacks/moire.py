@@ -20,7 +20,7 @@ from moireaug.attacks.mixed import join_results
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.search import Search
-from moireaug.common.argument_checks import check_count, one_of
+from moireaug.common.argument_checks import check_whole, one_of
 from moireaug.common.image_checks import check_images
 from moireaug.mixtures import Mixture, SceneLike, as_scenes, scenes_of
 from moireaug.scene.mixed_shot import MixedShot, join_rows, per_scene
@@ -32,49 +32,49 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, kw_only=True)
 class MoireAttack(Attack):
-    """The Moiré Attack (paper, section 3 and Algorithm 1): find delta on the raw reading so that
-    the developed photo `develop(expose(x) + delta)` is misclassified, or classified as a target.
+    """The Moiré Attack (paper, section 3 and Algorithm 1): find delta on the camera's raw image so
+    that the developed photo `develop(expose(x) + delta)` is misclassified, or classified as a
+    target.
 
-    The screen is clean once; every step only develops raw + delta. Unlike the printed algorithm,
-    each step's photo is developed from the one reading plus the current delta, and the best step
-    per image is returned. The printed order is the rule "printed", whose noise is larger than eps:
-    see `rules.Printed`.
+    The image is exposed once, and every step develops the same raw image plus the current delta;
+    the best step per image is returned. The algorithm as printed is the rule "printed", whose noise
+    exceeds eps: see `rules.Printed`.
 
-    If the adversary also moves the camera, every step exposes the screen again, and the Result's
-    shot is the one at the best pose. As always with noise at "raw", `capture(images, result.shot,
-    result.noise)` is its photo.
+    If the attacker also moves the camera, every step exposes the image again, and the Result has
+    the shot at the best pose. With noise at "raw", `capture(images, result.shot, result.noise)` is
+    the attacked photo.
 
     Args:
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
             photographed in one of them, and the images of each scene are attacked together, as a
             batch of their own. `Result` says how their results are joined.
-        bound: what eps counts. "codes", the codes of 0 to 1 that the sRGB curve gives the reading:
-            each value stays within decode(encode(value) +- eps), which has a half width of its own
-            above and below. "light", the reading itself: each stays within value +- eps. They are
-            the same in a scene without `Develop.linear_light`, and for noise at "photo".
-        eot: shots per step; above 1, each step averages over that many fresh draws of the scene
-            (expectation over transformation; of a mixture, of the image's own scene), and the
-            result is judged on `shot` alone. 1 attacks `shot` itself.
+        bound: scale of eps. "codes", sRGB: each raw value stays within decode(encode(value) +-
+            eps), an interval of its own. "light", linear: within value +- eps. They are the same in
+            a scene without `Develop.linear_light`, and for noise at "photo".
+        eot: photos per step; above 1, each step averages over that many fresh draws of the scene
+            (expectation over transformation; of a mixture, of the image's own scene), and success
+            is that on `shot` alone. 1 attacks `shot` itself.
         noise_at: a key of `NOISE_AT`: "raw", or "photo", on the finished photo, which is then
             clipped to [0, 1]: the paper's Moiré + BIM (appendix E).
         optimise: variables of the search: "noise", and parts of the scene ("panel", "view", "lens",
             "sensor", "develop"), whose ranges are all searched within the scene's bounds by the
             same steps, with sizes in units of half a range's width. The search starts at the drawn
-            shot, a restart at a fresh draw. ("view",) searches for the worst pose without noise. A
-            field that no effect of the plan reads keeps its value. All scenes of a mixture must
+            shot, a restart at a fresh draw. ("view",) searches for the worst pose without noise.
+            Fields without an effect in this scene keep their values. All scenes of a mixture must
             allow it.
-        draws: shots of the scene, of which the one whose photo fools the model most without noise
-            is attacked, image by image (worst of k: Engstrom et al., 2019). The first is `shot`;
-            the others are drawn. A success still counts images that are right in `shot`.
+        draws: number of photos per image, of which the one that fools the model most without noise
+            is attacked (worst of k: Engstrom et al., 2019). The first is `shot`; the others are
+            drawn. `Result.clean_correct` is that of `shot`.
         shrink: images are crops, parts of larger photos with so many sensor pixels per image pixel;
             None leaves the scene as it is. See `Scene.with_shrink`.
         others: see `Attack`.
 
     Raises:
-        ValueError: settings out of range or that exclude one another; an `optimise` that this
-            scene, or the shot of a call, does not allow: an exposure without a gradient in the shot
-            ("spectral", "box" and "mean" have one), a pose in whole degrees, no range. A model
-            without an answer to any of a batch's images; in a mixture, to any of a scene's.
+        TypeError, ValueError: settings of the wrong type, out of range or that exclude one another;
+            an `optimise` that this scene, or the shot of a call, does not allow: an exposure
+            without a gradient in the shot ("spectral", "box" and "mean" have one), a pose in whole
+            degrees, no range. A model without an answer to any of a batch's images; in a mixture,
+            to any of a scene's.
     """
 
     scene: SceneLike = "screen_photo"
@@ -89,7 +89,7 @@ class MoireAttack(Attack):
         super().__post_init__()
         scene = as_scenes(self.scene, self.shrink)
         object.__setattr__(self, "scene", scene)
-        check_count("eot", self.eot, 1, "the shots per step")
+        check_whole("eot", self.eot, 1, noun="the shots per step")
         if self.until_fooled and self.eot > 1:
             raise ValueError(
                 f"until_fooled asks whether one shot is fooled: it needs eot = 1; got {self.eot}."
@@ -105,7 +105,7 @@ class MoireAttack(Attack):
         object.__setattr__(self, "optimise", tuple(self.optimise))
         for one in scenes_of(scene):
             searched_fields(one, self.optimise)
-        check_count("draws", self.draws, 1, "the shots of which the worst is attacked")
+        check_whole("draws", self.draws, 1, noun="the shots of which the worst is attacked")
         if self.draws > 1 and self.eot > 1:
             raise ValueError(
                 f"draws = {self.draws} attacks the worst of several shots, and eot = {self.eot} an "

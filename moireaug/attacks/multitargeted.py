@@ -14,7 +14,7 @@ from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest_wrong_classes
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
-from moireaug.common.argument_checks import check_count
+from moireaug.common.argument_checks import check_whole
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
@@ -24,11 +24,10 @@ class MultiTargeted(NamesForeignArguments):
     """Run an attack toward each of the likeliest wrong classes of the unattacked photo in turn
     (Gowal et al., 2019).
 
-    Any wrong class is a success. An image is done at its first success, unless the model answers
-    the same input differently when asked twice: being fooled once says little then. For the others
-    the greatest margin is kept. With the rule "apgd" and the loss "dlr" it is APGD-T, the second
-    attack of AutoAttack (Croce & Hein, 2020, section 5): `MultiTargeted(MoireAttack(model,
-    rule="apgd", loss="dlr", steps=100))`.
+    Any wrong class is a success, and ends the attack on an image, unless the model is random. For
+    the other images the greatest margin is kept. With the rule "apgd" and the loss "dlr" it is
+    APGD-T, the second attack of AutoAttack (Croce & Hein, 2020, section 5):
+    `MultiTargeted(MoireAttack(model, rule="apgd", loss="dlr", steps=100))`.
 
     Args:
         attack: a MoireAttack, PGD or another `Attack`, whose loss steers toward the class.
@@ -36,7 +35,7 @@ class MultiTargeted(NamesForeignArguments):
             but the label.
 
     Raises:
-        TypeError, ValueError: another kind of attack, or `targets` that is not an integer >= 1.
+        TypeError, ValueError: another kind of attack, or `targets` that is no whole number above 0.
     """
 
     attack: Attack = field(kw_only=False)
@@ -48,7 +47,7 @@ class MultiTargeted(NamesForeignArguments):
                 "MultiTargeted runs an attack whose steps have a target, like MoireAttack or PGD; "
                 f"got {self.attack!r}."
             )
-        check_count("targets", self.targets, 1, "the classes to go toward")
+        check_whole("targets", self.targets, 1, noun="the classes to go toward")
 
     def __call__(
         self,
@@ -60,7 +59,7 @@ class MultiTargeted(NamesForeignArguments):
     ) -> Result:
         """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
 
-        Photos that are wrong without an attack are returned unchanged, where they are so each time.
+        Photos that a deterministic model gets wrong without an attack are returned unchanged.
         `loss` in the Result is of the last class that was tried, over the images that were left.
         """
         return self.attack.attack_batch(self._best_result, images, labels, None, shot, generator)

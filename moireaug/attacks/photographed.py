@@ -24,33 +24,32 @@ SAME_INPUT_ERROR = 1e-12  # mean squared difference of two inputs that are equal
 
 
 class Photographed(nn.Module):
-    """Put a camera in front of a model: logits = model(develop(raw, shot)), where raw is the light
-    of the given sRGB codes, or model(capture(image, shot)).
+    """Put a camera in front of a model: logits = model(develop(raw, shot)), where raw is given by
+    its sRGB values, or model(capture(image, shot)).
 
     Through it, any attack on an `nn.Module` whose inputs lie in [0, 1] attacks the camera and the
-    model together; start the attack from `clean`. Since its inputs are codes, its own L-infinity
-    eps is a bound in codes: the box of `MoireAttack` at the same eps, within [0, 1]. Many attacks
-    drop rows of the batch or change their order. Each row is therefore matched to its shot by its
-    values: it is taken for the nearest row of `clean` (mean square), and refused if it has moved
-    more than a quarter of the way towards another row, or is farther from that nearest row than
-    another row of `clean` is. An attack that starts from noise or from another row's input, or
-    queries a blank one, needs one image at a time: with a single row there is nothing to tell
-    apart.
+    model together; start the attack from `clean`. Its L-infinity eps bounds sRGB values, as
+    `MoireAttack`'s `bound="codes"`, within [0, 1].
+
+    Many attacks drop rows of the batch or change their order. Each row is therefore matched to its
+    shot by its values: to the nearest row of `clean` (mean square). It is refused if it has moved
+    more than a quarter of the way towards another row, or is farther from its own than another row
+    of `clean` is. An attack that strays that far, or starts from noise or a blank input, needs one
+    image at a time, with which there is nothing to tell apart.
 
     Args:
         model: (B, 3, H, W) photos in [0, 1] to (B, K) logits; a module becomes a submodule, so that
             its mode and device are set here.
         images: (B, 3, H, W) float in [0, 1].
         shot: one draw for these images.
-        noise_at: place of the attack, a key of `CAMERAS`: "raw", the readings, or "image", the
+        noise_at: place of the attack, a key of `CAMERAS`: "raw", the raw images, or "image", the
             pictures that the screen shows.
-        bound: what an attack's eps counts at "raw": "codes", the inputs are sRGB codes of the
-            readings, or "light", the readings themselves. The same in a scene without
-            `Develop.linear_light`.
+        bound: scale of the inputs at "raw", and so of an attack's eps: "codes", sRGB, or "light",
+            linear. The same in a scene without `Develop.linear_light`.
 
     Attributes:
-        clean: the unattacked inputs: the readings, of `shot.raw_shape()`, clipped to [0, 1], or
-            their codes; or the images.
+        clean: the unattacked inputs: the raw images, of `shot.raw_shape()`, clipped to [0, 1], on
+            that scale; or the images.
 
     Raises:
         TypeError, ValueError: a model that is not callable, images or a shot that `capture`

@@ -18,7 +18,7 @@ class Result:
         images: (B, 3, H, W) adversarial images in [0, 1], the best found per image.
         success: (B,) bool; True where the label is not predicted or, in a targeted attack, the
             target is. Logits that are NaN or infinite predict nothing.
-        noise: noise of each image: of `Shot.raw_shape()` on a raw reading, (B, 3, H, W) on a photo
+        noise: noise of each image: of `Shot.raw_shape()` on a raw image, (B, 3, H, W) on a photo
             or on pixels. In a mixture of scenes whose raw shapes differ, a list of B tensors, one
             per image.
         loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of
@@ -30,10 +30,10 @@ class Result:
         shot: the Shot of the photos, in a mixture a `MixedShot`; where a pose was searched, the
             shot at the best pose; None for pixel attacks. `capture(images, shot, noise)` takes all
             of these.
-        clean_correct, correct: (B,) bool; whether the label is predicted without noise, for a
-            camera in the photo without noise, and of `images`.
-        bound: what eps counts, "codes" or "light", as of `MoireAttack`; the noise itself is in
-            units of what it is added to.
+        clean_correct, correct: (B,) bool; whether the label is predicted without noise (with a
+            camera: of the photo), and of `images`.
+        bound: scale of eps, "codes" or "light", as of `MoireAttack`; the noise itself is in units
+            of what it is added to.
     """
 
     images: Tensor

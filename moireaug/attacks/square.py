@@ -26,14 +26,14 @@ class SquareMoire(MoireAttack):
     """Random search for raw noise in the manner of the Square Attack (Andriushchenko et al., 2020,
     Algorithms 1 and 2): starts from vertical stripes of +-eps, then sets square windows of
     shrinking side to +-eps, one sign per plane, and keeps those that raise an image's loss. The
-    model needs no gradient. Where eps counts codes, +-eps are the ends of each value's box.
+    model needs no gradient. With `bound="codes"`, +-eps are the ends of each value's interval.
 
     Args:
         steps: queries per restart that try noise: one for the stripes, one for each window. One
             more follows on the noise that is kept; with `until_fooled`, each restart asks its first
             query twice, to see whether the model repeats its answer. The call's last queries judge
             the result, and the images without noise.
-        loss: a key of `attacks.LOSSES`, by which a window is judged.
+        loss: a key of `attacks.LOSSES`, which a window must raise.
         others: see `MoireAttack`. Settings that only gradients use keep their defaults: step_size,
             rule, random_start, optimise and eot.
 

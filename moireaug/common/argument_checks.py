@@ -36,28 +36,16 @@ def is_finite(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def check_count(name: str, value: object, low: int, noun: str = "") -> None:
-    """Refuse a value that is not an integer of at least `low`: ValueError. The message adds the
-    plural `noun`, as in "the classes to go toward"."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < low:
-        detail = f", {noun}" if noun else ""
-        raise ValueError(f"{name} must be an integer >= {low}{detail}; got {value!r}.")
-
-
-def check_positive(name: str, value: object, unit: str = "", *, or_zero: bool = False) -> None:
-    """Refuse a value that is not a finite number above 0, or, with `or_zero`, of at least 0:
-    ValueError."""
-    if not (is_finite(value) and (value > 0 or (or_zero and value == 0))):
-        allowed = ">= 0" if or_zero else "above 0"
-        in_units = f", in {unit}" if unit else ""
-        raise ValueError(f"{name} must be a finite number {allowed}{in_units}; got {value!r}.")
-
-
-def check_whole(name: str, value: object, low: int, high: int | None = None) -> None:
-    """Refuse anything but a whole number in [low, high]; TypeError or ValueError."""
+def check_whole(
+    name: str, value: object, low: int, high: int | None = None, noun: str = ""
+) -> None:
+    """Refuse anything but a whole number in [low, high]; TypeError or ValueError. The message adds
+    the plural `noun`, as in "the classes to go toward"."""
     allowed = f"a whole number of at least {low}"
     if high is not None:
         allowed = f"a whole number from {low} to {high}"
+    if noun:
+        allowed += f", {noun}"
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")
     whole = int(value)
@@ -65,15 +53,27 @@ def check_whole(name: str, value: object, low: int, high: int | None = None) -> 
         raise ValueError(f"{name} must be {allowed}; got {value!r}.")
 
 
-def check_real(name: str, value: object, low: float, high: float = math.inf) -> None:
-    """Refuse anything but a finite number in (low, high]; TypeError or ValueError."""
+def check_real(
+    name: str,
+    value: object,
+    low: float,
+    high: float = math.inf,
+    *,
+    or_low: bool = False,
+    unit: str = "",
+) -> None:
+    """Refuse anything but a finite number in (low, high], or, with `or_low`, in [low, high];
+    TypeError or ValueError. The message adds the unit."""
     allowed = "a finite number"
     if low > -math.inf:
-        allowed += f" above {low:g}"
+        allowed += f" of at least {low:g}" if or_low else f" above {low:g}"
     if high < math.inf:
         allowed += f", at most {high:g}"
+    if unit:
+        allowed += f", in {unit}"
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")
     number = float(value)
-    if not (math.isfinite(number) and low < number <= high):
+    above = number >= low if or_low else number > low
+    if not (math.isfinite(number) and above and number <= high):
         raise ValueError(f"{name} must be {allowed}; got {value!r}.")

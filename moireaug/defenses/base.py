@@ -12,14 +12,13 @@ from moireaug.common.image_checks import check_images
 
 
 class Defence(ABC):
-    """A defence is called on images and returns images; subclasses are frozen dataclasses with
-    `apply`.
+    """Base class of defences, functions from images to images; a subclass is a frozen dataclass
+    with `apply`.
 
-    Forward is the real operation. Backward is what each one documents: its own gradient where it
-    has a useful one, otherwise an approximation (BPDA; Athalye, Carlini and Wagner 2018), so that
-    an attack can go through it. Attributes: `randomised`, whether two calls differ; such defences
-    draw only from torch's global CPU generator, so that `torch.manual_seed` replays them on any
-    device.
+    Forward is the real operation. Backward is its own gradient where that is useful, otherwise the
+    approximation that it documents (BPDA; Athalye, Carlini and Wagner 2018), so that an attack can
+    go through it. Attribute: `randomised`, whether it draws random numbers, which are from torch's
+    global CPU generator, so that `torch.manual_seed` replays them on any device.
     """
 
     randomised = False

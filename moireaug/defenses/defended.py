@@ -13,6 +13,8 @@ from moireaug.common.argument_checks import check_callable, check_whole
 from moireaug.common.image_checks import check_images
 from moireaug.defenses.base import Defence, output_of
 
+IMAGES_PER_CALL = 32  # of draws that are classified together: a call of one image costs much more
+
 
 @dataclass(frozen=True)
 class Compose(Defence):
@@ -108,8 +110,13 @@ class Defended(nn.Module):
         images."""
         if self.draws == 1 or not self.defence.randomised:
             return self._logits(images)
-        log_probabilities = [self._logits(images).log_softmax(1) for _ in range(self.draws)]
-        return torch.stack(log_probabilities).logsumexp(0) - math.log(self.draws)
+        together = max(1, IMAGES_PER_CALL // max(1, len(images)))  # draws that share a call
+        log_probabilities = []
+        for first in range(0, self.draws, together):
+            n = min(together, self.draws - first)
+            logits = self._logits(images.repeat(n, 1, 1, 1))
+            log_probabilities.append(logits.log_softmax(1).unflatten(0, (n, len(images))))
+        return torch.cat(log_probabilities).logsumexp(0) - math.log(self.draws)
 
     def _logits(self, images: Tensor) -> Tensor:
         return self.model(self.defence(images).clone())  # the model may work in place

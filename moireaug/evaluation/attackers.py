@@ -101,7 +101,7 @@ class Attacker(Condition):
 
 @dataclass(frozen=True, kw_only=True)
 class MoireAttacker(Attacker):
-    """The Moiré Attack on the very shot of the photo that is classified.
+    """The Moiré Attack on the photo that is classified, all of whose parameters it knows.
 
     Args:
         variant: word that the name of a special attacker adds.
@@ -151,8 +151,9 @@ class MoireAttacker(Attacker):
 
 @dataclass(frozen=True, kw_only=True)
 class PoseUnknownAttacker(Attacker):
-    """The Moiré Attack by expectation over other draws of the scene, shown on the shot that is
-    classified, of which no step knows: there it takes the same part of each value's own bound.
+    """The Moiré Attack by expectation over other draws of the scene. Its noise is shown on the
+    photo that is classified, which no step has seen, at the same fraction of each value's own
+    bound.
 
     Args:
         shots: number of draws in each step.

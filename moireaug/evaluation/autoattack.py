@@ -45,8 +45,11 @@ class APGDTAttacker(Attacker):
 @dataclass(frozen=True, kw_only=True)
 class APGDAttacker(Attacker):
     """APGD in the order of AutoAttack: by the cross-entropy, and then, on the images that are still
-    right, APGD-T. Of a model that answers at random, being fooled once says little: all images are
-    attacked by both, and each keeps the noise whose margin is greater when it is asked again.
+    right, APGD-T.
+
+    Of a model that answers at random, being fooled once says little. As in AutoAttack's version
+    "rand", all its images are attacked by the cross-entropy and by the DLR loss without a target;
+    each keeps the noise whose margin is greater when the model is asked again.
 
     Args:
         classes: as of `APGDTAttacker`.
@@ -58,15 +61,18 @@ class APGDAttacker(Attacker):
     def perturb(self, batch: EvalBatch) -> Tensor:
         first = self.moire_attack(batch, rule="apgd", until_fooled=True)
         result = attack_shot(first, batch, batch.labels)
-        second = APGDTAttacker(eps=self.eps, steps=self.steps, classes=self.classes)
         if not repeats_answers(batch.model, batch.images).all():
-            images = second.perturb(batch)
+            classes = class_count(batch.model, batch.images, batch.labels)
+            loss = "dlr" if classes >= 3 else "margin"
+            second = self.moire_attack(batch, rule="apgd", loss=loss, until_fooled=True)
+            images = attack_shot(second, batch, batch.labels).images
             is_better = _margins(batch, images) > _margins(batch, result.images)
             return select_rows(is_better, images, result.images)
         still_right = (~result.success).nonzero()[:, 0]
         if not len(still_right):
             return result.images
-        return result.images.index_copy(0, still_right, second.perturb(batch[still_right]))
+        targeted = APGDTAttacker(eps=self.eps, steps=self.steps, classes=self.classes)
+        return result.images.index_copy(0, still_right, targeted.perturb(batch[still_right]))
 
 
 def _margins(batch: EvalBatch, images: Tensor) -> Tensor:

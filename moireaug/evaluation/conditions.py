@@ -184,8 +184,8 @@ class PhotoWithoutMoire(Condition):
 
 @dataclass(frozen=True, kw_only=True)
 class RandomNoise(Condition):
-    """The photo with noise of random sign on its raw reading, at the bound `eps`: each value at
-    either end of its box."""
+    """The photo with noise of random sign on its raw image, at the bound `eps`: each value at
+    either end of its interval."""
 
     kind = "random"
     eps: float

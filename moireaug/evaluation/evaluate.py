@@ -12,7 +12,7 @@ import torch
 
 from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.model import class_count
-from moireaug.common.argument_checks import check_callable, check_count, one_of
+from moireaug.common.argument_checks import check_callable, check_whole, one_of
 from moireaug.common.networks import device_of
 from moireaug.defenses import Defence
 from moireaug.evaluation.classifiers import UNDEFENDED
@@ -52,7 +52,7 @@ def evaluate(
     progress: bool = True,
     shrink: float | tuple[float, float] | None = None,
 ) -> pd.DataFrame:
-    """Attack a classifier, with the controls that tell the moiré from the noise.
+    """Attack a classifier, with controls that separate moiré from noise.
 
         frame = evaluation.evaluate(model, loader, suite="ladder", scene="screen_photo", n=480)
         print(evaluation.rates(frame))
@@ -65,22 +65,22 @@ def evaluate(
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`; or a function of an
             `evaluation.SuiteConfig` that returns an `evaluation.Table`, or a list of them.
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
-            photographed in one of them, the same for all conditions. One shot is drawn per image.
+            photographed in one of them. There is one photo per image, the same for all conditions.
         eps: bounds of the noise, in [0, 1] units: ladder, full_ladder and standard attack at each,
             the others at the middle one, of two at the greater. None is 2, 4 and 8/255, or 4 and
             8/255 for standard. worst_case always has these two; unseen attacks nothing.
-        bound: what the eps of noise on a raw reading counts: "codes" or "light", as of
-            `attacks.MoireAttack`. Of attacks on pixels, it always counts codes.
+        bound: scale of eps on a raw image: "codes" (sRGB) or "light", as of `attacks.MoireAttack`.
+            On pixels, eps is always sRGB.
         steps: gradient steps of every attack.
         n: number of images; None is all.
-        seed: of shots, targets and random starts.
+        seed: seed of the photos, targets and random starts.
         targets: name to model, for the suite "trust".
         defences: name to defence, in addition to the paper's, or replacing the one of that name:
             adaptive has a row for every new name, but not for each of the paper's.
-        folder: where records are kept as they come, so that the same call resumes where it stopped;
-            None keeps them in memory. Their keys hold pixels, weights and plain settings: model,
-            targets and defences must be Modules or defences of `defenses`; anything else states
-            its identity, a text to change whenever its answers change, in an attribute `identity`.
+        folder: where results are saved incrementally; the same call resumes. None keeps them in
+            memory. They are identified by pixels, weights and settings: model, targets and defences
+            must be Modules or defences of `defenses`; any other callable needs an attribute
+            `identity`, a text to change whenever its answers change.
         identity: such a text for the model, in addition to its weights.
         lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16, with
             which the LPIPS of every attack is measured; None does not measure it.
@@ -88,8 +88,7 @@ def evaluate(
         shrink: images are crops, parts of larger photos, in every scene of the suite; see
             `Scene.with_shrink`.
 
-    A model that gets no more clean images right than by guessing is warned about: it may take
-    normalised images.
+    Warns if the model is no better than chance on clean images: it may take normalised ones.
 
     Returns:
         A row for each cell of the suite's tables and each image: see `evaluation.images_frame`.
@@ -97,9 +96,9 @@ def evaluate(
 
     Raises:
         ValueError, TypeError: an unknown suite, or an option that it has no use for; no images;
-            images, labels or logits that cannot be read; a defence that the suite has no row for;
-            a part on another device than the model; a folder with a callable that cannot be
-            identified; an lpips file of another network.
+            images, labels or logits of a wrong type or shape; a defence that the suite has no row
+            for; a part on another device than the model; a folder with a callable without an
+            identity; an lpips file of another network.
     """
     models = {"model": model, **(targets or {})}
     transforms = dict(defences or {})
@@ -111,8 +110,8 @@ def evaluate(
     if eps is not None:
         eps = tuple(np.atleast_1d(eps).tolist())
     one_of("bound", bound, BOUNDS)
-    check_count("steps", steps, 0)
-    check_count("seed", seed, 0)
+    check_whole("steps", steps, 0)
+    check_whole("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
     config = SuiteConfig(
         scene=as_scenes(scene),

@@ -27,14 +27,14 @@ PRINTED_COLUMNS = {*CELL_COLUMNS, "eps", "largest", "psnr", "moire", "accuracy",
 def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]) -> pd.DataFrame:
     """Return a row for each cell and image.
 
-    Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `bound`, what eps counts
+    Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `bound`, the scale of eps
     ("codes", "light" or, without noise, ""), `steps`, `targeted`; `judge`, the name of the
     classifier; `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, whether
     the attack's goal is reached; `counted`, whether the model without a defence gets the clean
     image right; `rejected`, whether a model that can do so rejects the image, which is then neither
     correct nor fooled; `undecided`, whether the logits were not finite; `seconds`, the image's
-    share; and measures such as `psnr`, of attacks, and `moire`, of photos: their difference from
-    the same photo without moiré, in codes RMS.
+    share of the batch's; and measures such as `psnr`, of attacks, and `moire`, of photos: their RMS
+    difference from the same photo without moiré, of 255.
     """
     condition_frames: dict[tuple[str, str], pd.DataFrame] = {}
     cell_frames = []

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.checks import as_tensor, check_labels
-from moireaug.common.argument_checks import check_count
+from moireaug.common.argument_checks import check_whole
 from moireaug.common.image_checks import check_images
 
 Batch = tuple[Tensor, Tensor]  # images and labels
@@ -32,7 +32,7 @@ def collect_batches(loader: Iterable[Batch], n: int | None) -> list[Batch]:
             class indices.
     """
     if n is not None:
-        check_count("n", n, 1, "how many images, or None for all")
+        check_whole("n", n, 1, noun="how many images, or None for all")
         n = int(n)  # NumPy's may wrap around
     if not isinstance(loader, Iterable):
         raise TypeError(

@@ -19,8 +19,8 @@ from moireaug.scenes import Scene
 
 @dataclass(frozen=True)
 class Cell:
-    """A condition before a classifier; or several, their images pooled, or, as `worst`, the worst
-    of them for each image."""
+    """A condition before a classifier; or several, pooled or, with `worst`, the worst of them for
+    each image."""
 
     row: str
     column: str
@@ -116,8 +116,8 @@ class SuiteConfig:
             as a preset's name.
         shrink: images are crops, in every scene of a suite; see `Scene.with_shrink`. None leaves
             the scenes as they are.
-        eps: bounds of the noise, in [0, 1] units, of tables with a row or column each; the middle
-            one is that of tables that compare at one bound. None leaves each suite its own.
+        eps: bounds of the noise, in [0, 1] units. A suite that compares at one bound takes the
+            middle one. None leaves each suite its own.
         steps: gradient steps of every attack.
         targets: name to model for transfer; None where its weights are missing.
         defences: name to defence: by default the paper's.

@@ -9,7 +9,7 @@ from kornia.geometry.transform import get_perspective_transform, warp_perspectiv
 from torch import Tensor, nn
 
 from moireaug.capture import capture
-from moireaug.common.argument_checks import check_positive
+from moireaug.common.argument_checks import check_real
 from moireaug.common.image_checks import check_shape
 from moireaug.mixtures import SceneLike
 from moireaug.scene.mixed_shot import MixedShot, per_scene
@@ -73,7 +73,7 @@ class ScreenCamera(nn.Module):
     ) -> None:
         super().__init__()
         self.scene = planned_scenes(scene, shrink)
-        check_positive("jitter", jitter, "pixels", or_zero=True)
+        check_real("jitter", jitter, 0, or_low=True, unit="pixels")
         if jitter and self.scene.moves:
             raise ValueError(
                 f"jitter misplaces the corners that bring a photo to the image's frame; got "

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.common.argument_checks import check_positive
+from moireaug.common.argument_checks import check_real
 from moireaug.scene.by_name import limits, parts_with, values_of, with_values
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.fields import bounds
@@ -64,8 +64,8 @@ class Hand:
 
     def __post_init__(self) -> None:
         for name, unit in (("turn", "degrees"), ("shift", ""), ("zoom", ""), ("frequency", "Hz")):
-            check_positive(f"Hand.{name}", getattr(self, name), unit, or_zero=True)
-        check_positive("Hand.rate", self.rate, "frames a second")
+            check_real(f"Hand.{name}", getattr(self, name), 0, or_low=True, unit=unit)
+        check_real("Hand.rate", self.rate, 0, unit="frames a second")
 
     def amplitudes(self) -> np.ndarray:
         """Return the amplitude of each field in `MOVED_FIELDS`, (fields,)."""

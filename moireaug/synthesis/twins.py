@@ -29,7 +29,7 @@ def without_moire(shot: Shot, *, noise: bool = True) -> Shot:
         TypeError: anything but a shot.
     """
     check_is_shot(shot)
-    return dataclasses.replace(shot, scene=_without_subpixels(shot.scene, noise))
+    return dataclasses.replace(shot, scene=without_subpixels(shot.scene, noise))
 
 
 def moire_codes(photos: Tensor, twins: Tensor) -> Tensor:
@@ -43,8 +43,8 @@ def moire_codes(photos: Tensor, twins: Tensor) -> Tensor:
 
 
 @functools.lru_cache(maxsize=64)  # a new scene would be planned again for every shot
-def _without_subpixels(scene: Scene, noise: bool) -> Scene:
-    """Return the scene with the exposure that sees a panel's mean light."""
+def without_subpixels(scene: Scene, noise: bool = True) -> Scene:
+    """Return the scene with the exposure that sees a panel's mean light: its photos are twins."""
     scene = with_values(scene, {"sensor.exposure": "mean"})
     if noise:
         return scene

@@ -1,43 +1,81 @@
-"""Fine-tuning learns to answer photographed crops as the crops themselves."""
+"""Tuned classifiers are judged on pairs, beside what they were and beside cheaper photos."""
 
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
 import pytest
 import torch
+from PIL import Image
 from torch import nn
+from torchvision.models import squeezenet1_1
 
 from benchmarks import fine_tuning
 
+pytestmark = pytest.mark.filterwarnings("ignore")
 
-class IsBright(nn.Module):
-    """Answers 1 for pictures brighter than a learned bound."""
 
-    def __init__(self):
+class Bright(nn.Module):
+    """Answers 1 for pictures brighter than a bound."""
+
+    def __init__(self, bound):
         super().__init__()
-        self.bound = nn.Parameter(torch.tensor(0.5))
+        self.bound = bound
 
     def forward(self, images):
-        brightness = 40 * (images.mean((1, 2, 3)) - self.bound)
+        brightness = images.mean((1, 2, 3)) - self.bound
         return torch.stack([-brightness, brightness], 1)
 
 
-def crops(n):
-    return torch.rand(n, 3, 1, 1).expand(-1, -1, 4, 4)
+def test_a_row_holds_the_shares_of_equal_answers():
+    codes = torch.arange(10, dtype=torch.uint8) * 20 + 10  # 10 to 190
+    originals = codes[:, None, None, None].expand(-1, 3, 4, 4)
+    pictures = {"pairs": fine_tuning.Judged(originals, originals // 2)}
+    students = {("nothing", 0.0): Bright(100 / 255), ("tuned", 1.0): Bright(60 / 255)}
+    nothing, tuned = fine_tuning.rows_of("bright", students, pictures)
+    assert nothing["original as before"] == 1 and nothing["n"] == 10
+    assert nothing["photo as original"] == nothing["photo as original before"] == 0.5
+    assert tuned["original as before"] == 0.8  # 70 and 90 are bright now
+    assert tuned["photo as original"] == 0.7  # 70 to 110 are still dark in their photos
+    assert tuned["photo as original before"] == 0.9
+    assert tuned["photo as original, low"] < 0.7 < tuned["photo as original, high"]
 
 
-def test_answers_move_to_photos_and_not_without_any(monkeypatch):
-    monkeypatch.setattr(fine_tuning, "LEARNING_RATE", 0.02)
-    effort = fine_tuning.Effort(steps=40, batch=16)
-    teacher = IsBright()
-    photographs = {"itself": lambda images: images, "darker": lambda images: 0.6 * images}
-    students = {"as it was": teacher}
-    for name, photograph in photographs.items():
-        torch.manual_seed(0)
-        students[name] = fine_tuning.trained(teacher, crops, photograph, effort)
-    assert teacher.bound == 0.5 and abs(students["itself"].bound - 0.5) < 2e-3  # rounding
-    assert students["darker"].bound < 0.45
+def test_the_rivals_change_every_image_and_stay_in_bounds():
+    images = torch.rand(3, 3, 16, 16, generator=torch.Generator().manual_seed(0))
+    for treatment in fine_tuning.TREATMENTS.values():
+        if treatment.photograph:
+            changed = fine_tuning.Rival(treatment.photograph)(images, torch.zeros(3))
+            assert changed.shape == images.shape and changed.min() >= 0 and changed.max() <= 1
+            assert ((changed - images).abs().amax((1, 2, 3)) > 0.01).all()
 
-    originals = torch.linspace(0.15, 0.95, 9)[:, None, None, None].expand(-1, 3, 4, 4)
-    rows = fine_tuning.rows_of("bright", students, originals, 0.6 * originals)
-    before, itself, darker = rows
-    assert before["original as before"] == 1 and before["photo as original"] == pytest.approx(6 / 9)
-    assert itself["photo as original"] == before["photo as original"]
-    assert darker["photo as original before"] > before["photo as original before"]
+
+def test_the_script_tunes_and_judges(tmp_path, monkeypatch):
+    draw = np.random.default_rng(0)
+    for name in ("images", "photo", "original", "classifiers"):
+        (tmp_path / name).mkdir()
+    for folder in ("images", "photo", "original"):
+        for k in range(4):
+            codes = draw.integers(0, 256, (80, 90, 3), dtype=np.uint8)
+            Image.fromarray(codes).save(tmp_path / folder / f"{k}.png")
+    torch.save(squeezenet1_1().state_dict(), tmp_path / "classifiers/squeezenet1_1.pth")
+    paths = [f"photo/{k}.png,original/{k}.png" for k in range(4)]
+    (tmp_path / "pairs.csv").write_text("\n".join(["photo,original", *paths]))
+    (tmp_path / "loose.csv").write_text("photo,original\nphoto/0.png,original/1.png\n")
+
+    monkeypatch.chdir(tmp_path)
+    given = ["pairs.csv", "--loose", "loose.csv", "--images", "images"]
+    given += ["--classifiers", "classifiers", "--quick", "--threads", "1", "--out", "."]
+    given += ["--only", "screen_photo without moiré", "blur, colour and JPEG"]
+    monkeypatch.setattr(sys, "argv", [str(Path("fine_tuning.py")), *given])
+    fine_tuning.main()
+    table = pd.read_csv("fine_tuning.csv")
+    assert table.groupby("pairs", sort=False)["n"].first().to_dict() == {
+        "pairs, whole": 4,
+        "pairs, crops": 4,
+        "loose, whole": 1,
+    }
+    assert (table.groupby("pairs")["tuned on"].nunique() == 3).all()
+    untouched = table[table["tuned on"] == "nothing"]
+    assert (untouched["original as before"] == 1).all()

@@ -55,8 +55,15 @@ def test_draws_are_averaged_as_probabilities(photos):
     assert torch.allclose(out.exp().sum(1), torch.ones(2))
 
 
-def test_only_a_randomised_defence_is_drawn_again(photos):
-    for randomised, draws, calls in ((False, 5, 1), (True, 5, 5), (True, 1, 1)):
+def test_only_a_randomised_defence_is_drawn_again_and_few_images_together(photos):
+    few, many = photos()[:2], photos().repeat(10, 1, 1, 1)
+    for images, randomised, draws, calls in (
+        (few, False, 5, [2]),
+        (few, True, 1, [2]),
+        (few, True, 5, [10]),
+        (few, True, 20, [32, 8]),
+        (many, True, 3, [20, 20, 20]),
+    ):
         asked = []
 
         def defence(images, asked=asked):
@@ -64,8 +71,8 @@ def test_only_a_randomised_defence_is_drawn_again(photos):
             return images
 
         defence.randomised = randomised
-        Defended(Mean().eval(), defence, draws)(photos())
-        assert len(asked) == calls
+        out = Defended(Mean().eval(), defence, draws)(images)
+        assert asked == calls and out.shape == (len(images), 3)
 
 
 def test_modules_are_reached_wherever_they_stand(photos):

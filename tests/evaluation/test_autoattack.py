@@ -8,6 +8,7 @@ import torch
 from moireaug import Scene
 from moireaug.attacks import MoireAttack, MultiTargeted
 from moireaug.defenses import BitDepth
+from moireaug.evaluation import attackers, autoattack
 from moireaug.evaluation.autoattack import APGDAttacker, APGDTAttacker
 from moireaug.evaluation.classifiers import Classifier
 from moireaug.evaluation.conditions import EvalBatch
@@ -49,7 +50,8 @@ def test_images_that_are_all_fooled_are_not_attacked_again(batch):
 
 
 def test_a_model_that_answers_at_random_keeps_the_greater_margin(batch, monkeypatch):
-    """APGD-T's noise in even rows, the cross-entropy's in odd ones, where APGD-T's is no better."""
+    """The second attack's noise in even rows, the cross-entropy's in odd ones, where the second's
+    is no better. As in AutoAttack's version "rand", no class is a target."""
 
     def model(images):
         lead = 10 * images.mean((1, 2, 3)) + 0.1 * torch.rand(len(images))
@@ -57,9 +59,18 @@ def test_a_model_that_answers_at_random_keeps_the_greater_margin(batch, monkeypa
 
     even = (torch.arange(8) % 2 == 0)[:, None, None, None]
     extremes = even * torch.ones_like(batch.images)
-    monkeypatch.setattr(APGDTAttacker, "perturb", lambda self, batch: extremes)
+    losses = []
+
+    def attack_shot(attack, batch, *goals):
+        assert len(goals) == 1
+        losses.append(attack.loss)
+        result = attackers.attack_shot(attack, batch, *goals)
+        return result if attack.loss == "ce" else dataclasses.replace(result, images=extremes)
+
+    monkeypatch.setattr(autoattack, "attack_shot", attack_shot)
     random = dataclasses.replace(batch, model=model, labels=torch.zeros_like(batch.labels))
     images = APGDAttacker(**SETTINGS).show(random)
+    assert losses == ["ce", "margin"]  # of two classes, which have no DLR loss
     assert torch.equal(images[::2], extremes[::2]) and (images[1::2].mean((1, 2, 3)) > 0).all()
 
 

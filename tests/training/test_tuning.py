@@ -89,3 +89,12 @@ def test_gradients_are_clipped_in_fine_tuning_alone(tmp_path, monkeypatch):
     seen.clear()
     tuned(tmp_path, "small_resnet", 24, "weights=null")
     assert set(seen) == {None}
+
+
+def test_the_last_layers_are_frozen():
+    cfg = configured("recipe=clean", "model=small_resnet", "data.size=24", "train.layers=0.5")
+    classifier = classifier_of(cfg, 4)
+    flags = [weight.requires_grad for weight in classifier.model.parameters()]
+    assert flags == sorted(flags, reverse=True) and 0.3 < sum(flags) / len(flags) < 0.7
+    assert not classifier.model.head.weight.requires_grad
+    assert all(weight.requires_grad for weight in classifier_of(configured(), 4).model.parameters())

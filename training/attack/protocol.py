@@ -59,11 +59,16 @@ class Protocol(NamedTuple):
         return range(min(len(self.batches), -(-MAX_CHECKED_IMAGES // self.batches.size)))
 
 
-def protocol_of(cfg: Config, splits: Splits, lpips: LPIPS | None = None) -> Protocol:
-    """Return the protocol that these settings describe."""
-    batches = EvalBatches(
-        splits, cfg.reattack, cfg.data.size, machine.device(cfg.trainer.accelerator)
-    )
+def protocol_of(
+    cfg: Config, splits: Splits, lpips: LPIPS | None = None, original: nn.Module | None = None
+) -> Protocol:
+    """Return the protocol that these settings describe.
+
+    Args:
+        original: classifier whose answers are the labels; None for those of the data.
+    """
+    device = machine.device(cfg.trainer.accelerator)
+    batches = EvalBatches(splits, cfg.reattack, cfg.data.size, device, original)
     return Protocol(batches, scene_of(cfg), cfg.reattack, lpips, cfg.shrink)
 
 

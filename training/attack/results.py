@@ -20,7 +20,7 @@ from training.config.scenes import scene_of, shrink_text
 from training.config.schema import Config, ReattackConfig
 from training.report.examples import run_examples, table_examples
 from training.runs.identity import fingerprint_of, result_settings
-from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
+from training.runs.metrics import ORIGINAL, PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
 from training.system import machine
 
 
@@ -55,6 +55,13 @@ def run_metrics(cfg: Config, train: TrainCost | None, start: PlainMetrics | None
     """Return the metrics of a run that is not attacked yet, nor compared."""
     return RunMetrics(
         **metrics_of(cfg), train=train, start=start, baseline=None, gain={}, gain_interval={}
+    )
+
+
+def original_metrics(cfg: Config) -> PlainMetrics:
+    """Return the metrics, without those of an attack, of the network whose answers a run keeps."""
+    return PlainMetrics(
+        recipe=ORIGINAL, seed=cfg.seed, data=cfg.data.name, model=cfg.model, train=None
     )
 
 

@@ -53,9 +53,11 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
             "attacked."
         )
     start = time.perf_counter()
-    splits = load(cfg.data)
+    splits = load(cfg.data, cfg.train.target)
+    if run.original:  # which answers the classes of its own
+        splits = splits._replace(classes=run.classes or {}, num_classes=run.num_classes)
     run.check_classes(splits, cfg.data)
-    model, protocol = run.model(), protocol_of(cfg, splits, lpips)
+    model, protocol = run.model(), protocol_of(cfg, splits, lpips, run.original_model())
     same_data = result_settings(cfg)["data"] == result_settings(run.cfg)["data"]
     name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
     folder = home / "reattack" / name / cfg.suite

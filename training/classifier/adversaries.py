@@ -6,8 +6,9 @@ from torch import Tensor, nn
 
 from moireaug.attacks import PGD, Attack, MoireAttack
 from moireaug.capture import capture
-from moireaug.mixtures import Mixture
+from moireaug.mixtures import Mixture, map_scenes
 from moireaug.scenes import Scene
+from moireaug.synthesis.twins import without_subpixels
 from training.config.schema import Adversary
 
 MIN_STRONG_STEPS = 3  # of the validation's attack, and of training once fewer have failed
@@ -17,6 +18,8 @@ class TrainingAdversary:
     """Photographs or attacks training images, by the settings `adversary.*`."""
 
     def __init__(self, model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> None:
+        if not cfg.moire:
+            scene = map_scenes(scene, without_subpixels)
         self.scene, self.cfg = scene, cfg
         self.attack = _attack(model, scene, cfg)
 

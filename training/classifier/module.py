@@ -16,7 +16,8 @@ from moireaug.mixtures import Mixture
 from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
 from training.classifier.adversaries import MIN_STRONG_STEPS, TrainingAdversary, strengthen
-from training.classifier.tuning import make_optimizer, tuning_of
+from training.classifier.original import Original, divergence
+from training.classifier.tuning import freeze_but_first, make_optimizer, tuning_of
 from training.config.schema import Adversary, Train
 from training.data.augmentation import augment
 
@@ -44,6 +45,9 @@ class Classifier(L.LightningModule):
     three, so that a model that only defeats single steps (catastrophic overfitting) is noticed.
     `guard.CollapseGuard` acts on it.
 
+    With `train.target=answers` the answers of the model as it is given take the place of labels:
+    its logits of the images before they are photographed, in validation its answers.
+
     Args:
         model: classifier of [0, 1] images (B, 3, H, W), which returns logits (B, classes).
         scene: scene in which training images are photographed.
@@ -66,6 +70,8 @@ class Classifier(L.LightningModule):
         self.model, self.scene, self.seed = model, scene, seed
         self.train_cfg, self.adversary_cfg = train, adversary
         self.augment = augment
+        self.original = Original(model) if train.target == "answers" else None
+        freeze_but_first(model, train.layers)
         if train.compile:
             self.model.compile()
         self.adversary = TrainingAdversary(model, scene, adversary)
@@ -125,11 +131,15 @@ class Classifier(L.LightningModule):
         torch.manual_seed(mix_seeds(self.seed, self.current_epoch, index, self.global_rank))
         images, labels = batch
         images = augment(images.float() / 255, self.augment)
+        wanted = self.original.logits(images) if self.original else None
+        if wanted is not None:
+            labels = predicted(wanted)
         try:
             images = self._attack_and_photograph(images, labels)
         except NoAnswerError:
             raise self._diverged("loss became nan", index) from None
-        loss = F.cross_entropy(self(images), labels)
+        logits = self(images)
+        loss = F.cross_entropy(logits, labels) if wanted is None else divergence(logits, wanted)
         if not torch.isfinite(loss):
             raise self._diverged(f"loss became {loss.item()}", index)
         self._loss.append(loss.detach())
@@ -171,6 +181,8 @@ class Classifier(L.LightningModule):
     def validation_step(self, batch: tuple[Tensor, Tensor], index: int) -> None:
         images, labels = batch
         images = images.float() / 255
+        if self.original:
+            labels = self.original.answers(images)
         self._hits["clean"].append((predicted(self(images)) == labels).float())
         if self.adversary_cfg.kind != "none" or self.adversary_cfg.natural:
             try:
@@ -206,7 +218,8 @@ class Classifier(L.LightningModule):
 
     def configure_optimizers(self) -> Any:
         momentum = self.train_cfg.momentum
-        optimizer = make_optimizer(self.parameters(), self.tuning, momentum)
+        trained = [weight for weight in self.parameters() if weight.requires_grad]
+        optimizer = make_optimizer(trained, self.tuning, momentum)
         # with five steps the warm-up would have length 0, which OneCycleLR divides by
         total = max(6, int(self.trainer.estimated_stepping_batches) + 1)
         schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -222,6 +235,8 @@ class Classifier(L.LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["history"], checkpoint["collapsed_at"] = list(self.history), self.collapsed_at
+        if self.original:
+            checkpoint["original"] = self.original.model.state_dict()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         self.history = list(checkpoint["history"])

@@ -3,14 +3,17 @@
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import lightning as L
 
 from moireaug.common.files import write_text
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes
+from training.classifier.blend import keep_answers
 from training.classifier.guard import CollapseGuard
 from training.classifier.module import Classifier
+from training.classifier.original import Original
 from training.classifier.tuning import Tuning, weight_averaging
 from training.config.scenes import scene_of
 from training.config.schema import Config, Trainer
@@ -26,7 +29,7 @@ from training.system.files import read_checkpoint
 from training.system.messages import count_text
 from training.system.processes import is_first, print_once
 from training.trainer import ranks
-from training.trainer.make import OriginRecord, RunCheckpoint, make_trainer
+from training.trainer.make import AtomicCheckpointIO, OriginRecord, RunCheckpoint, make_trainer
 
 
 def try_out(run: Run[Config], splits: Splits) -> None:
@@ -47,12 +50,16 @@ def try_out(run: Run[Config], splits: Splits) -> None:
 
 
 def train_model(
-    run: Run[Config], splits: Splits, start_cost: TrainCost | None = None
+    run: Run[Config],
+    splits: Splits,
+    start_cost: TrainCost | None = None,
+    classifier: Classifier | None = None,
 ) -> tuple[Classifier, TrainCost]:
     """Train, and return the averaged weights that did best on validation, and the cost.
 
     Args:
         start_cost: cost of the run whose weights it starts from, for the totals.
+        classifier: to train in place of the settings' own, such as one with another adversary.
 
     Raises:
         ValueError: a checkpoint that is missing or damaged.
@@ -65,7 +72,7 @@ def train_model(
     L.seed_everything(cfg.seed, verbose=False)
     out, resumes = run.folder, run.can_resume()
     last, best = out / "last.ckpt", out / "best.ckpt"
-    classifier = classifier_of(cfg, splits.num_classes)
+    classifier = classifier or classifier_of(cfg, splits.num_classes)
     if is_first():
         run.write_settings()
     if resumes and (train := TrainCost.read(out)):
@@ -90,6 +97,8 @@ def train_model(
     origin = Origin.of(cfg.weights, splits)
     trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin)
     best_checkpoint, wall_seconds = ranks.fit(trainer, classifier, batches, out)
+    if classifier.original:
+        blend_best(classifier, classifier.original, splits, best_checkpoint, best)
     # an incomplete last batch is left out of an epoch
     epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
     images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
@@ -113,6 +122,24 @@ def train_model(
     return classifier.eval(), train
 
 
+def blend_best(
+    classifier: Classifier,
+    original: Original,
+    splits: Splits,
+    checkpoint: dict[str, Any],
+    path: Path,
+) -> None:
+    """Move the best weights towards the original's, as `keep_answers`, and write them."""
+    if "new_share" in checkpoint:  # by a command that was interrupted after it
+        return
+    kept = classifier.train_cfg.kept
+    share = keep_answers(classifier.model, original, splits.val, kept)
+    print_once(f"Kept weights: {share:.0%} new, the rest the original's.")
+    if is_first():
+        blended = checkpoint | {"new_share": share, "state_dict": classifier.state_dict()}
+        AtomicCheckpointIO().save_checkpoint(blended, path)
+
+
 def _plan_line(cfg: Config, epochs: int, lr: float, start_cost: TrainCost | None) -> str:
     """Return a line on the training that begins."""
     plan = count_text(epochs, "epoch")
@@ -124,7 +151,7 @@ def _plan_line(cfg: Config, epochs: int, lr: float, start_cost: TrainCost | None
 def classifier_of(cfg: Config, num_classes: int) -> Classifier:
     """Return the classifier of these settings, with random weights or those of `weights=`."""
     return Classifier(
-        as_model(cfg.model, num_classes, cfg.weights),
+        as_model(cfg.model, num_classes, cfg.weights, whole=cfg.train.target == "answers"),
         cfg.train,
         cfg.adversary,
         scene_of(cfg),

@@ -59,6 +59,20 @@ def tuning_of(train: Train, *, fine: bool) -> Tuning:
     )
 
 
+def freeze_but_first(model: nn.Module, share: float) -> None:
+    """Freeze the weights of all but a share of a model's layers, counted from the image on.
+
+    Moiré is told from a picture by details of a few pixels, which the first layers see; what the
+    others make of them can stay."""
+    layers = []
+    for module in model.modules():
+        if any(True for _ in module.parameters(recurse=False)):
+            layers.append(module)
+    for layer in layers[max(1, int(share * len(layers))) :]:
+        for weight in layer.parameters(recurse=False):
+            weight.requires_grad_(False)
+
+
 def make_optimizer(
     params: Iterable[nn.Parameter], tuning: Tuning, momentum: float
 ) -> torch.optim.Optimizer:

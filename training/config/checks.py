@@ -55,6 +55,30 @@ def check_search(cfg: Config) -> None:
     MoireAttack(nn.Identity(), scene=scene_of(cfg), optimise=optimise, draws=cfg.adversary.draws)
 
 
+def check_answers(cfg: Config) -> None:
+    """Refuse settings with which a network cannot learn to keep its answers."""
+    if cfg.weights is None:
+        raise ValueError(
+            f"recipe={cfg.recipe} keeps the answers of a trained network: pass weights=FILE and "
+            "model=NAME."
+        )
+    if cfg.train.init != "random":
+        raise ValueError(
+            f"train.init={cfg.train.init} does not go with train.target=answers, which begins with "
+            "weights=: leave it out."
+        )
+    if not cfg.adversary.share + cfg.adversary.natural:
+        raise ValueError(
+            "train.target=answers has nothing to learn on clean images, which the network answers "
+            "as before: pass adversary.natural=0.5, or recipe=moire_tune."
+        )
+    if cfg.data.class_index:
+        raise ValueError(
+            "data.class_index gives the classes of labels, and train.target=answers uses none: "
+            "leave it out."
+        )
+
+
 def check_adversary(cfg: Adversary) -> None:
     """Refuse settings of an adversary that do not go together."""
     if cfg.kind == "none" and cfg.share:

@@ -13,8 +13,9 @@ from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 from moireaug.attacks.bounds import BOUNDS
 from training.config.settings import section, setting
 
-AUGMENTATIONS = ("none", "shift", "shift_flip", "affine")
+AUGMENTATIONS = ("none", "shift", "shift_flip", "crop_flip", "affine")
 TORCHVISION_SETS = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
+TARGETS = ("labels", "answers")
 DEFAULT_DATA = "signs"
 EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"
@@ -38,7 +39,7 @@ class Data:
     root: str | None = setting(
         None,
         "the data's folder; data=folder: with train/ and test/, or class folders alone, then all "
-        "test data",
+        "test data; with train.target=answers any pictures",
         is_path=True,
         only_for=("folder", *TORCHVISION_SETS),
         may_differ=True,
@@ -46,7 +47,11 @@ class Data:
     size: int = setting(
         64, "side of the images, in pixels; the lens blurs small ones more", bounds=(16, 8192)
     )
-    train: int | None = setting(None, "training images; null is all there are", bounds=(1, None))
+    train: int | None = setting(
+        None,
+        "training images; null is all there are; with train.target=answers, fewer are repeated",
+        bounds=(1, None),
+    )
     val: int | None = setting(
         None, "validation images; null is 10 % of the training images", bounds=(1, None)
     )
@@ -61,8 +66,8 @@ class Data:
     )
     augment: str = setting(
         "none",
-        "of clean training images: none, shift (by up to 12.5 %), shift_flip, or affine (small "
-        "changes of place, form and tone, and erased parts)",
+        "of clean training images: none, shift (by up to 12.5 %), shift_flip, crop_flip (parts of "
+        "50 % or more), or affine (small changes of place, form and tone, and erased parts)",
         choices=AUGMENTATIONS,
         trains=True,
     )
@@ -110,12 +115,30 @@ class Adversary:
     )
     draws: int = setting(1, "shots of which a moire_attack takes the worst", bounds=(1, 10_000))
     warmup: float = setting(0.0, "share of training over which eps rises from 0", bounds=(0, 1))
+    moire: bool = setting(
+        True, "false photographs without moiré: a control of what the moiré alone teaches"
+    )
 
 
 @dataclass
 class Train:
     """How the weights are trained."""
 
+    target: str = setting(
+        "labels",
+        "what is learnt: the labels, or the answers of the network with weights= to the images "
+        "before they are photographed",
+        choices=TARGETS,
+    )
+    layers: float = setting(
+        1.0, "share of the layers that are trained, from the image on", bounds=(0, 1)
+    )
+    kept: float = setting(
+        0.97,
+        "with train.target=answers, the least share of validation images that are to be answered "
+        "as before: the new weights are moved towards the old until they are",
+        bounds=(0, 1),
+    )
     epochs: int = setting(30, "5 for signs", bounds=(1, None), may_differ=True)
     length: float = setting(
         1.0,

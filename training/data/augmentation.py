@@ -19,6 +19,11 @@ def pipeline(kind: str, height: int, width: int) -> AugmentationSequential:
             K.RandomContrast((0.6, 1.4), p=1.0),
             K.RandomErasing((0.02, 0.15), (0.5, 2.0), p=0.25),
         )
+    if kind == "crop_flip":
+        return AugmentationSequential(
+            K.RandomResizedCrop((height, width), scale=(0.5, 1.0), p=1.0),
+            K.RandomHorizontalFlip(p=0.5),
+        )
     reach = max(1, height // 8), max(1, width // 8)
     shift = K.RandomCrop((height, width), padding=reach, p=1.0)
     if kind == "shift":

@@ -8,17 +8,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, Subset
 from torchvision.datasets import CIFAR10, CIFAR100, GTSRB, ImageFolder
 from torchvision.transforms import v2
 
 from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.config.schema import Data
-from training.data.splits import ImageSet, has_parts
+from training.data.splits import ImageSet, has_parts, shuffled_indices
 from training.system.files import locked, read_table
 
 UNNAMED_CLASSES = {"gtsrb": 43}  # numbers of classes that torchvision does not name
+MIN_UNLABELLED = 3  # pictures of a folder without labels
 IMAGENET_CLASSES = 1000  # of torchvision's published weights, which a class_index refers to
 # each set, and the arguments of its parts to train and to test on
 TORCHVISION_READERS: dict[str, tuple[Callable[..., Dataset], dict, dict]] = {
@@ -75,18 +76,45 @@ def _download_lock(cfg: Data) -> contextlib.AbstractContextManager[None]:
     return locked(Path(cfg.root or "", ".download.lock"), "", wait_seconds=-1)
 
 
-def _read_folder(cfg: Data) -> ImageSet:
-    """Read a folder with train/ and test/, or one of class folders alone: all are test images."""
-    if not cfg.root:
+def read_unlabelled(cfg: Data) -> ImageSet:
+    """Read all pictures in a folder and below as one class: those of train/ and test/, or of other
+    folders a tenth to test on."""
+    root = _root(cfg, "pictures")
+    if has_parts(root):
+        train, test = (_read_pictures(root / part, cfg, OneClass) for part in ("train", "test"))
+        return ImageSet(train, test, {0: "pictures"}, 1, _fingerprint(train))
+    pictures = _read_pictures(root, cfg, OneClass)
+    total = len(pictures)
+    if total < MIN_UNLABELLED:
         raise ValueError(
-            "data=folder needs data.root=DIR, a folder with train/ and test/ inside it."
+            f"data.root={cfg.root!r} holds {total} pictures, of which some train, some validate "
+            f"and some test: it must hold at least {MIN_UNLABELLED}, and better thousands."
         )
+    order, test_count = shuffled_indices(total, 0), max(1, total // 10)
+    return ImageSet(
+        Subset(pictures, order[test_count:]),
+        Subset(pictures, order[:test_count]),
+        {0: "pictures"},
+        1,
+        _fingerprint(pictures),
+    )
+
+
+def _root(cfg: Data, content: str) -> Path:
+    """Return the folder of data=folder, refused where there is none."""
+    if not cfg.root:
+        raise ValueError(f"data=folder needs data.root=DIR, a folder with {content} inside it.")
     root = Path(cfg.root)
     if not root.is_dir():
         raise ValueError(
-            f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ "
-            "inside it."
+            f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with {content} inside it."
         )
+    return root
+
+
+def _read_folder(cfg: Data) -> ImageSet:
+    """Read a folder with train/ and test/, or one of class folders alone: all are test images."""
+    root = _root(cfg, "train/ and test/")
     if not has_parts(root):  # class folders alone: all of it is test data
         pictures = _read_pictures(root, cfg)
         classes = _label_pictures(pictures, cfg)
@@ -153,14 +181,26 @@ class UprightFolder(ImageFolder):
         return names, {name: number for number, name in enumerate(names)}
 
 
-def _read_pictures(root: Path, cfg: Data) -> ImageFolder:
+class OneClass(UprightFolder):
+    """A folder of pictures of one class, whatever folders they are in."""
+
+    def find_classes(self, directory: str | Path) -> tuple[list[str], dict[str, int]]:
+        """Return one class, whose folder is this one."""
+        return ["."], {".": 0}
+
+
+def _read_pictures(
+    root: Path, cfg: Data, kind: type[UprightFolder] = UprightFolder
+) -> UprightFolder:
     try:
-        return UprightFolder(root, _resize(cfg.size))
+        return kind(root, _resize(cfg.size))
     except (FileNotFoundError, RuntimeError) as error:
+        content = "train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, with images"
+        if kind is OneClass:
+            content = "images, or train/ and test/ with images"
         raise ValueError(
             f"data.root={cfg.root!r} does not look like an image folder: {error}. "
-            "It must hold train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, "
-            "with images inside."
+            f"It must hold {content} inside."
         ) from error
 
 

@@ -8,15 +8,22 @@ from torch.utils.data import Dataset
 
 from training.config.schema import DATA, Data
 from training.data import signs
-from training.data.splits import Splits, has_parts, split
+from training.data.splits import Splits, has_parts, repeated, split
 
 
-def load(cfg: Data) -> Splits:
-    """Load a data set by its name, `cfg.name`."""
+def load(cfg: Data, target: str = "labels") -> Splits:
+    """Load a data set by its name, `cfg.name`.
+
+    Args:
+        target: `train.target`; "answers" needs no labels, and takes a folder of any pictures.
+    """
     if cfg.name == "signs":
         return _load_signs(cfg)
     from training.data import image_sets
 
+    if cfg.name == "folder" and target == "answers":
+        splits = split(image_sets.read_unlabelled(cfg), cfg)
+        return splits._replace(train=repeated(splits.train, cfg.train))
     return split(image_sets.read(cfg), cfg)
 
 

@@ -4,9 +4,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.utils.data import Dataset, Subset, default_collate
 
+from moireaug.attacks import predicted
 from training.config.schema import Data, Reattack
 
 MAX_CACHE_BYTES = 1 << 30  # of decoded images
@@ -91,6 +92,13 @@ def random_subset(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
     return Subset(data, shuffled_indices(len(data), seed)[:n])  # type: ignore[arg-type]
 
 
+def repeated(data: Dataset, n: int | None) -> Dataset:
+    """Return n items, each as often as any other or once more; as many as there are if n is None
+    or not greater."""
+    total = len(data)  # type: ignore[arg-type]
+    return data if n is None or n <= total else Subset(data, [k % total for k in range(n)])
+
+
 def split(images: ImageSet, cfg: Data) -> Splits:
     """Return the parts of a data set, in the numbers that are asked for: of the training images, a
     fixed random part is held out for validation."""
@@ -123,10 +131,19 @@ class EvalBatches:
 
     Args:
         reattack: settings of the attack, of which n, batch_size and seed are used.
+        original: classifier whose answers are the labels; None for those of the data.
     """
 
-    def __init__(self, splits: Splits, reattack: Reattack, side: int, device: torch.device) -> None:
+    def __init__(
+        self,
+        splits: Splits,
+        reattack: Reattack,
+        side: int,
+        device: torch.device,
+        original: nn.Module | None = None,
+    ) -> None:
         self.data, self.device = splits.test, device
+        self.original = original.to(device).eval() if original else None
         total = len(self.data)  # type: ignore[arg-type]
         order = shuffled_indices(total, reattack.seed)
         self.n = min(reattack.n, total)
@@ -141,7 +158,11 @@ class EvalBatches:
             raise IndexError(index)
         rows = self.order[index * self.size : (index + 1) * self.size]
         images, labels = default_collate([self.data[i] for i in rows])
-        return images.to(self.device).float() / 255, labels.to(self.device)
+        images = images.to(self.device).float() / 255
+        if self.original:
+            with torch.no_grad():
+                labels = predicted(self.original(images))
+        return images, labels.to(self.device)
 
     def unattacked_images(self, splits: Splits) -> Subset:
         """Return the images that are not attacked: the training images or, if a folder has no

@@ -91,6 +91,18 @@ def class_names(name: str) -> dict[int, str]:
     return dict(enumerate(published.meta.get("categories", ())))
 
 
+def class_count(state: Mapping[str, Tensor]) -> int:
+    """Return the number of logits of a classifier's state; 0 where it holds no weights."""
+    heads = [value for name, value in state.items() if name.endswith("weight") and value.dim()]
+    return len(heads[-1]) if heads else 0
+
+
+def class_count_of(name: str, weights: str) -> int:
+    """Return the number of logits of a model's weights, given as in `as_model`."""
+    state = _state(name, weights)
+    return class_count({key: state[key] for key in state if not key.startswith(_AUXILIARY)})
+
+
 def require_known(name: str) -> None:
     """Refuse a name that no model has."""
     if name not in OWN_MODELS and name not in model_names():

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 from training import report
 from training.attack.protocol import attack, attack_run, protocol_of
-from training.attack.results import publish, run_metrics
+from training.attack.results import original_metrics, publish, run_metrics
 from training.config.schema import Config
 from training.data.load import load
 from training.data.splits import Splits
+from training.models.classifiers import class_count_of, class_names
 from training.runs.identity import Origin
-from training.runs.metrics import RunMetrics, TrainCost
+from training.runs.metrics import ORIGINAL, RunMetrics, TrainCost
 from training.runs.resume import damage, origin_difference, require_same_origin
 from training.runs.run import Run, baseline_of, start_of
 from training.runs.trained import read_trained
@@ -86,13 +87,26 @@ def train_run(
     return train_model(run, splits, start_cost=start.train if start else None)
 
 
+def load_data(cfg: Config) -> Splits:
+    """Load the data of a run. Where a network is to keep its answers, the classes are those of its
+    weights."""
+    splits = load(cfg.data, cfg.train.target)
+    if cfg.train.target == "labels" or cfg.weights is None:
+        return splits
+    count = class_count_of(cfg.model, cfg.weights)
+    names = class_names(cfg.model)
+    if len(names) != count:
+        names = {number: str(number) for number in range(count)}
+    return splits._replace(classes=names, num_classes=count)
+
+
 def complete(run: Run[Config]) -> RunMetrics | None:
     """Load the data, train the plain runs that a run needs, and then the run itself, attack it and
     report; return its metrics, None in all but one process."""
     from training.classifier.train import try_out  # Lightning, which takes seconds to import
 
     start_time = time.perf_counter()
-    splits = load(run.config.data)
+    splits = load_data(run.config)
     if run.config.resume is not False:
         require_same_origin(run, Origin.of(run.config.weights, splits))
     try_out(run, splits)
@@ -111,8 +125,10 @@ def train_and_report(
     classifier, train = train_run(run, splits, start)
     if not is_first():
         return None
-    recipe, protocol = run.config.recipe, protocol_of(run.config, splits)
-    results = {recipe: attack(classifier.model, protocol, run.folder / "records", recipe)}
+    recipe, records = run.config.recipe, run.folder / "records"
+    original = classifier.original.model if classifier.original else None
+    protocol = protocol_of(run.config, splits, original=original)
+    results = {recipe: attack(classifier.model, protocol, records, recipe)}
     earlier_metrics = RunMetrics.read(run.folder)  # of a run that was trained before
     metrics = run_metrics(run.config, train, start.plain() if start else None)
     metrics = replace(
@@ -124,4 +140,7 @@ def train_and_report(
     if baseline and (baseline_run := baseline_of(run)):
         results[baseline.recipe] = attack_run(read_trained(baseline_run), protocol)
     plain_baseline = baseline.plain() if baseline else None
+    if original:
+        plain_baseline = original_metrics(run.config)
+        results[ORIGINAL] = attack(original, protocol, records, ORIGINAL, check=False)
     return publish(run.folder, metrics, results, splits.classes, plain_baseline)

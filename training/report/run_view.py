@@ -8,7 +8,7 @@ from moireaug.evaluation.frame import MEASURES, MOIRE_MEASURES
 from training.report.numbers import Rate, distinct, moire_text
 from training.report.page import name_of, title_of
 from training.report.plots import Series
-from training.runs.metrics import PlainMetrics, RunMetrics, TrainCost
+from training.runs.metrics import ORIGINAL, PlainMetrics, RunMetrics, TrainCost
 
 MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
 Sides = Mapping[str, RunMetrics | PlainMetrics]  # "baseline" where there is one, and "ours"
@@ -29,11 +29,15 @@ def run_view(metrics: RunMetrics) -> dict[str, Any]:
     rows = [_row(number, metrics, sides) for number in range(len(metrics.reattack or []))]
     for above, row in itertools.pairwise(rows):
         row["first_attack"] = row["attack"] and not above["attack"]
+    keeps_answers = baseline is not None and baseline.recipe == ORIGINAL
     main = next((row for row in rows if row["headline"]), rows[-1])
+    if keeps_answers:
+        main = next((row for row in rows if row["name"] == "moire"), main)
     return {
         "name": name_of(metrics),
         "baseline": name_of(baseline) if baseline else None,
         "sides": [_side(kind, side) for kind, side in sides.items()],
+        "keeps_answers": keeps_answers,
         "rows": rows,
         "main": main,
         "noise": [row for row in rows if row["psnr"] is not None],

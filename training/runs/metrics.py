@@ -15,6 +15,7 @@ from moireaug.common.files import write_text
 from training.system.files import read_json, read_metrics
 
 VERSION = 2  # of the records
+ORIGINAL = "original"  # in place of a recipe: a network before it was trained to keep its answers
 # keys that are left out, not null: of what was not attacked, and of a machine that is not known
 ATTACK_KEYS = ("clean_accuracy", "reattack", "correct", "identity", "trust", "trust_n")
 Record = TypeVar("Record")

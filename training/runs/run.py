@@ -140,9 +140,10 @@ def baseline_of(run: Run[Config]) -> Run[Config] | None:
     """Return the plain run that this one is compared with.
 
     That is recipe `baseline` from the same start, in at least as many epochs; all other settings
-    are the same. None for `baseline` and `clean` themselves."""
+    are the same. None for `baseline` and `clean` themselves, and where a network is to keep its
+    answers, which is compared with itself before."""
     cfg = run.config
-    if cfg.recipe in PLAIN_RECIPES:
+    if cfg.recipe in PLAIN_RECIPES or cfg.train.target == "answers":
         return None
     baseline = _plain_run(cfg, "baseline").config
     return Run(replace(baseline, train=replace(baseline.train, init=cfg.train.init)))

@@ -19,7 +19,7 @@ from training.config.command_line import command_line
 from training.config.scenes import scene_of
 from training.config.schema import DATA, Config, Data, as_config
 from training.data.splits import Splits
-from training.models.classifiers import OWN_MODELS, as_model, model_names
+from training.models.classifiers import OWN_MODELS, as_model, class_count, model_names
 from training.runs.metrics import TrainCost
 from training.runs.run import Run, baseline_of
 from training.system.files import read_checkpoint, read_metrics, read_settings
@@ -32,26 +32,33 @@ class TrainedRun(NamedTuple):
     Args:
         state: its best weights.
         classes: name of each logit; None where the checkpoint has no names.
+        original: weights whose answers it was to keep; None where it was trained on labels.
     """
 
     folder: Path
     cfg: Config
     state: dict[str, Tensor]
     classes: dict[int, str] | None
+    original: dict[str, Tensor] | None = None
 
     @property
     def num_classes(self) -> int:
         """Return the number of logits; 0 where these are not the weights of a classifier."""
-        heads = [
-            value for name, value in self.state.items() if name.endswith("weight") and value.dim()
-        ]
-        return len(heads[-1]) if heads else 0
+        return class_count(self.state)
 
     def model(self) -> nn.Module:
         """Return the run's best model, in evaluation mode."""
+        return self._model(self.state)
+
+    def original_model(self) -> nn.Module | None:
+        """Return the model whose answers the run was to keep, in evaluation mode; None where it was
+        trained on labels."""
+        return None if self.original is None else self._model(self.original)
+
+    def _model(self, state: dict[str, Tensor]) -> nn.Module:
         model = as_model(self.cfg.model, self.num_classes, None)
         try:
-            model.load_state_dict(self.state)
+            model.load_state_dict(state)
         except RuntimeError as error:
             path = self.folder / "best.ckpt"
             raise ValueError(
@@ -94,7 +101,8 @@ def read(folder: Path) -> TrainedRun:
     checkpoint = read_checkpoint(best)
     cfg = read_config(config)
     state = {name.removeprefix("model."): value for name, value in checkpoint["state_dict"].items()}
-    trained = TrainedRun(folder, cfg, state, stored_class_names(checkpoint.get("classes")))
+    classes = stored_class_names(checkpoint.get("classes"))
+    trained = TrainedRun(folder, cfg, state, classes, checkpoint.get("original"))
     if trained.num_classes < 1:
         raise ValueError(f"{best} holds no classifier's weights. Name another run.")
     return trained

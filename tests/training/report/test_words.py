@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from moireaug.evaluation import SuiteConfig, tables_of
 from training import report
 from training.report.numbers import duration, moire_text, points, tied
 from training.report.page import environment, title_of
@@ -100,6 +101,12 @@ def test_titles():
     assert title_of("moire", "columns") == "moiré, δ = 0"  # by its name
     assert title_of("roll_15", "rows") == "roll 15°"  # by a pattern
     assert title_of("phone_at_laptop", "rows") == "phone_at_laptop"  # by none
+
+
+def test_every_attacker_of_the_standard_suite_has_a_title():
+    (table,) = tables_of("standard", SuiteConfig(scene="screen_photo"))
+    untitled = [name for name in table.columns if title_of(name, "columns") == name]
+    assert set(untitled) <= {"clean"}
 
 
 def test_numbers_are_tied_to_their_units():

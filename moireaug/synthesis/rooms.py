@@ -1,0 +1,277 @@
+"""Screens in rooms: photos in which a whole screen is seen, with its bezel and what is around it.
+
+The screen's plane is photographed in the camera's frame by `expose`, and the room as it is seen
+without moiré. Both readings are joined by masks with antialiased edges, and developed once: noise,
+tone and JPEG are those of one photo.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
+from moireaug.capture import develop, expose
+from moireaug.common.image_checks import check_images
+from moireaug.mixtures import SceneLike, as_scenes, map_scenes, scenes_of
+from moireaug.scene.by_name import with_values
+from moireaug.scene.fields import Part, Range, bounds, ranged
+from moireaug.scene.geometry import grids
+from moireaug.scene.mixed_shot import per_scene
+from moireaug.scenes import Scene, Shot
+
+SPACING = 8  # photo pixels between those whose view of the screen is computed
+GLOSS = 0.3  # of a bezel: share of its light that mirrors the room, and is not its mean
+# what the room is seen by: the same camera, straight on, without a panel's pattern and glass
+FRONTAL = {"view.yaw": 0.0, "view.pitch": 0.0, "view.roll": 0.0, "view.zoom": 1.0}
+FRONTAL |= {"view.shift_x": 0.0, "view.shift_y": 0.0, "lens.k1": 0.0, "lens.k2": 0.0}
+FRONTAL |= {"panel.black": 0.0, "panel.glare": 0.0}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Room(Part):
+    """How a screen stands in a room. All fields are ranges, drawn uniformly for each photo.
+
+    Args:
+        extent: size of the screen before it is turned, as a share of the largest of its shape that
+            fits into the photo; a larger one than 1 reaches out of it.
+        place_x, place_y: where the screen lies in the photo: 0 at the left or upper edge, 1 at the
+            right or lower one.
+        bezel: width of the bezel, as a share of the screen's shorter side.
+        corner: radius of the screen's corners, as a share of its shorter side; the bezel's are
+            rounder by its width.
+        albedo: light that the bezel reflects, as a share of the room's.
+        ambient: light of the room, as a share of what its picture shows on the screen.
+        glow: light of the screen on what is next to it, as a share of the screen's mean.
+        reflection: light of the room that the glass mirrors, as a share; the scene's `Panel.glare`
+            adds to it.
+        blur: width over which the room is out of focus, in photo pixels; below 2 it is sharp.
+    """
+
+    extent: Range = ranged((0.4, 1.1), 0.01, 10.0)
+    place_x: Range = ranged((0.0, 1.0), 0.0, 1.0)
+    place_y: Range = ranged((0.0, 1.0), 0.0, 1.0)
+    bezel: Range = ranged((0.01, 0.1), 0.0, 1.0)
+    corner: Range = ranged((0.0, 0.08), 0.0, 0.5)
+    albedo: Range = ranged((0.0, 0.3), 0.0, 2.0)
+    ambient: Range = ranged((0.05, 1.0), 0.0, 10.0)
+    glow: Range = ranged((0.0, 0.2), 0.0, 10.0)
+    reflection: Range = ranged((0.0, 0.1), 0.0, 1.0)
+    blur: Range = ranged((0.0, 16.0), 0.0, 1000.0, "photo pixels")
+
+    def draw(self, n: int, generator: torch.Generator | None = None) -> dict[str, Tensor]:
+        """Draw each field for n photos: (n,) float64 by name."""
+        u = torch.rand(n, len(self.ranged), dtype=torch.float64, generator=generator)
+        drawn = {}
+        for name, share in zip(self.ranged, u.unbind(1), strict=True):
+            low, high = bounds(getattr(self, name))
+            drawn[name] = low + (high - low) * share
+        return drawn
+
+
+class RoomPhotos(NamedTuple):
+    """Photos of screens in rooms.
+
+    photos: (B, 3, H, W) in [0, 1], sRGB codes.
+    quadrilaterals: (B, 4, 2) float64, the screens' corners in the photos, x then y in pixels, from
+        the picture's upper left one clockwise. Some may lie outside of the photo.
+    shares: (B,) float64, share of the photo that the screen takes.
+    """
+
+    photos: Tensor
+    quadrilaterals: Tensor
+    shares: Tensor
+
+
+@torch.no_grad()
+def screen_in_room(
+    pictures: Tensor,
+    surroundings: Tensor,
+    scene: SceneLike,
+    room: Room | None = None,
+    *,
+    shrink: float | tuple[float, float] | None = None,
+    generator: torch.Generator | None = None,
+) -> RoomPhotos:
+    """Return photos in which a screen that shows a picture is seen in a room.
+
+    A photo has the size of its surroundings, which its frame shows; the screen has the shape of its
+    picture, and its place and size are drawn by `room`, its pose and camera by `scene`, whose photo
+    is left in the camera's frame. Where the screen fills the photo, that is what `capture` returns.
+
+    Args:
+        pictures: (B, 3, h, w) float in [0, 1], sRGB codes.
+        surroundings: (B, 3, H, W) float in [0, 1], of any size.
+        scene: a Scene, a preset's name or a dict, or a list of these, a mixture. It is of the plane
+            in which the screen lies: with `Sensor.pitch`, a larger screen has more panel pixels.
+        room: see `Room`; None is `Room()`.
+        shrink: sensor pixels per photo pixel, see `Scene.with_shrink`; None leaves the scene as it
+            is, in presets with a whole photo of its panel.
+        generator: of the draws; None is torch's global one.
+
+    Raises:
+        TypeError, ValueError: pictures or surroundings that `capture` refuses, or of different
+            numbers; a scene of a full reading; a room that is none.
+    """
+    pictures, surroundings = check_images(pictures), check_images(surroundings)
+    if len(pictures) != len(surroundings):
+        raise ValueError(
+            "a photo needs a picture and its surroundings; got "
+            f"{len(pictures)} and {len(surroundings)}. Repeat the fewer."
+        )
+    room = Room() if room is None else room
+    if not isinstance(room, Room):
+        raise TypeError(f"room must be a moireaug.synthesis.Room; got {room!r}.")
+    scenes = map_scenes(as_scenes(scene, shrink), _in_cameras_frame)
+    for one in scenes_of(scenes):
+        if not one.is_binned:
+            raise ValueError(
+                "a screen in a room needs a binned reading, whose scene states Panel.width, "
+                "Sensor.pitch or Sensor.shrink; got one of a full reading."
+            )
+    height, width = surroundings.shape[-2:]
+    size, shape = (height, width), (pictures.shape[-2], pictures.shape[-1])
+    shot = scenes.sample(len(pictures), size, generator)
+    drawn = room.draw(len(pictures), generator)
+    boxes = _boxes(shape, size, drawn)
+    planes = torch.empty_like(surroundings)
+    for plane, picture, box in zip(planes, pictures, boxes.tolist(), strict=True):
+        plane.copy_(_on_plane(picture, box, size))
+    rooms = _rooms(surroundings, drawn)
+    numbers = torch.stack(list(drawn.values()), 1)
+    joined: tuple[Tensor, ...] = per_scene(
+        shot, _photograph, planes, rooms, boxes, numbers, join=_join
+    )
+    return RoomPhotos(joined[0].to(pictures.dtype), *joined[1:])
+
+
+@functools.lru_cache(maxsize=64)
+def _in_cameras_frame(scene: Scene) -> Scene:
+    return with_values(scene, {"develop.registered": False})
+
+
+@functools.lru_cache(maxsize=64)  # a new scene would be planned again for every shot
+def _frontal_scene(scene: Scene) -> Scene:
+    return with_values(scene, FRONTAL | {"sensor.exposure": "mean"})
+
+
+def _frontal(shot: Shot) -> Shot:
+    """Return the shot by which the room is seen."""
+    numbers = shot.numbers()
+    for name, value in FRONTAL.items():
+        numbers[name] = torch.full_like(numbers[name], value)
+    return _frontal_scene(shot.scene).shot_from_numbers(shot.size, numbers, shot.seed)
+
+
+def _boxes(shape: tuple[int, int], size: tuple[int, int], drawn: dict[str, Tensor]) -> Tensor:
+    """Return where the screens lie in their plane: left, top, width and height, in whole pixels of
+    the photo before it is turned, (B, 4) int64.
+
+    Args:
+        shape: height and width of the pictures. size: those of the photos.
+    """
+    fitting = min(size[0] / shape[0], size[1] / shape[1])
+    sides = (drawn["extent"][:, None] * fitting * torch.tensor(shape[::-1])).round().clamp(min=1)
+    spare = torch.tensor(size[::-1]) - sides
+    corners = (torch.stack((drawn["place_x"], drawn["place_y"]), 1) * spare).round()
+    return torch.cat((corners, sides), 1).long()
+
+
+def _on_plane(picture: Tensor, box: list[int], size: tuple[int, int]) -> Tensor:
+    """Return a picture (3, h, w) at its place in the screen's plane, (3, H, W), its edges
+    repeated."""
+    left, top, width, height = box
+    if picture.shape[-2:] != (height, width):
+        picture = F.interpolate(picture[None], (height, width), mode="bilinear", antialias=True)[0]
+    rows = (torch.arange(size[0], device=picture.device) - top).clamp(0, height - 1)
+    columns = (torch.arange(size[1], device=picture.device) - left).clamp(0, width - 1)
+    return picture[:, rows[:, None], columns].clamp(0, 1)
+
+
+def _rooms(surroundings: Tensor, drawn: dict[str, Tensor]) -> Tensor:
+    """Return the rooms' light, out of focus and dimmed, (B, 3, H, W)."""
+    size, light = surroundings.shape[-2:], light_of_codes(surroundings)
+    for room, width in zip(light, drawn["blur"].tolist(), strict=True):
+        if width >= 2:
+            small = [max(1, round(side / width)) for side in size]
+            coarse = F.interpolate(room[None], small, mode="area")
+            room.copy_(F.interpolate(coarse, size, mode="bicubic")[0].clamp(0, 1))
+    ambient = drawn["ambient"].to(surroundings)[:, None, None, None]
+    return ambient * light
+
+
+def _photograph(
+    shot: Shot, planes: Tensor, rooms: Tensor, boxes: Tensor, numbers: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the `RoomPhotos` of one scene's images.
+
+    Args:
+        planes, rooms: (B, 3, H, W), codes of the screens' planes, and light of the rooms.
+        boxes: see `_boxes`.
+        numbers: (B, fields) float64, of `Room.draw`.
+    """
+    drawn = dict(zip(Room.ranged, numbers.to(planes).unbind(1), strict=True))
+    shorter = boxes[:, 2:].amin(1).to(planes)
+    corner, bezel = drawn["corner"] * shorter, drawn["bezel"] * shorter
+    distance, pixel = _distances(shot.to(planes.device), boxes.to(planes.device), corner)
+    inside = (0.5 - distance / pixel).clamp(0, 1)[:, None]
+    framed = (0.5 - (distance - bezel[:, None, None]) / pixel).clamp(0, 1)[:, None]
+    some = (..., slice(None, None, SPACING), slice(None, None, SPACING))
+    mean = (light_of_codes(planes[some]) * inside[some]).mean((2, 3), keepdim=True)
+    mean = mean / inside[some].mean((2, 3), keepdim=True).clamp(min=0.01)
+    falloff = torch.exp(-distance.clamp(min=0) / shorter[:, None, None])[:, None]
+    glow = drawn["glow"][:, None, None, None] * mean * falloff
+    around = expose(codes_of_light((rooms + glow).clamp(0, 1)).clamp(0, 1), _frontal(shot))
+    mirrored = around.flip(-1)
+    lit = (1 - GLOSS) * around.mean((2, 3), keepdim=True) + GLOSS * mirrored
+    rim = drawn["albedo"][:, None, None, None] * lit
+    screen = expose(planes, shot) + drawn["reflection"][:, None, None, None] * mirrored
+    raw = inside * screen + (framed - inside) * rim + (1 - framed) * around
+    left, top, width, height = boxes.double().unbind(1)
+    xs = torch.stack((left, left + width, left + width, left), 1)
+    ys = torch.stack((top, top, top + height, top + height), 1)
+    corners = shot.to_photo(torch.stack((xs, ys), -1))
+    return develop(raw, shot), corners, inside.double().mean((1, 2, 3)).cpu()
+
+
+def _distances(shot: Shot, boxes: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
+    """Return how far outside of their screen photo pixels look, and the size of a photo pixel
+    there, both in pixels of the screen's plane: (B, H, W) each.
+
+    Args:
+        corner: (B,) radii of the screens' corners, in the same pixels.
+    """
+    frame, lens = shot.frame, shot.distortion
+    if lens is not None:
+        lens = lens[0].to(corner.dtype), lens[1].to(corner.dtype)
+    # where pixels look changes so slowly that every eighth is enough
+    rows, cols = (
+        torch.linspace(0.5, side - 0.5, -(-side // SPACING) + 1, device=boxes.device)
+        for side in shot.size
+    )
+    points = grids.grid(rows, cols).to(corner.dtype).expand(len(shot), -1, -1, -1)
+    points = points + frame.photo_corner(points)
+    inverse = torch.linalg.inv(shot.matrix()).to(corner.dtype)
+    looks = grids.photo_to_image(points, inverse, frame.size, lens)
+    looks = looks - frame.image_corner(looks)
+    steps = grids.jacobian(points, inverse, frame.size, lens)
+    pixel = torch.linalg.det(steps).abs().sqrt().clamp(min=1e-6)
+    coarse = torch.stack((*looks.unbind(-1), pixel), 1)
+    x, y, pixel = F.interpolate(coarse, shot.size, mode="bilinear", align_corners=True).unbind(1)
+    left, top, width, height = boxes.to(corner)[..., None, None].unbind(1)
+    radius = corner[:, None, None]
+    across = (x - left - width / 2).abs() - (width / 2 - radius)
+    down = (y - top - height / 2).abs() - (height / 2 - radius)
+    beyond = torch.hypot(across.clamp(min=0), down.clamp(min=0))
+    return beyond + torch.maximum(across, down).clamp(max=0) - radius, pixel
+
+
+def _join(rows: list[Tensor], parts: list[tuple[Tensor, Tensor, Tensor]]) -> tuple[Tensor, ...]:
+    order = torch.cat(rows).argsort()
+    joined = [torch.cat(values) for values in zip(*parts, strict=True)]
+    return tuple(values[order.to(values.device)] for values in joined)

@@ -1,0 +1,147 @@
+"""detect.py: simulated photos in, a detector out, and scores of photos that it has not seen."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from PIL import Image
+
+from moireaug import Scene, defenses
+from moireaug.synthesis.pictures import Pictures
+from tests.synthesis.folders import put
+from training import detect
+from training.detection import fit, score
+from training.detection.examples import Examples
+from training.detection.measures import auc, equal_error_rate, found_at, measures
+from training.detection.network import CROP_SIDE, WHOLE_SIDE, Detector, fit_head
+
+SCENE = "phone_at_monitor"
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A detector of a few rounds on a network of random weights, and its folder."""
+    root = tmp_path_factory.mktemp("detector")
+    put(root / "pictures", sizes=[(400, 300), (300, 420), (500, 380)])
+    torch.manual_seed(0)
+    settings = [f"images={root / 'pictures'}", f"out={root / 'out'}", "weights=null", "n=4"]
+    detect.main(["train", *settings, f"scene={SCENE}"])
+    return root
+
+
+def test_examples_depend_on_their_number_alone(tmp_path):
+    put(tmp_path, sizes=[(400, 300), (300, 420)])
+    examples, again = (Examples(Pictures(tmp_path, 1), Scene.preset(SCENE), 3) for _ in range(2))
+    made = examples.make(5)
+    for one, other in zip(made, again.make(5), strict=True):
+        assert torch.equal(one.image, other.image) and one[1:] == other[1:]
+    for look, side in (("crop", CROP_SIDE), ("whole", WHOLE_SIDE)):
+        of_look = [example for example in made if example.look == look]
+        assert {example.is_screen for example in of_look} == {False, True}
+        assert {tuple(example.image.shape) for example in of_look} == {(3, side, side)}
+    other = examples.make(6)
+    assert not torch.equal(made[0].image, other[0].image)
+
+
+def test_a_trained_detector_scores_a_folder(trained, capsys):
+    metrics = json.loads((trained / "out" / "metrics.json").read_text())
+    assert metrics["auc"].keys() == {"crop", "whole"} and metrics["examples"]["crop: original"] == 4
+    photos = trained / "photos"
+    for number, label in enumerate(("Real", "screens") * 2):
+        path = photos / "one" / label / f"{number}.jpg"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        codes = np.random.default_rng(number).integers(0, 256, (200, 300, 3), dtype=np.uint8)
+        Image.fromarray(codes).save(path)
+    out = trained / "scores"
+    detector = trained / "out" / "detector.pt"
+    capsys.readouterr()
+    detect.main(["score", f"in={photos}", f"detector={detector}", f"out={out}"])
+    printed = capsys.readouterr().out
+    assert "one: 2 screens, 2 others, AUC" in printed and "Mean AUC of 1" in printed
+    table = pd.read_csv(out / "scores.csv")
+    assert list(table.columns) == ["photo", "score", "screen"] and len(table) == 4
+    found = json.loads((out / "measures.json").read_text())["one"]
+    is_screen = table.photo.str.contains("screens")
+    assert found["auc"] == auc(table.score[is_screen], table.score[~is_screen])
+    with Image.open(out / "roc.png") as plot:
+        assert plot.width > 300
+    assert (out / "mistakes.png").exists()
+
+
+def test_a_detector_replays_from_its_file_and_rejects_photos(trained):
+    detector = Detector.load(trained / "out" / "detector.pt")
+    photos = torch.rand(2, 3, 230, 300, generator=torch.Generator().manual_seed(0))
+    scores = detector(photos)
+    assert scores.shape == (2,)
+    assert torch.allclose(scores[1:], detector(photos[1:]), atol=1e-4)
+    classifier = torch.nn.Sequential(torch.nn.AdaptiveAvgPool2d(1), torch.nn.Flatten())
+    threshold = scores.mean().item()
+    rejecting = defenses.Rejecting(classifier, detector, threshold)
+    assert rejecting(photos).shape[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["weight"], "takes train or score first; got 'weight'"),
+        ([], "takes train or score first; got nothing"),
+        (["train"], "weights must be given"),
+        (["train", "weights=null", "backbone=mobilenet_v2"], "backbone must be a ResNet"),
+        (["train", "weights=null", "images=nowhere"], "nowhere is not a folder"),
+        (["train", "weights=null", "n=3"], "n must"),
+        (["score", "in=nowhere", "detector=none.pt"], "none.pt"),
+    ],
+)
+def test_a_wrong_command_is_refused(command, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=message):
+        detect.main(command)
+
+
+def test_the_truth_and_the_collection_are_read_off_the_folders():
+    assert score.truth_of("a/Data/Real/1.jpg") is False and score.truth_of("screens/2.jpg") is True
+    assert score.truth_of("a/b/screen.jpg") is None
+    assert score.collection_of("a/Data/real/1.jpg") == "a"
+    assert score.collection_of("real/1.jpg") == score.collection_of("1.jpg") == ""
+
+
+def test_measures_are_those_of_small_examples():
+    screens, others = np.array([3.0, 2.0, 1.0]), np.array([0.0, 1.5])
+    assert auc(screens, others) == pytest.approx(5 / 6)
+    assert auc(others, others) == 0.5
+    assert equal_error_rate(np.array([1.0, 2.0]), np.array([0.0, 0.5])) == 0
+    assert found_at(screens, np.arange(10) / 10, 0.1) == 3
+    found = measures(screens, others, 1.2)
+    assert found["apcer"] == pytest.approx(1 / 3) and found["bpcer"] == 0.5
+    low, high = found["auc_interval"]
+    assert low <= found["auc"] <= high
+
+
+def test_a_head_is_the_penalised_logistic_regression():
+    generator = torch.Generator().manual_seed(0)
+    x = torch.randn(60, 4, generator=generator) * torch.tensor([1.0, 5.0, 0.1, 1.0]) + 2
+    truth = x[:, 0] + 0.1 * x[:, 1] > 2.5
+    head = torch.nn.Linear(4, 1)
+    fit_head(head, x, truth.tolist(), penalty=0.1)
+    loss = torch.nn.functional.binary_cross_entropy_with_logits
+    share = truth.float().mean()
+    balance = torch.where(truth, 0.5 / share, 0.5 / (1 - share))
+    std = x.std(0)
+
+    def objective(weight, bias):
+        total = loss(x @ weight + bias, truth.float(), balance)
+        return total + 0.05 * (weight * std).square().sum()
+
+    weight = head.weight.detach()[0].requires_grad_()
+    bias = head.bias.detach()[0].requires_grad_()
+    objective(weight, bias).backward()
+    assert (weight.grad * std).abs().max() < 1e-3 and bias.grad.abs() < 1e-3
+
+
+def test_ordinary_pictures_set_the_threshold(trained):
+    detector = Detector.load(trained / "out" / "detector.pt")
+    left_out = fit.sources(fit.Config(images=str(trained / "pictures"), weights=None))[1]
+    scores = [fit.score_of(detector, picture) for picture in left_out]
+    assert detector.threshold.item() == pytest.approx(np.quantile(scores, 0.9), abs=1e-3)

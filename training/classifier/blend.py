@@ -1,0 +1,58 @@
+"""Averages of a network's weights before and after training, which keep more of its answers than
+the new weights and most of what these learnt (Wortsman et al., 2022)."""
+
+import copy
+
+import torch
+from torch import Tensor, nn
+from torch.utils.data import DataLoader, Dataset
+
+from moireaug.attacks import predicted
+from training.classifier.original import Original
+
+SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)  # of the new weights, tried in this order
+BATCH = 32  # images
+
+
+def blended(old: dict[str, Tensor], new: dict[str, Tensor], share: float) -> dict[str, Tensor]:
+    """Return the weights between two states of a network; counters stay as in the new one.
+
+    Args:
+        share: that of the new weights, in [0, 1].
+    """
+    between = {}
+    for name, weight in new.items():
+        if weight.is_floating_point():
+            weight = torch.lerp(old[name].to(weight), weight, share)
+        between[name] = weight
+    return between
+
+
+def keep_answers(model: nn.Module, original: Original, images: Dataset, kept: float) -> float:
+    """Move a trained model's weights towards the original's, as little as it takes to answer a
+    share of images as the original does; return the share of the new weights.
+
+    Args:
+        images: images (3, H, W) uint8 with labels, which are not used.
+        kept: least share of equal answers, in [0, 1]. Where no average of the weights has it, the
+            last of `SHARES` is taken.
+    """
+    old, new = original.model.state_dict(), copy.deepcopy(model.state_dict())
+    for share in SHARES:
+        model.load_state_dict(blended(old, new, share))
+        if _share_of_equal_answers(model, original, images) >= kept:
+            break
+    return share
+
+
+@torch.no_grad()
+def _share_of_equal_answers(model: nn.Module, original: Original, images: Dataset) -> float:
+    device = next(model.parameters()).device
+    training = model.training
+    model.eval()
+    equal = []
+    for codes, _ in DataLoader(images, BATCH):
+        batch = codes.to(device).float() / 255
+        equal.append(predicted(model(batch)) == original.answers(batch))
+    model.train(training)
+    return torch.cat(equal).double().mean().item()

@@ -1,0 +1,1 @@
+"""A detector of screen photos, trained on simulated ones alone: what `detect.py` does."""

@@ -1,0 +1,93 @@
+"""How well scores tell screens from other photos, with 95 % intervals, and what is mistaken."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+from scipy.stats import rankdata
+
+from moireaug.evaluation.statistics import wilson
+
+BOOTSTRAPS = 1000
+THUMBNAIL, COLUMNS, MISTAKES = 160, 8, 16  # pixels; of a sheet's rows; of each kind
+
+
+def auc(screens: np.ndarray, others: np.ndarray) -> float:
+    """Return the area under the ROC curve of scores: the share of pairs in order."""
+    ranks = rankdata(np.concatenate((screens, others)))[: len(screens)]
+    return float((ranks.mean() - (len(screens) + 1) / 2) / len(others))
+
+
+def equal_error_rate(screens: np.ndarray, others: np.ndarray) -> float:
+    """Return the error rate at the threshold where as many screens are missed as others called
+    screens."""
+    thresholds = np.sort(np.concatenate((screens, others)))
+    missed = (screens[:, None] < thresholds).mean(0)
+    alarms = (others[:, None] >= thresholds).mean(0)
+    nearest = np.abs(missed - alarms).argmin()
+    return float((missed[nearest] + alarms[nearest]) / 2)
+
+
+def found_at(screens: np.ndarray, others: np.ndarray, false_alarms: float) -> int:
+    """Return how many screens score above all but a share of the others."""
+    return int((screens > np.quantile(others, 1 - false_alarms, method="higher")).sum())
+
+
+def measures(screens: np.ndarray, others: np.ndarray, threshold: float) -> dict[str, Any]:
+    """Return a collection's figures: APCER is the share of screens (attacks) that pass, BPCER that
+    of other (bona fide) photos that do not, both at the detector's threshold."""
+    rng = np.random.default_rng(0)
+    draws = []
+    for _ in range(BOOTSTRAPS):
+        resampled = (rng.choice(scores, len(scores)) for scores in (screens, others))
+        draws.append(auc(*resampled))
+    passed, refused = int((screens <= threshold).sum()), int((others > threshold).sum())
+    found = found_at(screens, others, 0.1)
+    return {
+        "screens": len(screens),
+        "others": len(others),
+        "auc": auc(screens, others),
+        "auc_interval": np.quantile(draws, (0.025, 0.975)).tolist(),
+        "eer": equal_error_rate(screens, others),
+        "found_at_10": found / len(screens),
+        "found_at_10_interval": wilson(found, len(screens)),
+        "apcer": passed / len(screens),
+        "apcer_interval": wilson(passed, len(screens)),
+        "bpcer": refused / len(others),
+        "bpcer_interval": wilson(refused, len(others)),
+    }
+
+
+def roc_plot(scores: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> bytes:
+    """Return a PNG of the ROC curve of each collection: scores of screens, and of others."""
+    figure = Figure(figsize=(5, 4), layout="constrained")
+    axes = figure.subplots()
+    axes.set(xlabel="false alarms", ylabel="screens found", xlim=(0, 1), ylim=(0, 1.01))
+    for name, (screens, others) in scores.items():
+        thresholds = np.sort(np.concatenate((screens, others, [np.inf])))[::-1]
+        alarms = (others[:, None] >= thresholds).mean(0)
+        found = (screens[:, None] >= thresholds).mean(0)
+        axes.step(alarms, found, where="post", label=f"{name}, {auc(screens, others):.2f}")
+    axes.legend(loc="lower right", fontsize="small")
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=130)
+    return file.getvalue()
+
+
+def sheet(rows: Sequence[Sequence[Image.Image]]) -> bytes:
+    """Return a PNG of small pictures, each row of pictures beginning a new line."""
+    lines = [row[i : i + COLUMNS] for row in rows for i in range(0, len(row), COLUMNS)]
+    canvas = Image.new("RGB", (COLUMNS * THUMBNAIL, max(1, len(lines)) * THUMBNAIL), "white")
+    for y, line in enumerate(lines):
+        for x, picture in enumerate(line):
+            small = picture.copy()
+            small.thumbnail((THUMBNAIL - 4, THUMBNAIL - 4))
+            canvas.paste(small, (x * THUMBNAIL, y * THUMBNAIL))
+    file = io.BytesIO()
+    canvas.save(file, "PNG")
+    return file.getvalue()

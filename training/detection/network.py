@@ -1,0 +1,175 @@
+"""The detector: a published network's stages, pooled, looked at twice and weighed by two heads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from PIL import Image
+from torch import Tensor, nn
+from torchvision.transforms.v2.functional import pil_to_tensor
+
+from moireaug.common.files import atomic_replacement
+from moireaug.common.image_checks import check_images
+from moireaug.common.weights import read_weights
+from training.models.classifiers import as_model
+
+PHOTO_SIDE = 1024  # longest side at which photos are looked at, pixels: as messengers send them
+CROP_SIDE, WHOLE_SIDE = 224, 256  # of what the network sees, pixels
+# middles of the crops, as shares of a photo's height and width
+PLACES = ((0.2, 0.25), (0.2, 0.75), (0.5, 0.5), (0.8, 0.25), (0.8, 0.75))
+STAGES = ("layer1", "layer2", "layer3", "layer4")  # of torchvision's ResNets
+LOOKS = ("crop", "whole")
+FILE_ADVICE = "Pass a file that training/detect.py train wrote."
+
+
+class Detector(nn.Module):
+    """Scores of photos: above `threshold`, a photo is taken to be one of a screen.
+
+    A photo is looked at twice: in crops at its own pixels, for the panel's pattern, and whole and
+    small, for what is around a screen. Each look has a linear head on the mean and the deviation
+    of every stage of the network; the score is the crops' mean and maximum and the whole photo's,
+    added up.
+
+    Args:
+        backbone: name of a ResNet of torchvision. weights: of it, see `as_model`; None leaves it
+            random.
+
+    Raises:
+        ValueError: a network without the stages of a ResNet, or weights that do not fit.
+    """
+
+    threshold: Tensor
+
+    def __init__(self, backbone: str, weights: str | None = None) -> None:
+        super().__init__()
+        network = as_model(backbone, 1000, weights)
+        stages = dict(network.named_modules())
+        missing = [stage for stage in STAGES if f"model.{stage}" not in stages]
+        if missing:
+            raise ValueError(
+                f"backbone must be a ResNet of torchvision, with the stages {', '.join(STAGES)}; "
+                f"{backbone!r} has no {missing[0]}. Pass backbone=resnet18."
+            )
+        self.backbone, self.network = backbone, network.requires_grad_(False).eval()
+        self._means: list[Tensor] = []
+        for stage in STAGES:
+            stages[f"model.{stage}"].register_forward_hook(self._keep)
+        with torch.no_grad():
+            width = self.features(torch.zeros(1, 3, CROP_SIDE, CROP_SIDE)).shape[1]
+        self.heads = nn.ModuleDict({look: nn.Linear(width, 1) for look in LOOKS})
+        self.register_buffer("threshold", torch.zeros(()))
+
+    def _keep(self, stage: nn.Module, inputs: Any, output: Tensor) -> None:
+        self._means += [output.mean((2, 3)), output.std((2, 3))]
+
+    def features(self, images: Tensor) -> Tensor:
+        """Return features (B, F) of images (B, 3, H, W) in [0, 1]."""
+        self._means = []
+        self.network(images)
+        pooled, self._means = torch.cat([mean.float() for mean in self._means], 1), []
+        return pooled
+
+    def train(self, mode: bool = True) -> Detector:
+        """Leave the network's batch statistics alone."""
+        super().train(mode)
+        self.network.eval()
+        return self
+
+    def forward(self, photos: Tensor) -> Tensor:
+        """Return scores (B,) of photos (B, 3, H, W) in [0, 1], of any size. Differentiable."""
+        photos = at_photo_size(check_images(photos))
+        crops = crops_of(photos)
+        logits = self.heads["crop"](self.features(crops.flatten(0, 1))).view(crops.shape[:2])
+        whole = F.interpolate(photos, (WHOLE_SIDE, WHOLE_SIDE), mode="bilinear", antialias=True)
+        whole_logit = self.heads["whole"](self.features(whole))[:, 0]
+        return pooled_score(logits, whole_logit)
+
+    def save(self, path: Path) -> None:
+        """Write the detector to a file, its network included."""
+        content = {"backbone": self.backbone, "state": self.state_dict()}
+        with atomic_replacement(path) as temporary:
+            torch.save(content, temporary)
+
+    @staticmethod
+    def load(path: str | Path) -> Detector:
+        """Return the detector of a file.
+
+        Raises:
+            ValueError: no such file, or one of something else.
+        """
+        content = read_weights(path, "the detector", FILE_ADVICE)
+        if not isinstance(content, dict) or set(content) != {"backbone", "state"}:
+            raise ValueError(f"the file {str(path)!r} holds no detector. {FILE_ADVICE}")
+        detector = Detector(content["backbone"])
+        detector.load_state_dict(content["state"])
+        return detector.eval()
+
+
+def pooled_score(crops: Tensor, whole: Tensor) -> Tensor:
+    """Return the scores (B,) of photos, of the logits of their crops (B, crops) and of the whole
+    ones (B,)."""
+    return crops.mean(1) + crops.amax(1) + whole
+
+
+def at_photo_size(photos: Tensor) -> Tensor:
+    """Return photos (B, 3, H, W) shrunk to `PHOTO_SIDE`, or enlarged until a crop fits."""
+    height, width = photos.shape[-2:]
+    factor = min(1.0, PHOTO_SIDE / max(height, width))
+    factor = max(factor, CROP_SIDE / min(height, width))
+    if factor == 1:
+        return photos
+    size = [max(CROP_SIDE, round(side * factor)) for side in (height, width)]
+    return F.interpolate(photos, size, mode="bicubic", antialias=True).clamp(0, 1)
+
+
+def crops_of(photos: Tensor) -> Tensor:
+    """Return the crops (B, crops, 3, side, side) of photos (B, 3, H, W)."""
+    height, width = photos.shape[-2:]
+    crops = []
+    for y, x in PLACES:
+        top = min(max(int(y * height - CROP_SIDE / 2), 0), height - CROP_SIDE)
+        left = min(max(int(x * width - CROP_SIDE / 2), 0), width - CROP_SIDE)
+        crops.append(photos[..., top : top + CROP_SIDE, left : left + CROP_SIDE])
+    return torch.stack(crops, 1)
+
+
+def as_photo(picture: Image.Image) -> Tensor:
+    """Return a picture as a photo (1, 3, H, W) in [0, 1], at most `PHOTO_SIDE` long."""
+    picture = picture.copy()
+    picture.thumbnail((PHOTO_SIDE, PHOTO_SIDE), Image.Resampling.LANCZOS)
+    return pil_to_tensor(picture)[None].float() / 255
+
+
+@torch.enable_grad()
+def fit_head(head: nn.Module, features: Tensor, is_screen: Sequence[bool], penalty: float) -> None:
+    """Fit a head by logistic regression, screens and others weighing the same.
+
+    Args:
+        head: nn.Linear(F, 1). features: (N, F) of the examples. is_screen: N truths.
+        penalty: of the squared weights of standardised features, per example.
+    """
+    truth = torch.tensor(is_screen, dtype=torch.float64)
+    mean, std = features.double().mean(0), features.double().std(0) + 1e-6
+    rows = (features.double() - mean) / std
+    share = truth.mean()
+    weight = torch.where(truth > 0, 0.5 / share, 0.5 / (1 - share))
+    slope = torch.zeros(rows.shape[1], dtype=torch.float64, requires_grad=True)
+    bias = torch.zeros((), dtype=torch.float64, requires_grad=True)
+    optimiser = torch.optim.LBFGS([slope, bias], max_iter=200, line_search_fn="strong_wolfe")
+
+    def loss() -> Tensor:
+        optimiser.zero_grad()
+        logits = rows @ slope + bias
+        total = F.binary_cross_entropy_with_logits(logits, truth, weight)
+        total = total + penalty / 2 * slope.square().sum()
+        total.backward()
+        return total
+
+    optimiser.step(loss)
+    weight = (slope / std).detach()
+    state = {"weight": weight[None], "bias": (bias - weight @ mean).detach()[None]}
+    head.load_state_dict(state)

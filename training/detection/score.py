@@ -1,0 +1,137 @@
+"""Score the photos of a folder: which are of screens?
+
+    python training/detect.py score in=DIR detector=runs/detect/detector.pt
+
+Writes scores.csv into out=DIR. Where photos lie in folders whose names begin with "real" or
+"screen", at any depth, these are taken for the truth, and the folders of in=DIR that hold them for
+collections: AUC, equal error rate, APCER and BPCER are printed for each, with 95 % intervals, and
+written with a plot of the ROC curves and a sheet of the mistakes (screens that were missed, then
+other photos called screens)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from omegaconf import MISSING
+from tqdm import tqdm
+
+from moireaug.common.files import write_bytes, write_text
+from moireaug.common.image_files import read_picture
+from moireaug.synthesis.pictures import Pictures
+from training.config.commands import parse, report_errors
+from training.config.settings import setting
+from training.detection.fit import score_of
+from training.detection.measures import MISTAKES, measures, roc_plot, sheet
+from training.detection.network import Detector
+from training.system.files import make_folder
+
+EXAMPLE = "python training/detect.py score in=DIR detector=runs/detect/detector.pt"
+LABELS = {"real": False, "screen": True}
+
+
+@dataclass
+class Config:
+    """All settings of the command."""
+
+    in_: str = setting(MISSING, "a folder of photos")
+    detector: str = setting(MISSING, "a file that training/detect.py train wrote")
+    out: str = setting("runs/scores", "the folder of the results")
+
+
+def truth_of(name: str) -> bool | None:
+    """Return whether a photo lies in a folder of screens, or None in one of neither kind."""
+    for part in reversed(PurePosixPath(name.lower()).parts[:-1]):
+        for label, is_screen in LABELS.items():
+            if part.startswith(label):
+                return is_screen
+    return None
+
+
+def collection_of(name: str) -> str:
+    """Return the folder of the top that a photo lies in; "" where that is one of a label."""
+    parts = PurePosixPath(name).parts
+    return parts[0] if truth_of(f"{parts[0]}/photo") is None and len(parts) > 1 else ""
+
+
+def score(cfg: Config) -> pd.DataFrame:
+    """Score, measure, write and print; return the table of scores.
+
+    Raises:
+        ValueError: no photos, or a file that holds no detector.
+        OSError: the disk is full or not writable.
+    """
+    detector, pictures = Detector.load(cfg.detector), Pictures(cfg.in_, 1)
+    out = Path(cfg.out)
+    make_folder(out, "out=DIR")
+    rows: list[dict[str, Any]] = []
+    for name in tqdm(pictures.names, unit="photo", disable=None):
+        try:
+            found = score_of(detector, read_picture(pictures.folder / name))
+        except ValueError as error:
+            print(f"not scored: {error}")
+            continue
+        rows.append({"photo": name, "score": found, "screen": found > detector.threshold.item()})
+    table = pd.DataFrame(rows)
+    write_text(out / "scores.csv", table.to_csv(index=False))
+    print(
+        f"Screens: {int(table.screen.sum())} of {len(table)} photos. Written: {out / 'scores.csv'}"
+    )
+    table["truth"] = [truth_of(name) for name in table.photo]
+    if set(table.truth.dropna()) == {False, True}:
+        judge(table[table.truth.notna()], detector.threshold.item(), pictures.folder, out)
+    return table
+
+
+def judge(table: pd.DataFrame, threshold: float, folder: Path, out: Path) -> None:
+    """Measure how well the scores tell the truth, by collection; write and print.
+
+    Args:
+        table: a row for each photo: photo, score, truth. folder: of the photos.
+    """
+    scores: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for name, rows in table.groupby(table.photo.map(collection_of)):
+        is_screen = rows.truth.astype(bool)
+        if is_screen.nunique() == 2:
+            scores[str(name) or folder.name] = (
+                rows.score[is_screen].to_numpy(),
+                rows.score[~is_screen].to_numpy(),
+            )
+    found = {name: measures(*both, threshold) for name, both in scores.items()}
+    write_text(out / "measures.json", json.dumps(found, indent=1))
+    write_bytes(out / "roc.png", roc_plot(scores))
+    is_screen = table.truth.astype(bool)
+    missed = table[is_screen].nsmallest(MISTAKES, "score").photo
+    alarms = table[~is_screen].nlargest(MISTAKES, "score").photo
+    pictures = [[read_picture(folder / name) for name in names] for names in (missed, alarms)]
+    write_bytes(out / "mistakes.png", sheet(pictures))
+    for name, row in found.items():
+        print(line_of(name, row))
+    mean = np.mean([row["auc"] for row in found.values()])
+    print(f"Mean AUC of {len(found)}: {mean:.3f}. Written: {out / 'measures.json'}")
+
+
+def line_of(name: str, row: dict[str, Any]) -> str:
+    """Return a collection's figures as a line."""
+    parts = [f"{name}: {row['screens']} screens, {row['others']} others, AUC {row['auc']:.2f}"]
+    parts[0] += " ({:.2f} to {:.2f})".format(*row["auc_interval"])
+    parts.append(f"EER {row['eer']:.2f}")
+    for key, label in (("found_at_10", "found at 10 %"), ("apcer", "APCER"), ("bpcer", "BPCER")):
+        low, high = row[f"{key}_interval"]
+        parts.append(f"{label} {row[key]:.2f} ({low:.2f} to {high:.2f})")
+    return ", ".join(parts)
+
+
+configure = partial(parse, schema=Config, example=EXAMPLE, description=__doc__)
+
+
+def main(argv: Sequence[str]) -> None:
+    """Run the command line, or exit with a one-line error."""
+    with report_errors("Interrupted before the scores were written."):
+        score(configure(argv))
