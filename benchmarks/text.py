@@ -17,7 +17,7 @@ import sys
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -25,7 +25,6 @@ import pandas as pd
 import torch
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw, ImageFont
-from rapidocr_onnxruntime import RapidOCR
 from torch import Tensor
 from torchmetrics.functional.text import char_error_rate
 
@@ -51,6 +50,7 @@ take only little work know place year live me back give most very after thing ou
 name good man
 """
 WORDS = COMMON_WORDS.split()
+KINDS = ("page", "interface")
 # background, ink and box of interfaces, in codes
 COLOURS = (
     ((250, 250, 250), (20, 20, 20), (225, 235, 250)),
@@ -105,7 +105,7 @@ def drawn(kind: str, size: int, side: int, seed: int) -> Page:
 
 def pages_of(size: int, sizes: Sizes) -> list[Page]:
     """Return pages and interfaces in turn, of one size of type."""
-    kinds = ("page", "interface") * (sizes.shots // 2)
+    kinds = KINDS * (sizes.shots // len(KINDS))
     return [drawn(kind, size, sizes.side, seed) for seed, kind in enumerate(kinds)]
 
 
@@ -118,8 +118,10 @@ def without_spaces(text: str) -> str:
 
 
 @cache
-def reader(side: int) -> RapidOCR:
+def reader(side: int) -> Any:
     """Return RapidOCR, which searches pictures of this side at their own size."""
+    from rapidocr_onnxruntime import RapidOCR  # no requirement of what only draws
+
     threads = {"intra_op_num_threads": 1, "inter_op_num_threads": 1}
     return RapidOCR(det_limit_side_len=side, det_limit_type="min", use_cls=False, **threads)
 

@@ -8,6 +8,7 @@ import runpy
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -26,6 +27,8 @@ from benchmarks import (
     rejecting,
     released,
     suites,
+    text,
+    text_pairs,
     training_steps,
     watermark_networks,
 )
@@ -283,6 +286,30 @@ def test_text(ran, tmp_path):
     assert set(table["state"]) == {"picture", "photo", "twin", "cleaned"}
     assert (table.loc[table["state"] == "picture", "error"] < 0.05).all()
     assert (tmp_path / "text.png").stat().st_size > 1000
+
+
+def test_pages_are_drawn_with_their_text():
+    for kind in ("page", "interface"):
+        page, again, other = (text.drawn(kind, 16, 256, seed) for seed in (0, 0, 1))
+        assert torch.equal(page.picture, again.picture) and page.text == again.text != other.text
+        assert len(page.text) > 40 and not set(page.text) & set(" \n")
+        assert page.picture.shape == (3, 256, 256) and page.picture.std() > 0.1
+
+
+def test_a_photo_is_brought_to_its_screenshot_s_frame():
+    pages = [text.drawn(kind, 26, 400, seed).picture for seed, kind in enumerate(text.KINDS)]
+    screenshot = (255 * torch.cat(pages, 2)).byte().permute(1, 2, 0).contiguous().numpy()
+    seen = np.array([[120, 40], [560, 70], [540, 370], [100, 350]], np.float32)
+    corners = np.array([[0, 0], [599, 0], [599, 399], [0, 399]], np.float32)
+    to_photo = cv2.getPerspectiveTransform(seen, corners)
+    photo = cv2.warpPerspective(screenshot, to_photo, (600, 400))
+    part = text_pairs.part_of(photo, screenshot)
+    middle = np.s_[40:-40, 40:-40]
+    difference = part.photo[middle].astype(float) - part.picture[middle]
+    assert np.abs(difference).mean() < 0.25 * screenshot.std()
+    assert part.panel_pixels == pytest.approx(420, abs=5)  # between the inner two of four corners
+    assert part.shrink == pytest.approx(4032 / 600)
+    assert text_pairs.part_of(np.full_like(photo, 128), screenshot) is None
 
 
 def test_codes_as_they_are_drawn_are_read():
