@@ -96,7 +96,7 @@ def main() -> None:
     parser.add_argument("photos", help="a folder of collections")
     parser.add_argument("--detector", type=Path, required=True)
     parser.add_argument("--images", required=True, help="a folder of ordinary pictures")
-    args, n, _ = measure.begin(parser, 300, 4)
+    args, n, _ = measure.begin(parser, 150, 4)
     torch.manual_seed(0)
     detector, pictures = Detector.load(args.detector), Pictures(args.photos, 1)
     names = [name for name in pictures.names if truth_of(name) is not None]

@@ -134,7 +134,7 @@ def blend_best(
         return
     kept = classifier.train_cfg.kept
     share = keep_answers(classifier.model, original, splits.val, kept)
-    print_once(f"Kept weights: {share:.0%} new, the rest the original's.")
+    print_once(f"Weights: {share:.0%} new, {1 - share:.0%} the original's.")
     if is_first():
         blended = checkpoint | {"new_share": share, "state_dict": classifier.state_dict()}
         AtomicCheckpointIO().save_checkpoint(blended, path)

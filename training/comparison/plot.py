@@ -1,5 +1,6 @@
 """The plot of robustness against training time: a point for each recipe, with its name."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ from training.report.plots import (
 )
 
 SIZE_INCHES, DPI = (10.0, 4.9), 100  # 1000 x 490 pixels
+TITLE_WIDTH = 110  # characters of a line of the title
 PANELS = {"worst_4": "noise up to 4/255", "worst_8": "noise up to 8/255"}
 # looks of the recipes on the front and behind it, and the places of their names: the front rises to
 # a point and leaves it to the right
@@ -58,7 +60,8 @@ def figure(recipes: Sequence[RecipeSummary], shared: Mapping[str, Any]) -> Figur
         ax.xaxis.set_major_formatter("{x:g}×")
     panels[0].set_ylabel("accuracy at the worst attacker, %", size=10, color=TEXT_COLOUR)
     facts = "{data}, {model}, {scene}; n = {n}, {steps} steps, eps in {bound}".format(**shared)
-    fig.suptitle(f"What robustness costs: {facts}", size=11.5, color=TEXT_COLOUR, parse_math=False)
+    title = textwrap.fill(f"What robustness costs: {facts}", TITLE_WIDTH)
+    fig.suptitle(title, size=11.5, color=TEXT_COLOUR, parse_math=False)
     handles, labels = panels[0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     look = {"frameon": False, "fontsize": 9, "labelcolor": TEXT_COLOUR}

@@ -4,7 +4,7 @@
 
 `images` is a folder of ordinary pictures, of any content; without it, they are drawn. Screens that
 show them are photographed in the scenes of "anywhere", as crops and as whole screens in rooms;
-negatives are the pictures, the same photos without moiré, and prints in rooms, all as JPEG.
+negatives are the pictures and rooms, the same photos without moiré, and prints, all as JPEG.
 `weights` is a state_dict of the backbone, a ResNet of torchvision, or the name of published ones,
 such as DEFAULT; its stages stay as they are, and two linear heads on them are fitted. By the
 threshold, `false_alarms` of the photos in `ordinary` are called screens, or of a tenth of the
