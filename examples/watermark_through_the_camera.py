@@ -1,8 +1,8 @@
 """Put the capture inside your own network, as a differentiable layer.
 
 An encoder hides 64 bits in images of 128 px, the image is photographed off a screen, and a decoder
-reads the photo. The decoder's gradient reaches the encoder through the camera. Trained without a
-camera, the mark does not survive a photo. `benchmarks/watermarks.py` compares with other layers.
+reads the photo. The decoder's gradient reaches the encoder through the camera. How other layers do
+is in docs/through_the_screen.md.
 
     python examples/watermark_through_the_camera.py
 
