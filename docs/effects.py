@@ -55,7 +55,7 @@ FLICKER = {
     "sensor": {"shutter": 1 / 500, "readout": 1 / 40},
 }
 EFFECTS: dict[str, Scene] = {
-    "nothing called for:\nthe image, bit for bit": PLAIN,
+    "no effect:\nthe image, bit for bit": PLAIN,
     **{
         f"layout {name},\nmagnified 16 times": close(name)
         for name in LAYOUTS
