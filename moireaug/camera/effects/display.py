@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, format_range, verdict_of
@@ -17,6 +19,7 @@ from moireaug.scene.geometry.frame import FrameSize
 from moireaug.scene.geometry.lattice import CFA
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import ShotGeometry
 
 
 class BlackLevel(Effect):
@@ -61,8 +64,8 @@ def glare_share(u: Tensor, v: Tensor, size: FrameSize, panel: DrawnPanel) -> Ten
     return panel.glare[:, None, None] * (1 + across + along)
 
 
-def white_readings(shot: ShotRecord) -> Tensor:
-    """Return the mean reading of a white screen in each plane, (B, planes)."""
+def white_readings(shot: ShotGeometry) -> Any:
+    """Return the mean reading of a white screen in each plane, (B, planes) float64."""
     layout = shot.scene.panel.cell
     light = mean_light(layout, *emitting_share(shot.panel))
     light = (filters_of(shot) @ light[..., None])[..., 0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.camera.panel.fourier import emitting_share, mean_light
 from moireaug.engine.lower.exposure_records import Cell
-from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import HostGeometry
 
 
 def lower_cell(
@@ -63,7 +63,6 @@ def cell_of_whole_pixels(taps: int) -> Cell:
     return lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, taps // 2)
 
 
-def mean_light_of(shot: ShotRecord) -> np.ndarray:
+def mean_light_of(geometry: HostGeometry) -> np.ndarray:
     """Return the share of the panel's area that emits each colour, (B, 3) float64."""
-    layout = shot.scene.panel.cell
-    return mean_light(layout, *emitting_share(shot.panel)).detach().numpy()
+    return mean_light(geometry.scene.panel.cell, *emitting_share(geometry.panel))
