@@ -11,7 +11,7 @@ from moireaug.camera.effects.readings import in_planes, photo_coordinates, photo
 from moireaug.camera.effects.srgb import in_codes
 from moireaug.camera.exposure.extreme_light import max_glare
 from moireaug.camera.exposure.filters import filters_of
-from moireaug.camera.panel.fourier import emitting_share, mean_light
+from moireaug.camera.panel.fourier import mean_light_of
 from moireaug.common.numeric import per_image
 from moireaug.scene.drawn_parts import DrawnPanel
 from moireaug.scene.fields import bounds
@@ -66,9 +66,7 @@ def glare_share(u: Tensor, v: Tensor, size: FrameSize, panel: DrawnPanel) -> Ten
 
 def white_readings(shot: ShotGeometry) -> Any:
     """Return the mean reading of a white screen in each plane, (B, planes) float64."""
-    layout = shot.scene.panel.cell
-    light = mean_light(layout, *emitting_share(shot.panel))
-    light = (filters_of(shot) @ light[..., None])[..., 0]
+    light = (filters_of(shot) @ mean_light_of(shot)[..., None])[..., 0]
     channels: list[int] = []
     for site in CFA[shot.scene.filter_cell]:
         channels.extend(site.channels)

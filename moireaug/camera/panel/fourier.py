@@ -11,9 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.common.numeric import array_like, library_of
+from moireaug.common.numeric import array_like
 from moireaug.scene.drawn_parts import DrawnPanel
 from moireaug.scene.layout import Layout
+from moireaug.scene.shot_geometry import ShotGeometry
 from moireaug.scene.subpixel import Subpixel
 
 Orders = tuple[int, int]  # of a harmonic along x and y: cycles per cell
@@ -61,20 +62,22 @@ def mean_light(layout: Layout, width: Any, height: Any) -> Any:
     return (width * height)[:, None] * array_like(density, width)
 
 
+def mean_light_of(shot: ShotGeometry) -> Any:
+    """Return the share of a shot's panel's area that emits each channel, (B, 3)."""
+    return mean_light(shot.scene.panel.cell, *emitting_share(shot.panel))
+
+
 def emitting_share(panel: DrawnPanel) -> tuple[Any, Any]:
     """Return the shares of a subpixel's two edges that emit: (B,) each, of the panel's library."""
     side = panel.lit**0.5
     return side * panel.lit_x, side * panel.lit_y
 
 
-def amplitudes_of(
-    layout: Layout, harmonics: tuple[Orders, ...], panel: DrawnPanel
-) -> tuple[Any, ...]:
+def amplitudes_of(shot: ShotGeometry, harmonics: tuple[Orders, ...]) -> tuple[Any, ...]:
     """Return twice the Fourier coefficients of each channel's light about the corner of the cell,
-    (3, K, B) float64 each, real and imaginary part, of the panel's library."""
-    width, height = emitting_share(panel)
-    xp = library_of(width)
-    channels, table = _waves(layout, harmonics)
+    (3, K, B) float64 each, real and imaginary part, of the shot's library."""
+    xp, (width, height) = shot.xp, emitting_share(shot.panel)
+    channels, table = _waves(shot.scene.panel.cell, harmonics)
     waves = torch.from_numpy(table).to(width.device) if xp is torch else table
     along, beside, density, cosine, sine = waves
     amplitude = width * height * density * xp.sinc(along * width) * xp.sinc(beside * height)

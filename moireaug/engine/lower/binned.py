@@ -10,9 +10,9 @@ import torch
 from moireaug.camera.effects.binned_statistics import pixels_per_value
 from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
-from moireaug.camera.panel.fourier import amplitudes_of
+from moireaug.camera.panel.fourier import amplitudes_of, mean_light_of
 from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
-from moireaug.engine.lower.cell import cell_of_whole_pixels, mean_light_of
+from moireaug.engine.lower.cell import cell_of_whole_pixels
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, FullView
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.frame import Frame
@@ -127,8 +127,8 @@ def _beats_of(
 ) -> Beats:
     """Return a shot's Beats; sensors: the cameras of sensor pixels."""
     scene, plan = geometry.scene, geometry.plan
-    layout, harmonics, resize = scene.panel.cell, plan.method.harmonics, scene.develop.resize
-    waves = np.stack(amplitudes_of(layout, harmonics, geometry.panel), -1)
+    harmonics, resize = plan.method.harmonics, scene.develop.resize
+    waves = np.stack(amplitudes_of(geometry, harmonics), -1)
     waves = np.ascontiguousarray(waves.transpose(2, 0, 1, 3))  # (B, 3, K, 2)
     triangle = 1 / scales.enlargement if resize == "antialias" else np.zeros(len(sensors))
     return Beats(
@@ -139,7 +139,7 @@ def _beats_of(
         ratio=content.ratio,
         centres=0.5 + content.shift,
         start=np.ascontiguousarray(content.start),
-        period=np.array(layout.period, np.int64),
+        period=np.array(scene.panel.cell.period, np.int64),
         orders=np.array(harmonics, np.int64).reshape(-1, 2),
         coefficients=waves.astype(np.float32),
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),

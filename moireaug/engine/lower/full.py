@@ -6,13 +6,12 @@ import functools
 
 import numpy as np
 
-from moireaug.camera.panel.fourier import emitting_share, own_orders
+from moireaug.camera.panel.fourier import emitting_share, mean_light_of, own_orders
 from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
 from moireaug.engine.lower.cell import (
     cell_of_whole_pixels,
     highest_orders,
     lower_cell,
-    mean_light_of,
 )
 from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
 from moireaug.scene.draws import MAX_CACHED_SCENES
