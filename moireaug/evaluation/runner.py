@@ -73,7 +73,6 @@ class _Batch:
     """Images (B, 3, H, W), their classes (B,), the classes (B,) that targeted attacks aim at, and
     the random numbers of the batch."""
 
-    index: int
     images: Tensor
     labels: Tensor
     targets: Tensor
@@ -154,7 +153,7 @@ class Runner:
         draws = BatchDraws(self.setup.seed, index)
         with restored_generators(images.device):
             classes = class_count(self.model, images, labels)
-        return _Batch(index, images, labels, draws.targets(labels, classes), draws)
+        return _Batch(images, labels, draws.targets(labels, classes), draws)
 
     def _scene_batches(self, condition: Condition, batch: _Batch) -> SceneBatches:
         """Return the images with their shots, a batch for each scene of a mixture."""
@@ -195,13 +194,13 @@ class Runner:
                 predictions = scene_batches.predictions(classifier, images)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
-                    "key": self.key(condition, classifier, batch.index),
+                    "key": self.key(condition, classifier, draws.index),
                     "model": self.model_identity,
                     "condition": condition.name,
                     "settings": condition.settings(),
                     "bound": condition.eps_unit(self.setup.bound),
                     "judge": classifier.name,
-                    "batch": batch.index,
+                    "batch": draws.index,
                     "labels": batch.labels.tolist(),
                     "targets": batch.targets.tolist(),
                     "predicted": predictions.tolist(),
@@ -209,7 +208,7 @@ class Runner:
                     "seconds": seconds,
                 }
                 records.append(record)
-        if batch.index == 0:
+        if draws.index == 0:
             self.records.keep_picture(self.picture_name(condition), images)
         return records
 
