@@ -38,6 +38,7 @@ class APGDTAttacker(Attacker):
     classes: int = 9
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.targeted:
             raise ValueError(
                 f"{type(self).__name__} goes toward several classes, and succeeds with any: leave "

@@ -28,6 +28,10 @@ class Cell:
     classifier: Classifier = UNDEFENDED
     worst: bool = False
 
+    def __post_init__(self) -> None:
+        if not self.conditions:
+            raise ValueError(f"a cell must have a condition or more; {self.place} has none.")
+
     @property
     def place(self) -> tuple[str, str]:
         """Row and column."""
@@ -64,8 +68,12 @@ class Table:
 
     def __post_init__(self) -> None:
         places = [cell.place for cell in self.cells]
-        if len(set(places)) < len(places):
-            raise ValueError(f"table {self.name!r} has two cells of one row and column.")
+        for place in places:
+            if places.count(place) > 1:
+                raise ValueError(
+                    f"table {self.name!r} has two cells of the row and column {place}. Give one "
+                    "another row, or put the conditions of both into one cell."
+                )
 
     def cell(self, row: str, column: str) -> Cell | None:
         """Return the cell of that row and column, or None."""

@@ -7,10 +7,19 @@ import pytest
 
 from moireaug import Scene
 from moireaug.defenses import JPEG
-from moireaug.evaluation import GROUPS, SUITES, SuiteConfig, Table, images_frame, rates, tables_of
-from moireaug.evaluation.attackers import MoireAttacker
+from moireaug.evaluation import (
+    GROUPS,
+    SUITES,
+    Cell,
+    SuiteConfig,
+    Table,
+    images_frame,
+    rates,
+    tables_of,
+)
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED
-from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
+from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire, RandomNoise
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import cross
 from moireaug.mixtures import scenes_of
@@ -63,10 +72,39 @@ def own_suite(config):
 def test_a_function_is_a_suite():
     (table,) = tables_of(own_suite, CONFIG)
     assert table.columns == ["photo", "ma"]
-    assert [one.name for one in tables_of(lambda config: [table, table], CONFIG)] == ["own", "own"]
+    other = dataclasses.replace(table, name="other")
+    assert tables_of(lambda config: [table, other], CONFIG) == [table, other]
     for other in (lambda config: "own", lambda config: None, lambda config: [3]):
         with pytest.raises(TypeError, match=r"suite must return a moireaug\.evaluation\.Table, or"):
             tables_of(other, CONFIG)
+
+
+WRONG_SUITES = {  # a function of a user's, and what it is told
+    "attack": (lambda: PixelAttacker(attack="pdg", eps=0.1, steps=1), "Did you mean 'pgd'"),
+    # whose camera would be of another scene
+    "an attack by a camera": (lambda: PixelAttacker(attack="ma", eps=0, steps=1), "one of 'pgd'"),
+    "eps": (lambda: RandomNoise(eps=8), "eps is in .0, 1. units.*Divide by 255"),
+    "no condition": (lambda: Cell("row", "column", ()), "row.*has none"),
+    "one place": (lambda: Table("t", 2 * (Cell("a", "b", (Photo(),)),)), "two cells of .*'a', 'b'"),
+    "one name": (
+        lambda: tables_of(lambda _: 2 * [Table("t", ())], CONFIG),
+        "different names.*t, t",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_SUITES)
+def test_a_wrong_suite_is_refused_when_it_is_laid_out(name):
+    make, message = WRONG_SUITES[name]
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_targeted_attacker_says_so_in_its_name():
+    """Or it could not stand beside the untargeted one."""
+    for kind, settings in ((MoireAttacker, {}), (PixelAttacker, {"attack": "pgd"})):
+        attacker = kind(eps=4 / 255, steps=1, targeted=True, **settings)
+        assert attacker.name == dataclasses.replace(attacker, targeted=False).name + "_targeted"
 
 
 def test_conditions_of_one_name_are_one():
