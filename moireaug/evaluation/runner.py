@@ -49,7 +49,7 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
     every classifier without a defence: success counts the images that it gets right.
 
     Raises:
-        ValueError: two conditions of one name that differ.
+        ValueError: two conditions, or two classifiers of one condition, of one name that differ.
     """
     conditions: dict[str, Condition] = {CLEAN.name: CLEAN}
     classifiers: dict[str, dict[str, Classifier]] = {CLEAN.name: {UNDEFENDED.name: UNDEFENDED}}
@@ -62,10 +62,18 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
                         f"two conditions are called {condition.name!r}, and their records would "
                         f"be mixed up: {first!r} and {condition!r}. Give one another name."
                     )
-                classifiers.setdefault(condition.name, {})[cell.classifier.name] = cell.classifier
-            base = cell.classifier.base
-            classifiers[CLEAN.name][base.name] = base
+                _add(cell.classifier, classifiers.setdefault(condition.name, {}))
+            _add(cell.classifier.base, classifiers[CLEAN.name])
     return [Job(conditions[name], tuple(classifiers[name].values())) for name in conditions]
+
+
+def _add(classifier: Classifier, classifiers: dict[str, Classifier]) -> None:
+    """Add a classifier to those of a condition, by name."""
+    if classifiers.setdefault(classifier.name, classifier) != classifier:
+        raise ValueError(
+            f"two classifiers of one condition are called {classifier.name!r}, and their records "
+            "would be mixed up. Give one another name."
+        )
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,13 @@ class Cell:
     worst: bool = False
 
     def __post_init__(self) -> None:
-        if not self.conditions:
-            raise ValueError(f"a cell must have a condition or more; {self.place} has none.")
+        of = self.conditions
+        is_tuple = isinstance(of, (tuple, list)) and all(isinstance(one, Condition) for one in of)
+        if not (is_tuple and of):
+            raise TypeError(
+                f"the cell {self.place} takes a tuple of one or more conditions, as in (Photo(),); "
+                f"got {of!r}."
+            )
 
     @property
     def place(self) -> tuple[str, str]:

@@ -18,8 +18,9 @@ from moireaug.evaluation import (
     tables_of,
 )
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
-from moireaug.evaluation.classifiers import UNDEFENDED
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire, RandomNoise
+from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import cross
 from moireaug.mixtures import scenes_of
@@ -79,13 +80,25 @@ def test_a_function_is_a_suite():
             tables_of(other, CONFIG)
 
 
+PHOTO = {"photo": Photo()}
+
+
+def by_jpeg(quality):
+    return Classifier("jpeg", JPEG(quality))
+
+
 WRONG_SUITES = {  # a function of a user's, and what it is told
     "attack": (lambda: PixelAttacker(attack="pdg", eps=0.1, steps=1), "Did you mean 'pgd'"),
     # whose camera would be of another scene
     "an attack by a camera": (lambda: PixelAttacker(attack="ma", eps=0, steps=1), "one of 'pgd'"),
     "eps": (lambda: RandomNoise(eps=8), "eps is in .0, 1. units.*Divide by 255"),
-    "no condition": (lambda: Cell("row", "column", ()), "row.*has none"),
+    "no condition": (lambda: Cell("row", "column", ()), "'row'.*one or more conditions.*got ()"),
+    "no tuple": (lambda: Cell("row", "column", Photo()), r"as in \(Photo\(\),\); got Photo"),
     "one place": (lambda: Table("t", 2 * (Cell("a", "b", (Photo(),)),)), "two cells of .*'a', 'b'"),
+    "one classifier": (
+        lambda: jobs_of([Table("t", tuple(cross({"a": by_jpeg(20), "b": by_jpeg(60)}, PHOTO)))]),
+        "two classifiers of one condition are called 'jpeg'",
+    ),
     "one name": (
         lambda: tables_of(lambda _: 2 * [Table("t", ())], CONFIG),
         "different names.*t, t",
@@ -96,7 +109,7 @@ WRONG_SUITES = {  # a function of a user's, and what it is told
 @pytest.mark.parametrize("name", WRONG_SUITES)
 def test_a_wrong_suite_is_refused_when_it_is_laid_out(name):
     make, message = WRONG_SUITES[name]
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=message):
         make()
 
 
