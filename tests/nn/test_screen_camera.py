@@ -128,6 +128,8 @@ def test_no_images_and_single_pixels(camera):
 
 
 def test_what_cannot_be_gets_a_sentence():
+    with pytest.raises(TypeError, match="seed must be a whole number"):
+        ScreenCamera(seed=1.5)
     with pytest.raises(ValueError, match=r"jitter must be .* at least 0"):
         ScreenCamera(jitter=-1.0)
     with pytest.raises(ValueError, match="stay in the camera's frame"):
