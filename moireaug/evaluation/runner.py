@@ -62,12 +62,12 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
                         f"two conditions are called {condition.name!r}, and their records would "
                         f"be mixed up: {first!r} and {condition!r}. Give one another name."
                     )
-                _add(cell.classifier, classifiers.setdefault(condition.name, {}))
-            _add(cell.classifier.base, classifiers[CLEAN.name])
+                _add_classifier(cell.classifier, classifiers.setdefault(condition.name, {}))
+            _add_classifier(cell.classifier.base, classifiers[CLEAN.name])
     return [Job(conditions[name], tuple(classifiers[name].values())) for name in conditions]
 
 
-def _add(classifier: Classifier, classifiers: dict[str, Classifier]) -> None:
+def _add_classifier(classifier: Classifier, classifiers: dict[str, Classifier]) -> None:
     """Add a classifier to those of a condition, by name."""
     if classifiers.setdefault(classifier.name, classifier) != classifier:
         raise ValueError(

@@ -29,12 +29,12 @@ class Cell:
     worst: bool = False
 
     def __post_init__(self) -> None:
-        of = self.conditions
-        is_tuple = isinstance(of, (tuple, list)) and all(isinstance(one, Condition) for one in of)
-        if not (is_tuple and of):
+        given = self.conditions
+        is_sequence = isinstance(given, (tuple, list)) and len(given) > 0
+        if not (is_sequence and all(isinstance(one, Condition) for one in given)):
             raise TypeError(
                 f"the cell {self.place} takes a tuple of one or more conditions, as in (Photo(),); "
-                f"got {of!r}."
+                f"got {given!r}."
             )
 
     @property

@@ -16,6 +16,14 @@ def check_names(tables):
     assert len(set(names)) == len(names) > 1, tables[0].name
 
 
+def check_bounds_of_rows(table):
+    """An attack stands in the row of its bound, and only rows of the table have pictures."""
+    for cell in table.cells:
+        attackers = [condition for condition in cell.conditions if not condition.control]
+        assert all(f"eps_{attacker.eps * 255:g}" == cell.row for attacker in attackers)
+    assert {row for row, _ in table.pictures} <= set(table.rows)
+
+
 def check_worst_cases(tables, left_out=None):
     """A worst case is of the photo alone, and each attack through the camera within its bound, but
     for the columns that `left_out` names by table; return the number of worst cases."""
