@@ -106,14 +106,16 @@ class ScreenCamera(nn.Module):
             (B, 3, H, W) in [0, 1], of the images' dtype.
 
         Raises:
-            TypeError, ValueError: as `capture`.
+            TypeError, ValueError: as `capture`; a draw of another type, such as a shot.
         """
         draw = self.draw(images) if draw is None else draw
+        _check_draw(draw)
         return registered_by(capture(images, draw.shot, noise), draw.corner_errors)
 
     def twin(self, images: Tensor, draw: ScreenDraw) -> Tensor:
         """Return the same photos without moiré: of the same draw, of a panel without subpixels;
         arguments and errors as of a call."""
+        _check_draw(draw)
 
         def photograph(shot: Shot, images: Tensor) -> Tensor:
             return capture(images, without_moire(shot))
@@ -143,6 +145,14 @@ class ScreenCamera(nn.Module):
         generator = torch.Generator()
         generator.set_state(state["_generator"])
         super().__setstate__(state | {"_generator": generator})
+
+
+def _check_draw(draw: object) -> None:
+    if not isinstance(draw, ScreenDraw):
+        raise TypeError(
+            f"draw must be what camera.draw(images) returns; got a {type(draw).__name__}. Of a "
+            "shot, make ScreenDraw(shot)."
+        )
 
 
 def registered_by(photos: Tensor, corner_errors: Tensor | None) -> Tensor:
