@@ -185,7 +185,7 @@ PATHS = {
     "visibility": lambda: visibility(IMAGES, IMAGES.flip(0)),
     "ladder": evaluated,
     "pairs": paired,
-    "room": lambda: tuple(screen_in_room(IMAGES, IMAGES.flip(0), "screen_photo")),
+    "room": lambda: tuple(screen_in_room(IMAGES, IMAGES.flip(0), "screen_photo", shrink=(1, 3))),
     "layer": through_a_layer,
     "tiles": lambda: tiled(torch.square, IMAGES, 16, 8),
     "signs": trained,
