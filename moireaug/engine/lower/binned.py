@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import torch
 
@@ -24,30 +22,14 @@ BORDER_POINTS = 9  # along each axis, where the rows are taken that a part of a 
 
 def binned_view(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarray, Cell, BinnedView]:
     """Return a shot's cameras, of photo pixels, (B, fields), its Cell and its BinnedView."""
-    content, scales = content_of(geometry), BinScales.of(geometry)
+    content = content_of(geometry)
     fields = camera_fields(geometry) | _place_of(shot, geometry.frame, content)
-    cameras, blur_cameras, sensors = _bin_cameras(geometry, fields, content, scales)
+    cameras, blur_cameras, sensors = _bin_cameras(geometry, fields, content)
     # none at the same height: centres differ
     cell = cell_of_whole_pixels(shot.plan.method.taps)
     cell = cell._replace(y_group=np.arange(3), kind_y_group=np.arange(3))
-    beats = _beats_of(geometry, sensors, content, scales)
+    beats = _beats_of(geometry, sensors, content)
     return cameras, cell, BinnedView(_picture_view(blur_cameras, content), beats)
-
-
-class BinScales(NamedTuple):
-    """The scales of a shot's bins, (B,) each: `panel_scale`, `sensor_scale` and `bin_scale` of its
-    geometry, and `bin_geometry.enlargement`."""
-
-    panel: np.ndarray
-    sensor: np.ndarray
-    bin: np.ndarray
-    enlargement: np.ndarray
-
-    @staticmethod
-    def of(geometry: HostGeometry) -> BinScales:
-        bin_scale = geometry.bin_scale
-        enlarged = enlargement(bin_scale, geometry.scene)
-        return BinScales(geometry.panel_scale, geometry.sensor_scale, bin_scale, enlarged)
 
 
 def _place_of(shot: ShotRecord, frame: Frame, content: BinContent) -> dict[str, np.ndarray]:
@@ -89,17 +71,17 @@ def _bin_cameras(
     geometry: HostGeometry,
     fields: dict[str, np.ndarray],
     content: BinContent,
-    scales: BinScales,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a shot's cameras, (B, fields) each: of photo pixels, of what blurs them and of sensor
     pixels; fields: those of sensor pixels."""
-    zero, is_rectified = np.zeros_like(scales.bin), geometry.scene.is_rectified
+    bin_scale, is_rectified = geometry.bin_scale, geometry.scene.is_rectified
+    zero, enlarged = np.zeros_like(bin_scale), enlargement(bin_scale, geometry.scene)
     inverse = np.linalg.inv(geometry.homography)
-    of_bins = fields | {"alpha": content.scale, "fill": scales.enlargement}
+    of_bins = fields | {"alpha": content.scale, "fill": enlarged}
     if "noise" in geometry.plan:
-        root = np.sqrt(pixels_per_value(geometry, scales.bin))
+        root = np.sqrt(pixels_per_value(geometry, bin_scale))
         of_bins |= {name: fields[name] / root for name in ("dark_noise", "photon_noise")}
-    sensor = fields | {"alpha": scales.panel, "rectified": zero + is_rectified}
+    sensor = fields | {"alpha": geometry.panel_scale, "rectified": zero + is_rectified}
     blur = {"alpha": content.scale, "fill": zero, "blur": content.optics.blur}
     corner = fields["corner_x"][:, None], fields["corner_y"][:, None]
     images = of_sensor = from_corner(inverse, *corner)
@@ -108,7 +90,7 @@ def _bin_cameras(
         of_bins |= {"k1": zero, "k2": zero}
         images = from_corner(np.eye(3)[None].repeat(len(zero), 0), *corner)
         of_sensor = inverse
-    per_pixel = scales.sensor, scales.sensor
+    per_pixel = (geometry.sensor_scale,) * 2
     return (
         lower_cameras(images, (1.0, 1.0), of_bins),
         lower_cameras(of_sensor, per_pixel, sensor | blur),
@@ -122,18 +104,17 @@ def _picture_view(blur_cameras: np.ndarray, content: BinContent) -> FullView:
     return FullView(blur_cameras, light, np.ascontiguousarray(content.width), added_variance)
 
 
-def _beats_of(
-    geometry: HostGeometry, sensors: np.ndarray, content: BinContent, scales: BinScales
-) -> Beats:
+def _beats_of(geometry: HostGeometry, sensors: np.ndarray, content: BinContent) -> Beats:
     """Return a shot's Beats; sensors: the cameras of sensor pixels."""
-    scene, plan = geometry.scene, geometry.plan
+    scene, plan, bin_scale = geometry.scene, geometry.plan, geometry.bin_scale
     harmonics, resize = plan.method.harmonics, scene.develop.resize
     waves = np.stack(amplitudes_of(geometry, harmonics), -1)
     waves = np.ascontiguousarray(waves.transpose(2, 0, 1, 3))  # (B, 3, K, 2)
-    triangle = 1 / scales.enlargement if resize == "antialias" else np.zeros(len(sensors))
+    enlarged = enlargement(bin_scale, scene)
+    triangle = 1 / enlarged if resize == "antialias" else np.zeros(len(sensors))
     return Beats(
         cameras=sensors,
-        enlargement=scales.enlargement,
+        enlargement=enlarged,
         sampled=resize == "point",
         triangle=triangle,
         ratio=content.ratio,
@@ -144,7 +125,7 @@ def _beats_of(
         coefficients=waves.astype(np.float32),
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
         mean=mean_light_of(geometry),
-        lost_noise_variance=_lost_noise_variance(geometry, scales.bin),
+        lost_noise_variance=_lost_noise_variance(geometry, bin_scale),
         saturates="saturate" in plan,
         bayer=scene.is_binned_bayer,
     )
