@@ -205,6 +205,10 @@ def test_a_run_is_resumed_and_attacked_again_with_its_own_original(tuned, tmp_pa
         (["train.init=clean"], "train.init=clean does not go with train.target=answers"),
         (["adversary.natural=0"], "nothing to learn on clean images"),
         (["data.class_index=labels.csv"], "answers uses none"),
+        (
+            ["data=signs", "data.root=null"],
+            "signs are drawn, of 24 px: pass data=folder data.root=DIR",
+        ),
     ],
 )
 def test_what_does_not_go_together_gets_a_sentence(given, advice, network, monkeypatch):

@@ -62,6 +62,12 @@ def check_answers(cfg: Config) -> None:
             f"recipe={cfg.recipe} keeps the answers of a trained network: pass weights=FILE and "
             "model=NAME."
         )
+    if cfg.data.name == "signs":
+        raise ValueError(
+            f"recipe={cfg.recipe} tunes a network on pictures like those it is for, and signs are "
+            f"drawn, of {cfg.data.size} px: pass data=folder data.root=DIR, any pictures, and "
+            "data.size=N of the network, such as 224."
+        )
     if cfg.train.init != "random":
         raise ValueError(
             f"train.init={cfg.train.init} does not go with train.target=answers, which begins with "
