@@ -1,7 +1,6 @@
 """Open the explorer in a browser.
 
     python training/explore.py
-    python training/explore.py --run runs/moire_at/seed0
 
 It listens on 127.0.0.1 only and sends nothing anywhere else.
 """
@@ -23,18 +22,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Read the command line and serve the page until Ctrl-C.
 
     Raises:
-        SystemExit: the extra is not installed (the message says how to install it), the port is
-            taken, or there is no such run.
+        SystemExit: the extra is not installed (the message says how to install it), or the port is
+            taken.
     """
     prepare_output()
     parser = argparse.ArgumentParser(prog="python training/explore.py", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--port", type=port, help="default: 7860 or the next free one")
-    parser.add_argument("--run", default="", help="the folder of a run, for the second tab")
     parser.add_argument("--quiet", action="store_true", help="do not open a browser")
     args = parser.parse_args(argv)
-    if args.run and not Path(args.run).is_dir():
-        raise SystemExit(f"error: --run {args.run}: there is no such folder.")
     try:
         require("explore", "training/explore.py")
     except ModuleNotFoundError as error:
@@ -43,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     from training.explorer import page
 
     try:
-        page.serve(args.run, args.port, in_browser=not args.quiet)
+        page.serve(args.port, in_browser=not args.quiet)
     except OSError as error:
         raise SystemExit(f"error: {error}") from None
 
