@@ -149,9 +149,8 @@ def parse(
             parsed = yaml.safe_load(value) if is_any else os.path.expanduser(value)
             cfg[field_of(key)] = None if value == "null" else parsed
         missing = [key for key in sorted(table) if OmegaConf.is_missing(cfg, field_of(key))]
-        if missing or not argv:
-            absent = f"{', '.join(missing)} must be given" if missing else "no settings given"
-            raise ValueError(f"{absent}, as in: {example}")
+        if missing:
+            raise ValueError(f"{', '.join(missing)} must be given, as in: {example}")
         key = "the settings"
         settings: Schema = OmegaConf.to_object(cfg)  # type: ignore[assignment]
     except (OmegaConfBaseException, yaml.YAMLError) as error:

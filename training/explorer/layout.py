@@ -24,28 +24,26 @@ DEFAULT_PRESET, DEFAULT_SAMPLE = "screen_photo", "cat"
 
 def scene_widgets(scene: Scene) -> tuple[list[Any], list[Any]]:
     """Lay out the controls of a scene, part by part. Return their widgets in the order of
-    `values_of`, and the group of each control, which is hidden where the scene does not have it."""
+    `values_of`, and the group of each control."""
     widgets: list[Any] = []
     groups: list[Any] = []
     for part in PARTS:
         with gr.Accordion(PART_TITLES[part], open=part == "panel", elem_id=part):
             for control in CONTROLS:
                 if control.part == part:
-                    with gr.Column(visible=visible(control, scene)) as group:
+                    with gr.Column() as group:
                         widgets += widgets_of(control, control.read(scene))
                     groups.append(group)
     return widgets, groups
 
 
-def visible(control: Control, scene: Scene) -> Any:
-    """Return Gradio's word for whether a scene has a control. Hidden ones keep their values."""
-    return True if control.applies_to(scene) else "hidden"
-
-
 def preset_updates(name: str) -> list[Any]:
-    """Return the values of all widgets for a preset, and which groups are visible."""
+    """Return the values of all widgets for a preset, and which groups are visible; hidden ones keep
+    their values."""
     scene = as_scene(name)
-    updates = [gr.update(visible=visible(control, scene)) for control in CONTROLS]
+    updates = []
+    for control in CONTROLS:
+        updates.append(gr.update(visible=control.applies_to(scene) or "hidden"))
     return [*values_of(scene), *updates]
 
 
@@ -127,8 +125,9 @@ def lay_out(blocks: gr.Blocks) -> None:
     inputs = [preset, sample, file, seed, *widgets]
     results = [summary, image, crop, spectrum, plan, python, yaml]
     changes = [widget.input for widget in widgets]
-    changes += [sample.input, file.upload, file.clear, seed.input, blocks.load]
-    new_preset = preset.input(preset_updates, preset, [*widgets, *groups])
+    changes += [sample.input, file.upload, file.clear, seed.input]
+    shown = [preset.input, blocks.load]  # Gradio hides no group before the page is there
+    new_preset = gr.on(shown, preset_updates, preset, [*widgets, *groups])
     new_seed = another.click(lambda number: (number or 0) + 1, seed, seed)
     last = {"show_progress": "hidden", "trigger_mode": "always_last"}
     gr.on(changes, show_photo, inputs, results, **last)

@@ -22,7 +22,8 @@ from training.explorer.controls import CONTROLS, values_of
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 SCRIPT = Path(__file__).resolve().parents[3] / "training/explore.py"
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+NAMES = ("chromium", "chromium-browser", "chromium-headless-shell")
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 VALUES = values_of(Scene.preset("screen_photo"))
 
 
@@ -81,7 +82,7 @@ def test_a_preset_has_the_controls_of_what_it_states():
 
 
 def serve(writer, port):
-    sys.argv = [str(SCRIPT), "--quiet", f"--port={port}"]
+    sys.argv = [str(SCRIPT), "browser=false", f"port={port}"]
     with open(writer, "w", buffering=1) as sys.stdout:
         runpy.run_path(str(SCRIPT), run_name="__main__")
 
@@ -115,6 +116,8 @@ def test_a_slider_changes_the_photo_in_a_browser_without_hosts(url):
         tab.goto(url)
         photo = tab.locator("#photo img")
         photo.wait_for()
+        assert tab.locator("#panel-width-from").is_visible()
+        assert not tab.locator("#panel-scale-from").is_visible(), "the preset states the width"
         before = photo.get_attribute("src")
         tab.locator("#panel-lit_x-from input[type=range]").press("Home")
         api.expect(photo).not_to_have_attribute("src", before, timeout=120_000)
