@@ -1,20 +1,19 @@
-"""Command lines in Hydra's grammar: paths quoted before Hydra reads them, what it refuses in words,
-and settings written as one."""
+"""Command lines in Hydra's grammar: paths quoted before Hydra reads them, and what it refuses in
+words."""
 
 import os
 import textwrap
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.common.argument_checks import one_of
-from training.config.compose import HELP_WRAPPING, default_config, purpose, recipe_files
+from training.config.compose import HELP_WRAPPING, purpose, recipe_files
 from training.config.scenes import SUFFIXES
-from training.config.schema import DEFAULT_DATA, Config, RunConfig
-from training.config.settings import settings_of, value_of
+from training.config.schema import RunConfig
+from training.config.settings import settings_of
 
 SWEEP_FLAGS = {"-m", "--multirun"}
 # Hydra's flags after which a command prints and ends
@@ -55,7 +54,8 @@ def _quote_path(key: str, path: str) -> str:
         as_it_is = "\\" in path or parsed.value() == path
     except HydraException:
         as_it_is = False
-    return f"{key}={path}" if as_it_is else f"{key}={literal(path)}"
+    escaped = path.replace("\\", "\\\\").replace("'", "\\'")
+    return f"{key}={path}" if as_it_is else f"{key}='{escaped}'"
 
 
 def require_recipe(overrides: Sequence[str]) -> None:
@@ -94,32 +94,3 @@ def why_refused(error: HydraException, schema: type[RunConfig]) -> str:
         if one in table and table[one].example:
             return f"{reason} Pass {one} whole, as in {one}={table[one].example}."
     return reason
-
-
-def command_line(cfg: Config) -> list[str]:
-    """Return the overrides of fit.py that give these settings."""
-    default_cfg = default_config(cfg.recipe, cfg.data.name)
-    line = [f"recipe={cfg.recipe}"]
-    if cfg.data.name != DEFAULT_DATA:
-        line.append(f"data={cfg.data.name}")
-    for key in settings_of(Config):
-        value = value_of(cfg, key)
-        if value != value_of(default_cfg, key):
-            line.append(f"{key}={literal(value)}")
-    return line
-
-
-def literal(value: Any) -> str:
-    """Return a value in Hydra's grammar."""
-    if value is None:
-        return "null"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace("'", "\\'")
-        return f"'{escaped}'"
-    if isinstance(value, Mapping):
-        return "{" + ",".join(f"{k}:{literal(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ",".join(map(literal, value)) + "]"
-    return repr(value)
