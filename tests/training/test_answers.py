@@ -1,6 +1,7 @@
 """A network that is to keep its answers: unlabelled pictures, the frozen original, and the real
 command from weights to report, resumed and attacked again."""
 
+import re
 import shutil
 
 import numpy as np
@@ -24,6 +25,7 @@ from training.config.schema import Adversary, Data
 from training.data.load import load
 from training.models import classifiers as models
 from training.recipe.phases import load_data
+from training.report.numbers import points
 from training.runs import trained
 from training.system.files import read_checkpoint, read_metrics
 
@@ -161,7 +163,11 @@ def test_a_run_is_compared_with_the_network_before(tuned, network):
     assert metrics["baseline"]["recipe"] == "original" and metrics["start"] is None
     assert metrics["baseline"]["clean_accuracy"] == 1.0  # its answers are the labels
     assert metrics["gain"].keys() == metrics["correct"].keys() and "original" in said
-    assert "answered as their originals were" in (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text()
+    assert "photos answered like their originals" in page
+    (attack,) = [row["success"] for row in metrics["reattack"] if row["headline"]]
+    (photo,) = [row["success"] for row in metrics["reattack"] if row["name"] == "moire"]
+    assert re.search(rf"; for moire_tune, .* and {points(attack - photo, 0)}\spoints\.", page)
 
     run = trained.read(folder)
     before, after = torch.load(network), run.model().state_dict()

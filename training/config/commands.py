@@ -20,7 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 from moireaug.common.argument_checks import one_of
 from training.config.command_line import SWEEP_FLAGS, quote_paths, require_recipe, why_refused
 from training.config.compose import help_text
-from training.config.schema import Config, RunConfig
+from training.config.schema import Config, RunConfig, as_config
 from training.config.settings import check, field_of, settings_of
 from training.system import machine
 from training.system.files import make_folder
@@ -152,7 +152,7 @@ def parse(
         if missing:
             raise ValueError(f"{', '.join(missing)} must be given, as in: {example}")
         key = "the settings"
-        settings: Schema = OmegaConf.to_object(cfg)  # type: ignore[assignment]
+        settings: Schema = as_config(cfg)
     except (OmegaConfBaseException, yaml.YAMLError) as error:
         raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
     check(settings)
