@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from training import calibrate, explore, synthesise
+from training import calibrate, explore, frontier, synthesise
 from training.config.compose import recipe_files
 from training.config.schema import DATA, Config, ReattackConfig
 from training.config.settings import settings_of
@@ -25,7 +25,7 @@ COMMAND = re.compile(
 )
 SCHEMAS = {"fit": Config, "reattack": ReattackConfig, "demoire train": DemoireConfig}
 SCHEMAS |= {"synthesise": synthesise.Config, "calibrate": calibrate.Config}
-SCHEMAS |= {"explore": explore.Config}
+SCHEMAS |= {"explore": explore.Config, "frontier": frontier.Config}
 SCHEMAS |= {"demoire clean": clean.Config, "detect train": fit.Config, "detect score": score.Config}
 CHOICES = {"recipe": {path.stem for path in recipe_files()}, "data": set(DATA)}
 
@@ -48,7 +48,7 @@ COMMANDS = [(page, *command) for page, text in PAGES.items() for command in comm
 def check(script, settings):
     """Refuse a setting that the script does not have, and a recipe or data set that does not
     exist."""
-    known = {"out"} if script == "frontier" else set(settings_of(SCHEMAS[script]))
+    known = set(settings_of(SCHEMAS[script]))
     for word in settings:
         key, _, value = word.partition("=")
         if key in CHOICES and script in ("fit", "reattack"):
@@ -67,7 +67,7 @@ def test_commands_have_settings_that_exist(page):
 @pytest.mark.parametrize(
     ("script", "setting"),
     [("fit", "train.epoch=3"), ("fit", "recipe=moire_att"), ("reattack", "suites=paper"),
-     ("synthesise", "sizes=512"), ("frontier", "runs=runs")],
+     ("synthesise", "sizes=512"), ("frontier", "run=runs")],
 )  # fmt: skip
 def test_a_setting_that_does_not_exist_is_noticed(script, setting):
     with pytest.raises(AssertionError):
@@ -76,7 +76,7 @@ def test_a_setting_that_does_not_exist_is_noticed(script, setting):
 
 def test_commands_of_every_script_are_found():
     scripts = {script for _, script, _ in COMMANDS}
-    assert scripts - {"demoire", "detect"} == {"frontier", *SCHEMAS}
+    assert scripts - {"demoire", "detect"} == set(SCHEMAS)
 
 
 def test_the_page_of_settings_is_as_they_are_declared():

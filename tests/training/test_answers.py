@@ -1,7 +1,6 @@
 """A network that is to keep its answers: unlabelled pictures, the frozen original, and the real
 command from weights to report, resumed and attacked again."""
 
-import re
 import shutil
 
 import numpy as np
@@ -167,7 +166,8 @@ def test_a_run_is_compared_with_the_network_before(tuned, network):
     assert "photos answered like their originals" in page
     (attack,) = [row["success"] for row in metrics["reattack"] if row["headline"]]
     (photo,) = [row["success"] for row in metrics["reattack"] if row["name"] == "moire"]
-    assert re.search(rf"; for moire_tune, .* and {points(attack - photo, 0)}\spoints\.", page)
+    added = f" and {points(attack - photo, 0)} points."  # by the noise, at the end of the sentence
+    assert added in page.replace("\N{NO-BREAK SPACE}", " ")
 
     run = trained.read(folder)
     before, after = torch.load(network), run.model().state_dict()
