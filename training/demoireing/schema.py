@@ -59,9 +59,9 @@ class Demoire:
 
     target: str = setting(
         "clean",
-        "the same shot without moiré (twin), and without noise either (clean), what the screen "
-        "showed (original), or that in the photo's tone (toned)",
-        choices=("clean", "twin", "original", "toned"),
+        "the same shot without moiré (twin), and without noise either (clean), or what the screen "
+        "showed (original)",
+        choices=("clean", "twin", "original"),
     )
     width: float = setting(0.25, "factor of the published numbers of channels")
     vgg: str | None = setting(
