@@ -107,8 +107,8 @@ class Adversary:
     steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
     optimise: list[str] = setting(
         lambda: ["noise"],
-        "what a moire_attack changes: noise, and parts of the scene such as view and panel, at three "
-        "(large images) to ten times (small ones) the cost",
+        "what a moire_attack changes: noise, and parts of the scene such as view and panel, at "
+        "three (large images) to ten times (small ones) the cost",
         example="[noise,view]",
     )
     draws: int = setting(1, "photos, of which a moire_attack takes the worst", bounds=(1, 10_000))
@@ -209,8 +209,8 @@ class RunConfig:
     runs: str = setting("runs", "the folder of all runs", is_path=True, changes_result=False)
     scene: Any = setting(
         "screen_photo",
-        "a preset, a mapping of Scene's fields with an optional `preset`, a YAML file, or a list of "
-        "these: a random one per image",
+        "a preset, a mapping of Scene's fields with an optional `preset`, a YAML file, or a list "
+        "of these: a random one per image",
         example="'{preset: paper, ...}'",
     )
     shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
