@@ -38,8 +38,8 @@ class Data:
     name: str = setting(MISSING, "the data set", choices=("signs", *TORCHVISION_SETS, "folder"))
     root: str | None = setting(
         None,
-        "the data's folder; data=folder: with train/ and test/, or class folders alone, then all "
-        "test data; with train.target=answers any pictures",
+        "the data's folder; of data=folder, one with train/ and test/, or class folders alone, all "
+        "test data; with train.target=answers, any pictures",
         is_path=True,
         only_for=("folder", *TORCHVISION_SETS),
         may_differ=True,
@@ -161,7 +161,7 @@ class Train:
         None, "decay per step of the averaged weights; null: 0.98", bounds=(0, 0.999999)
     )
     batch_statistics: bool | None = setting(
-        None, "whether batch normalisation uses those of a batch; null: unless weights= are given"
+        None, "whether batch normalisation uses those of a batch; null: without weights="
     )
     compile: bool = setting(False, "torch.compile of the model")
 
@@ -268,8 +268,7 @@ class ReattackConfig(Config):
     )
     networks: Any = setting(
         None,
-        "suite=demoireing or paper: a folder of weights FILE.pt, or name to a file of weights or a "
-        "run's folder",
+        "suite=demoireing or paper: the same, or a folder of weights FILE.pt",
         example="'{mopnet: FILE, ...}'",
     )
     demoire: str | None = setting(
