@@ -59,9 +59,9 @@ class Demoire:
 
     target: str = setting(
         "clean",
-        "the photo without moiré (twin) and noise (clean), what the screen showed (original), or "
-        "that in the photo's tone (toned)",
-        choices=("clean", "twin", "original", "toned"),
+        "the photo without moiré (twin), without noise, too (clean), or what the screen showed "
+        "(original)",
+        choices=("clean", "twin", "original"),
     )
     width: float = setting(0.25, "factor of the published numbers of channels")
     vgg: str | None = setting(
