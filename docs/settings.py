@@ -22,8 +22,7 @@ from training.detection import fit, score
 PAGE = Path(__file__).with_suffix(".md")
 INTRODUCTION = """# Settings
 
-Each is given as `key=value` after a command, whose `--help` also prints the ranges. `null` is no
-value. In a path, `~` is expanded.
+Pass `key=value` after a command; its `--help` also prints the ranges. `null` is no value.
 """
 COMMANDS = (
     ("Training classifiers", "training/fit.py", Config),
