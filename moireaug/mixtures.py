@@ -46,7 +46,7 @@ class Mixture:
 
     def draw(self, u: Tensor, size: tuple[int, int]) -> MixedShot[Shot]:
         """Return the draw that `random_numbers` give of images of `size` (height, width)."""
-        self.plan(size)  # refuses a scene that cannot be photographed, drawn or not
+        self.plan_effects(size)  # refuses a scene that cannot be photographed, drawn or not
         scene_index = (u[:, 0] * len(self.scenes)).long()
         shots = []
         for k in range(len(self.scenes)):
@@ -65,6 +65,10 @@ class Mixture:
     def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> tuple[Plan, ...]:
         """Return the plan of each scene; errors as of `Scene.plan`."""
         return tuple(scene.plan(size) for scene in self.scenes)
+
+    def plan_effects(self, size: tuple[int, int] = NOMINAL_SIZE) -> tuple[Plan, ...]:
+        """Return `Scene.plan_effects` of each scene."""
+        return tuple(scene.plan_effects(size) for scene in self.scenes)
 
     @property
     def moves(self) -> bool:
@@ -146,5 +150,5 @@ def draw_one(scene: Scene | Mixture, u: Tensor, size: tuple[int, int]) -> Shot:
     """Return the shot that the `random_numbers` of one image give, of `size` (height, width)."""
     if isinstance(scene, Scene):
         return scene.draw(u, size)
-    scene.plan(size)  # as in a batch
+    scene.plan_effects(size)  # as in a batch
     return scene.draw_in(int(u[0, 0] * len(scene.scenes)), u, size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
@@ -15,7 +16,13 @@ from moireaug.common.argument_checks import check_whole, one_of
 from moireaug.common.image_checks import check_shape
 from moireaug.engine import operators
 from moireaug.scene.by_name import parts_from_dict, parts_with
-from moireaug.scene.draws import check_size, draw_numbers, numbers_needed, random_numbers
+from moireaug.scene.draws import (
+    MAX_CACHED_SCENES,
+    check_size,
+    draw_numbers,
+    numbers_needed,
+    random_numbers,
+)
 from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.preset_names import PresetName
@@ -71,27 +78,27 @@ class Scene(SceneRecord):
 
     def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
         """Return the ordered effects that this scene calls for in photos of `size` (height, width),
-        each with its reason, and how many panel and sensor pixels an image pixel gets. Only crops
-        and scenes with `Panel.width` differ by size: there a plan is for all sizes between two
-        powers of 2. Computed once.
+        each with its reason, how many panel and sensor pixels an image pixel gets, and
+        `expected_moire`. Only crops and scenes with `Panel.width` differ by size: there the effects
+        are those of all sizes between two powers of 2.
 
         Raises:
             ValueError: the "point" or "box" exposure with a layout of slanted subpixels, a size
                 that is not two positive integers, or one too large for `Panel.width`.
             RuntimeError: within torch.compile, if no plan of such a size was made before.
         """
-        return self._planned(check_size(size))
+        size = check_size(size)
+        return replace(self.plan_effects(size), moire=self.expected_moire(size))
 
-    def _planned(self, size: tuple[int, int]) -> Plan:
-        octave = size_octave(self, size)
+    def plan_effects(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
+        """Return `plan` without the moiré to expect, which takes longer to find; errors as there.
+        The same one for all sizes between two powers of 2."""
+        octave = size_octave(self, check_size(size))
         plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
         if octave not in plans:
             if torch.compiler.is_compiling():
                 raise RuntimeError(UNPLANNED_MESSAGE)
-            plan = make_plan(scene_of_size(self, size))
-            object.__setattr__(self, "_plans", {**plans, octave: plan})
-            shot = self.sample(MOIRE_SHOTS, size, torch.Generator().manual_seed(0))
-            plans = {**plans, octave: replace(plan, moire=moire_of(shot))}
+            plans = {**plans, octave: make_plan(scene_of_size(self, size))}
             object.__setattr__(self, "_plans", plans)
             self.as_json()  # made ready: torch.compile cannot follow how
         return plans[octave]
@@ -102,9 +109,9 @@ class Scene(SceneRecord):
 
     def expected_moire(self, size: tuple[int, int] = NOMINAL_SIZE) -> Moire | None:
         """Return about how much moiré photos of `size` (height, width) will show, from the panel's
-        harmonics in the middle of the image; None for full readings, which have no closed form.
-        Computed once, with the plan."""
-        return self.plan(size).moire
+        harmonics in the middle of the image of 128 shots, the same ones whenever it is asked; None
+        for full readings, which have no closed form. Errors as of `plan`."""
+        return _expected_moire(self, check_size(size))
 
     def sample(
         self, n: int, size: tuple[int, int], generator: torch.Generator | None = None
@@ -207,6 +214,11 @@ class Scene(SceneRecord):
         return Scene(**parts_from_dict(values, base.to_dict()), tolerance=tolerance)
 
 
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
+def _expected_moire(scene: Scene, size: tuple[int, int]) -> Moire | None:
+    return moire_of(scene.sample(MOIRE_SHOTS, size, torch.Generator().manual_seed(0)))
+
+
 _PRESETS = {name: Scene(**vars(record)) for name, record in PRESETS.items()}
 
 
@@ -253,7 +265,7 @@ class Shot(ShotRecord):
         if not isinstance(self.scene, Scene):
             raise TypeError(f"a shot's scene must be a Scene; got {self.scene!r}.")
         super().__post_init__()
-        object.__setattr__(self, "plan", self.scene._planned(self.whole_size))
+        object.__setattr__(self, "plan", self.scene.plan_effects(self.whole_size))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the plan, which another version may make otherwise, and the table of numbers,

@@ -2,12 +2,25 @@
 
 import dataclasses
 import json
+import pickle
 
 import pytest
 import torch
 import torch.nn.functional as F
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture, transforms
+from moireaug import (
+    Develop,
+    Lens,
+    Panel,
+    Scene,
+    Sensor,
+    Shot,
+    View,
+    capture,
+    scenes,
+    transforms,
+)
+from moireaug.camera import pipeline
 from moireaug.engine import reference
 from moireaug.mixtures import as_scenes
 from moireaug.scene.sized import scene_of_size
@@ -203,6 +216,29 @@ def test_crops_show_moire_where_whole_photos_show_none(size):
         expected = scene.expected_moire((size, size))
         assert expected.low / 2 < medians[shrink] < 2 * expected.high
     assert medians[None] < 1.5 < 2 < medians[1, 3] < 10
+
+
+def test_the_moire_to_expect_is_that_of_the_size_whichever_was_asked_first():
+    scene = Scene.preset("screen_photo")
+    at_255 = scene.expected_moire((255, 255)).median
+    for first in (128, 255):
+        asked = dataclasses.replace(scene)
+        asked.plan((first, first))
+        assert asked.plan((255, 255)).moire.median == at_255
+    assert at_255 > 2 * scene.expected_moire((128, 128)).median
+
+
+def test_a_scene_is_planned_without_its_moire_and_once_a_process(monkeypatch):
+    """As a shot is, when it comes from a worker."""
+
+    def fails(_):
+        raise AssertionError("estimated again")
+
+    shot = as_scenes("screen_photo", (1, 3)).sample(2, (48, 48))
+    monkeypatch.setattr(scenes, "moire_of", fails)
+    monkeypatch.setattr(pipeline, "method_of", fails)
+    copied = pickle.loads(pickle.dumps(shot))
+    assert copied.plan is shot.plan
 
 
 def test_a_transform_says_once_that_no_moire_is_left(monkeypatch):

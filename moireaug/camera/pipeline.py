@@ -3,6 +3,7 @@ a scene calls for."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import torch
@@ -24,6 +25,7 @@ from moireaug.camera.effects.srgb import Clip, Decode, Encode
 from moireaug.camera.effects.tone import Balance, Brighten, ColourMatrix, ToneCurve
 from moireaug.camera.effects.vignetting import Vignetting
 from moireaug.camera.exposure.choose import method_of
+from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.fields import bounds
 from moireaug.scene.plan import Plan, PlanStep
 from moireaug.scene.record import SceneRecord
@@ -96,17 +98,21 @@ def effects_by_name() -> dict[str, Effect]:
     return {effect.name: effect for effect in (*EXPOSE, *DEVELOP)}
 
 
-@torch.no_grad()
 def make_plan(scene: SceneRecord) -> Plan:
-    """Judge every effect by the ranges of a scene, from `sized.scene_of_size`; see
-    `Scene.plan`."""
-    effects = effects_by_name()
-    verdicts = {name: effect.verdict(scene) for name, effect in effects.items()}
-    listed = [name for name, effect in effects.items() if effect.is_listed]
+    """Judge every effect by the ranges of a scene, from `sized.scene_of_size`; see `Scene.plan`.
+    Kept: workers send equal scenes again and again."""
+    return _make_plan(scene, EXPOSE, DEVELOP)
+
+
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
+@torch.no_grad()
+def _make_plan(scene: SceneRecord, expose: tuple[Effect, ...], develop: tuple[Effect, ...]) -> Plan:
+    verdicts = {effect.name: effect.verdict(scene) for effect in (*expose, *develop)}
+    listed = [effect.name for effect in (*expose, *develop) if effect.is_listed]
     return Plan(
         steps=tuple(PlanStep(name, *verdicts[name]) for name in listed),
-        exposing=tuple(effect.name for effect in EXPOSE if verdicts[effect.name].called),
-        developing=tuple(effect.name for effect in DEVELOP if verdicts[effect.name].called),
+        exposing=tuple(effect.name for effect in expose if verdicts[effect.name].called),
+        developing=tuple(effect.name for effect in develop if verdicts[effect.name].called),
         method=method_of(scene),
         prefilter_variance=max_lost_variance(scene),
         scales=_scales_of(scene),

@@ -49,14 +49,14 @@ def planned_scenes(
             f"For a probability, pass p={scene!r}."
         )
     scenes = as_scenes(scene, shrink)
-    scenes.plan()
+    scenes.plan_effects()
     return scenes
 
 
 def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
-    """Log once, for each scene and octave of sizes, that nine of ten photos of `size` (height,
-    width) will have less than a code of moiré, or half of them none, and what to do. torch.compile
-    leaves it out."""
+    """Log that nine of ten photos of `size` (height, width) will have less than a code of moiré, or
+    half of them none, and what to do. Of each scene and octave of sizes, the first is judged.
+    torch.compile leaves it out."""
     if torch.compiler.is_compiling():
         return
     scenes = scenes_of(scene)
@@ -64,7 +64,7 @@ def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
     if (scene, octaves) in _checked_octaves:
         return
     _checked_octaves.add((scene, octaves))
-    expected = [one.plan(size).moire for one in scenes if one.shows_pattern]
+    expected = [one.expected_moire(size) for one in scenes if one.shows_pattern]
     moire = [one for one in expected if one is not None]
     if moire and len(moire) == len(expected):
         median, high = max(one.median for one in moire), max(one.high for one in moire)
