@@ -58,6 +58,7 @@ SCENES = {
     "box": Scene(sensor=Sensor(scale=2.0, exposure="box")),
     "supersampled": Scene(sensor=Sensor(exposure="supersample:4")),
     "flickering": Scene(panel=Panel(pwm=240.0), sensor=Sensor(shutter=1e-3, readout=0.01)),
+    "flickering crop": Scene.preset("phone_at_dimmed_phone").with_shrink((1, 3)),
     "nlm": Scene(develop=Develop(denoise="nlm", jpeg=80)),
     "bilateral": Scene(sensor=Sensor(scale=2.0), develop=Develop(denoise="bilateral")),
 }

@@ -8,6 +8,7 @@ import torch
 from moireaug.camera.effects.binned_statistics import pixels_per_value
 from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
+from moireaug.camera.exposure.extreme_views import FLOAT64_ON_CPU
 from moireaug.camera.panel.fourier import amplitudes_of, mean_light_of
 from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
 from moireaug.engine.lower.cell import cell_of_whole_pixels
@@ -60,8 +61,8 @@ def _rows_seen(shot: ShotRecord, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     if not shot.scene.is_rectified:
         top = np.zeros(len(shot)) + frame.photo_top
         return top, top + shot.size[0]
-    rows, cols = (torch.linspace(0, side, BORDER_POINTS).double() for side in shot.size)
-    points = grids.grid(rows, cols).expand(len(shot), -1, -1, -1)
+    axes = [torch.linspace(0, side, BORDER_POINTS, **FLOAT64_ON_CPU) for side in shot.size]
+    points = grids.grid(*axes).expand(len(shot), -1, -1, -1)
     with torch.no_grad():
         v = clamped_photo_points(points, shot)[0][..., 1].flatten(1)
     return v.amin(1).numpy() - 1, v.amax(1).numpy() + 1
