@@ -13,22 +13,28 @@ from torch import Tensor
 
 from moireaug.common.numeric import as_float
 from moireaug.engine.backends import Backend
-from moireaug.engine.stage import KernelStage, Stage
+from moireaug.engine.stage import KernelStage
 
-MAX_RMS = 1e-3  # of photos and readings, in [0, 1]; kernels and reference differ by 1e-4 at most
+# of any photo or reading, in [0, 1]; kernels and reference differ by 1e-4 at most
+MAX_RMS = 1e-3
+# of a gradient, as a share of the reference's length; they differ by 1e-3, and of white pictures,
+# where values lie on either side of a bound, by 1e-2 at most
+MAX_GRADIENT_ERROR = 0.05
+MIN_SLOPE = 1e-3  # a gradient's length over that of the results', at least, in its error
 _agreements: dict[tuple[str, torch.dtype, torch.device, bool], bool] = {}
 
 
 @functools.cache
 def kernels_of(backend: Backend) -> ModuleType | None:
-    """Return the module of a backend's kernels, prepared, or None if it cannot be imported, as
-    where the library that compiles them does not go with an installed NumPy or driver."""
+    """Return the module of a backend's kernels, prepared, or None if that fails, as where the
+    library that compiles them does not go with an installed NumPy or driver, or is a version that
+    has changed."""
     try:
         kernels = backend.kernels()
-    except (ImportError, OSError) as error:
+        kernels.prepare()
+    except Exception as error:
         _report(f"{backend.name} kernels cannot be imported ({_summary(error)})")
         return None
-    kernels.prepare()
     return kernels
 
 
@@ -57,29 +63,49 @@ def matches_reference(stage: KernelStage, values: Tensor, *, back: bool) -> bool
 
 
 @torch.no_grad()
-def failure_of(stage: Stage, values: Tensor, *, back: bool) -> str | None:
+def failure_of(stage: KernelStage, values: Tensor, *, back: bool) -> str | None:
     """Return how a stage's kernels fail, an empty string if they do not, or None if a batch is too
     large for the reference, which takes more memory.
 
-    back: also call those of the gradient. Its numbers are not compared: the reference's takes many
-    times the memory of the batch.
+    back: also call those of the gradient, and compare the first image's: the reference takes many
+    times its memory.
     """
     try:
         results, saved = stage.forward(values, back)
         gradient = stage.backward(results, values, saved) if back else None
-        finite = gradient is None or bool(gradient.isfinite().all())
+        is_finite = gradient is None or bool(gradient.isfinite().all())
     except torch.OutOfMemoryError:
         raise  # the batch's fault, not the kernels'
     except Exception as error:  # of a compiler, a driver or a launch
         return f"do not run ({_summary(error)})"
     try:
-        expected = stage.reference(as_float(values))
+        rms = (results - stage.reference(as_float(values))).square().mean((1, 2, 3)).sqrt()
+        share = 0.0 if gradient is None else _gradient_error(stage, values, results, gradient)
     except torch.OutOfMemoryError:
         return None
-    difference = (results - expected).square().mean().sqrt().item()
-    if not difference <= MAX_RMS:
-        return f"differ from the reference by {difference:.1g} RMS"
-    return "" if finite else "give a gradient that is not finite"
+    if not (rms <= MAX_RMS).all():
+        return f"differ from the reference by {rms.max().item():.1g} RMS"
+    if not is_finite:
+        return "give a gradient that is not finite"
+    if not share <= MAX_GRADIENT_ERROR:
+        return f"give a gradient that differs from the reference's by {share:.1g} of its length"
+    return ""
+
+
+def _gradient_error(stage: KernelStage, values: Tensor, grad: Tensor, gradient: Tensor) -> float:
+    """Return how far the first image's gradient is from the reference's, as a share of that; 0
+    where it cannot be asked for: of no images, and under torch.func.
+
+    grad: in the results, of which the gradient in the values was computed.
+    """
+    if not len(values) or torch._C._are_functorch_transforms_active():
+        return 0.0
+    first = torch.arange(len(values), device="cpu") == 0
+    image = as_float(values[:1]).clone().requires_grad_()
+    with torch.enable_grad():
+        (expected,) = torch.autograd.grad(stage.part(first).reference(image), image, grad[:1])
+    floor = MIN_SLOPE * grad[:1].norm()
+    return ((gradient[:1] - expected).norm() / expected.norm().clamp(min=floor)).item()
 
 
 def _summary(error: Exception) -> str:

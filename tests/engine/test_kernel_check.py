@@ -17,6 +17,10 @@ def fails(*_):
     raise RuntimeError("no kernel image is available\nfor this device")
 
 
+def numba_of_another_version(*_):
+    raise TypeError("njit() got an unexpected keyword argument '_nrt'")
+
+
 def doubled(values, saves):
     return values * 2, values
 
@@ -32,6 +36,12 @@ STAGES = {
     "not a number": (lambda values, saves: (values / 0 * 0, values), slope, "differ from the refe"),
     "no launch": (fails, slope, r"do not run \(RuntimeError: no kernel image is available\)"),
     "no launch of the gradient": (doubled, fails, r"do not run \(RuntimeError: no kernel image"),
+    "another photo in a batch": (
+        lambda values, saves: (values * 2 + torch.eye(64)[0].view(-1, 1, 1, 1) / 64, values),
+        slope,
+        "differ from the reference by 0.02 RMS",
+    ),
+    "another gradient": (doubled, lambda grad, *_: grad * 2.2, "give a gradient that differs from"),
     "infinite gradient": (doubled, lambda grad, *_: grad / 0, "give a gradient that is not finite"),
 }
 
@@ -51,6 +61,9 @@ class Doubling(Stage):
     def reference(self, values):
         return self.functions[2](values)
 
+    def part(self, mask):
+        return self
+
     def variant(self):
         return "doubling"
 
@@ -62,10 +75,10 @@ def stage_of(name):
 @pytest.mark.parametrize("name", STAGES)
 def test_kernels_are_held_against_the_reference(name):
     message = STAGES[name][2]
-    failure = kernel_check.failure_of(stage_of(name), torch.rand(2, 3, 4, 5), back=True)
+    failure = kernel_check.failure_of(stage_of(name), torch.rand(64, 3, 4, 5), back=True)
     assert re.match(message, failure) and bool(failure) == bool(message)
     if "gradient" in name:  # tried where one is asked for
-        assert not kernel_check.failure_of(stage_of(name), torch.rand(2, 3, 4, 5), back=False)
+        assert not kernel_check.failure_of(stage_of(name), torch.rand(64, 3, 4, 5), back=False)
 
 
 @pytest.fixture
@@ -116,6 +129,10 @@ def test_kernels_that_cannot_be_imported_are_left_alone(said, monkeypatch):
     broken = backends.backend_of("cpu")._replace(module="moireaug.engine.cpu.missing")
     monkeypatch.setattr(backends, "BACKENDS", (broken,))
     assert torch.equal(capture(images, shot), expected)
+    monkeypatch.setattr(backends, "BACKENDS", (broken._replace(name="newer"),))
+    monkeypatch.setattr(backends.Backend, "kernels", numba_of_another_version)
+    assert torch.equal(capture(images, shot), expected)
     assert [sentence.split(":")[0] for sentence in said] == [
-        "moireaug's numba kernels cannot be imported (ModuleNotFoundError"
+        "moireaug's numba kernels cannot be imported (ModuleNotFoundError",
+        "moireaug's newer kernels cannot be imported (TypeError",
     ]
