@@ -113,6 +113,11 @@ def test_contrast_is_judged_in_the_photo():
     # sensor pixels that saturate do so by what is averaged away, too
     bright = dataclasses.replace(screen, sensor=Sensor(pitch=2.6, gain=2.0))
     assert len(bright.plan((64, 64)).harmonics) >= len(at_sensor)
+    dim, lamp = Sensor(pitch=2.6, gain=0.95), dataclasses.replace(panel, glare=0.3)
+    dark = dataclasses.replace(screen, sensor=dim)
+    glaring = dataclasses.replace(dark, panel=lamp)
+    assert "saturate" not in dark.plan() and "saturate" in glaring.plan()
+    assert len(dark.plan((64, 64)).harmonics) < len(glaring.plan((64, 64)).harmonics)
 
 
 def before_and_after(scene):

@@ -9,7 +9,7 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.extreme_light import modulation_depth
+from moireaug.camera.exposure.extreme_light import can_saturate
 from moireaug.camera.exposure.extreme_scales import (
     largest_panel_steps,
     least_side,
@@ -71,9 +71,9 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
 def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return those harmonics whose contrast can exceed the tolerance in a binned reading, strongest
     first: as their slowest alias can be in any view, at any scale, in the smallest bin. Where the
-    screen's light can exceed a full well, all are kept: pixels that saturate before they are
-    averaged turn contrast into a change of the mean."""
-    if bounds(scene.sensor.gain)[1] * (1 + modulation_depth(scene)) > 1:
+    reading can exceed a full well, all are kept: pixels that saturate before they are averaged turn
+    contrast into a change of the mean."""
+    if can_saturate(scene):
         return harmonics(scene)
     layout, step = scene.panel.cell, largest_panel_steps(scene)
     ratio = panel_scale_ratio(scene)

@@ -1,4 +1,4 @@
-"""The most light that a scene's flicker and glare can add, whatever its ranges draw."""
+"""The most light that a scene can show, with its flicker and glare, whatever its ranges draw."""
 
 from __future__ import annotations
 
@@ -22,3 +22,9 @@ def max_glare(scene: SceneRecord) -> float:
     """Return the most light that the glass can reflect, which it does in a corner of the photo."""
     panel = scene.panel
     return bounds(panel.glare)[1] * (1 + deviation(panel.glare_x, 0) + deviation(panel.glare_y, 0))
+
+
+def can_saturate(scene: SceneRecord) -> bool:
+    """Return whether the reading of a white screen can exceed a full well."""
+    brightest = 1 + modulation_depth(scene) + max_glare(scene)
+    return bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance
