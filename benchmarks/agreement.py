@@ -35,7 +35,7 @@ class Sizes:
     shrunk to before they are photographed."""
 
     judged: int = 224
-    shrunk: tuple[int, ...] = (224, 96)
+    shrunk: tuple[int, ...] = (224,)
 
 
 class Kind(NamedTuple):

@@ -36,16 +36,19 @@ BANNER_CROP = (1.0, 3.0)
 
 INTRODUCTION = f"""# Gallery
 
-One photograph of {SIDE} px in every preset. First row: as a whole photo; of {CANDIDATES} samples,
-those with the strongest, middle and weakest moiré. Second row: as a
-[crop](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's own resolution
-(`shrink={CROP:g}`); the first three samples, not chosen. The paper's presets have no crops, and
-an LED sign is always one. Last, the middle of the first photo, magnified, and its moiré's spectrum.
+One photograph of {SIDE} px in every preset. First row: whole photos; of {CANDIDATES} samples, those
+with the strongest, middle and weakest moiré. Second row: the first three
+[crops](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's own resolution
+(`shrink={CROP:g}`). Last, the middle of the first photo, magnified, and its moiré's spectrum. The
+paper's presets have no crops, and an LED sign is always one.
 
-Codes are the moiré's strength: the RMS difference of 8-bit values from the same photo without
-moiré, the median of the {CANDIDATES} samples. Milliseconds are CPU time per photo of 224 px, in
-batches of {TIMED_BATCH}, on one thread of {{machine}}. `python docs/gallery.py` draws this page
-(seed {SEED}); the portrait of Grace Hopper is in the public domain.
+Moiré is the RMS difference of 8-bit values from the same photo without it, the median of the
+{CANDIDATES} samples. Milliseconds are CPU time per photo of 224 px, in batches of {TIMED_BATCH}, on
+one thread of {{machine}}. `python docs/gallery.py` draws this page (seed {SEED}); the portrait of
+Grace Hopper is in the public domain.
+
+| preset | | whole: moiré | ms | crop: moiré | ms |
+|---|---|---|---|---|---|
 """
 
 USES = {
@@ -150,16 +153,15 @@ def milliseconds(scene: Scene) -> float:
     return 1000 * statistics.median(times[1:]) / TIMED_BATCH  # the first one compiles
 
 
-def section(name: str, picture: Tensor) -> str:
-    """Draw a preset; return its part of the page."""
-    figures = []
-    for way, strength in draw(name, picture).items():
-        time_text = f"{milliseconds(ways(name)[way]):.1f} ms"
-        figures.append(f"{way} {strength:.1f} codes, {time_text}")
-    return (
-        f"\n## {name}\n\n{USES[name]}: {'; '.join(figures)}.\n\n"
-        f"[![{name}](gallery/{name}.jpg)](gallery/{name}.jpg)\n"
-    )
+def figures(name: str, strengths: dict[str, float]) -> str:
+    """Return a preset's row of the table: strength and time of whole photos and of crops."""
+    cells = [f"[`{name}`](#{name})", USES[name]]
+    for way in ("whole", "crop"):
+        if way in strengths:
+            cells += [f"{strengths[way]:.1f}", f"{milliseconds(ways(name)[way]):.1f}"]
+        else:
+            cells += ["", ""]
+    return f"| {' | '.join(cells)} |\n"
 
 
 def draw_banner(picture: Tensor) -> None:
@@ -194,10 +196,11 @@ def machine() -> str:
 def main() -> None:
     torch.set_num_threads(1)
     picture = photograph(SIDE)
-    page = INTRODUCTION.format(machine=machine())
+    table, pictures = INTRODUCTION.format(machine=machine()), ""
     for name in PRESETS:
-        page += section(name, picture)
-    (HERE / "gallery.md").write_text(page)
+        table += figures(name, draw(name, picture))
+        pictures += f"\n## {name}\n\n[![{name}](gallery/{name}.jpg)](gallery/{name}.jpg)\n"
+    (HERE / "gallery.md").write_text(table + pictures)
     draw_banner(picture)
 
 

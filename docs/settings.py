@@ -11,7 +11,7 @@ from pathlib import Path
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 
-from training import calibrate, synthesise
+from training import calibrate, explore, frontier, synthesise
 from training.config.compose import allowed_values
 from training.config.schema import Config, ReattackConfig, RunConfig
 from training.config.settings import Setting, as_argument, settings_of
@@ -22,18 +22,19 @@ from training.detection import fit, score
 PAGE = Path(__file__).with_suffix(".md")
 INTRODUCTION = """# Settings
 
-Each is given as `key=value` after a command, whose `--help` also prints the ranges. `null` is no
-value. In a path, `~` is expanded.
+Pass `key=value` after a command; its `--help` also prints the ranges. `null` is no value.
 """
 COMMANDS = (
     ("Training classifiers", "training/fit.py", Config),
     ("Attacking trained classifiers", "training/reattack.py", ReattackConfig),
+    ("Comparing runs", "training/frontier.py", frontier.Config),
     ("Training demoiréing networks", "training/demoire.py train", DemoireConfig),
     ("Cleaning photos", "training/demoire.py clean", clean.Config),
     ("Training a detector of screen photos", "training/detect.py train", fit.Config),
     ("Scoring photos", "training/detect.py score", score.Config),
     ("Making pairs", "training/synthesise.py", synthesise.Config),
     ("Calibrating a scene", "training/calibrate.py", calibrate.Config),
+    ("Explorer", "training/explore.py", explore.Config),
 )
 
 

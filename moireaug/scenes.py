@@ -23,7 +23,7 @@ from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_dict import check_shot_keys, numbers_from_dict, whole_from_dict
-from moireaug.scene.sized import NOMINAL_SIZE, scene_of_size, size_octave
+from moireaug.scene.sized import NOMINAL_SIZE, parts_of_crops, scene_of_size, size_octave
 from moireaug.scene.track import DEFAULT_HAND, Hand, track_of
 
 UNPLANNED_MESSAGE = (
@@ -171,17 +171,8 @@ class Scene(SceneRecord):
         Raises:
             ValueError, TypeError: a scene of a full reading, or a shrink out of its range.
         """
-        if not self.is_binned:
-            raise ValueError(
-                "shrink is for scenes that state Panel.width, Sensor.pitch or Sensor.shrink; got "
-                f"{shrink!r} for one that states Panel.scale and Sensor.scale. Leave it out: None, "
-                "or null on a command line."
-            )
-        panel = self.panel
-        if self.sensor.pitch:
-            panel = replace(panel, width=0.0, scale=1.0)
-        given: Any = shrink  # a list becomes a tuple
-        scene = replace(self, panel=panel, sensor=replace(self.sensor, shrink=given, scale=1.0))
+        panel, sensor = parts_of_crops(self, shrink)
+        scene = replace(self, panel=panel, sensor=sensor)
         if not scene.is_crop:
             raise ValueError("shrink must be at least 0.1; got 0. For whole photos, leave it out.")
         return scene

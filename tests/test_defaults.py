@@ -21,7 +21,9 @@ from moireaug.defenses import DEFENSES, Quilting, restore_mean
 from moireaug.engine import switch
 from moireaug.evaluation import evaluate
 from moireaug.evaluation.visibility import visibility
+from moireaug.nn import ScreenCamera
 from moireaug.scene.presets import PRESETS
+from moireaug.synthesis import screen_in_room
 from moireaug.synthesis.pairs import make_pair
 from moireaug.transforms import AdversarialMoire, RandomMoire
 from moireaug.transforms import albumentations as for_albumentations
@@ -157,6 +159,12 @@ def paired():
     return pair.pictures(), pair.to_dict(), measure(photos, original)
 
 
+def through_a_layer():
+    camera = ScreenCamera(SCENE, jitter=1.0).eval()
+    draw = camera.draw(IMAGES)
+    return camera(IMAGES, draw), camera.twin(IMAGES, draw)
+
+
 def trained():
     model = copy.deepcopy(MODEL)
     images, labels = signs.make("train", 2, 16)
@@ -177,6 +185,8 @@ PATHS = {
     "visibility": lambda: visibility(IMAGES, IMAGES.flip(0)),
     "ladder": evaluated,
     "pairs": paired,
+    "room": lambda: tuple(screen_in_room(IMAGES, IMAGES.flip(0), "screen_photo", shrink=(1, 3))),
+    "layer": through_a_layer,
     "tiles": lambda: tiled(torch.square, IMAGES, 16, 8),
     "signs": trained,
     "side of a model's images": lambda: models.check_side(MODEL, "small", 16),

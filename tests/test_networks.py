@@ -1,4 +1,4 @@
-"""The networks that a model computes with, and the modes that they come back in."""
+"""The networks that a model computes with are found, put into evaluation mode, and put back."""
 
 import functools
 import weakref
@@ -8,79 +8,13 @@ import pytest
 import torch
 from torch import nn
 
-from moireaug import Scene, attacks, evaluation, transforms
+from moireaug import attacks
 from moireaug.common.networks import device_of, in_evaluation_mode, networks_of
 from moireaug.defenses import Defended, Rejecting
 from moireaug.defenses.demoire import Demoire
+from tests.odd_networks import network
 
-SCENE = Scene()
 IMAGES, LABELS = torch.rand(4, 3, 16, 16), torch.arange(4)
-
-
-class LowRank(nn.Linear):
-    """A linear layer that merges a low-rank weight in evaluation, and unmerges it in training."""
-
-    def __init__(self, inputs, outputs):
-        super().__init__(inputs, outputs)
-        self.weight.requires_grad_(False)
-        self.bias.requires_grad_(False)
-        self.down = nn.Parameter(torch.randn(2, inputs))
-        self.up = nn.Parameter(torch.randn(outputs, 2))
-        self.merged = False
-
-    def train(self, mode=True):
-        super().train(mode)
-        if self.merged == mode:
-            sign = -1 if mode else 1
-            self.weight.data += sign * (self.up @ self.down)
-            self.merged = not mode
-        return self
-
-    def forward(self, x):
-        y = super().forward(x)
-        return y if self.merged else y + x @ self.down.T @ self.up.T
-
-
-class Observer(nn.Module):
-    """Writes into its buffers in evaluation, too, in every way that quantisation's observers,
-    queues and counters do; `calls` is a caller's own count."""
-
-    def __init__(self):
-        super().__init__()
-        self.register_buffer("range", torch.zeros(2))
-        self.register_buffer("channels", torch.zeros(0))
-        self.register_buffer("queue", torch.zeros(4, 2))
-        self.register_buffer("count", torch.tensor(0))
-        self.register_buffer("last", None)
-        self.is_ready, self.calls = False, 0
-
-    def forward(self, x):
-        seen = x.detach()
-        self.calls += 1
-        if not self.is_ready:
-            self.range = torch.stack([seen.min(), seen.max()])  # another tensor
-            self.is_ready = True
-        self.channels.resize_(x.shape[1]).copy_(seen.amax(0))
-        self.queue[:1] = seen[0, :2]
-        self.count.data += 1  # behind the version counter
-        self.last = seen.mean()
-        return x
-
-
-class Counter(nn.Module):
-    """Counts its calls, as those who compare query budgets do."""
-
-    calls = 0
-
-    def forward(self, x):
-        self.calls += 1
-        return x
-
-
-def network():
-    torch.manual_seed(0)
-    layers = (nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4), nn.AdaptiveAvgPool2d(4), nn.Flatten())
-    return nn.Sequential(*layers, LowRank(64, 5), Observer())
 
 
 class Owner:
@@ -154,77 +88,6 @@ def test_what_is_not_followed_keeps_its_mode():
     with in_evaluation_mode(lambda x: looked_up["net"](x)):
         assert net.training
     assert networks_of(by_another_function) == []
-
-
-def evaluated(model):
-    settings = {"suite": "trust", "steps": 1, "progress": False}
-    return lambda images, labels: evaluation.evaluate(model, [(images, labels)], **settings)
-
-
-BORROWERS = {
-    "pgd": lambda model: attacks.PGD(model, steps=2),
-    "cw": lambda model: attacks.CW(model, steps=2),
-    "ma": lambda model: attacks.MoireAttack(model, scene=SCENE, steps=2),
-    "multitargeted": lambda model: attacks.MultiTargeted(attacks.PGD(model, steps=1), targets=1),
-    "transform": lambda model: transforms.AdversarialMoire(model, SCENE, steps=1),
-    "evaluate": evaluated,
-    "defended": lambda model: attacks.PGD(Defended(model, lambda x: x), steps=1),
-}
-
-
-@pytest.mark.parametrize("borrower", BORROWERS)
-def test_a_borrowed_network_comes_back_as_it_was(borrower):
-    net = network().train()
-    net[1].eval()  # as where statistics are frozen
-    weight, before = net[4].weight.clone(), {k: v.clone() for k, v in net.state_dict().items()}
-    buffers = dict(net.named_buffers())
-    BORROWERS[borrower](net)(IMAGES, LABELS)
-    assert [m.training for m in net.modules()] == [True, True, False, True, True, True, True]
-    assert not net[4].merged
-    torch.testing.assert_close(net[4].weight, weight)
-    del before["4.weight"]
-    assert net.state_dict().keys() - {"4.weight"} == before.keys()
-    assert all(buffers[name] is buffer for name, buffer in net.named_buffers())
-    assert (net[5].is_ready, net[5].calls, net[5].last) == (False, 0, None)
-    assert all(torch.equal(net.state_dict()[name], value) for name, value in before.items())
-    assert net(IMAGES).requires_grad
-
-
-def test_what_a_forward_pass_writes_stays_without_a_block():
-    """Negative control of the test above; and a count that goes with no buffer is a caller's."""
-    net, counter = network(), Counter()
-    net(IMAGES)
-    assert net[5].count == 1 and net[5].is_ready and net[5].channels.shape == (5,)
-    attacks.PGD(nn.Sequential(network(), counter), steps=2)(IMAGES, LABELS)
-    assert counter.calls
-
-
-def test_an_unchanged_buffer_is_not_written():
-    """A graph that has kept it would no longer go backward."""
-    net = network()
-    net[5].eval()
-    version = net[5].queue._version
-    with in_evaluation_mode(net):
-        net[5].count += 1
-    assert (net[5].count, net[5].queue._version) == (0, version)
-
-
-def test_buffers_of_an_inference_are_put_back():
-    with torch.inference_mode():
-        net = network()
-        before = net[5].queue.clone()
-    with in_evaluation_mode(net), torch.inference_mode():
-        net(IMAGES)
-        assert not torch.equal(net[5].queue, before)
-    assert torch.equal(net[5].queue, before) and net[5].queue.is_inference()
-
-
-def test_weights_that_a_forward_pass_writes_are_told():
-    net = network()
-    warning = pytest.warns(UserWarning, match=r"weights changed .*Conv2d\.bias.*are not put back")
-    with warning, in_evaluation_mode(net), torch.no_grad():
-        net[0].bias += 1
-    assert all(module.training for module in net.modules())
 
 
 @pytest.mark.parametrize("kind", CALLABLES)

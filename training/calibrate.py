@@ -75,7 +75,7 @@ class Config:
     out: str | None = setting(None, "the folder of the results; null: one in runs/calibrate/")
     size: int = setting(384, "side of the crops, in pixels", bounds=(MIN_CROP_SIDE, None))
     crops: int = setting(6, "crops of each picture", bounds=(1, None))
-    seed: int = setting(0, "of the shots and the search", bounds=(0, None))
+    seed: int = setting(0, "of the photos and the search", bounds=(0, None))
     fit: bool = setting(False, "whether to search the scene's ranges")
     evaluations: int = setting(400, "of the fit, at most", bounds=(1, None))
     seconds: float = setting(900.0, "of the fit, at most", bounds=(0, None))

@@ -7,7 +7,7 @@ What each does, and its settings: python training/demoire.py train --help, and l
 """
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
@@ -15,30 +15,10 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
-from training.system.messages import prepare_output
+from training.system.subcommands import run_subcommand
 
-
-def main(argv: Sequence[str]) -> None:
-    """Run a command line of either kind.
-
-    Raises:
-        SystemExit: the command has failed, or there is none of that name.
-    """
-    prepare_output()
-    if argv[:1] == ["train"]:
-        from training.config import commands
-        from training.demoireing import fit
-
-        commands.run(fit.main, fit.DemoireConfig, "train")
-    elif argv[:1] == ["clean"]:
-        from training.demoireing import clean
-
-        clean.main(argv[1:])
-    elif {"-h", "--help"} & set(argv):
-        print((__doc__ or "").strip())
-    else:
-        got = repr(argv[0]) if argv else "nothing"
-        raise SystemExit(f"error: training/demoire.py takes train or clean first; got {got}.")
+MODULES = {"train": "training.demoireing.fit", "clean": "training.demoireing.clean"}
+main = partial(run_subcommand, "training/demoire.py", __doc__, MODULES)
 
 
 if __name__ == "__main__":

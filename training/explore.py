@@ -1,7 +1,7 @@
 """Open the explorer in a browser.
 
     python training/explore.py
-    python training/explore.py --run runs/moire_at/seed0
+    python training/explore.py port=7999 browser=false
 
 It listens on 127.0.0.1 only and sends nothing anywhere else.
 """
@@ -12,52 +12,37 @@ from pathlib import Path
 if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
     sys.path[: not sys.flags.safe_path] = [str(Path(__file__).resolve().parents[1])]
 
-import argparse
+# before torch is loaded, as it sets how torch's threads wait
+import training  # noqa: F401  # isort: skip
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from moireaug.common.extras import require
-from training.system.messages import prepare_output
+from training.config.commands import parse, report_errors
+from training.config.settings import setting
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Read the command line and serve the page until Ctrl-C.
+@dataclass
+class Config:
+    """All settings of the command."""
 
-    Raises:
-        SystemExit: the extra is not installed (the message says how to install it), the port is
-            taken, or there is no such run.
-    """
-    prepare_output()
-    parser = argparse.ArgumentParser(prog="python training/explore.py", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--port", type=port, help="default: 7860 or the next free one")
-    parser.add_argument("--run", default="", help="the folder of a run, for the second tab")
-    parser.add_argument("--quiet", action="store_true", help="do not open a browser")
-    args = parser.parse_args(argv)
-    if args.run and not Path(args.run).is_dir():
-        raise SystemExit(f"error: --run {args.run}: there is no such folder.")
-    try:
-        require("explore", "training/explore.py")
-    except ModuleNotFoundError as error:
-        raise SystemExit(f"error: {error}") from None
-
-    from training.explorer import page
-
-    try:
-        page.serve(args.run, args.port, in_browser=not args.quiet)
-    except OSError as error:
-        raise SystemExit(f"error: {error}") from None
+    port: int | None = setting(None, "null: 7860 or the next free one", bounds=(1, 65535))
+    browser: bool = setting(True, "whether to open one")
 
 
-def port(text: str) -> int:
-    """Return the number of a port.
+def main(argv: Sequence[str]) -> None:
+    """Serve the page until Ctrl-C, or exit with a one-line error: the extra is not installed (the
+    message says how to install it), or the port is taken."""
+    with report_errors("The explorer is closed."):
+        cfg = parse(argv, Config, "python training/explore.py port=7999", __doc__)
+        try:
+            require("explore", "training/explore.py")
+        except ModuleNotFoundError as error:
+            raise ValueError(str(error)) from None
+        from training.explorer import page
 
-    Raises:
-        argparse.ArgumentTypeError: it is no number from 1 to 65535.
-    """
-    if not text.isdecimal() or not 1 <= int(text) <= 65535:
-        raise argparse.ArgumentTypeError(f"a port is a number from 1 to 65535; got {text!r}")
-    return int(text)
+        page.serve(cfg.port, in_browser=cfg.browser)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -18,14 +18,28 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
     sys.path[: not sys.flags.safe_path] = [str(Path(__file__).resolve().parents[1])]
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+from omegaconf import MISSING
 
 from moireaug.common.files import write_bytes, write_text
 from training.comparison.frame import read, read_csv
 from training.comparison.plot import draw
 from training.comparison.summaries import RecipeSummary, summarise
 from training.comparison.table import markdown, terminal_parts
+from training.config.commands import parse, report_errors
+from training.config.settings import setting
 from training.report.terminal import show
-from training.system.messages import prepare_output
+
+EXAMPLE = "python training/frontier.py runs"
+
+
+@dataclass
+class Config:
+    """All settings of the command."""
+
+    runs: str = setting(MISSING, "a folder of runs, or a frontier.csv; runs= may be left out")
+    out: str | None = setting(None, "the folder of the table; null: frontier/ in that of the runs")
 
 
 def frontier(source: Path, out: Path) -> list[RecipeSummary]:
@@ -43,26 +57,16 @@ def frontier(source: Path, out: Path) -> list[RecipeSummary]:
 
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
-    prepare_output()
-    if {"-h", "--help"} & set(argv):
-        print(__doc__ or f"Read {__file__}.")  # Python was told to leave docstrings out
-        return
-    folders = [a for a in argv if not a.startswith("out=")]
-    if len(folders) != 1 or len(argv) > 2:
-        raise SystemExit(
-            "error: pass one folder of runs, as in: python training/frontier.py runs [out=DIR]"
-        )
-    source = Path(folders[0])
-    out = source / "frontier"
-    for argument in argv:
-        if argument.startswith("out="):
-            out = Path(argument.removeprefix("out="))
-    if source.suffix == ".csv" and len(argv) == 1:  # beside it lie the tables of the runs
-        raise SystemExit("error: say where to write the table of a CSV, with out=DIR")
-    try:
-        frontier(source, out)
-    except (ValueError, OSError) as error:
-        raise SystemExit(f"error: {error}") from None
+    with report_errors("Interrupted before the table was written."):
+        folders = [word for word in argv if "=" not in word and not word.startswith("-")]
+        if len(folders) > 1:
+            raise ValueError(f"pass one folder of runs, as in: {EXAMPLE}; got {len(folders)}.")
+        named = [f"runs={word}" if word in folders else word for word in argv]
+        cfg = parse(named, Config, EXAMPLE, __doc__)
+        source = Path(cfg.runs)
+        if source.suffix == ".csv" and cfg.out is None:  # beside it lie the tables of the runs
+            raise ValueError("say where to write the table of a CSV, with out=DIR")
+        frontier(source, Path(cfg.out) if cfg.out else source / "frontier")
 
 
 if __name__ == "__main__":

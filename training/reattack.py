@@ -34,14 +34,14 @@ from torch.distributed import barrier, new_group
 
 from moireaug.common.argument_checks import one_of
 from training.attack.protocol import AttackResult, SuiteAttack, attack, attack_run
-from training.attack.results import original_metrics, publish, publish_suite, run_metrics
+from training.attack.results import plain_metrics, publish, publish_suite, run_metrics
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suite_config import suite_config
 from training.config import commands, scenes
 from training.config.checks import check_classifier, check_overrides, keys_of, merge_run_settings
 from training.config.compose import DATA_GROUPS, register
 from training.config.schema import RECIPES, ReattackConfig, as_config
-from training.runs.metrics import ORIGINAL, Metrics, PlainMetrics, RunMetrics
+from training.runs.metrics import ORIGINAL, Metrics, RunMetrics
 from training.runs.run import Run, locked_folder
 from training.runs.trained import TrainedRun, read, read_baseline_of, read_training_cost
 from training.suites import GROUPS, SUITES
@@ -102,14 +102,14 @@ def attack_by_ladder(
     metrics = run_metrics(cfg, read_training_cost(run.folder) if run else None, None)
     metrics = replace(metrics, time=subject.seconds)
     baseline_run = read_baseline_of(run) if run else None
-    baseline = plain_metrics(baseline_run) if baseline_run else None
+    baseline = None
     if baseline_run:
         baseline_run.check_classes(splits, cfg.data)
-        results[baseline_run.cfg.recipe] = attack_run(
-            baseline_run, protocol, home and subject.records
-        )
+        recipe, train = baseline_run.cfg.recipe, read_training_cost(baseline_run.folder)
+        baseline = plain_metrics(baseline_run.cfg, recipe, train)
+        results[recipe] = attack_run(baseline_run, protocol, home and subject.records)
     if run and (original := run.original_model()):
-        baseline = original_metrics(cfg)
+        baseline = plain_metrics(cfg, ORIGINAL)
         results[ORIGINAL] = attack(original, protocol, subject.records, ORIGINAL, check=False)
     return publish(subject.folder, metrics, results, splits.classes, baseline)
 
@@ -127,17 +127,6 @@ def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> AttackResult | Non
     if fabric.world_size > 1:
         barrier(everyone)
     return None if fabric.global_rank else suite_attack.results()
-
-
-def plain_metrics(run: TrainedRun) -> PlainMetrics:
-    """Return the metrics of a baseline that was read from its folder, without an attack."""
-    return PlainMetrics(
-        recipe=run.cfg.recipe,
-        seed=run.cfg.seed,
-        data=run.cfg.data.name,
-        model=run.cfg.model,
-        train=read_training_cost(run.folder),
-    )
 
 
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="reattack")

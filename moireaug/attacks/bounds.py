@@ -15,7 +15,7 @@ BOUNDS = ("codes", "light")  # what eps counts
 # units in the last place by which a box is narrower than its bound, so that no rounding leaves it
 ROUNDING_ULPS = 8
 MIN_SLOPE = 1e-12  # where rounding would leave a box no width
-INSIDE = 1 - 1e-6  # of a noise that is taken back to the variable of a search
+INVERSE_SHRINKAGE = 1 - 1e-6  # of a noise that is taken back to the variable of a search
 
 
 class Box(NamedTuple):
@@ -42,7 +42,7 @@ class Box(NamedTuple):
         than rounding matters, so that a noise at a bound stays within it."""
         if self.slopes is None:
             return noise
-        return noise / torch.where(noise > 0, *self.slopes) * INSIDE
+        return noise / torch.where(noise > 0, *self.slopes) * INVERSE_SHRINKAGE
 
 
 @dataclass(frozen=True)

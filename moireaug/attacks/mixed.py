@@ -3,6 +3,8 @@ their own, and their results joined."""
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,21 +31,18 @@ def join_results(
     if noise_at == "photo" or len(shot.raw_shapes()) == 1:
         noise = join_rows(rows, noises)
     else:
-        noise_by_row: dict[int, Tensor] = {}
-        for scene_rows, scene_noise in zip(rows, noises, strict=True):
-            noise_by_row |= dict(zip(scene_rows.tolist(), scene_noise, strict=True))
-        noise = [noise_by_row[row] for row in sorted(noise_by_row)]
-    scene_shots = [(at, result.shot) for at, result in zip(rows, results, strict=True)]
-    return Result(
+        image_noises = list(itertools.chain.from_iterable(noises))
+        noise = [image_noises[place] for place in torch.cat(list(rows)).argsort().tolist()]
+    shots = [(at, result.shot) for at, result in zip(rows, results, strict=True)]
+    return dataclasses.replace(
+        results[0],
         images=join_rows(rows, [result.images for result in results]),
         success=join_rows(rows, [result.success for result in results]),
         noise=noise,
         loss=_mean_loss(results),
-        eps=results[0].eps,
         clean_correct=join_rows(rows, [result.clean_correct for result in results]),
         correct=join_rows(rows, [result.correct for result in results]),
-        bound=results[0].bound,
-        shot=MixedShot.from_shots(shot.scenes, shot.scene_index, scene_shots),
+        shot=MixedShot.from_shots(shot.scenes, shot.scene_index, shots),
     )
 
 

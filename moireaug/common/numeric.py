@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import math
+from types import ModuleType
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
 LUMA_WEIGHTS = (0.299, 0.587, 0.114)  # ITU-R BT.601, as in torchvision, PIL and OpenCV
+
+
+def library_of(values: Tensor | np.ndarray) -> ModuleType:
+    """Return the library of an array, torch or numpy, whose functions it takes."""
+    return torch if isinstance(values, Tensor) else np
+
+
+def array_like(values: Any, like: Any) -> Any:
+    """Return numbers as an array of another's library, dtype and device."""
+    return like.new_tensor(values) if isinstance(like, Tensor) else np.array(values, like.dtype)
 
 
 def clip(x: Tensor) -> Tensor:

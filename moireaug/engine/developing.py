@@ -18,6 +18,7 @@ from moireaug.engine.execution import Call
 from moireaug.engine.stage import KernelStage, RowSplit
 from moireaug.engine.torch_operators import OperatorStage
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import HostGeometry
 
 if TYPE_CHECKING:
     from moireaug.engine.lower.development_records import Development
@@ -35,11 +36,11 @@ class Developing(KernelStage):
     is_finite: bool
 
     def lower(
-        self, shot: ShotRecord, exactness: int, table: np.ndarray | None = None
+        self, shot: ShotRecord, exactness: int, geometry: HostGeometry | None = None
     ) -> Development:
         from moireaug.engine.lower.development import lower_development
 
-        return lower_development(shot, table)
+        return lower_development(shot, geometry)
 
     def can_follow(self, records: Development) -> np.ndarray:
         return np.ones(len(records.codes.matrix), bool)
@@ -64,10 +65,6 @@ class Developing(KernelStage):
         # NaN and infinity are not in the tables of the CPU's kernels
         checked, others = checked.part(finite), self.call.part(~finite).shot
         return RowSplit(finite, checked, lambda raw: pipeline.develop(raw, others))(raw)
-
-    def part(self, mask: Tensor) -> Developing:
-        """Return the stage of the images of a mask (B,) alone."""
-        return dataclasses.replace(self, call=self.call.part(mask))
 
 
 def finite_images(raw: Tensor) -> Tensor:

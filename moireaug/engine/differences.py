@@ -26,7 +26,7 @@ def gradients(stage: KernelStage, grad: Tensor, values: Tensor) -> list[Tensor |
 
     grad: that in the results (B, C, h, w) of values (B, C, H, W).
     """
-    names, shot = stage.call.moved_numbers, stage.call.host_shot()
+    names, shot = stage.call.moved_numbers, stage.call.host_shot
     slopes = torch.zeros(len(names), len(shot), dtype=torch.float64)
     is_read = torch.zeros(len(names), dtype=torch.bool)
     pending = torch.arange(len(shot))

@@ -3,6 +3,8 @@ reference."""
 
 from __future__ import annotations
 
+import functools
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from moireaug.engine.backends import BACKENDS, Backend, backend_of, why_no_kerne
 from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import HostGeometry
 from moireaug.scene.sized import scene_of_size
 
 ENGINE_EXPOSURES = ("spectral", "mean", "point")
@@ -76,7 +79,8 @@ def execution_of(
     )
 
 
-class Call(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Call:
     """A call of `capture`, `expose` or `develop`: one shot, and who computes it.
 
     Args:
@@ -93,14 +97,19 @@ class Call(NamedTuple):
     def part(self, mask: Tensor) -> Call:
         """Return the call of the images of a mask (B,) alone."""
         table = None if self.table is None else self.table[:, mask.numpy()]
-        return self._replace(shot=self.shot[mask.to(self.shot.device)], table=table)
+        return replace(self, shot=self.shot[mask.to(self.shot.device)], table=table)
 
+    @functools.cached_property
+    def geometry(self) -> HostGeometry:
+        """The shot's geometry in arrays."""
+        return self.shot.host_geometry(self.table)
+
+    @functools.cached_property
     def host_shot(self) -> ShotRecord:
-        """Return the shot on the CPU, without a gradient in its numbers."""
+        """The shot on the CPU, without a gradient in its numbers."""
         if self.shot.device.type == "cpu" and not self.moved_numbers:
             return self.shot
-        rows = torch.from_numpy(self.shot.host_numbers() if self.table is None else self.table)
-        numbers = dict(zip(self.shot.numbers(), rows, strict=True))
+        numbers = {name: torch.from_numpy(row) for name, row in self.geometry.numbers().items()}
         return self.shot.with_numbers(numbers, self.shot.seed.cpu())
 
 

@@ -21,6 +21,7 @@ from moireaug.engine.stage import KernelStage, RowSplit
 from moireaug.engine.torch_operators import OperatorStage
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import HostGeometry
 
 if TYPE_CHECKING:
     from moireaug.engine.lower.exposure_records import Exposure, PanelView
@@ -49,12 +50,13 @@ class Exposing(KernelStage):
     def sums_in_order(self) -> bool:
         return self.kernels.SUMS_IN_ORDER
 
-    def lower(self, shot: ShotRecord, exactness: int, table: np.ndarray | None = None) -> Records:
+    def lower(
+        self, shot: ShotRecord, exactness: int, geometry: HostGeometry | None = None
+    ) -> Records:
         # with the first photo: importing the package would take a tenth longer
         from moireaug.engine.lower.exposure import lower_exposure
 
-        is_decoded = self.is_decoded
-        return lower_exposure(shot, decoded=is_decoded, exactness=exactness, table=table)
+        return lower_exposure(shot, geometry, decoded=self.is_decoded, exactness=exactness)
 
     def can_follow(self, records: Records) -> np.ndarray:
         return self.kernels.fits(*records)
@@ -102,7 +104,7 @@ def exposing(call: Call) -> Callable[[Tensor], Tensor]:
     others = call.part(~followed).shot
     return RowSplit(
         followed,
-        exposing(call.part(followed)),
+        stage.part(followed),
         lambda light: pipeline.expose(as_float(light), others),
     )
 

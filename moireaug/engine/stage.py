@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from torch import Tensor
@@ -17,6 +17,7 @@ from moireaug.common.numeric import as_float
 from moireaug.engine.execution import Call
 from moireaug.scene.mixed_shot import join_rows
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import HostGeometry
 
 
 class Stage(ABC):
@@ -63,18 +64,22 @@ class KernelStage(Stage):
     def shot(self) -> ShotRecord:
         return self.call.shot
 
+    def part(self, mask: Tensor) -> Self:
+        """Return the stage of the images of a mask (B,) alone."""
+        return replace(self, call=self.call.part(mask))
+
     @functools.cached_property
     def records(self) -> Any:
         """The records of the shot, from `lower`."""
-        return self.lower(self.call.host_shot(), 1, self.call.table)
+        return self.lower(self.call.host_shot, 1, self.call.geometry)
 
     @abstractmethod
-    def lower(self, shot: ShotRecord, exactness: int, table: np.ndarray | None = None) -> Any:
+    def lower(self, shot: ShotRecord, exactness: int, geometry: HostGeometry | None = None) -> Any:
         """Return the records of a shot on the CPU.
 
         Args:
             exactness: by how much their errors are smaller than a photo's.
-            table: the shot's numbers, from `host_numbers`, if they are at hand.
+            geometry: of the shot, if it is at hand.
         """
 
     @abstractmethod

@@ -1,4 +1,10 @@
-"""Evaluation: attacks on models, with the controls that tell the moiré from the noise."""
+"""Evaluation: attacks on models, with the controls that tell the moiré from the noise.
+
+A suite lays out tables, whose cells are conditions before classifiers. A condition shows images,
+attacked ones if it is an attacker; a classifier predicts their classes. The runner keeps both in a
+record for each batch; `images_frame` makes a row per cell and image of the records, and `rates` a
+row per cell of those.
+"""
 
 # ruff: noqa: E402  # a missing extra is named before it is imported
 

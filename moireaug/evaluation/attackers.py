@@ -14,10 +14,12 @@ from torch import Tensor
 from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
 from moireaug.attacks.result import Result
 from moireaug.capture import capture
+from moireaug.common.argument_checks import one_of
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Condition, EvalBatch, in_255ths
 from moireaug.evaluation.visibility import visibility
 
+PIXEL_ATTACKS = ("pgd", "bim", "mifgsm", "cw", "patch")  # keys of `attacks.ATTACKS`
 EVERY_STEP = "in_every_step"  # in the name of an attacker that goes on once an image is fooled
 
 
@@ -48,7 +50,8 @@ class Attacker(Condition):
 
     def name_words(self) -> list[str]:
         """Return the words of its name, without the defence."""
-        return [self.kind, in_255ths(self.eps)]
+        words = [self.kind, in_255ths(self.eps)]
+        return [*words, "targeted"] if self.targeted else words
 
     @abstractmethod
     def perturb(self, batch: EvalBatch) -> Tensor:
@@ -122,8 +125,6 @@ class MoireAttacker(Attacker):
 
     def name_words(self) -> list[str]:
         words = super().name_words()
-        if self.targeted:
-            words.append("targeted")
         if self.variant:
             words.append(self.variant)
         if not self.until_fooled:
@@ -176,9 +177,11 @@ class PixelAttacker(Attacker):
     """An attack on the pixels of the image, without a camera, for comparison.
 
     Args:
-        attack: a key of `attacks.ATTACKS`: "pgd", "bim", "mifgsm" or "patch"; or "cw", which has no
-            bound and whose eps is 0.
+        attack: one of `PIXEL_ATTACKS`; of these "cw" has no bound, and its eps is 0.
         until_fooled: as of `MoireAttacker`; "cw" takes every step.
+
+    Raises:
+        ValueError: another attack.
     """
 
     kind = "pixels"
@@ -186,10 +189,14 @@ class PixelAttacker(Attacker):
     attack: str
     until_fooled: bool = True
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one_of("attack", self.attack, PIXEL_ATTACKS)
+
     def name_words(self) -> list[str]:
         if self.attack == "cw":
             return [self.attack]
-        words = [self.attack, in_255ths(self.eps)]
+        words = [self.attack, *super().name_words()[1:]]
         if not self.until_fooled:
             words.append(EVERY_STEP)
         return words

@@ -29,10 +29,21 @@ class APGDTAttacker(Attacker):
 
     Args:
         classes: number of target classes, the likeliest first.
+
+    Raises:
+        ValueError: a targeted one.
     """
 
     kind = "apgd_t"
     classes: int = 9
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.targeted:
+            raise ValueError(
+                f"{type(self).__name__} goes toward several classes, and succeeds with any: leave "
+                'targeted out, or use MoireAttacker(rule="apgd", targeted=True).'
+            )
 
     def perturb(self, batch: EvalBatch) -> Tensor:
         classes = class_count(batch.model, batch.images, batch.labels)
@@ -43,20 +54,16 @@ class APGDTAttacker(Attacker):
 
 
 @dataclass(frozen=True, kw_only=True)
-class APGDAttacker(Attacker):
+class APGDAttacker(APGDTAttacker):
     """APGD in the order of AutoAttack: by the cross-entropy, and then, on the images that are still
     right, APGD-T.
 
     Of a model that answers at random, being fooled once says little. As in AutoAttack's version
     "rand", all its images are attacked by the cross-entropy and by the DLR loss without a target;
     each keeps the noise whose margin is greater when the model is asked again.
-
-    Args:
-        classes: as of `APGDTAttacker`.
     """
 
     kind = "apgd"
-    classes: int = 9
 
     def perturb(self, batch: EvalBatch) -> Tensor:
         first = self.moire_attack(batch, rule="apgd", until_fooled=True)
@@ -71,8 +78,7 @@ class APGDAttacker(Attacker):
         still_right = (~result.success).nonzero()[:, 0]
         if not len(still_right):
             return result.images
-        targeted = APGDTAttacker(eps=self.eps, steps=self.steps, classes=self.classes)
-        return result.images.index_copy(0, still_right, targeted.perturb(batch[still_right]))
+        return result.images.index_copy(0, still_right, super().perturb(batch[still_right]))
 
 
 def _margins(batch: EvalBatch, images: Tensor) -> Tensor:

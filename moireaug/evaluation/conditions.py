@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.bounds import bound_on_reading
+from moireaug.attacks.checks import check_eps
 from moireaug.capture import capture, develop, expose
 from moireaug.common.numeric import clip
 from moireaug.mixtures import Mixture
@@ -78,6 +79,9 @@ class Condition(ABC):
         scene: scene of the photos, or a mixture; None is the evaluation's scene. Shots of one scene
             are drawn alike, so that all conditions of a scene share theirs.
         scene_name: name of that scene, part of this condition's name.
+
+    Raises:
+        ValueError: an eps out of range.
     """
 
     kind: ClassVar[str]
@@ -87,6 +91,9 @@ class Condition(ABC):
     targeted: bool = False
     scene: Scene | Mixture | None = None
     scene_name: str = ""
+
+    def __post_init__(self) -> None:
+        check_eps(self.eps)
 
     @property
     def name(self) -> str:

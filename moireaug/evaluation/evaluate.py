@@ -100,6 +100,9 @@ def evaluate(
             for; a part on another device than the model; a folder with a callable without an
             identity; an lpips file of another network.
     """
+    for option, given in (("targets", targets), ("defences", defences)):
+        if given is not None and not isinstance(given, Mapping):
+            raise TypeError(f"{option} must be a dict, by name; got {given!r}.")
     models = {"model": model, **(targets or {})}
     transforms = dict(defences or {})
     for name, one in models.items():

@@ -49,7 +49,7 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
     every classifier without a defence: success counts the images that it gets right.
 
     Raises:
-        ValueError: two conditions of one name that differ.
+        ValueError: two conditions, or two classifiers of one condition, of one name that differ.
     """
     conditions: dict[str, Condition] = {CLEAN.name: CLEAN}
     classifiers: dict[str, dict[str, Classifier]] = {CLEAN.name: {UNDEFENDED.name: UNDEFENDED}}
@@ -62,10 +62,18 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
                         f"two conditions are called {condition.name!r}, and their records would "
                         f"be mixed up: {first!r} and {condition!r}. Give one another name."
                     )
-                classifiers.setdefault(condition.name, {})[cell.classifier.name] = cell.classifier
-            base = cell.classifier.base
-            classifiers[CLEAN.name][base.name] = base
+                _add_classifier(cell.classifier, classifiers.setdefault(condition.name, {}))
+            _add_classifier(cell.classifier.base, classifiers[CLEAN.name])
     return [Job(conditions[name], tuple(classifiers[name].values())) for name in conditions]
+
+
+def _add_classifier(classifier: Classifier, classifiers: dict[str, Classifier]) -> None:
+    """Add a classifier to those of a condition, by name."""
+    if classifiers.setdefault(classifier.name, classifier) != classifier:
+        raise ValueError(
+            f"two classifiers of one condition are called {classifier.name!r}, and their records "
+            "would be mixed up. Give one another name."
+        )
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,6 @@ class _Batch:
     """Images (B, 3, H, W), their classes (B,), the classes (B,) that targeted attacks aim at, and
     the random numbers of the batch."""
 
-    index: int
     images: Tensor
     labels: Tensor
     targets: Tensor
@@ -154,7 +161,7 @@ class Runner:
         draws = BatchDraws(self.setup.seed, index)
         with restored_generators(images.device):
             classes = class_count(self.model, images, labels)
-        return _Batch(index, images, labels, draws.targets(labels, classes), draws)
+        return _Batch(images, labels, draws.targets(labels, classes), draws)
 
     def _scene_batches(self, condition: Condition, batch: _Batch) -> SceneBatches:
         """Return the images with their shots, a batch for each scene of a mixture."""
@@ -195,13 +202,13 @@ class Runner:
                 predictions = scene_batches.predictions(classifier, images)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
-                    "key": self.key(condition, classifier, batch.index),
+                    "key": self.key(condition, classifier, draws.index),
                     "model": self.model_identity,
                     "condition": condition.name,
                     "settings": condition.settings(),
                     "bound": condition.eps_unit(self.setup.bound),
                     "judge": classifier.name,
-                    "batch": batch.index,
+                    "batch": draws.index,
                     "labels": batch.labels.tolist(),
                     "targets": batch.targets.tolist(),
                     "predicted": predictions.tolist(),
@@ -209,7 +216,7 @@ class Runner:
                     "seconds": seconds,
                 }
                 records.append(record)
-        if batch.index == 0:
+        if draws.index == 0:
             self.records.keep_picture(self.picture_name(condition), images)
         return records
 

@@ -28,6 +28,15 @@ class Cell:
     classifier: Classifier = UNDEFENDED
     worst: bool = False
 
+    def __post_init__(self) -> None:
+        given = self.conditions
+        is_sequence = isinstance(given, (tuple, list)) and len(given) > 0
+        if not (is_sequence and all(isinstance(one, Condition) for one in given)):
+            raise TypeError(
+                f"the cell {self.place} takes a tuple of one or more conditions, as in (Photo(),); "
+                f"got {given!r}."
+            )
+
     @property
     def place(self) -> tuple[str, str]:
         """Row and column."""
@@ -64,8 +73,12 @@ class Table:
 
     def __post_init__(self) -> None:
         places = [cell.place for cell in self.cells]
-        if len(set(places)) < len(places):
-            raise ValueError(f"table {self.name!r} has two cells of one row and column.")
+        for place in places:
+            if places.count(place) > 1:
+                raise ValueError(
+                    f"table {self.name!r} has two cells of the row and column {place}. Give one "
+                    "another row, or put the conditions of both into one cell."
+                )
 
     def cell(self, row: str, column: str) -> Cell | None:
         """Return the cell of that row and column, or None."""

@@ -21,8 +21,8 @@ from moireaug.evaluation.tables import SuiteConfig, eps_row
 
 RATE_ERROR = 0.02  # two points, or one image where that is more
 ROUNDING_ERROR = 1e-9
-HIDDEN_GRADIENTS = (0.3, 0.5)  # shares that warn and fail
-LITTLE_ROOM = 0.9  # success of the photo above which no attack can add much
+HIDDEN_GRADIENT_SHARES = (0.3, 0.5)  # shares that warn and fail
+MAX_PHOTO_SUCCESS = 0.9  # success of the photo above which no attack can add much
 VERDICTS = ("fail", "warning", "pass")
 
 
@@ -128,7 +128,7 @@ def _rate_checks(config: SuiteConfig, lines: pd.DataFrame, error: float) -> list
         check_result(
             "the photo leaves something to attack",
             f"the photo alone fools {percent_text['moire']}",
-            warns=success["moire"] > LITTLE_ROOM,
+            warns=success["moire"] > MAX_PHOTO_SUCCESS,
         ),
     ]
 
@@ -154,7 +154,7 @@ def _transfer_check(
 def _answer_checks(images: pd.DataFrame, model_lines: pd.DataFrame) -> list[CheckResult]:
     """Return the checks of the model's gradients and answers."""
     hidden = float(images["zero_gradients"].mean())
-    warning_share, failing_share = HIDDEN_GRADIENTS
+    warning_share, failing_share = HIDDEN_GRADIENT_SHARES
     changed = float(images["differ"].mean())
     undecided, answers = int(model_lines["undecided"].sum()), int(model_lines["n"].sum())
     return [

@@ -9,7 +9,7 @@ from kornia.geometry.transform import get_perspective_transform, warp_perspectiv
 from torch import Tensor, nn
 
 from moireaug.capture import capture
-from moireaug.common.argument_checks import check_real
+from moireaug.common.argument_checks import check_real, check_whole
 from moireaug.common.image_checks import check_shape
 from moireaug.mixtures import SceneLike
 from moireaug.scene.mixed_shot import MixedShot, per_scene
@@ -59,8 +59,8 @@ class ScreenCamera(nn.Module):
     network it needs nothing of its own; torch.compile breaks the graph at a mixture of scenes.
 
     Raises:
-        TypeError, ValueError: a scene that cannot be photographed; a jitter below 0, or one of a
-            scene whose photos stay in the camera's frame.
+        TypeError, ValueError: a scene that cannot be photographed; a jitter or a seed below 0; a
+            jitter of a scene whose photos stay in the camera's frame.
     """
 
     def __init__(
@@ -74,14 +74,15 @@ class ScreenCamera(nn.Module):
         super().__init__()
         self.scene = planned_scenes(scene, shrink)
         check_real("jitter", jitter, 0, or_low=True, unit="pixels")
+        check_whole("seed", seed, 0, 2**63 - 1)
         if jitter and self.scene.moves:
             raise ValueError(
                 f"jitter misplaces the corners that bring a photo to the image's frame; got "
                 f"{jitter!r} for a scene whose photos stay in the camera's frame. Set "
                 "Develop(registered=True), or jitter=0."
             )
-        self.jitter, self.seed = float(jitter), seed
-        self._generator = torch.Generator().manual_seed(seed)
+        self.jitter, self.seed = float(jitter), int(seed)
+        self._generator = torch.Generator().manual_seed(self.seed)
 
     def train(self, mode: bool = True) -> ScreenCamera:
         """Set training mode, or evaluation mode with its draws from the beginning; see the
@@ -105,14 +106,16 @@ class ScreenCamera(nn.Module):
             (B, 3, H, W) in [0, 1], of the images' dtype.
 
         Raises:
-            TypeError, ValueError: as `capture`.
+            TypeError, ValueError: as `capture`; a draw of another type, such as a shot.
         """
         draw = self.draw(images) if draw is None else draw
+        _check_draw(draw)
         return registered_by(capture(images, draw.shot, noise), draw.corner_errors)
 
     def twin(self, images: Tensor, draw: ScreenDraw) -> Tensor:
         """Return the same photos without moiré: of the same draw, of a panel without subpixels;
         arguments and errors as of a call."""
+        _check_draw(draw)
 
         def photograph(shot: Shot, images: Tensor) -> Tensor:
             return capture(images, without_moire(shot))
@@ -142,6 +145,14 @@ class ScreenCamera(nn.Module):
         generator = torch.Generator()
         generator.set_state(state["_generator"])
         super().__setstate__(state | {"_generator": generator})
+
+
+def _check_draw(draw: object) -> None:
+    if not isinstance(draw, ScreenDraw):
+        raise TypeError(
+            f"draw must be what camera.draw(images) returns; got a {type(draw).__name__}. Of a "
+            "shot, make ScreenDraw(shot)."
+        )
 
 
 def registered_by(photos: Tensor, corner_errors: Tensor | None) -> Tensor:

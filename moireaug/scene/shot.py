@@ -126,11 +126,9 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
         """Whether any drawn number requires a gradient."""
         return any(values.requires_grad for values in self.numbers().values())
 
-    def host_geometry(self, table: np.ndarray) -> HostGeometry:
-        """Return the shot's geometry in arrays; table: from `host_numbers`."""
-        numbers = dict(zip(self._numbers, table, strict=True))
-        view = self.view.drawn({name: numbers[f"view.{name}"] for name in self.view.ranged})
-        return HostGeometry(self.scene, view, numbers, self.whole_size, self.corner)
+    def host_geometry(self, table: np.ndarray | None = None) -> HostGeometry:
+        """Return the shot's geometry in arrays; table: from `host_numbers`, if it is at hand."""
+        return HostGeometry(self, self.host_numbers() if table is None else table)
 
     @property
     def whole_size(self) -> tuple[int, int]:  # type: ignore[override]

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, Generic, TypeVar
 
@@ -13,9 +12,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.scene.drawn_parts import DrawnView
+from moireaug.scene.by_name import parts_with
+from moireaug.scene.drawn_parts import (
+    DrawnDevelop,
+    DrawnLens,
+    DrawnPanel,
+    DrawnSensor,
+    DrawnView,
+)
 from moireaug.scene.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
 from moireaug.scene.geometry.homography import pose_of
+from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
 
 Array = TypeVar("Array", Tensor, np.ndarray)
@@ -26,15 +33,20 @@ class ShotGeometry(Generic[Array]):
     arrays, (B,) float64 each.
 
     Attributes:
-        scene: of the shot.
-        view: the drawn one.
+        scene, plan: of the shot.
+        panel, view, lens, sensor, develop: the drawn parts.
         whole_size: height and width of the image, or of the larger one of which it is a part.
         corner: row and column at which it begins there.
         xp: module of the numbers, torch or numpy.
     """
 
     scene: SceneRecord
+    plan: Plan
+    panel: DrawnPanel
     view: DrawnView
+    lens: DrawnLens
+    sensor: DrawnSensor
+    develop: DrawnDevelop
     whole_size: tuple[int, int]
     corner: tuple[int, int]
     xp: ModuleType = torch
@@ -127,16 +139,23 @@ class ShotGeometry(Generic[Array]):
         return self.xp.stack((alpha * left, alpha * top), -1)
 
 
-@dataclass(frozen=True, eq=False)
 class HostGeometry(ShotGeometry[np.ndarray]):
-    """A ShotGeometry of arrays, whose pose is computed once."""
+    """A shot's geometry in arrays, whose pose and frame are computed once.
 
-    scene: SceneRecord
-    view: DrawnView
-    _numbers: Mapping[str, np.ndarray]
-    whole_size: tuple[int, int]
-    corner: tuple[int, int]
-    xp: ModuleType = np
+    table: the shot's numbers, from `ShotRecord.host_numbers`.
+    """
+
+    xp = np
+
+    def __init__(self, shot: ShotGeometry, table: np.ndarray) -> None:
+        self.scene, self.plan = shot.scene, shot.plan
+        self.whole_size, self.corner = shot.whole_size, shot.corner
+        self.table, self._numbers = table, dict(zip(shot.numbers(), table, strict=True))
+        vars(self).update(parts_with(shot, self._numbers))
+
+    @functools.cached_property
+    def frame(self) -> Frame:
+        return super().frame
 
     @functools.cached_property
     def _host_pose(self) -> tuple[np.ndarray, np.ndarray]:

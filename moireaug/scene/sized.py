@@ -4,9 +4,10 @@ pixels an image pixel gets."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from moireaug.scene.fields import Range, bounds
-from moireaug.scene.parts import Sensor
+from moireaug.scene.parts import Panel, Sensor
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.scene_checks import MIN_PANEL_SCALE, panel_scales_of_crop, shrink_of_image
 from moireaug.scene.sensor import MIN_PITCH, SHORTER_SIDE
@@ -67,6 +68,21 @@ def scene_of_size(scene: SceneRecord, size: tuple[int, int] = NOMINAL_SIZE) -> S
         view=view,
         sensor=replace(sensor, reading=reading, pitch=pitch),
     )
+
+
+def parts_of_crops(scene: SceneRecord, shrink: Any) -> tuple[Panel, Sensor]:
+    """Return the panel and the sensor of a scene for images that are crops; shrink, errors: see
+    `Scene.with_shrink`."""
+    if not scene.is_binned:
+        raise ValueError(
+            "shrink is for scenes that state Panel.width, Sensor.pitch or Sensor.shrink; got "
+            f"{shrink!r} for one that states Panel.scale and Sensor.scale. Leave it out: None, "
+            "or null on a command line."
+        )
+    panel, sensor = scene.panel, replace(scene.sensor, shrink=shrink, scale=1.0)
+    if sensor.pitch:
+        panel = replace(panel, width=0.0, scale=1.0)
+    return panel, sensor
 
 
 def _extent_of_crops(scene: SceneRecord, place: Range, size: tuple[int, int]) -> Range:

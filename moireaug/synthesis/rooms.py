@@ -18,14 +18,14 @@ from torch import Tensor
 from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.capture import develop, expose
 from moireaug.common.image_checks import check_images
+from moireaug.common.numeric import per_image
 from moireaug.mixtures import SceneLike, as_scenes, map_scenes, scenes_of
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import Part, Range, bounds, ranged
-from moireaug.scene.geometry import grids
-from moireaug.scene.mixed_shot import per_scene
+from moireaug.scene.mixed_shot import join_rows, per_scene
 from moireaug.scenes import Scene, Shot
+from moireaug.synthesis.screen_places import SPACING, boxes_of, corners, distances, on_plane
 
-SPACING = 8  # photo pixels between those whose view of the screen is computed
 GLOSS = 0.3  # of a bezel: share of its light that mirrors the room, and is not its mean
 # what the room is seen by: the same camera, straight on, without a panel's pattern and glass
 FRONTAL = {"view.yaw": 0.0, "view.pitch": 0.0, "view.roll": 0.0, "view.zoom": 1.0}
@@ -66,7 +66,7 @@ class Room(Part):
 
     def draw(self, n: int, generator: torch.Generator | None = None) -> dict[str, Tensor]:
         """Draw each field for n photos: (n,) float64 by name."""
-        u = torch.rand(n, len(self.ranged), dtype=torch.float64, generator=generator)
+        u = torch.rand(n, len(self.ranged), dtype=torch.float64, generator=generator, device="cpu")
         drawn = {}
         for name, share in zip(self.ranged, u.unbind(1), strict=True):
             low, high = bounds(getattr(self, name))
@@ -138,10 +138,10 @@ def screen_in_room(
     size, shape = (height, width), (pictures.shape[-2], pictures.shape[-1])
     shot = scenes.sample(len(pictures), size, generator)
     drawn = room.draw(len(pictures), generator)
-    boxes = _boxes(shape, size, drawn)
+    boxes = boxes_of(shape, size, drawn)
     planes = torch.empty_like(surroundings)
     for plane, picture, box in zip(planes, pictures, boxes.tolist(), strict=True):
-        plane.copy_(_on_plane(picture, box, size))
+        plane.copy_(on_plane(picture, box, size))
     rooms = _rooms(surroundings, drawn)
     numbers = torch.stack(list(drawn.values()), 1)
     joined: tuple[Tensor, ...] = per_scene(
@@ -168,31 +168,6 @@ def _frontal(shot: Shot) -> Shot:
     return _frontal_scene(shot.scene).shot_from_numbers(shot.size, numbers, shot.seed)
 
 
-def _boxes(shape: tuple[int, int], size: tuple[int, int], drawn: dict[str, Tensor]) -> Tensor:
-    """Return where the screens lie in their plane: left, top, width and height, in whole pixels of
-    the photo before it is turned, (B, 4) int64.
-
-    Args:
-        shape: height and width of the pictures. size: those of the photos.
-    """
-    fitting = min(size[0] / shape[0], size[1] / shape[1])
-    sides = (drawn["extent"][:, None] * fitting * torch.tensor(shape[::-1])).round().clamp(min=1)
-    spare = torch.tensor(size[::-1]) - sides
-    corners = (torch.stack((drawn["place_x"], drawn["place_y"]), 1) * spare).round()
-    return torch.cat((corners, sides), 1).long()
-
-
-def _on_plane(picture: Tensor, box: list[int], size: tuple[int, int]) -> Tensor:
-    """Return a picture (3, h, w) at its place in the screen's plane, (3, H, W), its edges
-    repeated."""
-    left, top, width, height = box
-    if picture.shape[-2:] != (height, width):
-        picture = F.interpolate(picture[None], (height, width), mode="bilinear", antialias=True)[0]
-    rows = (torch.arange(size[0], device=picture.device) - top).clamp(0, height - 1)
-    columns = (torch.arange(size[1], device=picture.device) - left).clamp(0, width - 1)
-    return picture[:, rows[:, None], columns].clamp(0, 1)
-
-
 def _rooms(surroundings: Tensor, drawn: dict[str, Tensor]) -> Tensor:
     """Return the rooms' light, out of focus and dimmed, (B, 3, H, W)."""
     size, light = surroundings.shape[-2:], light_of_codes(surroundings)
@@ -212,66 +187,36 @@ def _photograph(
 
     Args:
         planes, rooms: (B, 3, H, W), codes of the screens' planes, and light of the rooms.
-        boxes: see `_boxes`.
+        boxes: see `boxes_of`.
         numbers: (B, fields) float64, of `Room.draw`.
     """
     drawn = dict(zip(Room.ranged, numbers.to(planes).unbind(1), strict=True))
     shorter = boxes[:, 2:].amin(1).to(planes)
-    corner, bezel = drawn["corner"] * shorter, drawn["bezel"] * shorter
-    distance, pixel = _distances(shot.to(planes.device), boxes.to(planes.device), corner)
-    inside = (0.5 - distance / pixel).clamp(0, 1)[:, None]
-    framed = (0.5 - (distance - bezel[:, None, None]) / pixel).clamp(0, 1)[:, None]
-    some = (..., slice(None, None, SPACING), slice(None, None, SPACING))
-    mean = (light_of_codes(planes[some]) * inside[some]).mean((2, 3), keepdim=True)
-    mean = mean / inside[some].mean((2, 3), keepdim=True).clamp(min=0.01)
-    falloff = torch.exp(-distance.clamp(min=0) / shorter[:, None, None])[:, None]
-    glow = drawn["glow"][:, None, None, None] * mean * falloff
+    bezel, corner = (per_image(drawn[name] * shorter, planes) for name in ("bezel", "corner"))
+    distance, pixel = distances(shot.to(planes.device), boxes, corner)
+    inside = (0.5 - distance / pixel).clamp(0, 1)
+    framed = (0.5 - (distance - bezel) / pixel).clamp(0, 1)
+    falloff = torch.exp(-distance.clamp(min=0) / per_image(shorter, planes))
+    glow = per_image(drawn["glow"], planes) * _mean_light(planes, inside) * falloff
     around = expose(codes_of_light((rooms + glow).clamp(0, 1)).clamp(0, 1), _frontal(shot))
     mirrored = around.flip(-1)
     lit = (1 - GLOSS) * around.mean((2, 3), keepdim=True) + GLOSS * mirrored
-    rim = drawn["albedo"][:, None, None, None] * lit
-    screen = expose(planes, shot) + drawn["reflection"][:, None, None, None] * mirrored
+    rim = per_image(drawn["albedo"], planes) * lit
+    screen = expose(planes, shot) + per_image(drawn["reflection"], planes) * mirrored
     raw = inside * screen + (framed - inside) * rim + (1 - framed) * around
-    left, top, width, height = boxes.double().unbind(1)
-    xs = torch.stack((left, left + width, left + width, left), 1)
-    ys = torch.stack((top, top, top + height, top + height), 1)
-    corners = shot.to_photo(torch.stack((xs, ys), -1))
-    return develop(raw, shot), corners, inside.double().mean((1, 2, 3)).cpu()
+    return develop(raw, shot), shot.to_photo(corners(boxes)), inside.double().mean((1, 2, 3)).cpu()
 
 
-def _distances(shot: Shot, boxes: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
-    """Return how far outside of their screen photo pixels look, and the size of a photo pixel
-    there, both in pixels of the screen's plane: (B, H, W) each.
+def _mean_light(planes: Tensor, inside: Tensor) -> Tensor:
+    """Return the mean light (B, 3, 1, 1) of screens, from some of their planes' pixels.
 
     Args:
-        corner: (B,) radii of the screens' corners, in the same pixels.
+        inside: (B, 1, H, W) share of each pixel that the screen takes.
     """
-    frame, lens = shot.frame, shot.distortion
-    if lens is not None:
-        lens = lens[0].to(corner.dtype), lens[1].to(corner.dtype)
-    # where pixels look changes so slowly that every eighth is enough
-    rows, cols = (
-        torch.linspace(0.5, side - 0.5, -(-side // SPACING) + 1, device=boxes.device)
-        for side in shot.size
-    )
-    points = grids.grid(rows, cols).to(corner.dtype).expand(len(shot), -1, -1, -1)
-    points = points + frame.photo_corner(points)
-    inverse = torch.linalg.inv(shot.matrix()).to(corner.dtype)
-    looks = grids.photo_to_image(points, inverse, frame.size, lens)
-    looks = looks - frame.image_corner(looks)
-    steps = grids.jacobian(points, inverse, frame.size, lens)
-    pixel = torch.linalg.det(steps).abs().sqrt().clamp(min=1e-6)
-    coarse = torch.stack((*looks.unbind(-1), pixel), 1)
-    x, y, pixel = F.interpolate(coarse, shot.size, mode="bilinear", align_corners=True).unbind(1)
-    left, top, width, height = boxes.to(corner)[..., None, None].unbind(1)
-    radius = corner[:, None, None]
-    across = (x - left - width / 2).abs() - (width / 2 - radius)
-    down = (y - top - height / 2).abs() - (height / 2 - radius)
-    beyond = torch.hypot(across.clamp(min=0), down.clamp(min=0))
-    return beyond + torch.maximum(across, down).clamp(max=0) - radius, pixel
+    some = (..., slice(None, None, SPACING), slice(None, None, SPACING))
+    mean = (light_of_codes(planes[some]) * inside[some]).mean((2, 3), keepdim=True)
+    return mean / inside[some].mean((2, 3), keepdim=True).clamp(min=0.01)
 
 
 def _join(rows: list[Tensor], parts: list[tuple[Tensor, Tensor, Tensor]]) -> tuple[Tensor, ...]:
-    order = torch.cat(rows).argsort()
-    joined = [torch.cat(values) for values in zip(*parts, strict=True)]
-    return tuple(values[order.to(values.device)] for values in joined)
+    return tuple(join_rows(rows, values) for values in zip(*parts, strict=True))

@@ -143,10 +143,7 @@ class RandomMoire(SampledTransform):
     def apply_to_masks(self, masks: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
         return super().apply_to_masks(masks, shot=shot, **params) if self._moves else masks
 
-    def apply_to_mask3d(
-        self, mask3d: np.ndarray, shot: dict[str, Any], **params: Any
-    ) -> np.ndarray:
-        return self.apply_to_masks(mask3d, shot=shot, **params)
+    apply_to_mask3d = apply_to_masks
 
     def apply_to_bboxes(
         self, bboxes: np.ndarray, shot: dict[str, Any], shape: tuple[int, ...], **params: Any

@@ -17,8 +17,6 @@ from moireaug.transforms import albumentations as for_albumentations
 from tests.attacks.common import EPS, SCENE, predicted, refusal
 from tests.attacks.test_pose import SCENE as TURNABLE
 
-LIGHT_SCENE = "screen_photo"
-
 
 def seeded(seed=0):
     return torch.Generator().manual_seed(seed)

@@ -1,25 +1,19 @@
 """Every benchmark runs in its quick form. No time is asserted."""
 
 import itertools
-import json
 import math
 import re
-import runpy
 import sys
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pandas as pd
 import pytest
 import torch
-from PIL import Image
 
 from benchmarks import (
     accuracy_vs_time,
     attack_budget,
     bins,
-    codes,
     detecting,
     effects_cost,
     memory_and_starts,
@@ -27,18 +21,14 @@ from benchmarks import (
     rejecting,
     released,
     suites,
-    text,
-    text_pairs,
     training_steps,
     watermark_networks,
 )
 from moireaug import Scene, capture, evaluation
 from moireaug.defenses import Rejecting
+from tests.benchmarks.conftest import QUICKLY, ROOT
 from tests.training.small import TINY, configured, train
 from tests.training.strangers import put
-
-ROOT = Path(__file__).resolve().parents[2]
-QUICKLY = ["--quick", "--threads", "1", "--out", "."]
 
 
 def test_a_script_finds_the_repository_from_anywhere():
@@ -48,21 +38,6 @@ def test_a_script_finds_the_repository_from_anywhere():
         if '__name__ == "__main__"' in text and own_import.search(text):
             before, found, _ = text.partition("\nsys.path")
             assert found and not own_import.search(before), file.name
-
-
-@pytest.fixture
-def ran(tmp_path, monkeypatch, capsys):
-    """Run a script in this process: what it printed, and what it wrote."""
-
-    def run(name):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", [f"{name}.py", *QUICKLY])
-        runpy.run_path(str(ROOT / f"benchmarks/{name}.py"), run_name="__main__")
-        file = tmp_path / f"{name}.json"
-        written = json.loads(file.read_text()) if file.exists() else pd.read_csv(f"{name}.csv")
-        return capsys.readouterr().out, written
-
-    return run
 
 
 def test_accuracy_vs_time(ran, tmp_path):
@@ -241,23 +216,6 @@ def test_the_recommended_budget_is_the_cheapest_that_is_near():
     assert attack_budget.recommended([rows[0], rows[2]])["attacker"] == "best"
 
 
-def test_codes(ran, tmp_path):
-    _, table = ran("codes")
-    assert set(table["code"]) == {"Data Matrix"}  # others are too large at this size
-    assert table["photo, zxing-cpp"].between(0, 1).all() and (table["moire"] > 0.1).all()
-    assert (tmp_path / "codes.png").stat().st_size > 1000
-
-
-def test_real_photos_of_codes_are_read_at_each_size(tmp_path):
-    picture = (255 * codes.drawn("QR", 7, 256)).byte().permute(1, 2, 0).contiguous().numpy()
-    for name, pixels in (("code.png", picture), ("blank.png", np.full_like(picture, 255))):
-        Image.fromarray(pixels).save(tmp_path / name)
-    rows = codes.rows_of_real(tmp_path, codes.Sizes(modules=(1, 4)))
-    assert [row["module"] for row in rows] == [0, 1, 4] and {row["n"] for row in rows} == {2}
-    assert rows[0]["zxing-cpp"] == rows[2]["zxing-cpp"] == 0.5
-    assert rows[0]["median_pixels"] == pytest.approx(7 / 2, abs=0.3)  # of 7 and of none
-
-
 def test_watermarks(ran):
     said, table = ran("watermarks")
     assert len(table["trained with"].unique()) == 4 and len(table) == 4 * 5
@@ -278,49 +236,6 @@ def test_marks_have_their_psnr_and_layers_keep_pictures():
         (gradient,) = torch.autograd.grad(photos.sum(), shown)
         assert (gradient != 0).float().mean() > 0.9
     assert watermark_networks.Decoder()(marked).shape == (4, 64)
-
-
-def test_text(ran, tmp_path):
-    pytest.importorskip("rapidocr_onnxruntime")
-    _, table = ran("text")
-    assert set(table["state"]) == {"picture", "photo", "twin", "cleaned"}
-    assert (table.loc[table["state"] == "picture", "error"] < 0.05).all()
-    assert (tmp_path / "text.png").stat().st_size > 1000
-
-
-def test_pages_are_drawn_with_their_text():
-    for kind in ("page", "interface"):
-        page, again, other = (text.drawn(kind, 16, 256, seed) for seed in (0, 0, 1))
-        assert torch.equal(page.picture, again.picture) and page.text == again.text != other.text
-        assert len(page.text) > 40 and not set(page.text) & set(" \n")
-        assert page.picture.shape == (3, 256, 256) and page.picture.std() > 0.1
-
-
-def test_a_photo_is_brought_to_its_screenshot_s_frame():
-    pages = [text.drawn(kind, 26, 400, seed).picture for seed, kind in enumerate(text.KINDS)]
-    screenshot = (255 * torch.cat(pages, 2)).byte().permute(1, 2, 0).contiguous().numpy()
-    seen = np.array([[120, 40], [560, 70], [540, 370], [100, 350]], np.float32)
-    corners = np.array([[0, 0], [599, 0], [599, 399], [0, 399]], np.float32)
-    to_photo = cv2.getPerspectiveTransform(seen, corners)
-    photo = cv2.warpPerspective(screenshot, to_photo, (600, 400))
-    part = text_pairs.part_of(photo, screenshot)
-    middle = np.s_[40:-40, 40:-40]
-    difference = part.photo[middle].astype(float) - part.picture[middle]
-    assert np.abs(difference).mean() < 0.25 * screenshot.std()
-    assert part.panel_pixels == pytest.approx(420, abs=5)  # between the inner two of four corners
-    assert part.shrink == pytest.approx(4032 / 600)
-    assert text_pairs.part_of(np.full_like(photo, 128), screenshot) is None
-
-
-def test_codes_as_they_are_drawn_are_read():
-    for code in codes.TEXTS:
-        picture = codes.drawn(code, 2, 256)
-        photo = (255 * picture).byte().permute(1, 2, 0).contiguous().numpy()
-        readers = [name for name in codes.READERS if (name, code) != ("OpenCV", "Data Matrix")]
-        assert all(codes.READERS[name](code, photo) for name in readers), code
-        blank = np.full_like(photo, 255)
-        assert not any(codes.READERS[name](code, blank) for name in readers)
-    assert codes.drawn("QR", 8, 128) is None
 
 
 def test_a_collection_is_scored_by_heads_of_the_others():

@@ -122,7 +122,7 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_whole_pitches, FOOTPRINT, argument("optics", optics("fill", 0.99))),
     (
         screen.check_mean_light,
-        f"{CAMERA}.exposure.full.mean_light",
+        f"{CAMERA}.panel.fourier.mean_light",
         argument("width", torch.sqrt),
     ),
     (screen.check_mean_light, COEFFICIENT, argument("width", torch.sqrt)),

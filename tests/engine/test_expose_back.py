@@ -78,8 +78,8 @@ def test_another_record_has_another_gradient(monkeypatch):
     shot, images = shot_and_images("bent")
     expected, _ = gradient(expose, images, shot)
 
-    def moved(shot, **options):
-        exposure, view = lower_exposure(shot, **options)
+    def moved(*given, **options):
+        exposure, view = lower_exposure(*given, **options)
         return exposure._replace(cameras=exposure.cameras * (1 + 1e-3)), view
 
     monkeypatch.setattr("moireaug.engine.lower.exposure.lower_exposure", moved)

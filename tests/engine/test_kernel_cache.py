@@ -1,7 +1,9 @@
 """The cache of compiled kernels is never worse than none."""
 
 import errno
+import importlib.util
 import multiprocessing
+import sys
 from pathlib import Path
 
 import pytest
@@ -36,9 +38,9 @@ def places(tmp_path, monkeypatch):
     return folders
 
 
-def hits_and_misses():
+def hits_and_misses(function=half):
     """Whether a new process, which `kernel` stands for, finds the kernel, and compiles it."""
-    compiled = compiling.kernel(half)
+    compiled = compiling.kernel(function)
     assert compiled(3.0) == 1.5
     return len(compiled.stats.cache_hits), len(compiled.stats.cache_misses)
 
@@ -65,6 +67,21 @@ def test_what_is_damaged_is_compiled_again_and_replaced(suffix, change, places, 
     assert hits_and_misses() == (0, 1)
     assert hits_and_misses() == (1, 0)
     assert set(said) == {kernel_cache.COMPILING_MESSAGE}
+
+
+def test_copies_of_the_sources_share_their_kernels(places, said, tmp_path, monkeypatch):
+    """As those of two environments do, or those of an image whose files have other times."""
+    found = []
+    for place in ("here", "there"):
+        source = tmp_path / place / "halves.py"
+        source.parent.mkdir()
+        source.write_text("def half(x):\n    return x / 2\n")
+        spec = importlib.util.spec_from_file_location("halves", source)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        monkeypatch.setitem(sys.modules, "halves", module)
+        found.append(hits_and_misses(module.half))
+    assert found == [(0, 1), (1, 0)]
 
 
 def test_a_full_disk_costs_no_photo(places, said, monkeypatch):
@@ -134,7 +151,7 @@ def test_a_wait_for_another_process_is_said_and_ends(places, said, monkeypatch):
     held.wait(60)
     assert hits_and_misses() == (0, 1)  # the other one may never end
     assert said[0] == compiling.WAITING_MESSAGE
+    said.clear()
+    assert hits_and_misses() == (1, 0) and not said  # what is kept waits for nobody
     done.set()
     other.join(60)
-    said.clear()
-    assert hits_and_misses() == (1, 0) and not said

@@ -80,3 +80,10 @@ def test_an_attack_through_a_defence_is_another_one(batch):
     assert through.name == "apgd_2_through_coarse" and plain.name == "apgd_2"
     assert through.settings()["known_judge"] == coarse.identity != plain.settings()["known_judge"]
     assert not torch.equal(through.show(batch), plain.show(batch))
+
+
+@pytest.mark.parametrize("attacker", [APGDAttacker, APGDTAttacker])
+def test_an_attack_toward_several_classes_has_no_target(attacker):
+    """Its success would be counted as that of reaching a class that it never goes toward."""
+    with pytest.raises(ValueError, match=f"{attacker.__name__} goes toward .*MoireAttacker"):
+        attacker(**SETTINGS, targeted=True)

@@ -20,6 +20,7 @@ from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
 from tests.attacks.common import counting
 from tests.evaluation.haze import frame_of
+from tests.evaluation.suite_checks import check_bounds_of_rows
 
 SCENE = Scene.preset("screen_photo")
 QUICK = {"eps": 4 / 255, "steps": 1, "progress": False}
@@ -77,10 +78,7 @@ def test_a_suite_attacks_at_the_bounds_asked_for():
     (asked,) = tables_of("standard", dataclasses.replace(config, eps=(8 / 255, 1 / 255)))
     assert usual.rows == ["eps_4", "eps_8"] and asked.rows == ["eps_1", "eps_8"]
     for table in (usual, asked):
-        for cell in table.cells:
-            attacked = [one for one in cell.conditions if not one.control]
-            assert all(f"eps_{one.eps * 255:g}" == cell.row for one in attacked)
-        assert {row for row, _ in table.pictures} <= set(table.rows)
+        check_bounds_of_rows(table)
 
 
 def test_a_defence_stands_beside_the_papers():

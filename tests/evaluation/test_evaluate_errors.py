@@ -37,6 +37,8 @@ REFUSED = [
     ({"identity": 3, "folder": "out"}, "identity must be a text that .* the model; got 3"),
     ({"identity": "", "folder": "out"}, "identity must be a text"),
     ({"targets": {"other": nn.Identity()}}, "targets= is for suite=trust"),
+    ({"targets": [nn.Identity()]}, r"targets must be a dict, by name; got \[Identity"),
+    ({"defences": JPEG()}, "defences must be a dict, by name; got JPEG"),
     ({"targets": {"other": 3}}, "other must be a function or a torch module"),
     ({"targets": {"model": nn.Identity()}}, "'model' cannot name a target or a defence"),
     (

@@ -4,20 +4,34 @@ import dataclasses
 
 import numpy as np
 import pytest
-import torch
 
 from moireaug import Scene
 from moireaug.defenses import JPEG
-from moireaug.evaluation import GROUPS, SUITES, SuiteConfig, Table, images_frame, rates, tables_of
-from moireaug.evaluation.attackers import Attacker, MoireAttacker
-from moireaug.evaluation.classifiers import UNDEFENDED
-from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
+from moireaug.evaluation import (
+    GROUPS,
+    SUITES,
+    Cell,
+    SuiteConfig,
+    Table,
+    images_frame,
+    rates,
+    tables_of,
+)
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
+from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire, RandomNoise
 from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import cross
 from moireaug.mixtures import scenes_of
 from moireaug.scene.presets import PRESETS
-from tests.evaluation.haze import cell_of, frame_of, ran, table_of
+from tests.evaluation.haze import cell_of, ran, table_of
+from tests.evaluation.suite_checks import (
+    ROUNDED_EPS,
+    check_names,
+    check_that_nothing_fools_the_deaf,
+    check_worst_cases,
+)
 
 SCENE = Scene.preset("screen_photo")
 WORST_CASE_COLUMNS = ("moire", "ma", "apgd")
@@ -59,19 +73,56 @@ def own_suite(config):
 def test_a_function_is_a_suite():
     (table,) = tables_of(own_suite, CONFIG)
     assert table.columns == ["photo", "ma"]
-    assert [one.name for one in tables_of(lambda config: [table, table], CONFIG)] == ["own", "own"]
+    other = dataclasses.replace(table, name="other")
+    assert tables_of(lambda config: [table, other], CONFIG) == [table, other]
     for other in (lambda config: "own", lambda config: None, lambda config: [3]):
         with pytest.raises(TypeError, match=r"suite must return a moireaug\.evaluation\.Table, or"):
             tables_of(other, CONFIG)
 
 
+PHOTO = {"photo": Photo()}
+
+
+def by_jpeg(quality):
+    return Classifier("jpeg", JPEG(quality))
+
+
+WRONG_SUITES = {  # a function of a user's, and what it is told
+    "attack": (lambda: PixelAttacker(attack="pdg", eps=0.1, steps=1), "Did you mean 'pgd'"),
+    # whose camera would be of another scene
+    "an attack by a camera": (lambda: PixelAttacker(attack="ma", eps=0, steps=1), "one of 'pgd'"),
+    "eps": (lambda: RandomNoise(eps=8), "eps is in .0, 1. units.*Divide by 255"),
+    "no condition": (lambda: Cell("row", "column", ()), "'row'.*one or more conditions.*got ()"),
+    "no tuple": (lambda: Cell("row", "column", Photo()), r"as in \(Photo\(\),\); got Photo"),
+    "one place": (lambda: Table("t", 2 * (Cell("a", "b", (Photo(),)),)), "two cells of .*'a', 'b'"),
+    "one classifier": (
+        lambda: jobs_of([Table("t", tuple(cross({"a": by_jpeg(20), "b": by_jpeg(60)}, PHOTO)))]),
+        "two classifiers of one condition are called 'jpeg'",
+    ),
+    "one name": (
+        lambda: tables_of(lambda _: 2 * [Table("t", ())], CONFIG),
+        "different names.*t, t",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_SUITES)
+def test_a_wrong_suite_is_refused_when_it_is_laid_out(name):
+    make, message = WRONG_SUITES[name]
+    with pytest.raises((ValueError, TypeError), match=message):
+        make()
+
+
+def test_a_targeted_attacker_says_so_in_its_name():
+    """Or it could not stand beside the untargeted one."""
+    for kind, settings in ((MoireAttacker, {}), (PixelAttacker, {"attack": "pgd"})):
+        attacker = kind(eps=4 / 255, steps=1, targeted=True, **settings)
+        assert attacker.name == dataclasses.replace(attacker, targeted=False).name + "_targeted"
+
+
 def test_conditions_of_one_name_are_one():
-    """Within a suite a name means one thing, also where float32 has rounded the bounds."""
-    rounded = tuple((torch.tensor([2.0, 4.0, 8.0]) / 255).tolist())
     for suite in (*SUITES, *GROUPS):
-        jobs = jobs_of(tables_of(suite, dataclasses.replace(CONFIG, eps=rounded)))
-        names = [job.condition.name for job in jobs]
-        assert len(set(names)) == len(names) > 1, suite
+        check_names(tables_of(suite, dataclasses.replace(CONFIG, eps=ROUNDED_EPS)))
 
 
 def test_the_worst_case_is_each_images_worst(measured):
@@ -89,23 +140,8 @@ def test_the_worst_case_is_each_images_worst(measured):
 
 
 def test_the_worst_case_means_the_same_in_every_table():
-    """The photo alone, and each attack through the camera within its bound."""
-    tables = [tables_of(suite, CONFIG)[0] for suite in SUITES]
-    cases = [(table, cell) for table in tables for cell in table.cells if cell.worst]
-    assert len(cases) > 6
-    for table, worst in cases:
-        left_out = ("pose_unknown", "turning") if table.name == "adaptive" else ()  # rows lack them
-        if worst.column != "worst_scene":
-            left_out += ("scene",)
-        names = {condition.name for condition in worst.conditions}
-        assert "moire" in names and len(names) == len(worst.conditions) > 2
-        eps = max(condition.eps for condition in worst.conditions)
-        beside = [cell for cell in table.cells if cell.row == worst.row or len(table.columns) == 1]
-        for cell in (cell for cell in beside if len(cell.conditions) == 1):
-            (condition,) = cell.conditions
-            attacks = isinstance(condition, Attacker) and cell.column not in left_out
-            counts = attacks and condition.on_screen and condition.eps <= eps
-            assert (condition.name in names) == (counts or condition.name == "moire"), worst.row
+    left_out = {"adaptive": ("pose_unknown", "turning")}  # only the undefended row has them
+    assert check_worst_cases([tables_of(suite, CONFIG)[0] for suite in SUITES], left_out) > 6
 
 
 def test_the_full_ladder_adds_rows_to_the_ladder(known):
@@ -179,23 +215,14 @@ def test_a_scene_without_a_choice_of_pose_says_so():
     assert table.note_values["why_not_turned"].startswith("optimise")
 
 
-def deaf(images):
-    """Says one class, whatever it is shown."""
-    return torch.tensor([0.0, 1.0, 0.0]).repeat(len(images), 1) + 0 * images.mean()
-
-
 @pytest.mark.parametrize("suite", ["worst_case", "unseen", "adaptive"])
 def test_nothing_fools_a_model_that_does_not_look(known, suite):
-    """Negative control: a table that finds success here counts wrongly."""
-    batches = [(known[1][0][0][:4], torch.tensor([1, 1, 1, 2]))]
     (table,) = tables_of(suite, CONFIG)
     if suite == "adaptive":
         rows = ("undefended", "median_3")
         table = dataclasses.replace(table, cells=tuple(c for c in table.cells if c.row in rows))
         assert table.rows == list(rows)
-    for line in rates(frame_of((deaf, batches), table)).to_dict("records"):
-        found = (line["success"], line["accuracy"], line["counted"])
-        assert found == (0.0, 0.75, 3), (line["row"], line["column"])
+    check_that_nothing_fools_the_deaf(known, table)
 
 
 def test_a_config_takes_the_name_of_a_scene():

@@ -128,6 +128,12 @@ def test_no_images_and_single_pixels(camera):
 
 
 def test_what_cannot_be_gets_a_sentence():
+    images, shot = torch.rand(1, 3, 8, 8), ScreenCamera().scene.sample(1, (8, 8))
+    for photograph in (ScreenCamera(), ScreenCamera().twin):
+        with pytest.raises(TypeError, match=r"got a Shot. Of a shot, make ScreenDraw\(shot\)"):
+            photograph(images, shot)
+    with pytest.raises(TypeError, match="seed must be a whole number"):
+        ScreenCamera(seed=1.5)
     with pytest.raises(ValueError, match=r"jitter must be .* at least 0"):
         ScreenCamera(jitter=-1.0)
     with pytest.raises(ValueError, match="stay in the camera's frame"):

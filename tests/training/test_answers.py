@@ -24,6 +24,7 @@ from training.config.schema import Adversary, Data
 from training.data.load import load
 from training.models import classifiers as models
 from training.recipe.phases import load_data
+from training.report.numbers import points
 from training.runs import trained
 from training.system.files import read_checkpoint, read_metrics
 
@@ -161,7 +162,12 @@ def test_a_run_is_compared_with_the_network_before(tuned, network):
     assert metrics["baseline"]["recipe"] == "original" and metrics["start"] is None
     assert metrics["baseline"]["clean_accuracy"] == 1.0  # its answers are the labels
     assert metrics["gain"].keys() == metrics["correct"].keys() and "original" in said
-    assert "answered as their originals were" in (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text()
+    assert "photos answered like their originals" in page
+    (attack,) = [row["success"] for row in metrics["reattack"] if row["headline"]]
+    (photo,) = [row["success"] for row in metrics["reattack"] if row["name"] == "moire"]
+    added = f" and {points(attack - photo, 0)} points."  # by the noise, at the end of the sentence
+    assert added in page.replace("\N{NO-BREAK SPACE}", " ")
 
     run = trained.read(folder)
     before, after = torch.load(network), run.model().state_dict()
@@ -205,6 +211,10 @@ def test_a_run_is_resumed_and_attacked_again_with_its_own_original(tuned, tmp_pa
         (["train.init=clean"], "train.init=clean does not go with train.target=answers"),
         (["adversary.natural=0"], "nothing to learn on clean images"),
         (["data.class_index=labels.csv"], "answers uses none"),
+        (
+            ["data=signs", "data.root=null"],
+            "signs are drawn, of 24 px: pass data=folder data.root=DIR",
+        ),
     ],
 )
 def test_what_does_not_go_together_gets_a_sentence(given, advice, network, monkeypatch):

@@ -73,7 +73,7 @@ def test_nothing_is_begun(override, message, tmp_path):
 @pytest.mark.parametrize(
     ("devices", "fine"),
     [
-        *[(1, 1), (2, 1), ("2", 1), ("auto", 1)],
+        *[(1, 1), (2, 1), ("auto", 1)],
         *[(-1, 0), (0, 0), (1.5, 0), (None, 0), ([0], 0), ("0,1", 0), ("abc", 0)],
     ],
 )

@@ -118,7 +118,7 @@ def test_photos_of_one_picture_are_registered_first(tmp_path, capsys):
 
 
 WRONG = {
-    "": "no settings given, as in: python training/calibrate.py",
+    "": "pass either pairs= or photos=, as in: python training/calibrate.py",
     "pair=x": "Did you mean 'pairs'",
     "pairs=x size=many": "size: ",
     "scene=paper": "pass either pairs= or photos=",

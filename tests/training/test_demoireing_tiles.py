@@ -1,6 +1,5 @@
 """Pictures in tiles: exact where a network sees no farther than the tiles overlap."""
 
-import pytest
 import torch
 from torch import nn
 
@@ -60,9 +59,3 @@ def test_a_network_finds_nearly_the_same_in_tiles():
     away[64:192] = False  # where tiles meet
     assert (found - whole).abs().mean() < 0.1 * (whole - whole.mean()).abs().mean()
     assert (found - whole)[..., away, :].abs().max() < 0.05
-
-
-def test_tiles_that_cannot_be_blended_get_a_sentence():
-    for side, overlap in ((64, 0), (64, 6), (64, 48)):
-        with pytest.raises(ValueError, match="multiple of 4 and side at least twice"):
-            tiled(nn.Identity(), torch.rand(1, 3, 8, 8), side, overlap)

@@ -12,7 +12,6 @@ from training import fit
 from training.attack.results import run_metrics
 from training.classifier.train import train_model
 from training.comparison.frame import read
-from training.config.command_line import command_line
 from training.data.load import load
 from training.recipe import phases
 from training.runs import resume
@@ -79,15 +78,6 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
     runs[0].prepare()
     assert not any(folder.iterdir())
     assert len(list(folder.parent.glob("seed0-*"))) == 1, "nothing is lost"
-
-
-def test_a_command_line_gives_the_settings_back():
-    folder = ["data=folder", "data.root='a b/c'", "train.lr=1e-5", "reattack.eps=[0.01, 0.02]"]
-    scene = ["scene={preset: paper, view: {roll: [-3, 3]}}", "model=resnet18", "data.train=null"]
-    several = ["trainer.precision=bf16-mixed", "train.batch_statistics=true", "seed=3"]
-    for given in (["recipe=moire_at", *folder, *several], ["recipe=moire_fast", *scene]):
-        cfg = configured(*given)
-        assert configured(*command_line(cfg)) == cfg
 
 
 def test_a_setting_that_cannot_be_used_moves_no_run(tmp_path):

@@ -133,7 +133,7 @@ def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
     for text, said in (
         ("", "is no frontier.csv"),
         ("recipe,seed\ngood,0\n", "is no frontier.csv .*'clean'"),
-        ("\n".join(line.rpartition(",")[0] for line in lines), "Add a column bound, with light"),
+        ("\n".join(line.rpartition(",")[0] for line in lines), "is no frontier.csv .*'bound'"),
         ("\n".join(lines), "lone has one seed in"),
         ("\n".join([*lines[:4], lines[4].replace(",50", ",20")]), "runs of different steps"),
     ):

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from hydra.errors import HydraException
 
 from moireaug.defenses import demoire
 from tests.training.forked import Command
@@ -16,7 +17,7 @@ from tests.training.tiny_suites import TINY, cells, configured, folder_of, recor
 from training import reattack
 from training.attack.subject import subject_of_weights
 from training.attack.suite_config import networks_of, suite_config
-from training.config.command_line import check_keys
+from training.config.command_line import why_refused
 from training.config.schema import Reattack, ReattackConfig
 from training.data.splits import EvalBatches, Splits
 from training.trainer.ranks import fabric_of
@@ -159,9 +160,10 @@ def test_mistakes_get_a_sentence(more, message, weights, networks, tmp_path):
 
 def test_a_target_on_its_own_says_how_to_pass_it():
     for key, example in (("targets", "resnet18"), ("networks", "mopnet")):
-        message = rf"pass {key} whole, as in {key}='{{{example}: FILE, "
-        with pytest.raises(SystemExit, match=message):
-            check_keys([f"{key}.{example}=FILE"], ReattackConfig)
+        with pytest.raises(HydraException) as error:
+            configured(f"{key}.{example}=FILE")
+        advice = f"Pass {key} whole, as in {key}='{{{example}: FILE, "
+        assert advice in why_refused(error.value, ReattackConfig)
 
 
 def test_batches_fit_the_memory_unless_given():

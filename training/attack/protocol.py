@@ -30,7 +30,6 @@ from training.suites.config import PaperConfig
 from training.system import machine
 
 MAX_CHECKED_IMAGES = 96  # images that the checks look at, in whole batches
-Metrics = dict[str, Any]
 
 
 class Protocol(NamedTuple):
@@ -86,7 +85,7 @@ class AttackResult:
 
     tables: list[Table]
     cells: pd.DataFrame
-    checks: Metrics
+    checks: dict[str, Any]
     runner: Runner
     seconds: dict[str, float]
 
@@ -145,7 +144,7 @@ class SuiteAttack:
         require_all_records(self.runner, self.phases.values())
         images = images_frame(self.tables, self.runner, self.all_batches)
         cells = with_paper(rates(images), self.config.middle)
-        check_metrics: Metrics = {}
+        check_metrics: dict[str, Any] = {}
         if self.check:
             trust_images = images_frame([self.trust_table], self.runner, self.checked_batches)
             trust_checks = checks(self.config, trust_images, rates(trust_images))

@@ -19,8 +19,8 @@ from training.attack.subject import Subject
 from training.config.scenes import scene_of, shrink_text
 from training.config.schema import Config, ReattackConfig
 from training.report.examples import run_examples, table_examples
-from training.runs.identity import fingerprint_of, result_settings
-from training.runs.metrics import ORIGINAL, PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
+from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
+from training.runs.run import Run
 from training.system import machine
 
 
@@ -58,10 +58,11 @@ def run_metrics(cfg: Config, train: TrainCost | None, start: PlainMetrics | None
     )
 
 
-def original_metrics(cfg: Config) -> PlainMetrics:
-    """Return the metrics, without those of an attack, of the network whose answers a run keeps."""
+def plain_metrics(cfg: Config, recipe: str, train: TrainCost | None = None) -> PlainMetrics:
+    """Return the metrics of a baseline, or of the network whose answers a run keeps, without those
+    of an attack."""
     return PlainMetrics(
-        recipe=ORIGINAL, seed=cfg.seed, data=cfg.data.name, model=cfg.model, train=None
+        recipe=recipe, seed=cfg.seed, data=cfg.data.name, model=cfg.model, train=train
     )
 
 
@@ -77,7 +78,7 @@ def with_baseline(
 
 def metrics_of(cfg: Config) -> dict[str, Any]:
     """Return the fields of `Metrics` that need no attack: settings, scene, machine and command."""
-    scene, settings = scene_of(cfg), result_settings(cfg)
+    scene, run = scene_of(cfg), Run(cfg)
     size = cfg.data.size, cfg.data.size
     return {
         "recipe": cfg.recipe,
@@ -87,8 +88,8 @@ def metrics_of(cfg: Config) -> dict[str, Any]:
         "scene_name": scene_title(cfg),
         "scene": scene.to_dict(),
         "plan": "\n\n".join(str(one.plan(size)) for one in scenes_of(scene)),
-        "config": settings,
-        "fingerprint": fingerprint_of(settings),
+        "config": run.settings,
+        "fingerprint": run.fingerprint,
         "environment": machine.environment(cfg.trainer.accelerator),
         "command": machine.command(),
     }

@@ -8,9 +8,8 @@ from typing import Any
 
 import pandas as pd
 
-from training.config.command_line import literal
 from training.config.schema import Config
-from training.config.settings import settings_of
+from training.config.settings import as_argument, settings_of
 from training.runs.metrics import Metrics, RunMetrics, SuiteMetrics
 from training.runs.run import PLAIN_RECIPES
 from training.system.messages import count_text
@@ -42,7 +41,7 @@ def require_shared(settings_by_run: Mapping[Path, Settings], noun: str) -> None:
     """
     rows = []
     for settings in settings_by_run.values():
-        rows.append({key: literal(value) for key, value in settings.items()})
+        rows.append({key: as_argument(value) for key, value in settings.items()})
     table = pd.DataFrame(rows, index=list(settings_by_run)).fillna("null").sort_index(axis=1)
     differing = table.columns[table.nunique() > 1]
     if differing.empty:

@@ -62,6 +62,12 @@ def check_answers(cfg: Config) -> None:
             f"recipe={cfg.recipe} keeps the answers of a trained network: pass weights=FILE and "
             "model=NAME."
         )
+    if cfg.data.name == "signs":
+        raise ValueError(
+            f"recipe={cfg.recipe} tunes a network on pictures like those it is for, and signs are "
+            f"drawn, of {cfg.data.size} px: pass data=folder data.root=DIR, any pictures, and "
+            "data.size=N of the network, such as 224."
+        )
     if cfg.train.init != "random":
         raise ValueError(
             f"train.init={cfg.train.init} does not go with train.target=answers, which begins with "
@@ -118,8 +124,7 @@ def check_run(cfg: RunConfig) -> None:
 
 
 def check_devices(trainer: Trainer) -> None:
-    """Refuse more devices than there are; -1, "auto" and lists of GPUs are left to Lightning, which
-    takes no such names of processes on a CPU."""
+    """Refuse more devices than there are; lists of GPUs are left to Lightning."""
     kind, devices = trainer.accelerator, trainer.devices
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if kind in ("gpu", "cuda") and not gpus:
@@ -131,21 +136,14 @@ def check_devices(trainer: Trainer) -> None:
     # two processes can be tried on any machine
     available = max(2, os.cpu_count() or 1) if on_cpu else gpus
     unit = "processes (CPU cores)" if on_cpu else "GPUs"
-    if isinstance(devices, str) and devices.removeprefix("-").isdigit():
-        devices = int(devices)
-    if devices == "auto" or (not on_cpu and (devices == -1 or _is_list_of_gpus(devices))):
+    is_list = isinstance(devices, (list, tuple))
+    if devices == "auto" or (not on_cpu and (devices == -1 or is_list)):
         return
     if type(devices) is not int or not 1 <= devices <= available:
         raise ValueError(
-            f"trainer.devices must be 1 to {available} {unit}, or auto; got {devices}."
+            f"trainer.devices must be 1 to {available} {unit}, a list of GPUs such as [0,2], or "
+            f"auto; got {devices}."
         )
-
-
-def _is_list_of_gpus(devices: Any) -> bool:
-    """Return whether devices are several by their numbers, such as [0, 2] or "0,2"."""
-    if isinstance(devices, str):
-        return "," in devices and all(part.strip().isdigit() for part in devices.split(",") if part)
-    return isinstance(devices, Sequence)
 
 
 def check_overrides(cfg: ReattackConfig, overrides: Sequence[str]) -> None:

@@ -12,14 +12,15 @@ from typing import Any, TypeVar
 import torch
 import yaml
 from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.common.argument_checks import one_of
-from training.config.command_line import SWEEP_FLAGS, check_keys, quote_paths
+from training.config.command_line import SWEEP_FLAGS, quote_paths, require_recipe, why_refused
 from training.config.compose import help_text
-from training.config.schema import RunConfig
+from training.config.schema import Config, RunConfig, as_config
 from training.config.settings import check, field_of, settings_of
 from training.system import machine
 from training.system.files import make_folder
@@ -38,29 +39,39 @@ _failed_jobs: list[str] = []  # jobs of a sweep
 _command_line: list[str] = []  # the command line, whole: Hydra is not shown its first words
 
 
-def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
+def run(
+    main: Callable[[], None], schema: type[RunConfig], arguments: Sequence[str] | None = None
+) -> None:
     """Run a Hydra command, or its sweep.
 
     Args:
-        words: words before the settings on the command line.
+        arguments: settings at the end of the command line; None: all of it.
 
     Raises:
         SystemExit: a wrong command line, or jobs of a sweep that failed, with a list of them.
     """
     prepare_output()
     sys.stdout, sys.stderr = LineStream(sys.stdout), LineStream(sys.stderr)
-    script, *arguments = sys.argv
-    overrides = quote_paths(arguments[len(words) :], schema)
-    check_keys(overrides, schema)
+    script, *words = sys.argv
+    if arguments is None:
+        arguments, words = words, []
+    else:
+        words = words[: len(words) - len(arguments)]
+    overrides = quote_paths(arguments, schema)
+    if schema is Config:
+        require_recipe(overrides)
     # to the front: Hydra takes no settings after such a flag
     overrides = sorted(overrides, key=lambda argument: argument not in SWEEP_FLAGS)
     _command_line[:] = [script, *words, *overrides]
     sys.argv = [script, *overrides]
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # raise errors, do not print them
     folders = [a.removeprefix("runs=").strip("'\"") for a in overrides if a.startswith("runs=")]
     try:
         if SWEEP_FLAGS & set(overrides):  # Hydra writes into this folder before any job
             make_folder(Path(folders[-1] if folders else schema.runs))
         main()
+    except HydraException as error:
+        raise SystemExit(f"error: {why_refused(error, schema)}") from None
     except ValueError as error:  # of that folder and Hydra's own flags: a job reports its own
         raise SystemExit(f"error: {error}") from None
     except BrokenPipeError:  # the reader of --help has seen enough
@@ -138,11 +149,10 @@ def parse(
             parsed = yaml.safe_load(value) if is_any else os.path.expanduser(value)
             cfg[field_of(key)] = None if value == "null" else parsed
         missing = [key for key in sorted(table) if OmegaConf.is_missing(cfg, field_of(key))]
-        if missing or not argv:
-            absent = f"{', '.join(missing)} must be given" if missing else "no settings given"
-            raise ValueError(f"{absent}, as in: {example}")
+        if missing:
+            raise ValueError(f"{', '.join(missing)} must be given, as in: {example}")
         key = "the settings"
-        settings: Schema = OmegaConf.to_object(cfg)  # type: ignore[assignment]
+        settings: Schema = as_config(cfg)
     except (OmegaConfBaseException, yaml.YAMLError) as error:
         raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
     check(settings)

@@ -45,15 +45,15 @@ def register(
         store.store(group="data", name=data, node=node)
     for data, epochs in EPOCHS.items():
         store.store(group="epochs", name=data, package="train", node={"epochs": epochs})
-    for path in recipe_files():
-        recipe = {"recipe": path.stem, **OmegaConf.load(path)}
-        store.store(group="recipe", name=path.stem, package="_global_", node=recipe)
-    store.store(name=f"{name}_schema", node=schema)
-    # the settings of a command line stand above those of a recipe
-    order = [f"{name}_schema", *defaults, "_self_", *NO_LOGGING]
     default_groups = {key: value for group in defaults for key, value in group.items()}
     if "recipe" in default_groups:
         default_groups["recipe"] = "NAME"  # a command line names its own
+        for path in recipe_files():
+            recipe = {"recipe": path.stem, **OmegaConf.load(path)}
+            store.store(group="recipe", name=path.stem, package="_global_", node=recipe)
+    store.store(name=f"{name}_schema", node=schema)
+    # the settings of a command line stand above those of a recipe
+    order = [f"{name}_schema", *defaults, "_self_", *NO_LOGGING]
     text = help_text(description, schema, default_groups).replace("$", "$$")  # of string.Template
     help_page = {"help": {"template": text}}
     store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS | help_page})

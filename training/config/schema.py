@@ -25,8 +25,8 @@ PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
 # not mps: it has no float64, which the geometry needs
 ACCELERATORS = ("auto", "cpu", "gpu", "cuda")
 SHRINK_HELP = (
-    "images are crops, parts of larger photos, with so many sensor pixels per pixel: a number, or "
-    "[low, high]; null: whole photos, or what the scene says"
+    "images are crops with this many sensor pixels per pixel, a number or [low, high]; null: whole "
+    "photos, or as the scene says"
 )
 Settings = TypeVar("Settings", bound="RunConfig")
 
@@ -38,15 +38,13 @@ class Data:
     name: str = setting(MISSING, "the data set", choices=("signs", *TORCHVISION_SETS, "folder"))
     root: str | None = setting(
         None,
-        "the data's folder; data=folder: with train/ and test/, or class folders alone, then all "
-        "test data; with train.target=answers any pictures",
+        "the data's folder; of data=folder, one with train/ and test/, or class folders alone, all "
+        "test data; with train.target=answers, any pictures",
         is_path=True,
         only_for=("folder", *TORCHVISION_SETS),
         may_differ=True,
     )
-    size: int = setting(
-        64, "side of the images, in pixels; the lens blurs small ones more", bounds=(16, 8192)
-    )
+    size: int = setting(64, "side of the images, in pixels", bounds=(16, 8192))
     train: int | None = setting(
         None,
         "training images; null is all there are; with train.target=answers, fewer are repeated",
@@ -95,7 +93,7 @@ class Adversary:
 
     kind: str = setting(
         "none",
-        "noise on a photo's reading (moire_attack) or on pixels (pgd), or none",
+        "noise on a photo's raw image (moire_attack) or on pixels (pgd), or none",
         choices=("none", "moire_attack", "pgd"),
     )
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
@@ -103,21 +101,19 @@ class Adversary:
     eps: float = setting(0.0, "bound of the noise, in [0, 1] units", bounds=(0, 1))
     bound: str = setting(
         "codes",
-        "what eps counts: sRGB codes of a photo's reading, or its light; a pixel is a code",
+        "scale of eps: sRGB, or the raw image's light",
         choices=BOUNDS,
     )
     steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
     optimise: list[str] = setting(
         lambda: ["noise"],
-        "what a moire_attack moves: noise, and parts of the scene such as view and panel, at three "
-        "(large images) to ten times (small ones) the cost of the noise alone",
+        "what a moire_attack changes: noise, and parts of the scene such as view and panel, at "
+        "three (large images) to ten times (small ones) the cost",
         example="[noise,view]",
     )
-    draws: int = setting(1, "shots of which a moire_attack takes the worst", bounds=(1, 10_000))
+    draws: int = setting(1, "photos, of which a moire_attack takes the worst", bounds=(1, 10_000))
     warmup: float = setting(0.0, "share of training over which eps rises from 0", bounds=(0, 1))
-    moire: bool = setting(
-        True, "false photographs without moiré: a control of what the moiré alone teaches"
-    )
+    moire: bool = setting(True, "false photographs without moiré, as a control")
 
 
 @dataclass
@@ -126,8 +122,8 @@ class Train:
 
     target: str = setting(
         "labels",
-        "what is learnt: the labels, or the answers of the network with weights= to the images "
-        "before they are photographed",
+        "what is learnt: labels, or the answers of the network with weights= to the images before "
+        "they are photographed",
         choices=TARGETS,
     )
     layers: float = setting(
@@ -135,14 +131,14 @@ class Train:
     )
     kept: float = setting(
         0.97,
-        "with train.target=answers, the least share of validation images that are to be answered "
-        "as before: the new weights are moved towards the old until they are",
+        "with train.target=answers, share of validation images to be answered as before: new "
+        "weights are averaged with the old until they are",
         bounds=(0, 1),
     )
     epochs: int = setting(30, "5 for signs", bounds=(1, None), may_differ=True)
     length: float = setting(
         1.0,
-        "share of the epochs that this recipe takes; the baseline takes all",
+        "share of the epochs that this recipe trains for",
         bounds=(0.01, 1),
         may_differ=True,
     )
@@ -165,7 +161,7 @@ class Train:
         None, "decay per step of the averaged weights; null: 0.98", bounds=(0, 0.999999)
     )
     batch_statistics: bool | None = setting(
-        None, "whether batch normalisation uses those of a batch; null: unless weights= are given"
+        None, "whether batch normalisation uses those of a batch; null: without weights="
     )
     compile: bool = setting(False, "torch.compile of the model")
 
@@ -180,8 +176,7 @@ class Trainer:
     strategy: str = setting("auto", "how devices share the work, such as ddp")
     precision: Any = setting(
         None,
-        "null: for classifiers bf16-mixed where the hardware multiplies it, else 32-true; the "
-        "camera and re-attacks compute in float32",
+        "null: for classifiers bf16-mixed where the hardware supports it, else 32-true",
         choices=PRECISIONS,
     )
     deterministic: Any = setting(
@@ -200,11 +195,9 @@ class Reattack:
         "bounds of the noise; null is the suite's own: 2, 4 and 8/255 for the ladder",
         example="[0.00784313725,0.0156862745]",
     )
-    bound: str = setting(
-        "codes", "what eps counts: sRGB codes of a reading, or its light", choices=BOUNDS
-    )
+    bound: str = setting("codes", "scale of eps: sRGB, or the raw image's light", choices=BOUNDS)
     steps: int = setting(20, "steps of each attack", bounds=(0, 100_000))
-    seed: int = setting(1234, "of the images, the shots and the attacks", bounds=(0, MAX_SEED))
+    seed: int = setting(1234, "of the images, photos and attacks", bounds=(0, MAX_SEED))
 
 
 @dataclass
@@ -212,12 +205,12 @@ class RunConfig:
     """The settings that every run has, whatever it trains."""
 
     recipe: str = setting(MISSING, "a file of recipes/, without .yaml", trains=True)
-    seed: int = setting(0, "of the weights and of all draws", bounds=(0, MAX_SEED), trains=True)
+    seed: int = setting(0, "of the weights and of all samples", bounds=(0, MAX_SEED), trains=True)
     runs: str = setting("runs", "the folder of all runs", is_path=True, changes_result=False)
     scene: Any = setting(
         "screen_photo",
-        "a preset's name, a mapping of Scene's fields with an optional `preset`, a YAML file, or "
-        "a list of these, of which one is drawn per image",
+        "a preset, a mapping of Scene's fields with an optional `preset`, a YAML file, or a list "
+        "of these: a random one per image",
         example="'{preset: paper, ...}'",
     )
     shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
@@ -275,8 +268,7 @@ class ReattackConfig(Config):
     )
     networks: Any = setting(
         None,
-        "suite=demoireing or paper: a folder of weights FILE.pt, or name to a file of weights or a "
-        "run's folder",
+        "suite=demoireing or paper: the same, or a folder of weights FILE.pt",
         example="'{mopnet: FILE, ...}'",
     )
     demoire: str | None = setting(

@@ -59,11 +59,6 @@ class Setting:
     type: Any = None
     default: Any = None
 
-    @property
-    def is_list(self) -> bool:
-        """Whether its value is a list."""
-        return "list[" in str(self.type)
-
 
 def setting(default: Any, help: str, **properties: Any) -> Any:
     """Declare a setting: the field of a dataclass.

@@ -64,7 +64,11 @@ def require_one_size(pair: PairFiles) -> None:
     decoded."""
     photo, original = size_of(pair.photo), size_of(pair.original)
     if photo != original:
-        raise ValueError(_not_one_size(pair, photo, original))
+        sizes = ["{} x {}".format(*size) for size in (photo, original)]
+        raise ValueError(
+            f"{pair.photo} is {sizes[0]} and {pair.original} {sizes[1]} pixels: a pair must be "
+            "aligned and of one size. With photos= and picture= photos are registered first."
+        )
 
 
 def fingerprint(pairs: Iterable[PairFiles]) -> str:
@@ -128,19 +132,9 @@ def read_codes(path: Path) -> Tensor:
 def read_pairs(pairs: Iterable[PairFiles]) -> Iterator[ScreenPhoto]:
     """Read pairs one by one."""
     for pair in pairs:
+        require_one_size(pair)
         photo, original = read_codes(pair.photo), read_codes(pair.original)
-        if photo.shape != original.shape:
-            sizes = [(p.shape[-1], p.shape[-2]) for p in (photo, original)]
-            raise ValueError(_not_one_size(pair, *sizes))
         yield ScreenPhoto(shown(pair.photo.stem), photo, original)
-
-
-def _not_one_size(pair: PairFiles, photo: tuple[int, int], original: tuple[int, int]) -> str:
-    sizes = ["{} x {}".format(*size) for size in (photo, original)]
-    return (
-        f"{pair.photo} is {sizes[0]} and {pair.original} {sizes[1]} pixels: a pair must be aligned "
-        "and of one size. With photos= and picture= photos are registered first."
-    )
 
 
 def read_registered(photos: Iterable[Path], picture: Path) -> Iterator[ScreenPhoto]:

@@ -51,12 +51,12 @@ class Config:
     """All settings of the command."""
 
     in_: str = setting(MISSING, "a folder of photos")
-    out: str = setting(MISSING, "the folder that the cleaned ones go to")
+    out: str = setting(MISSING, "the folder of the cleaned ones")
     weights: str = setting("screen", "released weights, or a file of a network's weights")
     device: str = setting("auto", "or cpu, cuda, cuda:1, mps")
     tile: int = setting(
         TILE_SIDE,
-        "longest side that is cleaned at once, in pixels; less needs less memory",
+        "longest side cleaned at once, in pixels; less needs less memory",
         bounds=(2 * TILE_OVERLAP, None),
     )
 

@@ -13,6 +13,7 @@ same command resumes an interrupted run.
 
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -166,11 +167,16 @@ def test_and_report(
 
 
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="demoire")
-def main(cfg: DictConfig) -> None:
+def job(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.report_job_errors(kept_work="What was validated is kept"):
         config: DemoireConfig = as_config(cfg)
         run_job(config.trainer, fit, config)
+
+
+def main(argv: Sequence[str]) -> None:
+    """Run the settings at the end of the command line, or their sweep."""
+    commands.run(job, DemoireConfig, argv)
 
 
 register("demoire", DemoireConfig, (), __doc__)

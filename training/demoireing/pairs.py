@@ -19,7 +19,6 @@ from moireaug.synthesis.pairs import Pair, check_aligned, make_pair, photo_of_co
 from moireaug.synthesis.pictures import Source
 from training.demoireing.pictures import EnlargedCrops, Splits
 from training.demoireing.schema import DemoireConfig
-from training.photographs.tone import ColourMap
 
 COARSE_SIDE = 4  # pixels over which colour is averaged
 # pairs that no training draws, whatever its seed: the same for every run
@@ -60,7 +59,7 @@ class SimulatedPairs(Dataset):
     """Photos and their targets by number: (3, size, size) uint8 each; scenes take turns.
 
     Args:
-        target: "clean", "twin", "original" or "toned".
+        target: "clean", "twin" or "original".
         seed: seed of `moireaug.synthesis.Pairs`.
         subsample: photos are taken at one to this many times their size, in turn, and shrunk.
         jpeg: lowest quality at which photos are saved as JPEG, at random up to 100; None for none.
@@ -105,8 +104,6 @@ class SimulatedPairs(Dataset):
     def _target_of(self, pair: Pair) -> Tensor:
         if self.target == "clean":
             return photo_of_codes(pair.original, without_moire(pair.shot, noise=False))
-        if self.target == "toned":
-            return tone_to(pair.original, pair.photo)
         return pair.pictures()[self.target]
 
 
@@ -154,15 +151,6 @@ def as_jpeg(picture: Tensor, quality: int) -> Tensor:
     file = io.BytesIO()
     Image.fromarray(picture.permute(1, 2, 0).numpy()).save(file, "JPEG", quality=quality)
     return torch.from_numpy(np.array(Image.open(file))).permute(2, 0, 1)
-
-
-def tone_to(original: Tensor, photo: Tensor) -> Tensor:
-    """Return the original under the linear colour map that brings it closest to its photo: without
-    moiré, noise, blur and shading, but with the photo's exposure and tint. All are (3, H, W) uint8.
-    """
-    codes, target = original.numpy().astype(np.float32), photo.numpy().astype(np.float32)
-    mapped = ColourMap.fit(codes, target, squares=False)(codes)
-    return torch.from_numpy(mapped.round().astype(np.uint8))
 
 
 def test_pairs(cfg: DemoireConfig, splits: Splits) -> Mapping[str, SimulatedPairs]:

@@ -59,9 +59,9 @@ class Demoire:
 
     target: str = setting(
         "clean",
-        "the same shot without moiré (twin), and without noise either (clean), what the screen "
-        "showed (original), or that in the photo's tone (toned)",
-        choices=("clean", "twin", "original", "toned"),
+        "the photo without moiré (twin), without noise, too (clean), or what the screen showed "
+        "(original)",
+        choices=("clean", "twin", "original"),
     )
     width: float = setting(0.25, "factor of the published numbers of channels")
     vgg: str | None = setting(
@@ -114,8 +114,7 @@ class DemoireConfig(RunConfig):
     test: TestPairs = section(TestPairs, tests=True)
     pairs: str | None = setting(
         None,
-        "real photos and what was on the screen, for the report: as training/calibrate.py takes "
-        "them",
+        "real photos and originals for the report, as training/calibrate.py takes them",
         is_path=True,
         changes_result=False,
     )

@@ -24,18 +24,14 @@ def tiled(
     Args:
         network: takes images (B, 3, h, w) in [0, 1] and returns the same shape.
         images: (B, 3, H, W). Where H and W are at most `side`, the network gets them whole.
-        side: of a tile, in pixels. overlap: of neighbouring tiles, in pixels, at least; a multiple
-            of 4. The side and half the overlap should be multiples of the network's `multiple`, so
-            that a tile lies on the grid of the whole.
+        side: of a tile, in pixels, at least twice the overlap.
+        overlap: of neighbouring tiles, in pixels, at least; a multiple of 4. The side and half the
+            overlap should be multiples of the network's `multiple`, so that a tile lies on the grid
+            of the whole.
 
     Returns:
         (B, 3, H, W), on the images' device; besides it, memory is that of one tile.
     """
-    if overlap < 4 or overlap % 4 or side < 2 * overlap:
-        raise ValueError(
-            "overlap must be a multiple of 4 and side at least twice as long; got "
-            f"side={side} and overlap={overlap}."
-        )
     height, width = images.shape[-2:]
     if max(height, width) <= side:
         return network(images)

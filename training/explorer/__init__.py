@@ -1,9 +1,6 @@
-"""The room of `training/explore.py`: a local page that photographs pictures and attacks a run's
-model.
+"""The room of `training/explore.py`: a local page that photographs pictures.
 
-The page and its tabs need Gradio; their contents are computed by plain functions in the other
-modules.
-"""
+The page needs Gradio; its contents are computed by plain functions in the other modules."""
 
 import os
 

@@ -1,6 +1,5 @@
-"""The photo of one picture, a crop of it, its spectrum, and the time of each effect."""
+"""The photo of one picture, a crop of it, and its spectrum."""
 
-import statistics
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -12,8 +11,6 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from moireaug.camera.effects.base import WithinExposure
-from moireaug.camera.pipeline import DEVELOP, EXPOSE
 from moireaug.capture import capture
 from moireaug.common import image_files
 from moireaug.scenes import Scene, Shot
@@ -22,8 +19,6 @@ from training.data import signs
 Picture = NDArray[np.uint8]  # (H, W, 3)
 
 MAX_PIXELS = 2_000_000  # of a picture: about a second on one core
-TIMED_SIDE = 128  # pixels of the crop whose effects are timed
-REPEATS = 3
 CROP_SIDE = 64  # pixels
 MAGNIFICATION = 6  # of the crop
 
@@ -122,35 +117,3 @@ def spectrum(photo: Picture, side: int = CROP_SIDE * MAGNIFICATION) -> Picture:
     colours = matplotlib.colormaps["magma"](grey, bytes=True)[..., :3]
     square = Image.fromarray(colours).resize((side, side), Image.Resampling.BICUBIC)
     return np.asarray(square)
-
-
-@torch.no_grad()
-def time_effects(image: Tensor, scene: Scene, seed: int) -> list[tuple[str, float | None]]:
-    """Time each effect of a scene's plan in the reference, on the middle of a picture.
-
-    Args:
-        image: (1, 3, H, W) in [0, 1]; at most the 128 x 128 pixels in its middle are timed.
-
-    Returns:
-        Each effect's name, in the order of the plan, with the median of three runs in milliseconds;
-        None for those that the exposure integrates.
-    """
-    height, width = (min(TIMED_SIDE, side) for side in image.shape[-2:])
-    top, left = (image.shape[-2] - height) // 2, (image.shape[-1] - width) // 2
-    crop = image[..., top : top + height, left : left + width]
-    shot = scene.sample(1, (height, width), torch.Generator().manual_seed(seed))
-    seconds: dict[str, list[float]] = {}
-    effects = [effect for effect in (*EXPOSE, *DEVELOP) if effect.name in shot.plan]
-    for _ in range(REPEATS):
-        light = crop
-        for effect in effects:
-            start = time.perf_counter()
-            light = effect(light, shot)
-            seconds.setdefault(effect.name, []).append(time.perf_counter() - start)
-    times: list[tuple[str, float | None]] = []
-    for effect in effects:
-        if isinstance(effect, WithinExposure):
-            times.append((effect.name, None))
-        elif effect.is_listed:
-            times.append((effect.name, 1e3 * statistics.median(seconds[effect.name])))
-    return times

@@ -38,21 +38,9 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
         uint8.
 
     Raises:
-        TypeError: pictures that are not (3, H, W) uint8.
         ValueError: the picture was not found in the photo, could not be aligned, or is hardly in
             view.
     """
-    for title, image in ((name, photo), ("the picture", picture)):
-        if not isinstance(image, Tensor):
-            raise TypeError(
-                f"{title} must be a tensor (3, H, W) uint8; got a {type(image).__name__}. Convert "
-                "an array (H, W, 3) with torch.from_numpy(array).permute(2, 0, 1)."
-            )
-        if image.dtype != torch.uint8 or image.ndim != 3 or len(image) != 3:
-            raise TypeError(
-                f"{title} must be (3, H, W) uint8; got {tuple(image.shape)} {image.dtype}. Convert "
-                "values in [0, 1] with (255 * values).round().to(torch.uint8)."
-            )
     matrix = find_pose(photo, picture, name)
     height, width = picture.shape[1:]
     rows, columns = _visible(matrix, (height, width), tuple(photo.shape[1:]))

@@ -99,24 +99,12 @@ def measure(photos: Tensor, originals: Tensor | None = None) -> list[dict[str, f
         A dict of `STATISTICS` per crop; finite numbers.
 
     Raises:
-        TypeError, ValueError: images outside [0, 1], crops smaller than 32 px, or photos and
-            originals of different shapes.
+        TypeError, ValueError: images outside [0, 1].
     """
     photos = check_images(photos)
-    if min(photos.shape[-2:]) < MIN_CROP_SIDE:
-        raise ValueError(
-            f"crops must have at least {MIN_CROP_SIDE} x {MIN_CROP_SIDE} pixels to have a "
-            f"spectrum; got {photos.shape[-2]} x {photos.shape[-1]}."
-        )
     if originals is None:
         return [measure_crop(photo, None) for photo in _in_codes(photos)]
-    originals = check_images(originals)
-    if originals.shape != photos.shape:
-        raise ValueError(
-            f"photos and originals must have one shape; got {tuple(photos.shape)} and "
-            f"{tuple(originals.shape)}."
-        )
-    both = zip(_in_codes(photos), _in_codes(originals), strict=True)
+    both = zip(_in_codes(photos), _in_codes(check_images(originals)), strict=True)
     return [measure_crop(photo, original) for photo, original in both]
 
 

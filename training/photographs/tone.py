@@ -17,18 +17,16 @@ RIDGE_SHARE = 1e-6  # of the mean power of a column: flat pictures have a map, t
 class ColourMap(NamedTuple):
     """Per channel a polynomial of 1, r, g, b, and r^2, g^2, b^2; codes in, codes out."""
 
-    coefficients: NDArray[Any]  # (7, 3), or (4, 3) without squares
+    coefficients: NDArray[Any]  # (7, 3)
 
     @staticmethod
-    def fit(picture: Plane, target: Plane, *, squares: bool = True) -> ColourMap:
+    def fit(picture: Plane, target: Plane) -> ColourMap:
         """Find the map that brings a picture nearest to another, by least squares.
 
         Args:
             picture, target: (3, H, W), in codes of 255.
-            squares: False leaves r^2, g^2 and b^2 out: an affine map, 3 x 3 and an offset.
         """
         powers = _powers(picture.reshape(3, -1)[:, ::PIXEL_STEP]).astype(np.float64)
-        powers = powers[: 7 if squares else 4]
         gram = powers @ powers.T
         gram += RIDGE_SHARE * np.trace(gram) / len(gram) * np.eye(len(gram))
         right = powers @ target.reshape(3, -1)[:, ::PIXEL_STEP].T
@@ -36,8 +34,7 @@ class ColourMap(NamedTuple):
 
     def __call__(self, picture: Plane) -> Plane:
         """Return the picture (3, H, W) with its colours mapped, clipped to codes."""
-        powers = _powers(picture.reshape(3, -1))[: len(self.coefficients)]
-        mapped = self.coefficients.T.astype(np.float32) @ powers
+        mapped = self.coefficients.T.astype(np.float32) @ _powers(picture.reshape(3, -1))
         return mapped.reshape(picture.shape).clip(0, 255)
 
 

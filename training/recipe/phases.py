@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from training import report
 from training.attack.protocol import attack, attack_run, protocol_of
-from training.attack.results import original_metrics, publish, run_metrics
+from training.attack.results import plain_metrics, publish, run_metrics
 from training.config.schema import Config
 from training.data.load import load
 from training.data.splits import Splits
@@ -141,6 +141,6 @@ def train_and_report(
         results[baseline.recipe] = attack_run(read_trained(baseline_run), protocol)
     plain_baseline = baseline.plain() if baseline else None
     if original:
-        plain_baseline = original_metrics(run.config)
+        plain_baseline = plain_metrics(run.config, ORIGINAL)
         results[ORIGINAL] = attack(original, protocol, records, ORIGINAL, check=False)
     return publish(run.folder, metrics, results, splits.classes, plain_baseline)

@@ -22,7 +22,7 @@ def run_examples(
     runners: Mapping[str, Runner], attack: Condition, classes: Mapping[int, str]
 ) -> list[Example]:
     """Return each recorded image clean, photographed, and attacked on every model, with each
-    attack's change enlarged.
+    attack's change enlarged; a photo that a model has wrong already is not attacked.
 
     Args:
         runners: name of a model to its runner; all have run on the same images and shots.
@@ -39,8 +39,8 @@ def run_examples(
             cells += _cell(runners, first, condition, row, title, classes)
         for name, runner in runners.items():
             title = f"attack on {name}, {attack.eps * 255:g}/255"
-            cells += _cell({name: runner}, runner, attack, row, title, classes)
-            cells += _change(runner, attack, row)
+            if change := _change(runner, attack, row):
+                cells += _cell({name: runner}, runner, attack, row, title, classes) + change
         examples.append({"label": classes.get(label, str(label)), "cells": cells})
     return examples
 
@@ -90,12 +90,14 @@ def _cell(
 
 
 def _change(runner: Runner, attack: Condition, row: int) -> list[dict[str, Any]]:
-    """Return the change of the photo by the noise, enlarged."""
+    """Return the change of the photo by the noise, enlarged; none where there is none."""
     attacked = runner.records.picture(runner.picture_name(attack))
     photo = runner.records.picture(runner.picture_name(PHOTO))
     if attacked is None or photo is None:
         return []
     change = attacked[row].astype(float) - photo[row]
+    if not change.any():
+        return []
     image = np.clip(127.5 + CHANGE_GAIN * change, 0, 255).round().astype(np.uint8)
     return [{"title": f"its change, × {CHANGE_GAIN}", "image": image, "predictions": []}]
 

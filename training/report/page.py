@@ -77,15 +77,9 @@ def name_of(metrics: Metrics | PlainMetrics) -> str:
     return metrics.model if metrics.recipe == "pretrained" else metrics.recipe
 
 
-def embedded_picture(image: Any, title: str) -> dict[str, Any]:
-    """Return a picture for a page: its data URI and its size there."""
+def embedded_picture(image: Any) -> dict[str, Any]:
+    """Return a picture (H, W, 3) uint8 for a page: its data URI and its size there."""
     pixels = np.asarray(image)
-    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
-        raise ValueError(
-            f"The picture {title!r} must be a uint8 array (height, width, 3); got {pixels.dtype} "
-            f"{pixels.shape}. Convert a [0, 1] float image with "
-            "(255 * image).round().astype(numpy.uint8)."
-        )
     file = io.BytesIO()
     Image.fromarray(pixels).save(file, "PNG")
     height, width = pixels.shape[:2]

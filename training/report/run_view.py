@@ -30,9 +30,10 @@ def run_view(metrics: RunMetrics) -> dict[str, Any]:
     for above, row in itertools.pairwise(rows):
         row["first_attack"] = row["attack"] and not above["attack"]
     keeps_answers = baseline is not None and baseline.recipe == ORIGINAL
-    main = next((row for row in rows if row["headline"]), rows[-1])
+    attack = next((row for row in rows if row["headline"]), rows[-1])
+    main = attack
     if keeps_answers:
-        main = next((row for row in rows if row["name"] == "moire"), main)
+        main = next((row for row in rows if row["name"] == "moire"), attack)
     return {
         "name": name_of(metrics),
         "baseline": name_of(baseline) if baseline else None,
@@ -43,7 +44,7 @@ def run_view(metrics: RunMetrics) -> dict[str, Any]:
         "noise": [row for row in rows if row["psnr"] is not None],
         "has_lpips": any(row["lpips"] is not None for row in rows),
         "moire": moire_text(rows),
-        "shares": _shares(rows, main, sides),
+        "shares": _shares(rows, attack, sides),
         "visibility": _visibility(sides),
         "unanswered": _unanswered(sides),
         **_change(metrics, main),
@@ -124,14 +125,14 @@ def _visibility(sides: Sides) -> list[Series]:
     return series
 
 
-def _shares(rows: Sequence[Row], main: Row, sides: Sides) -> list[dict[str, Any]]:
+def _shares(rows: Sequence[Row], attack: Row, sides: Sides) -> list[dict[str, Any]]:
     """Return the share of fooled images that the camera, its moiré and the attacker's noise each
     add, baseline first."""
     by_name = {row["name"]: row for row in rows}
     shares = []
     for kind, side in sides.items():
         successes = []
-        for name in ("no_moire", "moire", main["name"]):
+        for name in ("no_moire", "moire", attack["name"]):
             successes.append(by_name[name]["sides"][kind]["success"].value)
         camera, photo, attacked = successes
         if camera is not None:  # where the model has any image right

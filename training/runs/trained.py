@@ -5,8 +5,6 @@ Nothing in it is run, imported or looked up, and it names no files but those of 
 
 import os
 import re
-import shlex
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +13,6 @@ from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
 from moireaug.common.argument_checks import one_of
-from training.config.command_line import command_line
 from training.config.scenes import scene_of
 from training.config.schema import DATA, Config, Data, as_config
 from training.data.splits import Splits
@@ -175,13 +172,9 @@ def read_baseline_of(run: TrainedRun) -> TrainedRun | None:
     try:
         baseline_run = read(folder)
     except ValueError as error:
-        wanted_here = replace(wanted, runs=str(folder.parent.parent))
-        command = shlex.join(
-            ["python", "training/fit.py", *command_line(wanted_here), "resume=false"]
-        )
         print(
-            f"note: no baseline is attacked beside this run. {error}\n"
-            f"This trains it again:\n  {command}"
+            f"note: no baseline is attacked beside this run. {error} Recipe {wanted.recipe} with "
+            "the run's other settings and resume=false trains it again."
         )
         return None
     if Run(baseline_run.cfg).training_fingerprint != baseline.training_fingerprint:

@@ -22,14 +22,11 @@ LIGHTNING_ERROR = "MisconfigurationException"  # by its name, as Lightning takes
 LEGIBLE = "legible"
 # those that raise, and stderr's own, which writes "\\u2212" for a minus sign
 REPLACED_HANDLERS = ("strict", "surrogateescape", "backslashreplace")
-ASCII_LOOKALIKES = {
-    **{dash: "-" for dash in "\u2010\u2011\u2012–—−─━"},
+LOOKALIKES = {
+    **dict.fromkeys("\u2010\u2011\u2012–—−", "-"),
     **dict.fromkeys("‘’", "'"),
     **dict.fromkeys("“”", '"'),
-    **{"×": "x", "✗": "x", "✓": "v", "·": ".", "●": "*", "†": "+", "│": "|", "⁄": "/"},
-    **{"→": "->", "±": "+-", "≤": "<=", "≥": ">=", "≠": "!=", "°": " deg"},
-    **{"«": '"', "»": '"', "ß": "ss", "æ": "ae", "œ": "oe", "ø": "o", "ł": "l"},
-    **{"δ": "delta", "ε": "eps", "μ": "u", "σ": "sigma"},
+    **dict(zip("×✗✓·●†→≤≥δεμσ", "xxv.*+><>deus", strict=True)),
 }
 
 
@@ -65,12 +62,15 @@ class LineStream:
 
 def prepare_output() -> None:
     """Have standard output and error print legibly the characters that their encoding lacks, so
-    that no command ends in a UnicodeEncodeError after its work is done. Where there are none, as in
-    a daemon or a program without a console, what is printed goes nowhere."""
+    that no command ends in a UnicodeEncodeError after its work is done; the handlers "replace" and
+    "ignore", chosen with PYTHONIOENCODING, stay. Where there are no streams, as in a daemon or a
+    program without a console, what is printed goes nowhere."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  # for good
-        use_legible(getattr(sys, name))
+        stream: Any = getattr(sys, name)
+        if getattr(stream, "errors", None) in REPLACED_HANDLERS and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors=LEGIBLE)
 
 
 def print_error(text: str) -> None:
@@ -119,39 +119,11 @@ def sentence(error: Exception) -> str:
     return re.split(raised, str(error))[-1].strip() or type(error).__name__
 
 
-def use_legible(stream: Any) -> None:
-    """Have a stream print what its encoding lacks legibly, if it can be told to; the handlers
-    "replace" and "ignore", chosen with PYTHONIOENCODING, stay."""
-    reconfigure = getattr(stream, "reconfigure", None)
-    if reconfigure is not None and getattr(stream, "errors", None) in REPLACED_HANDLERS:
-        reconfigure(errors=LEGIBLE)
-
-
-def printable(text: str) -> str:
-    """Return a text with what standard output cannot show in characters that it can."""
-    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
-    return text.encode(encoding, LEGIBLE).decode(encoding)
-
-
-def _legible(error: UnicodeError) -> tuple[str, int]:
-    """Replace what an encoding lacks: codecs' handler of errors.
-
-    Returns:
-        ASCII characters, and where to go on.
-    """
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    lacking = error.object[error.start : error.end]
-    return "".join(map(_resembling, lacking)), error.end
-
-
-def _resembling(character: str) -> str:
-    """Return ASCII characters in place of one that is not ASCII, or "?"."""
-    plain = ""
-    # "é" is "e" and an accent
-    for part in unicodedata.normalize("NFKD", character):
-        plain += part if part.isascii() else ASCII_LOOKALIKES.get(part, "")
-    return plain or "?"
+def _legible(error: Any) -> tuple[str, int]:
+    """Replace the next character that an encoding lacks, one for one, so that tables stay aligned:
+    codecs' handler of errors."""
+    plain = unicodedata.normalize("NFKD", error.object[error.start])[0]  # "é" is "e" and an accent
+    return LOOKALIKES.get(plain, plain if plain.isascii() else "?"), error.start + 1
 
 
 codecs.register_error(LEGIBLE, _legible)

@@ -9,7 +9,7 @@ import signal
 import tempfile
 import time
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,17 +65,12 @@ def run_job(settings: Trainer, job: Callable[..., Any], *args: Any) -> None:
 
 
 def device_count(settings: Trainer) -> int:
-    """Return the number of devices of this machine that the trainer asks for; as Lightning counts
-    them, which would read a launcher's variables."""
+    """Return the number of devices of this machine that the trainer asks for; Lightning would read
+    a launcher's variables."""
     devices = settings.devices
-    if isinstance(devices, str) and devices not in ("auto", "-1"):
-        named = [part for part in devices.split(",") if part.strip()]
-        return len(named) if "," in devices else int(devices)
-    if isinstance(devices, Sequence) and not isinstance(devices, str):
-        return len(devices)
-    if devices in ("auto", "-1", -1):
+    if devices in ("auto", -1):
         return torch.cuda.device_count() if machine.on_gpu(settings.accelerator) else 1
-    return int(devices)
+    return devices if isinstance(devices, int) else len(devices)
 
 
 def _launch(count: int, job: Callable[..., Any], *args: Any) -> None:

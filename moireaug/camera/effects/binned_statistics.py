@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import ShotGeometry
 
 
-def pixels_per_value(shot: ShotRecord, scale: Tensor) -> Tensor:
+def pixels_per_value(shot: ShotGeometry, scale: Any) -> Any:
     """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
-    `shot.bin_scale`."""
+    `shot.bin_scale`; of torch or numpy."""
     if shot.scene.develop.resize == "point":  # about one, however many there are
-        return torch.ones_like(scale)
+        return shot.xp.ones_like(scale)
     share = 4.0 if shot.scene.is_binned_bayer else 1.0
     if shot.scene.develop.resize == "antialias":
         share = share * (2 / 3) ** 2  # a triangle's mean has 4 / 9 of a box's variance
-    return (scale.square() / share).clamp(min=1)
+    return (scale * scale / share).clip(min=1)
 
 
 def lost_variances(shot: ShotRecord) -> tuple[Tensor, Tensor, Tensor]:

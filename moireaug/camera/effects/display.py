@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, format_range, verdict_of
@@ -9,7 +11,7 @@ from moireaug.camera.effects.readings import in_planes, photo_coordinates, photo
 from moireaug.camera.effects.srgb import in_codes
 from moireaug.camera.exposure.extreme_light import max_glare
 from moireaug.camera.exposure.filters import filters_of
-from moireaug.camera.panel.fourier import emitting_share, mean_light
+from moireaug.camera.panel.fourier import mean_light_of
 from moireaug.common.numeric import per_image
 from moireaug.scene.drawn_parts import DrawnPanel
 from moireaug.scene.fields import bounds
@@ -17,6 +19,7 @@ from moireaug.scene.geometry.frame import FrameSize
 from moireaug.scene.geometry.lattice import CFA
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import ShotGeometry
 
 
 class BlackLevel(Effect):
@@ -61,11 +64,9 @@ def glare_share(u: Tensor, v: Tensor, size: FrameSize, panel: DrawnPanel) -> Ten
     return panel.glare[:, None, None] * (1 + across + along)
 
 
-def white_readings(shot: ShotRecord) -> Tensor:
-    """Return the mean reading of a white screen in each plane, (B, planes)."""
-    layout = shot.scene.panel.cell
-    light = mean_light(layout, *emitting_share(shot.panel))
-    light = (filters_of(shot) @ light[..., None])[..., 0]
+def white_readings(shot: ShotGeometry) -> Any:
+    """Return the mean reading of a white screen in each plane, (B, planes) float64."""
+    light = (filters_of(shot) @ mean_light_of(shot)[..., None])[..., 0]
     channels: list[int] = []
     for site in CFA[shot.scene.filter_cell]:
         channels.extend(site.channels)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
 from moireaug.camera.exposure.filters import crosstalk_matrix
-from moireaug.common.numeric import clip, mix_colours, per_image
+from moireaug.common.numeric import clip, library_of, mix_colours, per_image
 from moireaug.common.tensor_physics import tone
 from moireaug.scene.fields import deviation, varies
 from moireaug.scene.record import SceneRecord
@@ -82,14 +83,14 @@ class Brighten(Effect):
         return photo + per_image(shot.develop.brighten, photo)
 
 
-def colour_matrix(crosstalk: Tensor, saturation: Tensor) -> Tensor:
+def colour_matrix(crosstalk: Any, saturation: Any) -> Any:
     """Return the matrix (B, 3, 3) from the filters' colours to the photo's: the crosstalk's
     inverse, then each colour's difference from the mean of the three times the saturation. Both
-    arguments are (B,). Rows sum to 1."""
-    one = torch.eye(3, dtype=saturation.dtype, device=saturation.device)
-    mean = torch.full_like(one, 1 / 3)
+    arguments are (B,), of torch or numpy. Rows sum to 1."""
+    xp, mean = library_of(saturation), 1 / 3
+    one = crosstalk_matrix(xp.zeros_like(saturation))
     vivid = mean + saturation[:, None, None] * (one - mean)
-    return vivid @ torch.linalg.inv(crosstalk_matrix(crosstalk))
+    return vivid @ xp.linalg.inv(crosstalk_matrix(crosstalk))
 
 
 def tone_curve(photo: Tensor, contrast: Tensor, shoulder: Tensor) -> Tensor:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor
 
 from moireaug.camera.exposure.bin_geometry import Bins
 from moireaug.camera.exposure.footprint import Footprint, blur_variance
 from moireaug.camera.exposure.optics import Optics, optics_of
 from moireaug.camera.panel.fourier import emitting_share
+from moireaug.common.numeric import array_like, library_of
 from moireaug.scene.layout import Layout
 from moireaug.scene.record import SceneRecord
-from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import ShotGeometry
 from moireaug.scene.subpixel import Subpixel
 
 # variance in squared sensor pixels that a reading adds by being held over a pixel, and on a Bayer
@@ -24,7 +24,8 @@ HOLD_VARIANCE, BAYER_HOLD_VARIANCE = 1 / 12, 1 / 12 + 5 / 12
 
 
 class BinContent(NamedTuple):
-    """The picture as bins see it, on a panel of at most one pixel per image pixel.
+    """The picture as bins see it, on a panel of at most one pixel per image pixel; tensors or
+    arrays.
 
     Args:
         scale: (B,) its panel pixels per image pixel.
@@ -38,14 +39,14 @@ class BinContent(NamedTuple):
         start: (B, 2) float64, where the coarser panel's corner lies on the real one, in its pixels.
     """
 
-    scale: Tensor
-    ratio: Tensor
+    scale: Any
+    ratio: Any
     optics: Optics
-    shift: Tensor
-    width: Tensor
-    interpolation_variance: Tensor
-    lead: Tensor
-    start: Tensor
+    shift: Any
+    width: Any
+    interpolation_variance: Any
+    lead: Any
+    start: Any
 
     def footprint(self, axis: int, bins: Bins) -> Footprint:
         """Return the view of bins along x (axis 0) or y (axis 1), without `interpolation_variance`:
@@ -58,30 +59,30 @@ class BinContent(NamedTuple):
         return Footprint(box.box, box.variance + blur_variance(step, self.optics))
 
 
-def content_of(shot: ShotRecord) -> BinContent:
-    """Return the BinContent of a shot.
+def content_of(shot: ShotGeometry) -> BinContent:
+    """Return the BinContent of a shot, of its library's arrays.
 
     A panel of more pixels than the picture shows more than the picture holds: with `Panel.width`,
     whatever has the picture's pixels as its means; with `Panel.scale`, the picture itself,
     interpolated. A bin then sees image pixels, in the latter case each a little wider.
     """
-    scene, alpha = shot.scene, shot.panel_scale
-    ratio = alpha.clamp(min=1)
+    scene, alpha, xp = shot.scene, shot.panel_scale, shot.xp
+    ratio = alpha.clip(min=1)
     fine = 1 - 1 / ratio  # 0 for a panel of the picture's pixels, near 1 for a much finer one
-    interpolation = torch.zeros_like(fine)
+    interpolation = xp.zeros_like(fine)
     if not scene.panel.width:
         # the filter that shrinks the photo blurs the picture, too, where its pixels are not means
         second_mean = 1.0 if scene.develop.resize == "antialias" else 0.0
-        interpolation = (fine + second_mean * alpha.clamp(max=1).square()) / 12
+        interpolation = (fine + second_mean * alpha.clip(max=1) ** 2) / 12
     corner = shot.panel_corner
-    lead = torch.where(alpha[:, None] < 1, corner - corner.detach().floor(), 0.0)
-    middle, edges, is_whole = map(alpha.new_tensor, _sources(scene.panel.cell))
+    lead = xp.where(alpha[:, None] < 1, corner - xp.floor(corner), 0.0)
+    middle, edges, is_whole = (array_like(one, alpha) for one in _sources(scene.panel.cell))
     lit_x, lit_y = (share[:, None, None] for share in emitting_share(shot.panel))
     # the larger of its two edges, one across and one down
-    width = torch.maximum(edges[..., 0] * lit_x, edges[..., 1] * lit_y).clamp(max=1)
-    width = torch.where(is_whole > 0, torch.ones_like(width), width)
+    width = xp.maximum(edges[..., 0] * lit_x, edges[..., 1] * lit_y).clip(max=1)
+    width = xp.where(is_whole > 0, 1.0, width)
     return BinContent(
-        scale=alpha.clamp(max=1),
+        scale=alpha.clip(max=1),
         ratio=ratio,
         optics=gaussian_optics(scene, optics_of(shot)),
         shift=middle / ratio[:, None, None],
@@ -96,8 +97,8 @@ def gaussian_optics(scene: SceneRecord, optics: Optics) -> Optics:
     """Return the optics of a sensor pixel with its aperture, and the spread that holding and
     interpolation add, as a Gaussian."""
     extra = BAYER_HOLD_VARIANCE if scene.is_binned_bayer else HOLD_VARIANCE
-    variance = optics.blur.square() + optics.fill.square() / 12 + extra
-    return optics._replace(fill=torch.zeros_like(optics.fill), blur=variance.sqrt())
+    variance = optics.blur**2 + optics.fill**2 / 12 + extra
+    return optics._replace(fill=library_of(variance).zeros_like(variance), blur=variance**0.5)
 
 
 @functools.lru_cache(maxsize=64)

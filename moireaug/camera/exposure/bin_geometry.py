@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -118,11 +118,12 @@ def _bins(
     return Bins(position, centre, step, sides, window, triangle.to(dtype)[:, None, None])
 
 
-def enlargement(bin_scale: Tensor, scene: SceneRecord) -> Tensor:
+def enlargement(bin_scale: Any, scene: SceneRecord) -> Any:
     """Return the factor by which bins of `shot.bin_scale` (B,) are enlarged to the size of a sensor
-    pixel; a point resize sees all of them in that size, and shrinks larger ones."""
+    pixel; a point resize sees all of them in that size, and shrinks larger ones. Of torch or
+    numpy."""
     factor = 1 / bin_scale
-    return factor if scene.develop.resize == "point" else factor.clamp(min=1)
+    return factor if scene.develop.resize == "point" else factor.clip(min=1)
 
 
 def clamped_photo_points(image_points: Tensor, shot: ShotRecord) -> tuple[Tensor, Tensor]:

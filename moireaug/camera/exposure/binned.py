@@ -29,9 +29,8 @@ from moireaug.camera.exposure.filters import filters_of
 from moireaug.camera.exposure.footprint import Footprint
 from moireaug.camera.exposure.optics import Optics, optics_of
 from moireaug.camera.exposure.screen import Screen
-from moireaug.camera.panel.fourier import amplitudes_of, emitting_share, mean_light
+from moireaug.camera.panel.fourier import amplitudes_of, mean_light_of
 from moireaug.scene.geometry.lattice import CFA
-from moireaug.scene.layout import Layout
 from moireaug.scene.shot import ShotRecord
 
 # channels that the filters of red, green and blue pass: their own, or also its neighbours
@@ -75,11 +74,11 @@ class Binned(ClosedForm):
 
     def read(self, screen: Screen, content: BinContent, bins: Bins, shot: ShotRecord) -> Tensor:
         """Return the readings of the pixels of each colour filter in bins: (B, 3, h, w)."""
-        dtype, layout = screen.light.dtype, shot.scene.panel.cell
-        shares = mean_light(layout, *emitting_share(shot.panel)).to(dtype)[..., None, None]
+        dtype = screen.light.dtype
+        shares = mean_light_of(shot).to(dtype)[..., None, None]
         filters = filters_of(shot).to(dtype)[..., None, None]
         passed_channels = OVERLAPPING if "crosstalk" in shot.plan else SEPARATE
-        modulation = self.modulation(bins, layout, shot)
+        modulation = self.modulation(bins, shot)
         picture = [self.picture_of(screen, content, channel, bins, shot) for channel in range(3)]
         planes = []
         for plane in range(3):
@@ -116,12 +115,12 @@ class Binned(ClosedForm):
         views = [AxisView(content.footprint(axis, bins), one, 1) for axis in (0, 1)]
         return views, content.scale[:, None, None]
 
-    def modulation(self, bins: Bins, layout: Layout, shot: ShotRecord) -> list[list[Tensor]]:
+    def modulation(self, bins: Bins, shot: ShotRecord) -> list[list[Tensor]]:
         """Return the sum of the harmonics of each channel's light, as the pixels of each colour
         filter read them: (B, h, w) by filter and channel. Empty if there are none."""
         if not self.harmonics:
             return []
-        dtype, (px, py) = bins.step.dtype, layout.period
+        dtype, (px, py) = bins.step.dtype, shot.scene.panel.cell.period
         optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
         k, l = bins.position.new_tensor(self.harmonics).reshape(-1, 2, 1, 1, 1).unbind(1)
         x, y = bins.position.unbind(-1)
@@ -134,7 +133,7 @@ class Binned(ClosedForm):
         carrier: Wave = passed * torch.cos(phase), passed * torch.sin(phase)
         bayer = shot.scene.is_binned_bayer
         plane_wave = plane_waves(u, v, bins.centre, bins.sides, bins.triangle, bayer=bayer)
-        parts = amplitudes_of(layout, self.harmonics, shot.panel)
+        parts = amplitudes_of(shot, self.harmonics)
         real, imaginary = (part.to(dtype)[..., None, None] for part in parts)
         modulation = []
         for plane in range(3):
@@ -149,35 +148,34 @@ class Binned(ClosedForm):
     def pattern_variance(self, shot: ShotRecord) -> Tensor:
         if not self.harmonics:
             return super().pattern_variance(shot)
-        layout = shot.scene.panel.cell
-        lost, _ = self._power(middle_bins(shot), layout, shot)
-        return self._variance(lost, layout, shot)
+        lost, _ = self._power(middle_bins(shot), shot)
+        return self._variance(lost, shot)
 
     def seen_variance(self, shot: ShotRecord) -> Tensor:
         """Return the variance of the moiré in the middle of the image, as a share of the squared
         reading, by colour filter: (B, 3)."""
         if not self.harmonics:
             return shot.panel_scale.new_zeros(len(shot), 3)
-        layout = shot.scene.panel.cell
-        _, seen = self._power(image_middle_bins(shot), layout, shot)
-        return self._variance(seen, layout, shot)
+        _, seen = self._power(image_middle_bins(shot), shot)
+        return self._variance(seen, shot)
 
-    def _variance(self, power: Tensor, layout: Layout, shot: ShotRecord) -> Tensor:
+    def _variance(self, power: Tensor, shot: ShotRecord) -> Tensor:
         """Return the variance of harmonics of which `_power` left a power (K, B, 3), as a share of
         the squared reading, (B, 3)."""
         filters = filters_of(shot)
-        parts = amplitudes_of(layout, self.harmonics, shot.panel)
+        parts = amplitudes_of(shot, self.harmonics)
         real, imaginary = (torch.einsum("bpc,ckb->kbp", filters, part) for part in parts)
         total = (power * (real.square() + imaginary.square())).sum(0)
-        mean = mean_light(layout, *emitting_share(shot.panel))
+        mean = mean_light_of(shot)
         return total / (filters @ mean[..., None])[..., 0].square().clamp(min=1e-12)
 
-    def _power(self, bins: Bins, layout: Layout, shot: ShotRecord) -> tuple[Tensor, Tensor]:
+    def _power(self, bins: Bins, shot: ShotRecord) -> tuple[Tensor, Tensor]:
         """Return the power that a bin (B, 1, 1) averages away of each harmonic that has an
         amplitude of 1 on the panel, and what it reads of it, by colour filter: (K, B, 3) each."""
         step, sides, triangle = bins.step[:, 0, 0], bins.sides[:, 0, 0], bins.triangle[:, 0, 0]
         k, l = step.new_tensor(self.harmonics)[:, :, None].unbind(1)
-        per_x, per_y = k / layout.period[0], l / layout.period[1]
+        px, py = shot.scene.panel.cell.period
+        per_x, per_y = k / px, l / py
         u, v = (per_x * step[:, 0, axis] + per_y * step[:, 1, axis] for axis in (0, 1))
         power = optics_of(shot).transfer(u, v).square() / 2
         bayer = shot.scene.is_binned_bayer

@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
-from moireaug.common.numeric import mix_colours
+from moireaug.common.numeric import library_of, mix_colours
 from moireaug.scene.geometry.lattice import CFA, pattern_period
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import ShotGeometry
 
 
-def crosstalk_matrix(share: Tensor) -> Tensor:
+def crosstalk_matrix(share: Any) -> Any:
     """Return the shares of red, green and blue light that each filter passes, (B, 3, 3), rows by
     filter; each row sums to 1, so that grey stays grey.
 
     Red and blue filters take a share (B,) of their light from green, green takes half of it from
-    each: neighbours in the spectrum overlap, red and blue do not.
+    each: neighbours in the spectrum overlap, red and blue do not. Of torch or numpy.
     """
-    none, own, half = torch.zeros_like(share), 1 - share, share / 2
+    xp = library_of(share)
+    none, own, half = xp.zeros_like(share), 1 - share, share / 2
     rows = (own, share, none, half, own, half, none, share, own)
-    return torch.stack(rows, -1).unflatten(-1, (3, 3))
+    return xp.stack(rows, -1).reshape(-1, 3, 3)
 
 
-def filters_of(shot: ShotRecord) -> Tensor:
+def filters_of(shot: ShotGeometry) -> Any:
     """Return the shares of red, green and blue light that a shot's filters pass, (B, 3, 3) float64,
     rows by filter."""
-    if "crosstalk" in shot.plan:
-        return crosstalk_matrix(shot.sensor.crosstalk)
-    return torch.eye(3, dtype=torch.float64, device=shot.device).expand(len(shot), 3, 3)
+    share = shot.sensor.crosstalk
+    return crosstalk_matrix(share if "crosstalk" in shot.plan else shot.xp.zeros_like(share))
 
 
 def filter_cell_seen(shot: ShotRecord) -> str:

@@ -26,7 +26,12 @@ from moireaug.camera.exposure.closed_form import ClosedForm, in_bands
 from moireaug.camera.exposure.filters import filter_cell_seen, through_filters
 from moireaug.camera.exposure.optics import Optics, optics_of
 from moireaug.camera.exposure.screen import Screen
-from moireaug.camera.panel.fourier import coefficient, emitting_share, mean_light, own_orders
+from moireaug.camera.panel.fourier import (
+    coefficient,
+    emitting_share,
+    mean_light_of,
+    own_orders,
+)
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.lattice import CFA, Site, pattern_period
 from moireaug.scene.shot import ShotRecord
@@ -191,8 +196,7 @@ class Mean(FullReading):
     reason = "the panel's mean light alone, so no moiré"
 
     def read(self, screen: Screen, channel: int, points: PanelPoints, shot: ShotRecord) -> Tensor:
-        layout = shot.scene.panel.cell
-        shares = mean_light(layout, *emitting_share(shot.panel)).to(screen.light.dtype)
+        shares = mean_light_of(shot).to(screen.light.dtype)
         one = torch.ones_like(shot.panel.lit)
         x, y = (axis_shares(axis, WHOLE_PIXEL, (one, one), points, shot, screen) for axis in (0, 1))
         return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * shares[:, channel, None, None]

@@ -4,26 +4,27 @@ frequency."""
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from moireaug.common.tensor_physics import optics
-from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import ShotGeometry
 
 GOLDEN_RATIO = 0.6180339887498949
 PLASTIC_NUMBER = 1.324717957244746
 
 
 class Optics(NamedTuple):
-    """Widths of aperture, point spread, low-pass filter and motion, (B,) each, in sensor pixels."""
+    """Widths of aperture, point spread, low-pass filter and motion, (B,) each, in sensor pixels;
+    tensors or arrays."""
 
-    fill: Tensor
-    blur: Tensor
-    olpf: Tensor
-    motion_x: Tensor
-    motion_y: Tensor
+    fill: Any
+    blur: Any
+    olpf: Any
+    motion_x: Any
+    motion_y: Any
 
     def transfer(self, fu: Tensor, fv: Tensor) -> Tensor:
         """Return the modulation transfer at frequencies in cycles per sensor pixel, which broadcast
@@ -82,7 +83,7 @@ def _even_order(n: int, ratio: float) -> list[int]:
     return sorted(range(n), key=lambda i: i * ratio % 1)
 
 
-def optics_of(shot: ShotRecord) -> Optics:
+def optics_of(shot: ShotGeometry) -> Optics:
     """Return a shot's drawn fields that blur."""
     lens = shot.lens
     return Optics(shot.sensor.fill, lens.blur, lens.olpf, lens.motion_x, lens.motion_y)

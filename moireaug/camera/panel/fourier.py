@@ -11,8 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.common.numeric import array_like
 from moireaug.scene.drawn_parts import DrawnPanel
 from moireaug.scene.layout import Layout
+from moireaug.scene.shot_geometry import ShotGeometry
 from moireaug.scene.subpixel import Subpixel
 
 Orders = tuple[int, int]  # of a harmonic along x and y: cycles per cell
@@ -53,38 +55,41 @@ def own_orders(subpixel: Subpixel, layout: Layout, k: Any, l: Any) -> tuple[Any,
     return k / across, l / down, (k % across == 0) & (l % down == 0)
 
 
-def mean_light(layout: Layout, width: Tensor, height: Tensor) -> Tensor:
+def mean_light(layout: Layout, width: Any, height: Any) -> Any:
     """Return the share of the panel's area that emits each channel, (B, 3), from the shares of a
-    subpixel's edges that do."""
+    subpixel's edges that do, tensors or arrays."""
     density = [sum(subpixel.density for subpixel in layout.of(channel)) for channel in range(3)]
-    return (width * height)[:, None] * width.new_tensor(density)
+    return (width * height)[:, None] * array_like(density, width)
 
 
-def emitting_share(panel: DrawnPanel) -> tuple[Tensor, Tensor]:
-    """Return the shares of a subpixel's two edges that emit: (B,) each."""
-    side = panel.lit.sqrt()
+def mean_light_of(shot: ShotGeometry) -> Any:
+    """Return the share of a shot's panel's area that emits each channel, (B, 3)."""
+    return mean_light(shot.scene.panel.cell, *emitting_share(shot.panel))
+
+
+def emitting_share(panel: DrawnPanel) -> tuple[Any, Any]:
+    """Return the shares of a subpixel's two edges that emit: (B,) each, of the panel's library."""
+    side = panel.lit**0.5
     return side * panel.lit_x, side * panel.lit_y
 
 
-def amplitudes_of(
-    layout: Layout, harmonics: tuple[Orders, ...], panel: DrawnPanel
-) -> tuple[Tensor, Tensor]:
+def amplitudes_of(shot: ShotGeometry, harmonics: tuple[Orders, ...]) -> tuple[Any, ...]:
     """Return twice the Fourier coefficients of each channel's light about the corner of the cell,
-    (3, K, B) float64 each, real and imaginary part."""
-    width, height = emitting_share(panel)
-    counts, table = _waves(layout, harmonics)
-    along, beside, density, cosine, sine = torch.from_numpy(table).to(width.device)
-    amplitude = width * height * density * torch.sinc(along * width) * torch.sinc(beside * height)
+    (3, K, B) float64 each, real and imaginary part, of the shot's library."""
+    xp, (width, height) = shot.xp, emitting_share(shot.panel)
+    channels, table = _waves(shot.scene.panel.cell, harmonics)
+    waves = torch.from_numpy(table).to(width.device) if xp is torch else table
+    along, beside, density, cosine, sine = waves
+    amplitude = width * height * density * xp.sinc(along * width) * xp.sinc(beside * height)
     # not index_add, whose threads a forked worker would wait for forever
-    real = [part.sum(0) for part in (amplitude * cosine).split(counts)]
-    imaginary = [part.sum(0) for part in (amplitude * -sine).split(counts)]
-    return torch.stack(real), torch.stack(imaginary)
+    real, imaginary = amplitude * cosine, amplitude * -sine
+    return tuple(xp.stack([part[s].sum(0) for s in channels]) for part in (real, imaginary))
 
 
 @functools.lru_cache(maxsize=64)
-def _waves(layout: Layout, harmonics: tuple[Orders, ...]) -> tuple[list[int], np.ndarray]:
-    """Return what `amplitudes_of` reads of a layout's S subpixels: how many each channel has, and
-    a table (5, S, K, 1) float64 of the harmonics' cycles along both edges, the subpixels' density,
+def _waves(layout: Layout, harmonics: tuple[Orders, ...]) -> tuple[list[slice], np.ndarray]:
+    """Return what `amplitudes_of` reads of a layout's S subpixels: which are each channel's, and a
+    table (5, S, K, 1) float64 of the harmonics' cycles along both edges, the subpixels' density,
     and twice the cosine and sine of the phase at their centres, 0 where they lack a harmonic."""
     orders = np.array(harmonics, np.float64).reshape(-1, 2, 1)
     rows = []
@@ -96,4 +101,5 @@ def _waves(layout: Layout, harmonics: tuple[Orders, ...]) -> tuple[list[int], np
         cosine, sine = 2 * has * np.cos(2 * math.pi * turns), 2 * has * np.sin(2 * math.pi * turns)
         density = np.full_like(k, subpixel.density)
         rows.append(np.stack([*cycles_along_edges(subpixel, k, l), density, cosine, sine]))
-    return [len(subpixels) for subpixels in channels], np.stack(rows, 1)
+    ends = list(itertools.accumulate(map(len, channels), initial=0))
+    return list(itertools.starmap(slice, itertools.pairwise(ends))), np.stack(rows, 1)

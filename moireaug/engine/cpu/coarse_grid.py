@@ -16,6 +16,7 @@ from moireaug.engine.cpu.view import jacobian
 
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
 BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken
+PIXEL, BLUR = range(2)  # of the Jacobians at a sample: of the pixels, and of what blurs them
 
 
 @jit_in_place
@@ -25,16 +26,28 @@ def sample(positions, k, count):
 
 
 @jit_in_place
-def _fill_scales(scales, rows, cols, camera, blur_camera):
+def _fill_jacobians(jacobians, sites, view):
+    """Fill jacobians (samples along v, along u, 2, 4) with those of a view's two cameras, at a few
+    places of the photo."""
+    for i in range(VIEW_SAMPLES):
+        for j in range(VIEW_SAMPLES):
+            u, v = sample(sites.cols, j, VIEW_SAMPLES), sample(sites.rows, i, VIEW_SAMPLES)
+            by_camera = jacobian(u, v, view.camera)
+            by_blur = footprint.blur_jacobian(by_camera, u, v, view)
+            for k in range(4):
+                jacobians[i, j, PIXEL, k], jacobians[i, j, BLUR, k] = by_camera[k], by_blur[k]
+
+
+@jit_in_place
+def _fill_scales(scales, jacobians, blur_camera):
     """Fill scales (samples along v, along u, 2) with how many panel pixels a pixel spans along both
     axes of the panel."""
     for i in range(VIEW_SAMPLES):
         for j in range(VIEW_SAMPLES):
-            u, v = sample(cols, j, VIEW_SAMPLES), sample(rows, i, VIEW_SAMPLES)
-            xu, xv, yu, yv = jacobian(u, v, camera)
+            xu, xv, yu, yv = jacobians[i, j, PIXEL]
             x, y = xu * xu + xv * xv, yu * yu + yv * yv
             if blur_camera.rectified != 0:  # pixels are alike, and what varies is the lens's blur
-                xu, xv, yu, yv = jacobian(u, v, blur_camera)
+                xu, xv, yu, yv = jacobians[i, j, BLUR]
                 blur = 12 * blur_camera.blur * blur_camera.blur
                 x, y = x + (xu * xu + xv * xv) * blur, y + (yu * yu + yv * yv) * blur
             scales[i, j, 0], scales[i, j, 1] = math.sqrt(x), math.sqrt(y)
@@ -71,28 +84,36 @@ def _fastest_change(scales, axis_of_photo, highest, passed):
 
 
 @jit_in_place
-def _motion_change(rows, cols, camera, blur_camera, axis_of_photo):
+def _largest_step(jacobians):
+    """Return the most panel pixels that a pixel spans along an axis, at every second sample."""
+    most = 0.0
+    for i in range(0, VIEW_SAMPLES, 2):
+        for j in range(0, VIEW_SAMPLES, 2):
+            for k in range(4):
+                most = max(most, abs(jacobians[i, j, PIXEL, k]), abs(jacobians[i, j, BLUR, k]))
+    return most
+
+
+@jit_in_place
+def _motion_change(jacobians, camera, blur_camera, axis_of_photo):
     """Return how much motion along the panel's axes would change along u (0) or v (1), as a share
     of the rest of the blur, if it did over the whole photo as it does where it changes sign. There
     the whole blur is least, with a kink if the rest is small."""
     most = 0.0
     for i in range(VIEW_SAMPLES):
         for j in range(VIEW_SAMPLES - 1):
-            u, v = sample(cols, j, VIEW_SAMPLES), sample(rows, i, VIEW_SAMPLES)
-            u2, v2 = sample(cols, j + 1, VIEW_SAMPLES), v
+            here, there = jacobians[i, j], jacobians[i, j + 1]
             if axis_of_photo == 1:
-                u, v = sample(cols, i, VIEW_SAMPLES), sample(rows, j, VIEW_SAMPLES)
-                u2, v2 = u, sample(rows, j + 1, VIEW_SAMPLES)
-            by_camera = jacobian(u, v, camera)
-            here = footprint.blur_jacobian(by_camera, u, v, camera, blur_camera)
-            there = footprint.blur_jacobian(jacobian(u2, v2, camera), u2, v2, camera, blur_camera)
+                here, there = jacobians[j, i], jacobians[j + 1, i]
             for axis in range(2):
                 x, y = 2 * axis, 2 * axis + 1
-                a = footprint.motion_sigma(here[x], here[y], blur_camera)
-                b = footprint.motion_sigma(there[x], there[y], blur_camera)
+                blur_u, blur_v = here[BLUR, x], here[BLUR, y]
+                a = footprint.motion_sigma(blur_u, blur_v, blur_camera)
+                b = footprint.motion_sigma(there[BLUR, x], there[BLUR, y], blur_camera)
                 if a * b < 0:
+                    by_u, by_v = here[PIXEL, x], here[PIXEL, y]
                     variance = footprint.still_variance(
-                        by_camera[x], by_camera[y], camera.fill, here[x], here[y], blur_camera
+                        by_u, by_v, camera.fill, blur_u, blur_v, blur_camera
                     )
                     most = max(most, abs(a - b) / math.sqrt(variance + MIN_BLUR_VARIANCE))
     return most * (VIEW_SAMPLES - 1)
@@ -106,17 +127,23 @@ def _count(steps, fewest):
 
 
 @jit
-def counts(rows, cols, camera, blur_camera, cell, budget):
-    """Return how many nodes the amplitudes and the tap weights (first axis) need along u and v
-    (second axis): (2, 2) int64, at most MAX_NODES + 1; budget: an `ErrorBudget`."""
+def counts(sites, view, budget):
+    """Return how many nodes the amplitudes and the tap weights (first axis) of a PixelView need
+    along u and v (second axis): (2, 2) int64, at most MAX_NODES + 1, and all 0 for a view near the
+    horizon; budget: an `ErrorBudget`."""
+    camera, blur_camera, out = view.camera, view.blur_camera, np.zeros((2, 2), np.int64)
+    jacobians = np.empty((VIEW_SAMPLES, VIEW_SAMPLES, 2, 4))
+    _fill_jacobians(jacobians, sites, view)
+    # not a comparison that NaN passes
+    if not _largest_step(jacobians) < MAX_STEP:
+        return out
     scales, highest = np.empty((VIEW_SAMPLES, VIEW_SAMPLES, 2)), np.empty(2)
-    _fill_scales(scales, rows, cols, camera, blur_camera)
-    _fill_highest(highest, cell)
+    _fill_scales(scales, jacobians, blur_camera)
+    _fill_highest(highest, view.cell)
     change, cycles = np.empty(2), np.empty(2)
     passed = PASSED_CYCLES_PER_BLUR / max(camera.blur, 1e-6)
     for k in range(2):
         change[k], cycles[k] = _fastest_change(scales, k, highest, passed)
-    out = np.empty((2, 2), np.int64)
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
     for k in range(2):
         if max(change[0], change[1]) < budget.flat_log_scale:
@@ -124,58 +151,33 @@ def counts(rows, cols, camera, blur_camera, cell, budget):
             continue
         steps = max(cycles[k] / budget.amplitude_cycles, change[k] / budget.amplitude_log_scale)
         out[0, k] = _count(steps, fewest)
-        motion_steps = _motion_change(rows, cols, camera, blur_camera, k) / budget.weight_motion
+        motion_steps = _motion_change(jacobians, camera, blur_camera, k) / budget.weight_motion
         out[1, k] = _count(max(change[k] / budget.weight_log_scale, motion_steps), 5)
     return out
 
 
 @jit
-def _narrowed(rows, cols, camera, blur_camera, cell, widths, added_variance):
+def _narrowed(sites, view):
     """Return whether any of a few sensor pixels over the photo sees more cells than its taps."""
     blur = np.empty((2, 2), np.float64)
     for i in range(BLUR_SAMPLES):
         for j in range(BLUR_SAMPLES):
-            u, v = sample(cols, j, BLUR_SAMPLES), sample(rows, i, BLUR_SAMPLES)
-            for kind in range(len(widths)):
-                subpixel = footprint.SubpixelSize(
-                    cell.period[kind], widths[kind], added_variance[kind]
-                )
-                if footprint.fill_blur(blur, u, v, camera, blur_camera, subpixel, cell.radius):
+            u, v = sample(sites.cols, j, BLUR_SAMPLES), sample(sites.rows, i, BLUR_SAMPLES)
+            for kind in range(len(view.widths)):
+                if footprint.fill_blur(blur, u, v, view, kind):
                     return True
     return False
 
 
 @jit
-def _largest_step(rows, cols, camera):
-    """Return the most panel pixels that a pixel spans along an axis, at a few places of the
-    photo."""
-    most = 0.0
-    for i in range(BLUR_SAMPLES):
-        for j in range(BLUR_SAMPLES):
-            u, v = sample(cols, j, BLUR_SAMPLES), sample(rows, i, BLUR_SAMPLES)
-            xu, xv, yu, yv = jacobian(u, v, camera)
-            most = max(most, abs(xu), abs(xv), abs(yu), abs(yv))
-    return most
-
-
-@jit
-def can_follow_view(camera, blur_camera, cell, widths, added_variance, sites, dark_around, budget):
-    """Return whether the kernels can follow a view: not one near the horizon, nor, if
+def can_follow_view(view, sites, dark_around, budget):
+    """Return whether the kernels can follow a PixelView: not one near the horizon, nor, if
     `dark_around`, one from so far away that a pixel sees more cells than its taps. Arguments as in
     `coarse_grid_of` and `panel.fill_panel`."""
-    rows, cols = sites.rows, sites.cols
-    # not a comparison that NaN passes
-    if (
-        not max(_largest_step(rows, cols, camera), _largest_step(rows, cols, blur_camera))
-        < MAX_STEP
-    ):
-        return False
-    if dark_around and _narrowed(rows, cols, camera, blur_camera, cell, widths, added_variance):
-        return False
-    count, most = counts(rows, cols, camera, blur_camera, cell, budget), 0
+    count, most = counts(sites, view, budget), 0
     for k in range(2):
         most = max(most, count[0, k], count[1, k])
-    return most <= MAX_NODES
+    return 0 < most <= MAX_NODES and not (dark_around and _narrowed(sites, view))
 
 
 @jit_inlined
@@ -223,14 +225,14 @@ def fill_cubics(ends, weight, positions, first, step):
 
 
 @jit_inlined
-def coarse_grid_of(camera, blur_camera, cell, coefficients, widths, added_variance, sites, budget):
-    """Return the CoarseGrid of an image; coefficients, widths, added_variance: see
-    `exposure_records.FullView`, the rest as in `can_follow_view`."""
-    rows, cols, step = sites.rows, sites.cols, sites.step
-    count = counts(rows, cols, camera, blur_camera, cell, budget)
+def coarse_grid_of(view, coefficients, sites, budget):
+    """Return the CoarseGrid of an image; view: a PixelView. coefficients: see
+    `exposure_records.FullView`. budget: an `ErrorBudget`."""
+    rows, cols, step, camera = sites.rows, sites.cols, sites.step, view.camera
+    count = counts(sites, view, budget)
     us, step_u = node_line(cols, count[0, 0])
     vs, step_v = node_line(rows, count[0, 1])
-    amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
+    amplitude = optics.amplitudes(us, vs, camera, view.cell, coefficients)
     harmonics.fold(amplitude)
     least = budget.harmonic_amplitude / max(camera.gain, 1.0)
     terms = harmonics.harmonic_terms(amplitude, least)
@@ -242,9 +244,7 @@ def coarse_grid_of(camera, blur_camera, cell, coefficients, widths, added_varian
         harmonics.interpolate_to_pixels(lines[column], amplitude, terms, ends, weight)
     us, step_uw = node_line(cols, count[1, 0])
     vs, step_vw = node_line(rows, count[1, 1])
-    tables, phases, taps = tap_weights.weight_tables(
-        us, vs, camera, blur_camera, cell, widths, added_variance, budget
-    )
+    tables, phases, taps = tap_weights.weight_tables(us, vs, view, budget)
     return CoarseGrid(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)
 
 

@@ -139,17 +139,18 @@ def kernel(function):
     places = [path for path in (folder(), *other_folders()) if path is not None]
     if places:
         compiled._cache = KernelCache(function, places[0], places[1:])
-        compiled.compile = _locked(compiled.compile, Path(places[0], f"{function.__name__}.lock"))
+        compiled.compile = _locked(compiled, Path(places[0], f"{function.__name__}.lock"))
     return compiled
 
 
-def _locked(compile_, path):
+def _locked(dispatcher, path):
     """Return a dispatcher's `compile` behind a file lock: one process compiles, and the next one
-    finds the result in the cache, unless there is none."""
+    finds the result in the cache, unless there is none. What is kept already waits for nobody."""
+    compile_, cache = dispatcher.compile, dispatcher._cache
 
     def locked(signature):
         with contextlib.ExitStack() as stack:
-            if not KernelCache.is_full:
+            if not (KernelCache.is_full or cache.is_kept(signature, dispatcher.targetctx)):
                 _wait_for(stack, FileLock(path, fallback_to_soft=False))
             stack.enter_context(_without_garbage_collection())
             return _in_own_thread(functools.partial(compile_, signature))

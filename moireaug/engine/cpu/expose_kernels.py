@@ -20,6 +20,7 @@ from moireaug.engine.cpu.records import (
     BinnedSetup,
     FullImage,
     Pattern,
+    PixelView,
     PointImage,
     Readout,
 )
@@ -41,6 +42,13 @@ def sites_of(sites, camera):
     )  # fmt: skip
 
 
+@jit_inlined
+def _pixel_view(camera, cell, view, i):
+    """Return the PixelView of image i; view: a FullView."""
+    blur_camera = camera_of(view.blur_cameras[i])
+    return PixelView(camera, blur_camera, cell, view.widths[i], view.added_variance[i])
+
+
 @kernel
 def views_fit(e, view):
     """Return for each image whether the kernels can follow its view, (B,) bool.
@@ -55,16 +63,9 @@ def views_fit(e, view):
     for i in range(len(out)):
         camera = camera_of(e.cameras[i])
         h, w = panel.shape(e.size, camera, e.cell)
-        out[i] = h * w <= most and can_follow_view(
-            camera,
-            camera_of(view.blur_cameras[i]),
-            e.cell,
-            view.widths[i],
-            view.added_variance[i],
-            sites_of(e.sites, camera),
-            e.dark_around,
-            e.budget,
-        )
+        pixel_view, sites = _pixel_view(camera, e.cell, view, i), sites_of(e.sites, camera)
+        follows = can_follow_view(pixel_view, sites, e.dark_around, e.budget)
+        out[i] = h * w <= most and follows
     return out
 
 
@@ -110,16 +111,6 @@ def show_kernel(shown, light, pictures, e, at_points, i):
 
 
 @jit_inlined
-def _coarse_grid(camera, cell, sites, e, view, i):
-    """Return the CoarseGrid of image i; view: a FullView."""
-    blur_camera = camera_of(view.blur_cameras[i])
-    widths, added_variance = view.widths[i], view.added_variance[i]
-    return coarse_grid_of(
-        camera, blur_camera, cell, view.coefficients[i], widths, added_variance, sites, e.budget
-    )
-
-
-@jit_inlined
 def _readout(camera, e, i):
     """Return the Readout of image i."""
     read_noise, photons = np.float32(camera.dark_noise), np.float32(camera.photon_noise)
@@ -139,7 +130,8 @@ def _size_on_panel(camera, e):
 @kernel
 def full_grid_kernel(e, view, i):
     """Return the CoarseGrid of image i; view: a FullView."""
-    return _coarse_grid(camera_of(e.cameras[i]), e.cell, e.sites, e, view, i)
+    pixel_view = _pixel_view(camera_of(e.cameras[i]), e.cell, view, i)
+    return coarse_grid_of(pixel_view, view.coefficients[i], e.sites, e.budget)
 
 
 @jit_inlined
@@ -169,12 +161,11 @@ def expose_full_kernel(raw, slopes, shown, e, view, grid, span):
 def _grid_and_stencil(camera, sensor, cell, sites, e, view, i):
     """Return the CoarseGrid and the BinStencil of image i of a binned reading, one of which is
     empty; view: of the picture, a FullView."""
-    if not stencil.has_stencil(camera, sensor):
-        return _coarse_grid(camera, cell, sites, e, view, i), stencil.no_stencil()
-    none, blur_camera = no_coarse_grid(len(view.widths[i])), camera_of(view.blur_cameras[i])
-    return none, stencil.stencil_of(
-        camera, blur_camera, cell, view.widths[i], view.added_variance[i], sites, e.budget
-    )
+    pixel_view = _pixel_view(camera, cell, view, i)
+    if stencil.has_stencil(camera, sensor):
+        return no_coarse_grid(len(cell.period)), stencil.stencil_of(pixel_view, sites, e.budget)
+    grid = coarse_grid_of(pixel_view, view.coefficients[i], sites, e.budget)
+    return grid, stencil.no_stencil()
 
 
 @jit_inlined

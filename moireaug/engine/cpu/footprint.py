@@ -4,9 +4,6 @@ light that it gets from a subpixel; see `moireaug.camera.exposure.footprint`."""
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
 
 from moireaug.common.physics.footprint import MIN_BLUR_VARIANCE
 from moireaug.engine.cpu.compiling import jit_in_place
@@ -17,23 +14,11 @@ from moireaug.engine.cpu.view import jacobian
 BOX, SIGMA = range(2)  # columns of a blur
 
 
-class SubpixelSize(NamedTuple):
-    """The size of one kind of subpixel.
-
-    Args:
-        period: (2,) int64, of its cell in panel pixels. width, added_variance: (2,) float64, in
-            cells and squared cells, see `exposure_records.FullView`.
-    """
-
-    period: np.ndarray
-    width: np.ndarray
-    added_variance: np.ndarray
-
-
 @jit_in_place
-def blur_jacobian(by_camera, u, v, camera, blur_camera):
-    """Return a blur camera's Jacobian at a photo point, as `view.jacobian` does; by_camera: the
-    camera's. For camera and blur_camera, see `exposure_records`."""
+def blur_jacobian(by_camera, u, v, view):
+    """Return the Jacobian of a PixelView's blur camera at a photo point, as `view.jacobian` does;
+    by_camera: that of its camera."""
+    camera, blur_camera = view.camera, view.blur_camera
     if blur_camera.rectified != 0:
         return jacobian(u, v, blur_camera)
     xu, xv, yu, yv = by_camera
@@ -56,46 +41,42 @@ def still_variance(by_u, by_v, fill, blur_u, blur_v, blur_camera):
 
 
 @jit_in_place
-def _fill_axis(out, steps, camera, blur_camera, subpixel, axis, radius):
+def _fill_axis(out, steps, view, kind, axis):
     """Do the same as `fill_blur` along one axis.
 
     steps: panel pixels per sensor pixel along u and v, by the Jacobians of both cameras.
     """
     by_u, by_v, blur_u, blur_v = steps
-    period = subpixel.period[axis]
+    camera, blur_camera, period = view.camera, view.blur_camera, view.cell.period[kind, axis]
     long = max(abs(by_u), abs(by_v)) * camera.fill / period
     moves = motion_sigma(blur_u, blur_v, blur_camera)
     variance = still_variance(by_u, by_v, camera.fill, blur_u, blur_v, blur_camera) + moves * moves
-    variance = variance / (period * period) + subpixel.added_variance[axis]
+    variance = variance / (period * period) + view.added_variance[kind, axis]
     sigma = math.sqrt(variance + MIN_BLUR_VARIANCE)
-    shrink = footprint.narrowing(long, sigma, subpixel.width[axis], radius + 0.5)
+    shrink = footprint.narrowing(long, sigma, view.widths[kind, axis], view.cell.radius + 0.5)
     out[BOX], out[SIGMA] = long * shrink, sigma * shrink
     return shrink < 1
 
 
 @jit_in_place
-def fill_blur(out, u, v, camera, blur_camera, subpixel, radius):
-    """Fill out (axis, 2) with the blur at a photo point: the box and the standard deviation along
-    both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `Footprint.fitted`
-    does. Return whether any was narrowed.
-
-    camera, blur_camera: see `exposure_records`. subpixel: a SubpixelSize.
-    """
-    by_camera = jacobian(u, v, camera)
-    by_blur = blur_jacobian(by_camera, u, v, camera, blur_camera)
+def fill_blur(out, u, v, view, kind):
+    """Fill out (axis, 2) with the blur of a PixelView of a kind of subpixel at a photo point: the
+    box and the standard deviation along both axes, in cells, narrowed to what the cells that are
+    looked at hold, as `Footprint.fitted` does. Return whether any was narrowed."""
+    by_camera = jacobian(u, v, view.camera)
+    by_blur = blur_jacobian(by_camera, u, v, view)
     (xu, xv, yu, yv), (bxu, bxv, byu, byv) = by_camera, by_blur
-    in_x = _fill_axis(out[0], (xu, xv, bxu, bxv), camera, blur_camera, subpixel, 0, radius)
-    in_y = _fill_axis(out[1], (yu, yv, byu, byv), camera, blur_camera, subpixel, 1, radius)
+    in_x = _fill_axis(out[0], (xu, xv, bxu, bxv), view, kind, 0)
+    in_y = _fill_axis(out[1], (yu, yv, byu, byv), view, kind, 1)
     return in_x or in_y
 
 
 @jit_in_place
-def fill_blurs(out, us, vs, camera, blur_camera, subpixel, radius):
+def fill_blurs(out, us, vs, view, kind):
     """Fill out (rows * cols, axis, 2) with the blur at nodes of the photo; see `fill_blur`."""
     for r in range(len(vs)):
         for c in range(len(us)):
-            node = out[r * len(us) + c]
-            fill_blur(node, us[c], vs[r], camera, blur_camera, subpixel, radius)
+            fill_blur(out[r * len(us) + c], us[c], vs[r], view, kind)
 
 
 @jit_in_place

@@ -166,10 +166,8 @@ def tap_weights_storing(taps: int):
     return store_weights
 
 
-def content_weighing(taps: int, rows: int):
-    """Make an intrinsic that weighs `taps` x `taps` cells of a panel for a pixel. Only the `rows`
-    rows in the middle have weight."""
-    first, end = (taps - rows) // 2, (taps + rows) // 2
+def content_weighing(taps: int):
+    """Make an intrinsic that weighs `taps` x `taps` cells of a panel for a pixel."""
 
     @intrinsic
     def content_of(typing, panel, base, stride, weights, down, pixel):
@@ -182,14 +180,11 @@ def content_weighing(taps: int, rows: int):
             start = builder.mul(pixel, ir.Constant(pixel.type, taps))
             row = builder.sext(code.load(1, pixel), ir.IntType(64))
             total = None
-            for j in range(end):
-                if j >= first:
-                    weight = code.broadcast(code.load(4, code.offset(start, j)), taps)
-                    cells = code.vector(0, row, taps)
-                    is_first = total is None
-                    total = (
-                        builder.fmul(weight, cells) if is_first else code.fma(weight, cells, total)
-                    )
+            for j in range(taps):
+                weight = code.broadcast(code.load(4, code.offset(start, j)), taps)
+                cells = code.vector(0, row, taps)
+                is_first = total is None
+                total = builder.fmul(weight, cells) if is_first else code.fma(weight, cells, total)
                 row = builder.add(row, stride)
             return code.total(builder.fmul(total, code.tap_weights(3, pixel, taps)))
 
@@ -200,9 +195,8 @@ def content_weighing(taps: int, rows: int):
     return content_of
 
 
-def content_adding(taps: int, rows: int):
+def content_adding(taps: int):
     """Make the transpose of what `content_weighing` makes: neighbours add to the same cells."""
-    first, end = (taps - rows) // 2, (taps + rows) // 2
 
     @intrinsic
     def add_content(typing, panel, base, stride, across, down, grad, pixel):
@@ -215,11 +209,10 @@ def content_adding(taps: int, rows: int):
             start = builder.mul(pixel, ir.Constant(pixel.type, taps))
             across, grad = code.vector(3, start, taps), code.load(5, pixel)
             row = builder.sext(code.load(1, pixel), ir.IntType(64))
-            for j in range(end):
-                if j >= first:
-                    weight = builder.fmul(grad, code.load(4, code.offset(start, j)))
-                    cells = code.vector(0, row, taps)
-                    code.store_vector(code.fma(code.broadcast(weight, taps), across, cells), 0, row)
+            for j in range(taps):
+                weight = builder.fmul(grad, code.load(4, code.offset(start, j)))
+                cells = code.vector(0, row, taps)
+                code.store_vector(code.fma(code.broadcast(weight, taps), across, cells), 0, row)
                 row = builder.add(row, stride)
             return context.get_dummy_value()
 

@@ -159,9 +159,8 @@ def panel_irradiance(work, panel, image, plane, v):
         before = i
         content, base = row.floats[rows.CONTENT], row.ints[rows.BASE_INDEX]
         down = np.int32(cell.period[kind, 1] * stride)
-        lookup.content(
-            content, pixels[colour], base, down, weights, row.weights_y, taps[kind], cell.radius
-        )
+        shown, weights_y = pixels[colour], row.weights_y
+        lookup.content(content, shown, base, down, weights, weights_y, taps[kind])
         harmonics.add_product(row.irradiance[colour], content, row.floats[rows.MODULATION])
 
 
@@ -185,7 +184,5 @@ def panel_irradiance_back(work, panel_grad, image, plane, v):
         fill(content, ZERO)
         harmonics.add_product(content, row.irradiance[colour], row.floats[rows.MODULATION])
         down = np.int32(cell.period[kind, 1] * stride)
-        lookup.content_back(
-            pixels[colour], content, base, down, row.weights_x, row.weights_y, taps[kind],
-            cell.radius,
-        )  # fmt: skip
+        shown_grad, weights_x, weights_y = pixels[colour], row.weights_x, row.weights_y
+        lookup.content_back(shown_grad, content, base, down, weights_x, weights_y, taps[kind])

@@ -36,7 +36,15 @@ NOT_KEPT_MESSAGE = (
 
 
 class _Locator(UserProvidedCacheLocator):
-    """The place of a kernel in a folder, which may be one that can only be read."""
+    """The place of a kernel in a folder, which may be one that can only be read. The folder is of a
+    hash of all sources: neither where they lie nor when they were written matters."""
+
+    def __init__(self, py_func: FunctionType, py_file: str) -> None:
+        super().__init__(py_func, py_file)
+        self._cache_path = numba.config.CACHE_DIR
+
+    def get_source_stamp(self) -> str:
+        return ""
 
     @classmethod
     def from_function(cls, py_func: FunctionType, py_file: str) -> _Locator:
@@ -112,6 +120,11 @@ class KernelCache(_FolderCache):
     def __init__(self, function: FunctionType, folder: str, others: Sequence[str] = ()) -> None:
         super().__init__(function, folder)
         self._others = [_FolderCache(function, other) for other in others]
+
+    def is_kept(self, sig: Any, target_context: Any) -> bool:
+        """Return whether a folder lists the kernel, which may yet be damaged."""
+        key = self._index_key(sig, target_context.codegen())
+        return any(key in cache._cache_file._load_index() for cache in (self, *self._others))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = super().load_overload(sig, target_context)

@@ -14,7 +14,6 @@ from moireaug.engine.cpu.vectors import load, store
 ROUNDING_OFFSET = 1.5 * 2.0**52  # adding it to a float64 rounds to whole numbers
 HALF, ZERO = np.float32(0.5), np.float32(0)
 NARROW_TAPS, WIDE_TAPS = 4, 8  # cells along each axis that a pixel's content is taken from
-MAX_RADIUS_OF_SIX_ROWS = 2  # cells: up to it, the outermost two of WIDE_TAPS rows have no light
 
 
 @jit_in_place
@@ -75,7 +74,7 @@ def fill_weights(out, weights, taps):
 
 
 @jit_in_place
-def content(out, panel, base, stride, weights, weights_y, taps, radius):
+def content(out, panel, base, stride, weights, weights_y, taps):
     """Fill out (n,) float32 with the weighted content of `taps` x `taps` cells.
 
     Args:
@@ -83,23 +82,18 @@ def content(out, panel, base, stride, weights, weights_y, taps, radius):
             to the next.
         weights: along x, see `records.TapWeights`. weights_y: along y, from
             `fill_weights`.
-        radius: see `exposure_records.Cell`.
     """
     if taps == NARROW_TAPS:
         vectors.four_by_four(out, panel, base, stride, weights, weights_y)
-    elif radius <= MAX_RADIUS_OF_SIX_ROWS:
-        vectors.eight_by_six(out, panel, base, stride, weights, weights_y)
     else:
         vectors.eight_by_eight(out, panel, base, stride, weights, weights_y)
 
 
 @jit_in_place
-def content_back(panel_grad, grad, base, stride, weights_x, weights_y, taps, radius):
+def content_back(panel_grad, grad, base, stride, weights_x, weights_y, taps):
     """Add to panel_grad, flat, the gradient in it from that in the content of pixels (n,); the
     rest as in `content`, with the tap weights along x as those along y."""
     if taps == NARROW_TAPS:
         vectors.four_by_four_back(panel_grad, grad, base, stride, weights_x, weights_y)
-    elif radius <= MAX_RADIUS_OF_SIX_ROWS:
-        vectors.eight_by_six_back(panel_grad, grad, base, stride, weights_x, weights_y)
     else:
         vectors.eight_by_eight_back(panel_grad, grad, base, stride, weights_x, weights_y)

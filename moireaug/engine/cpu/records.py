@@ -9,6 +9,21 @@ import numpy as np
 from moireaug.engine.lower.exposure_records import Camera, Cell, PointView, Sites
 
 
+class PixelView(NamedTuple):
+    """How one image's pixels see the kinds of subpixel of its panel.
+
+    Args:
+        camera, blur_camera: of the pixels, and of what blurs them; see `exposure_records`.
+        widths, added_variance: (kinds, 2), the image's rows of its FullView.
+    """
+
+    camera: Camera
+    blur_camera: Camera
+    cell: Cell
+    widths: np.ndarray
+    added_variance: np.ndarray
+
+
 class CoarseGrid(NamedTuple):
     """What varies slowly over one image's photo, from `coarse_grid.coarse_grid_of`.
 

@@ -8,7 +8,7 @@ import numpy as np
 from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
 from moireaug.engine.cpu.coarse_grid import bracket, counts, node_line
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
-from moireaug.engine.cpu.footprint import BOX, SIGMA, SubpixelSize, fill_blurs, light_from
+from moireaug.engine.cpu.footprint import BOX, SIGMA, fill_blurs, light_from
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import BinStencil
 from moireaug.engine.cpu.vectors import load, store
@@ -110,31 +110,30 @@ def _fill_lines(lines, start, weights, tap, ends, node_share):
 
 
 @jit
-def _tap_weights_at(us, vs, camera, blur_camera, cell, widths, added_variance):
+def _tap_weights_at(us, vs, view):
     """Return the tap weights at nodes of the photo, (colours, axes, nodes, pixels) float64: at
     least a pixel to each side, without light if the cell's radius is 0."""
-    radius, nodes = cell.radius, len(us) * len(vs)
+    cell, radius, nodes = view.cell, view.cell.radius, len(us) * len(vs)
     blur, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
     for i in range(len(cell.channel)):
         colour, kind = cell.channel[i], cell.subpixel_kind[i]
-        subpixel = SubpixelSize(cell.period[kind], widths[kind], added_variance[kind])
-        fill_blurs(blur, us, vs, camera, blur_camera, subpixel, radius)
+        fill_blurs(blur, us, vs, view, kind)
         for axis in range(2):
             past = 0.5 - cell.centre[i, axis]  # no more than half a pixel
             for node in range(nodes):
-                weights, width = out[colour, axis, node], widths[kind, axis]
+                weights, width = out[colour, axis, node], view.widths[kind, axis]
                 _fill_tap_weights(weights, blur[node, axis], width, past, radius)
     return out
 
 
 @jit
-def stencil_of(camera, blur_camera, cell, widths, added_variance, sites, budget):
-    """Return the BinStencil of an image that has one; widths, added_variance: (kinds, 2), see
-    `exposure_records.FullView`. budget: an `ErrorBudget`."""
-    count = counts(sites.rows, sites.cols, camera, blur_camera, cell, budget)[1]
+def stencil_of(view, sites, budget):
+    """Return the BinStencil of an image that has one; view: a PixelView. budget: an
+    `ErrorBudget`."""
+    count = counts(sites, view, budget)[1]
     us, step_u = node_line(sites.cols, count[0])
     vs, step_v = node_line(sites.rows, count[1])
-    weights = _tap_weights_at(us, vs, camera, blur_camera, cell, widths, added_variance)
+    weights = _tap_weights_at(us, vs, view)
     table = weights.reshape(-1, weights.shape[3])
     half, reach = weights.shape[3] // 2, _reach(table, budget.tap_weight)
     _trim(table, reach)

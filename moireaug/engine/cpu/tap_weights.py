@@ -13,7 +13,7 @@ import numpy as np
 
 from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place
-from moireaug.engine.cpu.footprint import BOX, SIGMA, SubpixelSize, fill_blurs, light_from
+from moireaug.engine.cpu.footprint import BOX, SIGMA, fill_blurs, light_from
 from moireaug.engine.cpu.harmonics import cubic_weights
 from moireaug.engine.cpu.limits import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
@@ -156,22 +156,22 @@ def _taps(blur, widths, radius, min_light):
 
 
 @jit
-def weight_tables(us, vs, camera, blur_camera, cell, widths, added_variance, budget):
+def weight_tables(us, vs, view, budget):
     """Return the tap weights on nodes of the photo, the phases of each kind along both axes,
     (kinds, 2) int64, and its taps along each axis, (kinds,) int64.
 
     The weights are (kinds, rows, n) float32: of the nodes of a row one after another, (phases + 2,
     taps) along x and then along y; see `fill_node`.
 
-    widths, added_variance: (kinds, 2), see `exposure_records.FullView`. budget: an `ErrorBudget`.
+    view: a PixelView. budget: an `ErrorBudget`.
     """
-    kinds, rows, cols, radius = len(widths), len(vs), len(us), cell.radius
+    widths, radius = view.widths, view.cell.radius
+    kinds, rows, cols = len(widths), len(vs), len(us)
     blur = np.empty((kinds, rows * cols, 2, 2), np.float64)
     phases, taps = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
     most, finest, farthest = 0, 0, radius + 0.5
     for kind in range(kinds):
-        subpixel = SubpixelSize(cell.period[kind], widths[kind], added_variance[kind])
-        fill_blurs(blur[kind], us, vs, camera, blur_camera, subpixel, radius)
+        fill_blurs(blur[kind], us, vs, view, kind)
         for axis in range(2):
             phases[kind, axis] = _phases(blur[kind], axis, budget.phase_error)
             finest = max(finest, phases[kind, axis])

@@ -31,9 +31,9 @@ def _weights_of(taps: int):
     return fill_weights
 
 
-def _content_of(taps: int, rows: int):
+def _content_of(taps: int):
     """Make the function that weighs the cells that a row of pixels sees."""
-    content_at = content_weighing(taps, rows)
+    content_at = content_weighing(taps)
 
     @jit_in_place
     def content(out, panel, base, stride, weights, down):
@@ -48,9 +48,9 @@ def _content_of(taps: int, rows: int):
     return content
 
 
-def _content_back_of(taps: int, rows: int):
+def _content_back_of(taps: int):
     """Make the transpose of what `_content_of` makes."""
-    add_content = content_adding(taps, rows)
+    add_content = content_adding(taps)
 
     @jit_in_place
     def content_back(panel, grad, base, stride, weights_x, weights_y):
@@ -63,9 +63,8 @@ def _content_back_of(taps: int, rows: int):
 
 
 fill_four_weights, fill_eight_weights = _weights_of(4), _weights_of(8)
-four_by_four, four_by_four_back = _content_of(4, 4), _content_back_of(4, 4)
-eight_by_six, eight_by_six_back = _content_of(8, 6), _content_back_of(8, 6)
-eight_by_eight, eight_by_eight_back = _content_of(8, 8), _content_back_of(8, 8)
+four_by_four, four_by_four_back = _content_of(4), _content_back_of(4)
+eight_by_eight, eight_by_eight_back = _content_of(8), _content_back_of(8)
 
 
 @jit_in_place

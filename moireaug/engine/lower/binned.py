@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import torch
 
 from moireaug.camera.effects.binned_statistics import pixels_per_value
 from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
-from moireaug.camera.panel.fourier import amplitudes_of
+from moireaug.camera.panel.fourier import amplitudes_of, mean_light_of
 from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
-from moireaug.engine.lower.cell import cell_of_whole_pixels, mean_light_of
+from moireaug.engine.lower.cell import cell_of_whole_pixels
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, FullView
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.frame import Frame
@@ -24,33 +22,14 @@ BORDER_POINTS = 9  # along each axis, where the rows are taken that a part of a 
 
 def binned_view(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarray, Cell, BinnedView]:
     """Return a shot's cameras, of photo pixels, (B, fields), its Cell and its BinnedView."""
-    with torch.no_grad():
-        content = content_of(shot)
-    scales = BinScales.of(shot, geometry)
-    fields = camera_fields(shot, geometry) | _place_of(shot, geometry.frame, content)
-    inverse = np.linalg.inv(geometry.homography)
-    cameras, blur_cameras, sensors = _bin_cameras(shot, inverse, fields, content, scales)
+    content = content_of(geometry)
+    fields = camera_fields(geometry) | _place_of(shot, geometry.frame, content)
+    cameras, blur_cameras, sensors = _bin_cameras(geometry, fields, content)
     # none at the same height: centres differ
     cell = cell_of_whole_pixels(shot.plan.method.taps)
     cell = cell._replace(y_group=np.arange(3), kind_y_group=np.arange(3))
-    beats = _beats_of(shot, sensors, content, scales)
+    beats = _beats_of(geometry, sensors, content)
     return cameras, cell, BinnedView(_picture_view(blur_cameras, content), beats)
-
-
-class BinScales(NamedTuple):
-    """The scales of a shot's bins, (B,) each: `panel_scale`, `sensor_scale` and `bin_scale` of its
-    geometry, and `bin_geometry.enlargement`."""
-
-    panel: np.ndarray
-    sensor: np.ndarray
-    bin: np.ndarray
-    enlargement: np.ndarray
-
-    @staticmethod
-    def of(shot: ShotRecord, geometry: HostGeometry) -> BinScales:
-        bin_scale = geometry.bin_scale
-        enlarged = enlargement(torch.from_numpy(bin_scale), shot.scene).numpy()
-        return BinScales(geometry.panel_scale, geometry.sensor_scale, bin_scale, enlarged)
 
 
 def _place_of(shot: ShotRecord, frame: Frame, content: BinContent) -> dict[str, np.ndarray]:
@@ -60,26 +39,26 @@ def _place_of(shot: ShotRecord, frame: Frame, content: BinContent) -> dict[str, 
     top, left = frame.photo_top, frame.photo_left
     if shot.scene.is_rectified:
         top, left = frame.image_top, frame.image_left
-    lead = content.lead.numpy() / content.scale.numpy()[:, None]  # in image pixels
+    lead = content.lead / content.scale[:, None]  # in image pixels
     fields = {
         "centre_u": zero + (left + (w - frame.width) / 2),
         "centre_v": zero + (top + (h - frame.height) / 2),
-        "lead_x": content.lead[:, 0].numpy(),
-        "lead_y": content.lead[:, 1].numpy(),
+        "lead_x": content.lead[:, 0],
+        "lead_y": content.lead[:, 1],
         "corner_x": frame.width / 2 - frame.image_left + lead[:, 0],
         "corner_y": frame.height / 2 - frame.image_top + lead[:, 1],
     }
     if "flicker" in shot.plan and (shot.part_of is not None or shot.scene.is_crop):
-        first, last = _rows_seen(shot)
+        first, last = _rows_seen(shot, frame)
         fields |= {"pulses_top": first - frame.height / 2, "pulses_height": last - first}
     return fields
 
 
-def _rows_seen(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray]:
+def _rows_seen(shot: ShotRecord, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and the last row of the whole photo that a shot's bins see, (B,) each, with
     a row to spare."""
     if not shot.scene.is_rectified:
-        top = np.zeros(len(shot)) + np.asarray(shot.frame.photo_top)
+        top = np.zeros(len(shot)) + frame.photo_top
         return top, top + shot.size[0]
     rows, cols = (torch.linspace(0, side, BORDER_POINTS).double() for side in shot.size)
     points = grids.grid(rows, cols).expand(len(shot), -1, -1, -1)
@@ -89,29 +68,29 @@ def _rows_seen(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bin_cameras(
-    shot: ShotRecord,
-    inverse: np.ndarray,
+    geometry: HostGeometry,
     fields: dict[str, np.ndarray],
     content: BinContent,
-    scales: BinScales,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a shot's cameras, (B, fields) each: of photo pixels, of what blurs them and of sensor
     pixels; fields: those of sensor pixels."""
-    zero = np.zeros(len(shot))
-    of_bins = fields | {"alpha": content.scale.numpy(), "fill": scales.enlargement}
-    if "noise" in shot.plan:
-        root = pixels_per_value(shot, torch.from_numpy(scales.bin)).sqrt().numpy()
+    bin_scale, is_rectified = geometry.bin_scale, geometry.scene.is_rectified
+    zero, enlarged = np.zeros_like(bin_scale), enlargement(bin_scale, geometry.scene)
+    inverse = np.linalg.inv(geometry.homography)
+    of_bins = fields | {"alpha": content.scale, "fill": enlarged}
+    if "noise" in geometry.plan:
+        root = np.sqrt(pixels_per_value(geometry, bin_scale))
         of_bins |= {name: fields[name] / root for name in ("dark_noise", "photon_noise")}
-    sensor = fields | {"alpha": scales.panel, "rectified": zero + shot.scene.is_rectified}
-    blur = {"alpha": content.scale.numpy(), "fill": zero, "blur": content.optics.blur.numpy()}
+    sensor = fields | {"alpha": geometry.panel_scale, "rectified": zero + is_rectified}
+    blur = {"alpha": content.scale, "fill": zero, "blur": content.optics.blur}
     corner = fields["corner_x"][:, None], fields["corner_y"][:, None]
     images = of_sensor = from_corner(inverse, *corner)
-    if shot.scene.is_rectified:
+    if is_rectified:
         # pixels look straight at the picture
         of_bins |= {"k1": zero, "k2": zero}
-        images = from_corner(np.eye(3)[None].repeat(len(shot), 0), *corner)
+        images = from_corner(np.eye(3)[None].repeat(len(zero), 0), *corner)
         of_sensor = inverse
-    per_pixel = scales.sensor, scales.sensor
+    per_pixel = (geometry.sensor_scale,) * 2
     return (
         lower_cameras(images, (1.0, 1.0), of_bins),
         lower_cameras(of_sensor, per_pixel, sensor | blur),
@@ -120,50 +99,43 @@ def _bin_cameras(
 
 
 def _picture_view(blur_cameras: np.ndarray, content: BinContent) -> FullView:
-    width = content.width.detach().numpy()
-    interpolation = content.interpolation_variance.detach().numpy()
-    light = np.ones((len(width), 3, 1, 1))
-    added_variance = np.repeat(interpolation, 6).reshape(-1, 3, 2)
-    return FullView(blur_cameras, light, np.ascontiguousarray(width), added_variance)
+    light = np.ones((len(content.width), 3, 1, 1))
+    added_variance = np.repeat(content.interpolation_variance, 6).reshape(-1, 3, 2)
+    return FullView(blur_cameras, light, np.ascontiguousarray(content.width), added_variance)
 
 
-def _beats_of(
-    shot: ShotRecord, sensors: np.ndarray, content: BinContent, scales: BinScales
-) -> Beats:
+def _beats_of(geometry: HostGeometry, sensors: np.ndarray, content: BinContent) -> Beats:
     """Return a shot's Beats; sensors: the cameras of sensor pixels."""
-    layout, method = shot.scene.panel.cell, shot.plan.method
-    parts = amplitudes_of(layout, method.harmonics, shot.panel)
-    waves = np.stack([part.detach().numpy() for part in parts], -1)
+    scene, plan, bin_scale = geometry.scene, geometry.plan, geometry.bin_scale
+    harmonics, resize = plan.method.harmonics, scene.develop.resize
+    waves = np.stack(amplitudes_of(geometry, harmonics), -1)
     waves = np.ascontiguousarray(waves.transpose(2, 0, 1, 3))  # (B, 3, K, 2)
-    triangle = np.zeros(len(shot))
-    if shot.scene.develop.resize == "antialias":
-        triangle = 1 / scales.enlargement
+    enlarged = enlargement(bin_scale, scene)
+    triangle = 1 / enlarged if resize == "antialias" else np.zeros(len(sensors))
     return Beats(
         cameras=sensors,
-        enlargement=scales.enlargement,
-        sampled=shot.scene.develop.resize == "point",
+        enlargement=enlarged,
+        sampled=resize == "point",
         triangle=triangle,
-        ratio=np.ascontiguousarray(content.ratio.detach().numpy()),
-        centres=np.ascontiguousarray(0.5 + content.shift.detach().numpy()),
-        start=np.ascontiguousarray(content.start.numpy()),
-        period=np.array(layout.period, np.int64),
-        orders=np.array(method.harmonics, np.int64).reshape(-1, 2),
+        ratio=content.ratio,
+        centres=0.5 + content.shift,
+        start=np.ascontiguousarray(content.start),
+        period=np.array(scene.panel.cell.period, np.int64),
+        orders=np.array(harmonics, np.int64).reshape(-1, 2),
         coefficients=waves.astype(np.float32),
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
-        mean=mean_light_of(shot),
-        lost_noise_variance=_lost_noise_variance(shot, scales.bin),
-        saturates="saturate" in shot.plan,
-        bayer=shot.scene.is_binned_bayer,
+        mean=mean_light_of(geometry),
+        lost_noise_variance=_lost_noise_variance(geometry, bin_scale),
+        saturates="saturate" in plan,
+        bayer=scene.is_binned_bayer,
     )
 
 
-def _lost_noise_variance(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
+def _lost_noise_variance(geometry: HostGeometry, scale: np.ndarray) -> np.ndarray:
     """Return the variance of the noise that bins average away, (B, 2) float32: in the dark, and
     what a reading of 1 adds; zeros without noise."""
-    out = np.zeros((len(shot), 2), np.float32)
-    if "noise" in shot.plan:
-        share = (1 - 1 / pixels_per_value(shot, torch.from_numpy(scale))).numpy()
-        drawn = shot.numbers()
-        for i, name in enumerate(("sensor.read_noise", "sensor.shot_noise")):
-            out[:, i] = share * drawn[name].detach().numpy() ** 2
-    return out
+    sensor, away = geometry.sensor, 1 - 1 / pixels_per_value(geometry, scale)
+    if "noise" not in geometry.plan:
+        away = np.zeros_like(scale)
+    drawn = np.stack([sensor.read_noise, sensor.shot_noise], 1)
+    return (away[:, None] * drawn**2).astype(np.float32)

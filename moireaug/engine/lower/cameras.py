@@ -7,22 +7,20 @@ from typing import Any
 import numpy as np
 
 from moireaug.engine.lower.exposure_records import Camera
-from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_geometry import HostGeometry
 
 HOMOGRAPHY_FIELDS = [f"h{row}{column}" for row in range(3) for column in range(3)]
 
 
-def camera_fields(shot: ShotRecord, geometry: HostGeometry) -> dict[str, np.ndarray]:
+def camera_fields(geometry: HostGeometry) -> dict[str, np.ndarray]:
     """Return the fields of a shot's cameras that neither pose nor scale change; neutral values for
     effects that are not planned."""
-    drawn, zero = geometry.numbers(), np.zeros(len(shot))
+    drawn, (h, w), (k1, k2) = geometry.numbers(), geometry.photo_size, geometry.lens_distortion
+    zero = np.zeros_like(k1)
 
     def planned(effect: str, name: str, neutral: np.ndarray = zero) -> np.ndarray:
-        return drawn[name] if effect in shot.plan else neutral
+        return drawn[name] if effect in geometry.plan else neutral
 
-    h, w = geometry.photo_size
-    k1, k2 = geometry.lens_distortion
     vignetting = planned("vignetting", "lens.vignetting")
     glare = planned("glare", "panel.glare")
     return {

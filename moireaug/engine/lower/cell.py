@@ -7,9 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from moireaug.camera.panel.fourier import emitting_share, mean_light
 from moireaug.engine.lower.exposure_records import Cell
-from moireaug.scene.shot import ShotRecord
 
 
 def lower_cell(
@@ -61,9 +59,3 @@ def cell_of_whole_pixels(taps: int) -> Cell:
     subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
     none = np.empty((2, 0), np.int64)
     return lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, taps // 2)
-
-
-def mean_light_of(shot: ShotRecord) -> np.ndarray:
-    """Return the share of the panel's area that emits each colour, (B, 3) float64."""
-    layout = shot.scene.panel.cell
-    return mean_light(layout, *emitting_share(shot.panel)).detach().numpy()

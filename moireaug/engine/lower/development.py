@@ -28,36 +28,35 @@ from moireaug.scene.shot_geometry import HostGeometry
 
 
 class _LastDevelopment(NamedTuple):
-    """A Development, and what it was made of; numbers: see `ShotRecord.host_numbers`."""
+    """A Development, and what it was made of; table: see `HostGeometry`."""
 
     scene: SceneRecord
     sizes: tuple[tuple[int, int], tuple[int, int]]
-    numbers: np.ndarray
+    table: np.ndarray
     development: Development
 
 
 _last: _LastDevelopment | None = None
 
 
-def lower_development(shot: ShotRecord, table: np.ndarray | None = None) -> Development:
+def lower_development(shot: ShotRecord, geometry: HostGeometry | None = None) -> Development:
     """Return a shot's Development, without `Execution.reference_effects`; if it is denoised, it
     ends at the codes of every sensor pixel. Made once for equal shots in a row, as of an attack's
     steps.
 
-    table: the shot's numbers, from `host_numbers`, if they are at hand.
+    geometry: of the shot, if it is at hand.
     """
     global _last
-    last, numbers = _last, shot.host_numbers() if table is None else table
+    geometry = geometry or shot.host_geometry()
+    last, sizes = _last, (shot.size, shot.whole_size)
     if (
         last is None
         or last.scene is not shot.scene
-        or last.sizes != (shot.size, shot.whole_size)
-        or not np.array_equal(last.numbers, numbers)
+        or last.sizes != sizes
+        or not np.array_equal(last.table, geometry.table)
     ):
-        development = _development_of(shot, shot.host_geometry(numbers))
-        _last = last = _LastDevelopment(
-            shot.scene, (shot.size, shot.whole_size), numbers, development
-        )
+        development = _development_of(shot, geometry)
+        _last = last = _LastDevelopment(shot.scene, sizes, geometry.table, development)
     return last.development
 
 
@@ -66,8 +65,7 @@ def _development_of(shot: ShotRecord, geometry: HostGeometry) -> Development:
     whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
     demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
     if "colour_matrix" in plan:
-        mixed = [torch.from_numpy(drawn[k]) for k in ("sensor.crosstalk", "develop.saturation")]
-        matrix = colour_matrix(*mixed).numpy()
+        matrix = colour_matrix(drawn["sensor.crosstalk"], drawn["develop.saturation"])
     else:
         matrix = np.eye(3)[None].repeat(len(shot), 0)
     if "balance" in plan:

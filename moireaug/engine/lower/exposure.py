@@ -10,11 +10,11 @@ import numpy as np
 import torch
 
 from moireaug.camera.effects import prefilter, random_numbers
+from moireaug.camera.effects.display import white_readings
 from moireaug.camera.effects.flicker import light_of_rows
 from moireaug.camera.exposure.filters import filters_of
 from moireaug.engine.lower.binned import binned_view
 from moireaug.engine.lower.budget import ErrorBudget
-from moireaug.engine.lower.cell import mean_light_of
 from moireaug.engine.lower.exposure_records import Camera, Exposure, PanelView, Sites
 from moireaug.engine.lower.full import cameras_and_cell, full_view, point_view
 from moireaug.scene.draws import MAX_CACHED_SCENES
@@ -22,33 +22,35 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.geometry.lattice import CFA
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord, sampled_rows_and_columns
+from moireaug.scene.shot_geometry import HostGeometry
 
 BANDS_PER_CHANGE = 64  # of a row's light by its mean
 MIN_BANDS_PER_ROW, MAX_BANDS_PER_ROW = 16, 64
 
 
 def lower_exposure(
-    shot: ShotRecord, *, decoded: bool, exactness: int = 1, table: np.ndarray | None = None
+    shot: ShotRecord, geometry: HostGeometry | None = None, *, decoded: bool, exactness: int = 1
 ) -> tuple[Exposure, PanelView]:
     """Return a shot's Exposure, and how its pixels see the panel.
 
     Args:
+        geometry: of the shot, if it is at hand.
         decoded: the pictures have already been decoded, raised to the black level and prefiltered.
         exactness: by how much the errors of the pattern are smaller than the scene's tolerance
             asks for.
-        table: the shot's numbers, from `host_numbers`, if they are at hand.
     """
-    plan = shot.plan
-    geometry = shot.host_geometry(shot.host_numbers() if table is None else table)
-    drawn = geometry.numbers()
+    geometry = geometry or shot.host_geometry()
+    plan, drawn = shot.plan, geometry.numbers()
     view: PanelView
     if shot.scene.is_binned:
         cameras, cell, view = binned_view(shot, geometry)
     else:
         cameras, cell = cameras_and_cell(shot, geometry)
-        view = point_view(shot) if plan.exposure == "point" else full_view(shot, cameras)
+        view = point_view(geometry)
+        if plan.exposure != "point":
+            view = full_view(geometry, cameras)
     # of one layout, as kernels are compiled for each
-    filters = np.ascontiguousarray(filters_of(shot).detach().numpy())
+    filters = np.ascontiguousarray(filters_of(geometry))
     black, share = np.zeros((2, len(shot)), np.float32)
     if "black_level" in plan and not decoded:
         black[:] = drawn["panel.black"]
@@ -59,7 +61,7 @@ def lower_exposure(
         size=shot.size,
         cameras=cameras,
         filters=filters,
-        white=_white_of(shot, filters),
+        white=_white_of(geometry),
         black=black,
         cell=cell,
         sites=_sites(shot.scene, shot.size),
@@ -76,14 +78,11 @@ def lower_exposure(
     return exposure, view
 
 
-def _white_of(shot: ShotRecord, filters: np.ndarray) -> np.ndarray:
-    """Return what each plane reads of a white screen on average, (B, planes) float64, as
-    `effects.display.white_readings` does; zeros without glare."""
-    channel = _sites(shot.scene, shot.size).channel
-    if "glare" not in shot.plan:
-        return np.zeros((len(shot), len(channel)))
-    light = mean_light_of(shot)
-    return np.ascontiguousarray((filters @ light[:, :, None])[:, channel, 0])
+def _white_of(geometry: HostGeometry) -> np.ndarray:
+    """Return what each plane reads of a white screen on average, (B, planes) float64; zeros without
+    glare, for which alone it is read."""
+    white = np.ascontiguousarray(white_readings(geometry))
+    return white if "glare" in geometry.plan else np.zeros_like(white)
 
 
 def _flicker_of(shot: ShotRecord, cameras: np.ndarray, exactness: int) -> np.ndarray:

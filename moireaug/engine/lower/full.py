@@ -6,13 +6,12 @@ import functools
 
 import numpy as np
 
-from moireaug.camera.panel.fourier import emitting_share, own_orders
+from moireaug.camera.panel.fourier import emitting_share, mean_light_of, own_orders
 from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
 from moireaug.engine.lower.cell import (
     cell_of_whole_pixels,
     highest_orders,
     lower_cell,
-    mean_light_of,
 )
 from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
 from moireaug.scene.draws import MAX_CACHED_SCENES
@@ -27,32 +26,33 @@ def cameras_and_cell(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarr
     """Return a shot's cameras, of sensor pixels, (B, fields), and its Cell."""
     rows, cols = shot.sampled_pixels()
     h, w = shot.size
-    fields = camera_fields(shot, geometry) | {"alpha": geometry.panel_scale}
+    fields = camera_fields(geometry) | {"alpha": geometry.panel_scale}
     back = from_corner(np.linalg.inv(geometry.homography), w / 2, h / 2)
     cameras = lower_cameras(back, (rows.scale, cols.scale), fields)
     return cameras, _cell(shot.scene, shot.plan.method)
 
 
-def point_view(shot: ShotRecord) -> PointView:
+def point_view(geometry: HostGeometry) -> PointView:
     """Return the PointView of a shot whose exposure is "point"."""
-    layout, (width, height) = shot.scene.panel.cell, emitting_share(shot.panel)
-    rectangles = np.array([subpixel.box() for subpixel in _subpixels(shot.scene)], np.float64)
-    return PointView(rectangles, layout.raster, (width * height).detach().numpy())
+    scene, (width, height) = geometry.scene, emitting_share(geometry.panel)
+    rectangles = np.array([subpixel.box() for subpixel in _subpixels(scene)], np.float64)
+    return PointView(rectangles, scene.panel.cell.raster, width * height)
 
 
-def full_view(shot: ShotRecord, cameras: np.ndarray) -> FullView:
+def full_view(geometry: HostGeometry, cameras: np.ndarray) -> FullView:
     """Return a shot's FullView; cameras: of its sensor pixels."""
-    if not shot.scene.shows_pattern:
-        widths = np.ones((len(shot), 3, 2))
-        mean = mean_light_of(shot)[:, :, None, None]
+    scene = geometry.scene
+    if not scene.shows_pattern:
+        widths = np.ones((len(cameras), 3, 2))
+        mean = mean_light_of(geometry)[:, :, None, None]
         return FullView(cameras, mean, widths, np.zeros_like(widths))
-    width, height = (share.detach() for share in emitting_share(shot.panel))
-    kinds = _kinds(shot.scene).values()
+    width, height = emitting_share(geometry.panel)
+    kinds = _kinds(scene).values()
     shares = np.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
     periods = np.array([s.period for s in kinds], np.float64)
     edges = np.array([(s.across, s.down) for s in kinds]) * shares / periods[:, None]
     long, short = np.abs(edges).max(-2), np.abs(edges).min(-2)
-    coefficients = _coefficients(edges, _orders(shot.scene, shot.plan.method))
+    coefficients = _coefficients(edges, _orders(scene, geometry.plan.method))
     return FullView(cameras, coefficients, long, short * short / 12)
 
 

@@ -58,7 +58,7 @@ def tables_of(suite: str | Suite[Config], config: Config) -> list[Table]:
         config: settings of the tables.
 
     Raises:
-        ValueError: an unknown name; the message lists the known ones.
+        ValueError: an unknown name; the message lists the known ones. Two tables of one name.
         TypeError: a function that returns anything but tables.
     """
     if callable(suite):
@@ -67,6 +67,11 @@ def tables_of(suite: str | Suite[Config], config: Config) -> list[Table]:
         if not isinstance(tables, Sequence) or not all(isinstance(one, Table) for one in tables):
             raise TypeError(
                 f"suite must return a moireaug.evaluation.Table, or a list of them; got {made!r}."
+            )
+        if len({table.name for table in tables}) < len(tables):
+            raise ValueError(
+                "a suite's tables must have different names; got "
+                f"{', '.join(table.name for table in tables)}."
             )
         return list(tables)
     one_of("suite", suite, (*SUITES, *GROUPS))

@@ -63,7 +63,8 @@ def planar(x: Number, y: Number, like: Tensor) -> Tensor:
     1, ..., 2)."""
     if not isinstance(x, Tensor):
         return like.new_tensor([x, y])
-    pair = torch.stack((x, torch.as_tensor(y).expand_as(x)), -1).to(like.dtype)
+    other = torch.as_tensor(y, dtype=x.dtype, device=x.device)
+    pair = torch.stack((x, other.expand_as(x)), -1).to(like.dtype)
     return pair.reshape(len(pair), *[1] * (like.ndim - 2), 2)
 
 

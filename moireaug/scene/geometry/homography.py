@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.common.numeric import array_like
 from moireaug.scene.drawn_parts import DrawnView
 from moireaug.scene.geometry.frame import FrameSize, Number
 
@@ -152,7 +152,7 @@ def _fitting_zoom(
     """
     h, w = size
     points = [(right * (w / 2), down * (h / 2)) for right, down in BORDER]
-    border = np.array(points) if xp is np else x.new_tensor(points)
+    border = array_like(points, x)
     depth = border @ depth + 1  # (16, B)
     ahead = depth > MIN_POINT_DEPTH
     depth = xp.where(ahead, depth, 1.0)

@@ -22,30 +22,30 @@ from training.explorer.controls import CONTROLS, values_of
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 SCRIPT = Path(__file__).resolve().parents[3] / "training/explore.py"
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+NAMES = ("chromium", "chromium-browser", "chromium-headless-shell")
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 VALUES = values_of(Scene.preset("screen_photo"))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _page():
     """Import Gradio, which takes seconds, in no process that does not need it."""
-    global gradio, page, photograph_tab
+    global gradio, page, layout
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         gradio = pytest.importorskip("gradio", reason="the extra [explore] is not installed")
-        from training.explorer import page, photograph_tab
+        from training.explorer import layout, page
 
 
 def test_an_event_returns_all_that_the_page_shows():
     settings = ("screen_photo", "traffic sign", None, 0, *VALUES)
-    told, photo, crop, spectrum, plan, python, yaml = photograph_tab.show_photo(*settings)
+    told, photo, crop, spectrum, plan, python, yaml = layout.show_photo(*settings)
     assert told.startswith("256 x 256 pixels, photographed in ")
     assert photo.shape == (256, 256, 3) and crop.shape == spectrum.shape == (384, 384, 3)
     assert plan == str(Scene.preset("screen_photo").plan((256, 256)))
-    assert ["pose", "in the exposure"] in photograph_tab.show_times(*settings)
     assert 'Scene.preset("screen_photo")' in python and yaml == "preset: screen_photo\n"
     # a cleared number of the shot is the first
-    _, cleared, *_ = photograph_tab.show_photo("screen_photo", "traffic sign", None, None, *VALUES)
+    _, cleared, *_ = layout.show_photo("screen_photo", "traffic sign", None, None, *VALUES)
     assert np.array_equal(photo, cleared)
 
 
@@ -61,11 +61,9 @@ def test_a_refusal_is_a_sentence_and_leaves_the_rest(tmp_path):
         (None, 1e20, VALUES, "below 2^53; got 1e+20"),
         (None, -1, VALUES, "must be at least 0"),
     ):
-        told, *rest = photograph_tab.show_photo("screen_photo", "cat", file, seed, *values)
+        told, *rest = layout.show_photo("screen_photo", "cat", file, seed, *values)
         assert told.startswith("**Not possible:**") and said in told
         assert len(rest) == 6 and all(one == gradio.skip() for one in rest)
-        times = photograph_tab.show_times("screen_photo", "cat", file, seed, *values)
-        assert times == gradio.skip()
 
 
 def test_a_preset_has_the_controls_of_what_it_states():
@@ -75,16 +73,16 @@ def test_a_preset_has_the_controls_of_what_it_states():
         ("screen_photo", {"panel.scale", "sensor.scale"}),
         ("paper", {"panel.width", "sensor.pitch", *of_crops}),
     ):
-        values = photograph_tab.preset_updates(name)[: len(VALUES)]
-        groups = photograph_tab.preset_updates(name)[len(VALUES) :]
+        values = layout.preset_updates(name)[: len(VALUES)]
+        groups = layout.preset_updates(name)[len(VALUES) :]
         told = {c.name: group["visible"] for c, group in zip(CONTROLS, groups, strict=True)}
         assert {key for key, visible in told.items() if visible == "hidden"} == hidden
-        *_, yaml = photograph_tab.show_photo(name, *settings, *values)
+        *_, yaml = layout.show_photo(name, *settings, *values)
         assert yaml == f"preset: {name}\n"  # of the hidden ones, nothing is read
 
 
 def serve(writer, port):
-    sys.argv = [str(SCRIPT), "--quiet", f"--port={port}"]
+    sys.argv = [str(SCRIPT), "browser=false", f"port={port}"]
     with open(writer, "w", buffering=1) as sys.stdout:
         runpy.run_path(str(SCRIPT), run_name="__main__")
 
@@ -118,6 +116,8 @@ def test_a_slider_changes_the_photo_in_a_browser_without_hosts(url):
         tab.goto(url)
         photo = tab.locator("#photo img")
         photo.wait_for()
+        assert tab.locator("#panel-width-from").is_visible()
+        assert not tab.locator("#panel-scale-from").is_visible(), "the preset states the width"
         before = photo.get_attribute("src")
         tab.locator("#panel-lit_x-from input[type=range]").press("Home")
         api.expect(photo).not_to_have_attribute("src", before, timeout=120_000)

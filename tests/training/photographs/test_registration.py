@@ -117,14 +117,3 @@ def test_a_mirrored_photo_and_a_flat_one_are_refused(picture):
     for refused in (photo.flip(2), torch.full_like(photo, 90)):
         with pytest.raises(ValueError, match="not found"):
             find_pose(refused, picture)
-
-
-def test_what_is_not_uint8_planes_is_refused(picture):
-    planes = r"the photo must be \(3, H, W\) uint8; got"
-    for photo, sentence in (
-        (torch.rand(3, 40, 40), planes),
-        (torch.zeros(1, 3, 40, 40, dtype=torch.uint8), planes),
-        (np.zeros((3, 40, 40), np.uint8), r"must be a tensor .3, H, W. uint8; got a ndarray"),
-    ):
-        with pytest.raises(TypeError, match=sentence):
-            register(photo, picture)

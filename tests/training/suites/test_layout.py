@@ -4,16 +4,20 @@ in every scene of a mixture."""
 import dataclasses
 
 import pytest
-import torch
 
 from moireaug import Scene
 from moireaug.defenses import JPEG
 from moireaug.evaluation import rates
-from moireaug.evaluation.attackers import Attacker
-from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.tables import paper_defences
 from moireaug.mixtures import as_scenes, scenes_of
 from tests.evaluation.haze import cell_of, frame_of
+from tests.evaluation.suite_checks import (
+    ROUNDED_EPS,
+    check_bounds_of_rows,
+    check_names,
+    check_that_nothing_fools_the_deaf,
+    check_worst_cases,
+)
 from training.suites import GROUPS, OPTION_SUITES, PAPER_SUITES, SUITES, tables_of
 from training.suites.config import PaperConfig
 from training.suites.threat_scenes import DISPLAY_CAMERA_PAIRS, threat, threat_scene
@@ -41,29 +45,12 @@ def test_a_missing_defence_of_the_paper_is_named():
 
 
 def test_conditions_of_one_name_are_one():
-    """Within a suite a name means one thing, also where float32 has rounded the bounds."""
-    rounded = tuple((torch.tensor([2.0, 4.0, 8.0]) / 255).tolist())
     for suite in (*OWN_SUITES, "paper"):
-        jobs = jobs_of(tables_of(suite, dataclasses.replace(CONFIG, eps=rounded)))
-        names = [job.condition.name for job in jobs]
-        assert len(set(names)) == len(names) > 1, suite
+        check_names(tables_of(suite, dataclasses.replace(CONFIG, eps=ROUNDED_EPS)))
 
 
 def test_the_worst_case_means_the_same_in_every_table():
-    """The photo alone, and each attack through the camera within its bound."""
-    tables = [tables_of(suite, CONFIG)[0] for suite in OWN_SUITES]
-    cases = [(table, cell) for table in tables for cell in table.cells if cell.worst]
-    assert cases
-    for table, worst in cases:
-        names = {condition.name for condition in worst.conditions}
-        assert "moire" in names and len(names) == len(worst.conditions) > 2
-        eps = max(condition.eps for condition in worst.conditions)
-        beside = [cell for cell in table.cells if cell.row == worst.row]
-        for cell in (cell for cell in beside if len(cell.conditions) == 1):
-            (condition,) = cell.conditions
-            counts = isinstance(condition, Attacker) and condition.on_screen
-            counts = counts and condition.eps <= eps
-            assert (condition.name in names) == (counts or condition.name == "moire"), worst.row
+    assert check_worst_cases([tables_of(suite, CONFIG)[0] for suite in OWN_SUITES])
 
 
 def test_all_scenes_of_a_suite_are_of_crops_where_images_are():
@@ -85,10 +72,7 @@ def test_a_suite_attacks_at_the_bounds_asked_for(suite, bounds):
     (asked,) = tables_of(suite, dataclasses.replace(CONFIG, eps=(8 / 255, 1 / 255)))
     assert usual.rows == [f"eps_{eps}" for eps in bounds] and asked.rows == ["eps_1", "eps_8"]
     for table in (usual, asked):
-        for cell in table.cells:
-            attacked = [one for one in cell.conditions if not one.control]
-            assert all(f"eps_{one.eps * 255:g}" == cell.row for one in attacked)
-        assert {row for row, _ in table.pictures} <= set(table.rows)
+        check_bounds_of_rows(table)
 
 
 def test_a_defence_stands_beside_the_papers():
@@ -147,16 +131,7 @@ def test_the_papers_displays_are_screens_that_fit_on_their_sensors():
         assert scene.view.fov[1] > 2 * scene.view.fov[0]  # the picture's own angle
 
 
-def deaf(images):
-    """Says one class, whatever it is shown."""
-    return torch.tensor([0.0, 1.0, 0.0]).repeat(len(images), 1) + 0 * images.mean()
-
-
 @pytest.mark.parametrize("suite", ["jpeg", "demoireing"])
 def test_nothing_fools_a_model_that_does_not_look(known, suite):
-    """Negative control: a table that finds success here counts wrongly."""
-    batches = [(known[1][0][0][:4], torch.tensor([1, 1, 1, 2]))]
     (table,) = tables_of(suite, CONFIG)
-    for line in rates(frame_of((deaf, batches), table)).to_dict("records"):
-        found = (line["success"], line["accuracy"], line["counted"])
-        assert found == (0.0, 0.75, 3), (line["row"], line["column"])
+    check_that_nothing_fools_the_deaf(known, table)

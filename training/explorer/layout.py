@@ -1,4 +1,4 @@
-"""The first tab: a picture, photographed off a screen by the scene of the controls, and these."""
+"""The page's layout: a picture, photographed off a screen, and the controls of the scene."""
 
 from typing import Any
 
@@ -24,28 +24,26 @@ DEFAULT_PRESET, DEFAULT_SAMPLE = "screen_photo", "cat"
 
 def scene_widgets(scene: Scene) -> tuple[list[Any], list[Any]]:
     """Lay out the controls of a scene, part by part. Return their widgets in the order of
-    `values_of`, and the group of each control, which is hidden where the scene does not have it."""
+    `values_of`, and the group of each control."""
     widgets: list[Any] = []
     groups: list[Any] = []
     for part in PARTS:
         with gr.Accordion(PART_TITLES[part], open=part == "panel", elem_id=part):
             for control in CONTROLS:
                 if control.part == part:
-                    with gr.Column(visible=visible(control, scene)) as group:
+                    with gr.Column() as group:
                         widgets += widgets_of(control, control.read(scene))
                     groups.append(group)
     return widgets, groups
 
 
-def visible(control: Control, scene: Scene) -> Any:
-    """Return Gradio's word for whether a scene has a control. Hidden ones keep their values."""
-    return True if control.applies_to(scene) else "hidden"
-
-
 def preset_updates(name: str) -> list[Any]:
-    """Return the values of all widgets for a preset, and which groups are visible."""
+    """Return the values of all widgets for a preset, and which groups are visible; hidden ones keep
+    their values."""
     scene = as_scene(name)
-    updates = [gr.update(visible=visible(control, scene)) for control in CONTROLS]
+    updates = []
+    for control in CONTROLS:
+        updates.append(gr.update(visible=control.applies_to(scene) or "hidden"))
     return [*values_of(scene), *updates]
 
 
@@ -78,8 +76,8 @@ def widgets_of(control: Control, values: list[Any]) -> list[Any]:
     return sliders
 
 
-def photograph_tab(blocks: gr.Blocks) -> None:
-    """Lay out the first tab: controls at the left, the photo at the right."""
+def lay_out(blocks: gr.Blocks) -> None:
+    """Lay out controls at the left, and the photo at the right."""
     with gr.Row():
         with gr.Column(scale=2, min_width=320):
             preset = gr.Dropdown(
@@ -119,15 +117,6 @@ def photograph_tab(blocks: gr.Blocks) -> None:
                 plan = gr.Textbox(
                     show_label=False, container=False, lines=28, max_lines=40, elem_id="plan"
                 )
-            with gr.Tab("Milliseconds"):
-                gr.Markdown(
-                    "Time of each effect in the reference, on at most "
-                    f"{photo.TIMED_SIDE} x {photo.TIMED_SIDE} pixels. The engine does them all in "
-                    "one pass."
-                )
-                cost = gr.Dataframe(
-                    headers=["effect", "milliseconds"], interactive=False, max_height=1000
-                )
             with gr.Tab("Python"):
                 python = gr.Code(language="python", interactive=False, show_label=False)
             with gr.Tab("YAML"):
@@ -136,23 +125,21 @@ def photograph_tab(blocks: gr.Blocks) -> None:
     inputs = [preset, sample, file, seed, *widgets]
     results = [summary, image, crop, spectrum, plan, python, yaml]
     changes = [widget.input for widget in widgets]
-    changes += [sample.input, file.upload, file.clear, seed.input, blocks.load]
-    new_preset = preset.input(preset_updates, preset, [*widgets, *groups])
+    changes += [sample.input, file.upload, file.clear, seed.input]
+    shown = [preset.input, blocks.load]  # Gradio hides no group before the page is there
+    new_preset = gr.on(shown, preset_updates, preset, [*widgets, *groups])
     new_seed = another.click(lambda number: (number or 0) + 1, seed, seed)
     last = {"show_progress": "hidden", "trigger_mode": "always_last"}
-    for event in (
-        gr.on(changes, show_photo, inputs, results, **last),
-        new_preset.then(show_photo, inputs, results, **last),
-        new_seed.then(show_photo, inputs, results, **last),
-    ):
-        event.then(show_times, inputs, cost, **last)
+    gr.on(changes, show_photo, inputs, results, **last)
+    for event in (new_preset, new_seed):
+        event.then(show_photo, inputs, results, **last)
     image.select(show_crop, image, crop, show_progress="hidden")
 
 
 def show_photo(
     preset: str, sample: str, file: str | None, seed: float | None, *values: Any
 ) -> tuple[Any, ...]:
-    """Return all that the first tab shows; if the settings are refused, return the reason and
+    """Return all that the page shows; if the settings are refused, return the reason and
     leave the rest unchanged."""
     try:
         scene = scene_of(values, as_scene(preset))
@@ -172,17 +159,6 @@ def show_photo(
         as_python(scene, preset),
         as_yaml(scene, preset),
     )
-
-
-def show_times(preset: str, sample: str, file: str | None, seed: float | None, *values: Any) -> Any:
-    """Return the table of milliseconds; leave it unchanged if the settings are refused."""
-    try:
-        batch = photo.as_batch(picture_of(sample, file))
-        scene = scene_of(values, as_scene(preset))
-        times = photo.time_effects(batch, scene, shot_number(seed))
-    except REFUSALS:
-        return gr.skip()
-    return [[name, "in the exposure" if ms is None else f"{ms:.2f}"] for name, ms in times]
 
 
 def shot_number(value: float | None) -> int:
