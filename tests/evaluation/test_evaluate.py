@@ -11,7 +11,7 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from moireaug import evaluation
 from moireaug.attacks import MoireAttack
-from moireaug.defenses import JPEG, Defended, TotalVariation
+from moireaug.defenses import JPEG, Defended, Median, Quilting, TotalVariation
 from moireaug.evaluation import SuiteConfig, Table, evaluate, rates, tables_of
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
@@ -129,6 +129,21 @@ def test_a_defence_that_hides_its_gradient_is_searched_without(known):
     frame = frame_of((known[0], known[1][:1]), own)
     fooled = frame.groupby("column")["fooled"].sum()
     assert fooled["adaptive"] == fooled["moire"] < fooled["square"] <= fooled["worst"]
+
+
+def test_a_defence_under_a_name_of_the_papers_is_searched_without_gradients_too():
+    own = {"jpeg_60": Rounded(), "quilting": Rounded(), "median_3": Median(3)}
+    config = SuiteConfig(scene=SCENE, steps=1, defences=paper_defences() | own)
+    (table,) = tables_of("adaptive", config)
+    searched = [cell.row for cell in table.cells if cell.column == "square"]
+    assert searched == ["jpeg_60", "quilting"]
+    for row in searched:
+        worst, square = table.cell(row, "worst"), table.cell(row, "square")
+        assert square.conditions[0] in worst.conditions
+    papers = {"quilting": Quilting(torch.rand(4, 3, 5, 5))}
+    config = SuiteConfig(scene=SCENE, steps=1, defences=paper_defences() | papers)
+    (table,) = tables_of("adaptive", config)
+    assert "quilting" in table.rows and "square" not in table.columns
 
 
 def test_the_attack_is_the_attack(known, frame):
