@@ -12,7 +12,7 @@ from typing import TypeVar
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import is_success, predicted
+from moireaug.attacks.answers import is_success
 from moireaug.attacks.checks import check_eps, check_goals, check_sizes
 from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.gradient_checks import check_differentiable
@@ -228,6 +228,6 @@ class Attack(NamesForeignArguments, ABC):
         success = is_success(logits, search.labels, search.targets)
         shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
         clean_correct = search.is_right_without_noise()
-        correct = predicted(logits) == search.labels
+        correct = search.is_right(images, logits)
         noise, unit = search.problem.noise_of(point), search.problem.unit
         return Result(images, success, noise, losses, self.eps, shot, clean_correct, correct, unit)
