@@ -167,7 +167,7 @@ class MoireAttack(Attack):
         if searched_fields(shot.scene, self.optimise):
             # a shot that was drawn in inference mode takes no gradient
             shot = shot.map_rows(torch.clone).to(images.device)
-        bound = Bound(self.eps, self.bound)  # of a photo, which is codes
+        bound = Bound(self.eps, "codes")  # of a photo, whatever `self.bound` says of readings
         if self.noise_at == "raw":
             bound = bound_on_reading(self.eps, self.bound, shot.scene)
         return CameraProblem(

@@ -144,6 +144,9 @@ class MoireAttacker(Attacker):
         )
         return attack_shot(attack, batch, *self.goals(batch)).images
 
+    def eps_unit(self, bound: str) -> str:
+        return bound if self.noise_at == "raw" else "codes"  # a photo is codes
+
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
         if self.optimise != ("noise",) or self.draws > 1:
             return {}  # the photo without noise is of another shot
