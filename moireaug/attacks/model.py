@@ -50,6 +50,7 @@ class Normalized(nn.Module):
             )
         self.model = model
         self.rejects = getattr(model, "rejects", False)
+        self.randomised = getattr(model, "randomised", False)
         self.register_buffer("mean", means.view(-1, 1, 1), persistent=False)
         self.register_buffer("std", stds.view(-1, 1, 1), persistent=False)
 
