@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from moireaug.defenses import JPEG, Defended, Median, Quilting, TotalVariation
 from moireaug.evaluation import SuiteConfig, Table, evaluate, rates, tables_of
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
+from moireaug.evaluation.conditions import Clean
 from moireaug.evaluation.tables import cross, paper_defences
 from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
@@ -215,6 +217,27 @@ def test_a_model_at_chance_is_warned_about():
         evaluate(model, [(images[:10], wrong[:10]), (images[10:20], wrong[10:20])], **settings)
     evaluate(model, [(images, right)], **settings)
     evaluate(model, [(images, wrong)], **settings, n=19)  # too few to tell
+
+
+def test_a_few_mistakes_are_not_called_guessing():
+    """14 of 20 by a model of two classes say little, 140 of 200 that it does not guess, and 55 of
+    100 that it may; a warning comes once."""
+
+    def first_class(images):
+        return torch.tensor([1.0, 0.0]).expand(len(images), 2)
+
+    def clean(config):
+        return Table("clean", tuple(cross({"model": UNDEFENDED}, {"clean": Clean()})))
+
+    for n_right, n, n_warnings in ((14, 20, 0), (140, 200, 0), (55, 100, 1), (0, 200, 1)):
+        labels = (torch.arange(n) >= n_right).long()
+        images = torch.zeros(n, 3, 8, 8)
+        batches = [(images[::2], labels[::2]), (images[1::2], labels[1::2])]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            evaluate(first_class, batches, suite=clean, progress=False)
+        told = [one for one in caught if "as guessing" in str(one.message)]
+        assert len(told) == n_warnings, (n_right, n)
 
 
 def test_rates_print_as_a_table(known, frame):
