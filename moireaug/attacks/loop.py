@@ -51,7 +51,8 @@ class Attack(NamesForeignArguments, ABC):
         rule: a key of `attacks.RULES`, the update of a step: "sign", "momentum", "apgd" or
             "printed".
         loss: a key of `attacks.LOSSES`: "ce", "margin" or "dlr"; each is targeted where there are
-            targets.
+            targets. "ce" ascends the log-odds, whose gradient is the cross-entropy's over 1 - p_y,
+            see `losses.log_odds`; `Result.loss` is the cross-entropy itself.
         random_start: radius of the uniform random start, in units of eps; 0 starts from no noise.
             Above 1, allowed only with a single step, the noise may end outside the ball: N-FGSM (de
             Jorge et al., 2022).
