@@ -146,10 +146,15 @@ class Attack(NamesForeignArguments, ABC):
             problem = self.problem(images, shot, generator)
             return reduce(Search(self.model, problem, labels, targets, generator))
 
-    def _last_images(self, search: Search) -> Tensor:
-        """Return the images at the last point."""
+    def last_point(self, search: Search) -> Point:
+        """Take every step, and return the point after the last."""
         for step in self._steps(search, self._start(search, restart=0)):
             point = step.point
+        return point
+
+    def _last_images(self, search: Search) -> Tensor:
+        """Return the images at the last point."""
+        point = self.last_point(search)
         with torch.no_grad():
             return search.problem.render(point)
 
