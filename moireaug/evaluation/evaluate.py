@@ -63,7 +63,8 @@ def evaluate(
         model: any callable of [0, 1] images (B, 3, H, W) that returns logits (B, K); its state is
             restored. Put a normalisation inside: `attacks.Normalized(model, mean, std)`.
         loader: batches of (images, labels), as a DataLoader yields them; uint8 images are divided
-            by 255. Its order must not change where `folder` is given.
+            by 255. Its first n images are held in memory. Its order must not change where `folder`
+            is given.
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`; or a function of an
             `evaluation.SuiteConfig` that returns an `evaluation.Table`, or a list of them.
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
