@@ -89,9 +89,6 @@ class Defended(nn.Module):
             takes 20 for random models. Time and, with gradients, memory grow with it. For a random
             model without a defence, pass `Compose(())`.
 
-    Attributes:
-        randomised: whether the defence or the model is.
-
     Raises:
         TypeError, ValueError: a part that is not callable, draws below 1, or more than one of parts
             of which none is randomised.
@@ -109,13 +106,17 @@ class Defended(nn.Module):
         self.networks = nn.ModuleList(chain.networks)
         self.draws = draws
         self.rejects = getattr(model, "rejects", False)
-        self.randomised = self.defence.randomised or bool(getattr(model, "randomised", False))
         if draws > 1 and not self.randomised:
             raise ValueError(
                 f"draws = {draws} averages over draws of a random model or defence, and neither "
                 "has the attribute randomised = True: set it where random numbers are drawn, or "
                 "leave draws out."
             )
+
+    @property
+    def randomised(self) -> bool:
+        """Whether the defence or the model says that it draws random numbers."""
+        return self.defence.randomised or bool(getattr(self.model, "randomised", False))
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the logits (B, K) of images (B, 3, H, W) float in [0, 1]. Differentiable in
