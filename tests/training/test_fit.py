@@ -192,6 +192,22 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     assert start_of(other).stage() == baseline_of(other).stage() == "other"
 
 
+def test_plain_runs_are_reused_in_any_scene(copied, capsys):
+    """They never look at one; their metrics then are of the scene that they are compared in."""
+    for _ in range(2):
+        cfg = configured("recipe=moire_aug", *TINY, f"runs={copied}", "scene=phone_at_laptop")
+        plain = phases.plain_runs(Run(cfg), load(cfg.data))
+        assert capsys.readouterr().out.count("is reused from") == 2
+        for metrics in plain:
+            written = read_metrics(copied / metrics.recipe / "seed0")
+            assert metrics.to_dict() == written and metrics.scene_name == "phone_at_laptop"
+    run = trained.read(copied / "moire_at/seed0")
+    assert trained.read_baseline_of(run).cfg.recipe == "baseline"
+    assert Run(replace(run.cfg, scene="phone_at_laptop")).training_fingerprint != (
+        Run(run.cfg).training_fingerprint
+    )
+
+
 def test_a_baseline_of_other_settings_is_not_attacked(copied, capsys):
     run = trained.read(copied / "moire_at/seed0")
     assert trained.read_baseline_of(run).cfg.recipe == "baseline"

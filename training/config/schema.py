@@ -170,7 +170,9 @@ class Train:
 class Trainer:
     """Passed to lightning.Trainer unchanged, except for null."""
 
-    accelerator: str = setting("auto", "what to train on", choices=ACCELERATORS)
+    accelerator: str = setting(
+        "auto", "what to train on", choices=ACCELERATORS, changes_result=False
+    )
     devices: Any = setting(1, "GPUs, or processes of a CPU; or auto")
     num_nodes: int = setting(1, "machines", bounds=(1, 100_000))
     strategy: str = setting("auto", "how devices share the work, such as ddp")

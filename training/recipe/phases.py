@@ -62,7 +62,7 @@ def plain_run(
             run = Run(replace(run.config, resume=False))
         elif run.stage() in ("trained", "finished") and (metrics := RunMetrics.read(run.folder)):
             print_once(f"The {role} is reused from {run.folder}.")
-            return metrics
+            return _in_scene_of(run, metrics)
         else:
             print_once(
                 f"The {role} comes first: recipe {run.config.recipe}, with the same settings."
@@ -74,6 +74,20 @@ def plain_run(
         metrics = replace(metrics, time={"train": train.wall_seconds})
         metrics.write(run.folder)
         return metrics
+
+
+def _in_scene_of(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
+    """Return the metrics of a plain run; where its scene was another, which its training does not
+    see, they are written anew, without an attack there."""
+    wanted = run_metrics(run.config, metrics.train, metrics.start)
+    if metrics.scene == wanted.scene or not is_first():
+        return metrics
+    metrics = replace(
+        wanted, environment=metrics.environment, time=metrics.time, command=metrics.command
+    )
+    run.write_settings()
+    metrics.write(run.folder)
+    return metrics
 
 
 def train_run(
