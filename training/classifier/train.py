@@ -106,7 +106,7 @@ def train_model(
     seconds = sum(epoch["seconds"] for epoch in classifier.history)
     train = TrainCost(
         init=cfg.train.init,
-        passes=passes(cfg.adversary),
+        passes=passes(cfg.adversary, cfg.train.target),
         seconds=seconds,
         epochs=epochs,
         images_per_second=images * epochs / max(seconds, 1e-9),
