@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+import moireaug
 from moireaug.evaluation.identity import identity_of
 from tests.training.forked import Command
 from tests.training.small import BRIEF, TINY, configured, inside, train
@@ -57,6 +58,8 @@ def test_a_run_leaves_what_it_promises(whole):
     m = read_metrics(folder)
     about = [m[key] for key in ("recipe", "seed", "data", "model")]
     assert about == ["moire_at", 0, "signs", "attention_convnet"]
+    environment = m["environment"]
+    assert (environment["moireaug"], environment["precision"]) == (moireaug.__version__, "32-true")
     cost = m["train"]
     assert cost["epochs"] == 2 and cost["passes"] == 2.875 and len(cost["history"]) == 2
     assert cost["seconds"] > 0 and cost["images_per_second"] > 0
