@@ -13,8 +13,9 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from training.config.schema import DEFAULT_DATA, TORCHVISION_SETS, Config, RunConfig
+from training.config.schema import DEFAULT_DATA, Config, RunConfig
 from training.config.settings import settings_of
+from training.config.torchvision_sets import TORCHVISION_SETS
 from training.data.splits import Splits
 from training.system.files import digest
 
