@@ -102,7 +102,7 @@ def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
                     "recipe": name,
                     "seconds": times[name]._asdict(),
                     "relative": times[name].median / times["clean"].median,
-                    "passes": passes(configured[name].adversary),
+                    "passes": passes(configured[name].adversary, configured[name].train.target),
                 }
             )
     return rows

@@ -10,8 +10,8 @@ Measures crops of the photos, and photos of the same crops by the scene: strengt
 scale, stripes or lattice, tone, tint, sharpness, noise. With `picture`, each photo is first
 registered to the picture; without originals, only the photos are measured. `fit=true` searches the
 scene's ranges so that the two agree, and writes scene.yaml, which every command takes as
-scene=FILE: the fitted scene if it is better on unseen shots; otherwise an earlier fit is kept, or
-the scene is written unchanged.
+scene=FILE: the fitted scene if it is better in unseen shots of the same pictures; otherwise an
+earlier fit is kept, or the scene is written unchanged.
 
 Writes report.html, statistics.csv, crops.csv (one line per crop) and statistics.png into
 runs/calibrate/<pairs or photos>-<scene>-<hash>/, or where out=DIR says.

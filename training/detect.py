@@ -7,7 +7,7 @@ What each does, and its settings: python training/detect.py train --help, and li
 """
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
@@ -15,29 +15,10 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
-from training.system.messages import prepare_output
+from training.system.subcommands import run_subcommand
 
-
-def main(argv: Sequence[str]) -> None:
-    """Run a command line of either kind.
-
-    Raises:
-        SystemExit: the command has failed, or there is none of that name.
-    """
-    prepare_output()
-    if argv[:1] == ["train"]:
-        from training.detection import fit
-
-        fit.main(argv[1:])
-    elif argv[:1] == ["score"]:
-        from training.detection import score
-
-        score.main(argv[1:])
-    elif {"-h", "--help"} & set(argv):
-        print((__doc__ or "").strip())
-    else:
-        got = repr(argv[0]) if argv else "nothing"
-        raise SystemExit(f"error: training/detect.py takes train or score first; got {got}.")
+MODULES = {"train": "training.detection.fit", "score": "training.detection.score"}
+main = partial(run_subcommand, "training/detect.py", __doc__, MODULES)
 
 
 if __name__ == "__main__":

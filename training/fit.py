@@ -1,7 +1,7 @@
 """Train a classifier against the Moiré Attack, attack it again, and report gain and cost.
 
-    python training/fit.py recipe=moire_at
-    python training/fit.py -m recipe=baseline,moire_at seed=0,1
+    python training/fit.py recipe=moire_at 'shrink=[1,3]'     # drawn signs, as crops of photos
+    python training/fit.py -m recipe=baseline,moire_at seed=0,1 'shrink=[1,3]'
     python training/fit.py recipe=moire_at data=folder data.root=DIR
 
 Recipes: recipes/*.yaml. A run writes report.html, metrics.json, best.ckpt, last.ckpt and

@@ -1,6 +1,6 @@
 """What robustness costs: every run of a folder, attacked with suite=recipes, in one table and plot.
 
-    python training/fit.py -m recipe=baseline,moire_at,pgd_at seed=0,1,2
+    python training/fit.py -m recipe=baseline,moire_at,pgd_at seed=0,1,2 'shrink=[1,3]'
     python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50
     python training/frontier.py runs    # when all runs are attacked
     python training/frontier.py runs/frontier/frontier.csv out=DIR    # again, from its CSV

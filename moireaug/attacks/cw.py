@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import has_prediction, is_success, predicted
+from moireaug.attacks.answers import has_prediction, is_success
 from moireaug.attacks.checks import check_goals
 from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.gradient_checks import check_differentiable
@@ -90,10 +90,10 @@ class CW(NamesForeignArguments):
                 logits = attacked_logits(self.model, photo, labels)
             search.check(logits)  # without steps, nothing was checked yet
             clean_correct = search.is_right_without_noise()
+            correct = search.is_right(photo, logits)
         noise = pixels - problem.base
         eps = noise.abs().max().item() if noise.numel() else 0.0
         success = is_success(logits, labels, targets)
-        correct = predicted(logits) == labels
         return Result(photo, success, noise, loss_curve(losses), eps, None, clean_correct, correct)
 
     def _nearest(self, search: Search, x: Tensor) -> tuple[Tensor, list[Tensor]]:

@@ -12,7 +12,7 @@ from typing import TypeVar
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import is_success, predicted
+from moireaug.attacks.answers import is_success
 from moireaug.attacks.checks import check_eps, check_goals, check_sizes
 from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.gradient_checks import check_differentiable
@@ -51,7 +51,8 @@ class Attack(NamesForeignArguments, ABC):
         rule: a key of `attacks.RULES`, the update of a step: "sign", "momentum", "apgd" or
             "printed".
         loss: a key of `attacks.LOSSES`: "ce", "margin" or "dlr"; each is targeted where there are
-            targets.
+            targets. "ce" ascends the log-odds, whose gradient is the cross-entropy's over 1 - p_y,
+            see `losses.log_odds`; `Result.loss` is the cross-entropy itself.
         random_start: radius of the uniform random start, in units of eps; 0 starts from no noise.
             Above 1, allowed only with a single step, the noise may end outside the ball: N-FGSM (de
             Jorge et al., 2022).
@@ -145,10 +146,15 @@ class Attack(NamesForeignArguments, ABC):
             problem = self.problem(images, shot, generator)
             return reduce(Search(self.model, problem, labels, targets, generator))
 
-    def _last_images(self, search: Search) -> Tensor:
-        """Return the images at the last point."""
+    def last_point(self, search: Search) -> Point:
+        """Take every step, and return the point after the last."""
         for step in self._steps(search, self._start(search, restart=0)):
             point = step.point
+        return point
+
+    def _last_images(self, search: Search) -> Tensor:
+        """Return the images at the last point."""
+        point = self.last_point(search)
         with torch.no_grad():
             return search.problem.render(point)
 
@@ -228,6 +234,6 @@ class Attack(NamesForeignArguments, ABC):
         success = is_success(logits, search.labels, search.targets)
         shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
         clean_correct = search.is_right_without_noise()
-        correct = predicted(logits) == search.labels
+        correct = search.is_right(images, logits)
         noise, unit = search.problem.noise_of(point), search.problem.unit
         return Result(images, success, noise, losses, self.eps, shot, clean_correct, correct, unit)

@@ -46,12 +46,14 @@ def margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Ten
 
 
 def log_odds(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
-    """Return the log-odds against the label, (B,), or, with targets, for the target: the direction
-    of cross-entropy without its vanishing gradient.
+    """Return the log-odds against the label, (B,), or, with targets, for the target: cross-entropy
+    without its vanishing gradient.
 
-    -log p_y = softplus(logsumexp of the other logits - z_y). Both have the same gradient up to the
-    factor 1 - p_y, which is 0 in float32 for a confident model; the sign steps of an attack only
-    need the direction.
+    -log p_y = softplus(log-odds). Of one photo, both have the same gradient up to the factor
+    1 - p_y, which is 0 in float32 for a confident model, and rank the steps alike: every rule takes
+    the same steps by either. Where a step sums the gradients of several photos (`eot` above 1),
+    cross-entropy weighs each by its factor, the log-odds all alike. With targets, p_y is the
+    target's.
     """
     if targets is not None:
         return -log_odds(logits, targets)

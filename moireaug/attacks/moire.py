@@ -10,7 +10,6 @@ from typing import Any, TypeVar, cast
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import predicted
 from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
 from moireaug.attacks.checks import check_goals
@@ -168,7 +167,7 @@ class MoireAttack(Attack):
         if searched_fields(shot.scene, self.optimise):
             # a shot that was drawn in inference mode takes no gradient
             shot = shot.map_rows(torch.clone).to(images.device)
-        bound = Bound(self.eps, self.bound)  # of a photo, which is codes
+        bound = Bound(self.eps, "codes")  # of a photo, whatever `self.bound` says of readings
         if self.noise_at == "raw":
             bound = bound_on_reading(self.eps, self.bound, shot.scene)
         return CameraProblem(
@@ -180,12 +179,13 @@ def _reduce_at_worst_draw(reduce: Callable[[Search], R], draws: int, search: Sea
     """Return what `reduce` makes of a search at each image's worst shot: that of the greatest
     margin without noise, among its own and `draws` - 1 others."""
     worst = problem = cast(CameraProblem, search.problem)
-    logits, margins = _natural_margins(search, problem)
+    photos, logits = search.images_and_logits(problem.clean_point())
     search.check(logits)
-    search.clean_correct = predicted(logits) == search.labels
+    search.clean_correct = search.is_right(photos, logits)
+    margins = attack_margin(logits, search.labels, search.targets)
     for _ in range(draws - 1):
         drawn = problem.drawn_again()
-        drawn_margins = _natural_margins(search, drawn)[1]
+        drawn_margins = _natural_margins(search, drawn)
         worst = worst.where(drawn_margins > margins, drawn)
         margins = torch.maximum(margins, drawn_margins)
     search.problem = search.active = worst
@@ -193,8 +193,8 @@ def _reduce_at_worst_draw(reduce: Callable[[Search], R], draws: int, search: Sea
 
 
 @torch.no_grad()
-def _natural_margins(search: Search, problem: CameraProblem) -> tuple[Tensor, Tensor]:
-    """Return the model's logits (B, K) of a problem's photos without noise, and their margins."""
+def _natural_margins(search: Search, problem: CameraProblem) -> Tensor:
+    """Return the margins (B,) of a problem's photos without noise."""
     photos = problem.render(problem.clean_point())
     logits = attacked_logits(search.model, photos, search.labels)
-    return logits, attack_margin(logits, search.labels, search.targets)
+    return attack_margin(logits, search.labels, search.targets)

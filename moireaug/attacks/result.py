@@ -31,7 +31,7 @@ class Result:
             shot at the best pose; None for pixel attacks. `capture(images, shot, noise)` takes all
             of these.
         clean_correct, correct: (B,) bool; whether the label is predicted without noise (with a
-            camera: of the photo), and of `images`.
+            camera: of the photo), and of `images`. A rejected image is neither right nor a success.
         bound: scale of eps, "codes" or "light", as of `MoireAttack`; the noise itself is in units
             of what it is added to.
     """

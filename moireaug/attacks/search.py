@@ -51,6 +51,7 @@ class Search:
         losses: mean cross-entropy before each step of the last run.
         clean_correct: (n,) whether each image is right without noise; None until it is known.
         drops_fooled: whether fooled images take no further steps.
+        rejects: whether the model can reject an image.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class Search:
         self.losses: list[Tensor] = []
         self.clean_correct: Tensor | None = None
         self.drops_fooled = False
+        self.rejects = getattr(model, "rejects", False)
 
     @property
     def is_over(self) -> bool:
@@ -129,12 +131,21 @@ class Search:
         images = self.problem.render(point)
         return images, attacked_logits(self.model, images, self.labels)
 
+    @torch.no_grad()
+    def is_right(self, images: Tensor, logits: Tensor) -> Tensor:
+        """Return whether the model is right about each of the n images (n, 3, H, W), of which it
+        has given these logits (n, K), (n,) bool. A rejected image is not: as the logits give the
+        label its place, a model that rejects is asked again."""
+        right = predicted(logits) == self.labels
+        if self.rejects:
+            right &= predicted(self.model(images.clone()), rejects=True) == self.labels
+        return right
+
     def is_right_without_noise(self) -> Tensor:
         """Return whether each image is right without noise, (n,) bool; the model is asked if the
         search did not begin there."""
         if self.clean_correct is None:
-            logits = self.images_and_logits(self.problem.clean_point())[1]
-            self.clean_correct = predicted(logits) == self.labels
+            self.clean_correct = self.is_right(*self.images_and_logits(self.problem.clean_point()))
         return self.clean_correct
 
     def keep(self, point: Point, logits: Tensor) -> None:
@@ -142,7 +153,8 @@ class Search:
         of the active images, and drop fooled images where `drops_fooled`."""
         labels, targets = self.active_goals(self.targets)
         views = self.active.views
-        if self.clean_correct is None and views == 1 and not self.best and not point["noise"].any():
+        is_unasked = self.clean_correct is None and not self.rejects
+        if is_unasked and views == 1 and not self.best and not point["noise"].any():
             self.clean_correct = predicted(logits) == self.labels
         margins = attack_margin(logits, labels, targets).view(views, -1).mean(0)
         sizes = logits.amax(1).float().abs().view(views, -1).amax(0) + margins.abs()

@@ -82,14 +82,16 @@ class Defended(nn.Module):
             device are set here.
         defence: of `moireaug.defenses`, or any callable from images to images, as in `Compose`; a
             module in it becomes a submodule, too.
-        draws: number of draws of a randomised defence; others are drawn once. With more than one,
-            the logits are the logarithm of the predicted probabilities' mean: its gradient is the
-            expectation over the defence's draws that an attack needs (EOT; Athalye, Carlini and
-            Wagner 2018). AutoAttack takes 20 for random models. Time and, with gradients, memory
-            grow with it.
+        draws: number of draws of a random defence or model, one of which says so by an attribute
+            `randomised = True` and draws for each image of a batch. With more than one, the logits
+            are the logarithm of the predicted probabilities' mean: its gradient is the expectation
+            over the draws that an attack needs (EOT; Athalye, Carlini and Wagner 2018). AutoAttack
+            takes 20 for random models. Time and, with gradients, memory grow with it. For a random
+            model without a defence, pass `Compose(())`.
 
     Raises:
-        TypeError, ValueError: a part that is not callable, or draws below 1.
+        TypeError, ValueError: a part that is not callable, draws below 1, or more than one of parts
+            of which none is randomised.
     """
 
     def __init__(
@@ -104,11 +106,22 @@ class Defended(nn.Module):
         self.networks = nn.ModuleList(chain.networks)
         self.draws = draws
         self.rejects = getattr(model, "rejects", False)
+        if draws > 1 and not self.randomised:
+            raise ValueError(
+                f"draws = {draws} averages over draws of a random model or defence, and neither "
+                "has the attribute randomised = True: set it where random numbers are drawn, or "
+                "leave draws out."
+            )
+
+    @property
+    def randomised(self) -> bool:
+        """Whether the defence or the model says that it draws random numbers."""
+        return self.defence.randomised or bool(getattr(self.model, "randomised", False))
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the logits (B, K) of images (B, 3, H, W) float in [0, 1]. Differentiable in
         images."""
-        if self.draws == 1 or not self.defence.randomised:
+        if self.draws == 1:
             return self._logits(images)
         together = max(1, IMAGES_PER_CALL // max(1, len(images)))  # draws that share a call
         log_probabilities = []

@@ -31,7 +31,11 @@ class Attacker(Condition):
         eps: bound of the noise, in [0, 1] units.
         steps: number of gradient steps, or of queries.
         known_classifier: classifier whose defence is attacked, with the defence's own approximate
-            gradient (BPDA) and by expectation over its draws where it is randomised (EOT).
+            gradient (BPDA) and by expectation over its draws where it is randomised (EOT). The
+            model behind it is always the evaluated one.
+
+    Raises:
+        ValueError: a known_classifier of another model, or that restores the mean.
     """
 
     control: ClassVar[bool] = False
@@ -40,6 +44,17 @@ class Attacker(Condition):
     eps: float
     steps: int
     known_classifier: Classifier = UNDEFENDED
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        known = self.known_classifier
+        if known.model is not None or known.restores_mean:
+            setting = "restores_mean" if known.model is None else "model"
+            raise ValueError(
+                "known_classifier says which defence of the evaluated model is attacked; got "
+                f"{known.name!r}, whose {setting} no attack goes through. Leave {setting} out, or "
+                "evaluate that model itself."
+            )
 
     @property
     def base_name(self) -> str:
@@ -144,6 +159,9 @@ class MoireAttacker(Attacker):
         )
         return attack_shot(attack, batch, *self.goals(batch)).images
 
+    def eps_unit(self, bound: str) -> str:
+        return bound if self.noise_at == "raw" else "codes"  # a photo is codes
+
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
         if self.optimise != ("noise",) or self.draws > 1:
             return {}  # the photo without noise is of another shot
@@ -177,11 +195,11 @@ class PixelAttacker(Attacker):
     """An attack on the pixels of the image, without a camera, for comparison.
 
     Args:
-        attack: one of `PIXEL_ATTACKS`; of these "cw" has no bound, and its eps is 0.
+        attack: one of `PIXEL_ATTACKS`; of these "cw" has no bound, and its eps must be 0.
         until_fooled: as of `MoireAttacker`; "cw" takes every step.
 
     Raises:
-        ValueError: another attack.
+        ValueError: another attack, or an eps of "cw".
     """
 
     kind = "pixels"
@@ -192,6 +210,11 @@ class PixelAttacker(Attacker):
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of("attack", self.attack, PIXEL_ATTACKS)
+        if self.attack == "cw" and self.eps:
+            raise ValueError(
+                f"the attack 'cw' has no bound, which its rows state as eps = 0; got {self.eps}. "
+                "Pass eps=0, or another attack."
+            )
 
     def name_words(self) -> list[str]:
         if self.attack == "cw":

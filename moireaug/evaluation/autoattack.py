@@ -60,7 +60,9 @@ class APGDAttacker(APGDTAttacker):
 
     Of a model that answers at random, being fooled once says little. As in AutoAttack's version
     "rand", all its images are attacked by the cross-entropy and by the DLR loss without a target;
-    each keeps the noise whose margin is greater when the model is asked again.
+    each keeps the noise whose margin is greater when the model is asked again. That version also
+    averages each gradient over 20 answers; here, only a classifier that averages does so: a
+    `Defended` model, or a `known_classifier`, with `draws`.
     """
 
     kind = "apgd"

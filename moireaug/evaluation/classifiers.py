@@ -29,7 +29,8 @@ class Classifier:
         restores_mean: whether the mean of the clean image, which only an experimenter knows, is
             restored first.
         draws: number of draws of a randomised defence, over which an answer, and an attack that
-            knows of it, take the probabilities' mean; others are drawn once.
+            knows of it, take the probabilities' mean, see `Defended`. A model that is random itself
+            is asked once; evaluate `Defended(model, Compose(()), draws=20)` instead.
     """
 
     name: str

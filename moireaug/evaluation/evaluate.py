@@ -30,7 +30,9 @@ from moireaug.evaluation.tables import SuiteConfig, Table, paper_defences
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import SceneLike, as_scenes
 
-N_TO_TELL_CHANCE = 20  # clean images, below which guessing cannot be told from a model
+# clean images: from how many a rate no greater than guessing's says something, and from how many
+# an interval tells a model from guessing
+N_TO_TELL_CHANCE = (20, 100)
 
 
 def evaluate(
@@ -61,7 +63,8 @@ def evaluate(
         model: any callable of [0, 1] images (B, 3, H, W) that returns logits (B, K); its state is
             restored. Put a normalisation inside: `attacks.Normalized(model, mean, std)`.
         loader: batches of (images, labels), as a DataLoader yields them; uint8 images are divided
-            by 255. Its order must not change where `folder` is given.
+            by 255. Its first n images are held in memory. Its order must not change where `folder`
+            is given.
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`; or a function of an
             `evaluation.SuiteConfig` that returns an `evaluation.Table`, or a list of them.
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
@@ -145,26 +148,31 @@ def evaluate(
         jobs = jobs_of(tables)
         indices = range(len(batches))
         finished_jobs = runner.run(jobs, indices)
-        n_right, n_seen, n_batches = 0, 0, 0
+        n_right, n_seen, n_batches, is_warned = 0, 0, 0, False
         total = len(jobs) * len(batches)
         for job in show_progress(finished_jobs, total, suite_name(suite), enabled=progress):
-            if job.condition is CLEAN and n_seen < N_TO_TELL_CHANCE:
+            if job.condition is CLEAN and n_seen < N_TO_TELL_CHANCE[1] and not is_warned:
                 record = runner.record(CLEAN, UNDEFENDED, n_batches)
                 n_right += int(np.equal(record["predicted"], record["labels"]).sum())
                 n_seen, n_batches = n_seen + len(record["labels"]), n_batches + 1
-                _warn_of_chance(n_right, n_seen, n_classes)
+                is_warned = _warn_of_chance(n_right, n_seen, n_classes)
         return images_frame(tables, runner, indices)
 
 
-def _warn_of_chance(n_right: int, n: int, n_classes: int) -> None:
-    """Warn of a model that gets no more of n clean images right than guessing would."""
-    if n >= N_TO_TELL_CHANCE and wilson(n_right, n)[0] <= 1 / n_classes:
+def _warn_of_chance(n_right: int, n: int, n_classes: int) -> bool:
+    """Warn of a model that gets no more of n clean images right than guessing would; return whether
+    it does."""
+    few, many = N_TO_TELL_CHANCE
+    rate = wilson(n_right, n)[0] if n >= many else n_right / max(1, n)
+    is_chance = n >= few and rate <= 1 / n_classes
+    if is_chance:
         warnings.warn(
             f"the model gets {n_right} of {n} clean images right, as guessing among {n_classes} "
             "classes does. It is given images in [0, 1]: if it was trained on normalised ones, "
             "pass attacks.Normalized(model, mean, std).",
             stacklevel=3,
         )
+    return is_chance
 
 
 def _check_devices(model: Model, parts: Mapping[str, Model]) -> None:

@@ -33,8 +33,9 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
     the attack's goal is reached; `counted`, whether the model without a defence gets the clean
     image right; `rejected`, whether a model that can do so rejects the image, which is then neither
     correct nor fooled; `undecided`, whether the logits were not finite; `seconds`, the image's
-    share of the batch's; and measures such as `psnr`, of attacks, and `moire`, of photos: their RMS
-    difference from the same photo without moiré, of 255.
+    share of the batch's, of which an attack that several classifiers see counts in full for each,
+    so that their sum may exceed the time taken; and measures such as `psnr`, of attacks, and
+    `moire`, of photos: their RMS difference from the same photo without moiré, of 255.
     """
     condition_frames: dict[tuple[str, str], pd.DataFrame] = {}
     cell_frames = []

@@ -1,8 +1,8 @@
 """Screens in rooms: photos in which a whole screen is seen, with its bezel and what is around it.
 
 The screen's plane is photographed in the camera's frame by `expose`, and the room as it is seen
-without moiré. Both readings are joined by masks with antialiased edges, and developed once: noise,
-tone and JPEG are those of one photo.
+without moiré, both without noise and saturation. Their light is joined by masks with antialiased
+edges, and then read and developed once: noise, tone and JPEG are those of one photo.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
-from moireaug.capture import develop, expose
+from moireaug.capture import develop
 from moireaug.common.image_checks import check_images
 from moireaug.common.numeric import per_image
 from moireaug.mixtures import SceneLike, as_scenes, map_scenes, scenes_of
@@ -24,13 +24,10 @@ from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import Part, Range, bounds, ranged
 from moireaug.scene.mixed_shot import join_rows, per_scene
 from moireaug.scenes import Scene, Shot
+from moireaug.synthesis.room_light import light_of_room, light_of_screen, read
 from moireaug.synthesis.screen_places import SPACING, boxes_of, corners, distances, on_plane
 
 GLOSS = 0.3  # of a bezel: share of its light that mirrors the room, and is not its mean
-# what the room is seen by: the same camera, straight on, without a panel's pattern and glass
-FRONTAL = {"view.yaw": 0.0, "view.pitch": 0.0, "view.roll": 0.0, "view.zoom": 1.0}
-FRONTAL |= {"view.shift_x": 0.0, "view.shift_y": 0.0, "lens.k1": 0.0, "lens.k2": 0.0}
-FRONTAL |= {"panel.black": 0.0, "panel.glare": 0.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,19 +152,6 @@ def _in_cameras_frame(scene: Scene) -> Scene:
     return with_values(scene, {"develop.registered": False})
 
 
-@functools.lru_cache(maxsize=64)  # a new scene would be planned again for every shot
-def _frontal_scene(scene: Scene) -> Scene:
-    return with_values(scene, FRONTAL | {"sensor.exposure": "mean"})
-
-
-def _frontal(shot: Shot) -> Shot:
-    """Return the shot by which the room is seen."""
-    numbers = shot.numbers()
-    for name, value in FRONTAL.items():
-        numbers[name] = torch.full_like(numbers[name], value)
-    return _frontal_scene(shot.scene).shot_from_numbers(shot.size, numbers, shot.seed)
-
-
 def _rooms(surroundings: Tensor, drawn: dict[str, Tensor]) -> Tensor:
     """Return the rooms' light, out of focus and dimmed, (B, 3, H, W)."""
     size, light = surroundings.shape[-2:], light_of_codes(surroundings)
@@ -198,12 +182,15 @@ def _photograph(
     framed = (0.5 - (distance - bezel) / pixel).clamp(0, 1)
     falloff = torch.exp(-distance.clamp(min=0) / per_image(shorter, planes))
     glow = per_image(drawn["glow"], planes) * _mean_light(planes, inside) * falloff
-    around = expose(codes_of_light((rooms + glow).clamp(0, 1)).clamp(0, 1), _frontal(shot))
+    codes = codes_of_light((rooms + glow).clamp(0, 1)).clamp(0, 1)
+    around = light_of_room(codes, shot)
     mirrored = around.flip(-1)
     lit = (1 - GLOSS) * around.mean((2, 3), keepdim=True) + GLOSS * mirrored
     rim = per_image(drawn["albedo"], planes) * lit
-    screen = expose(planes, shot) + per_image(drawn["reflection"], planes) * mirrored
-    raw = inside * screen + (framed - inside) * rim + (1 - framed) * around
+    screen = light_of_screen(planes, shot)
+    screen = screen + per_image(drawn["reflection"], planes) * mirrored
+    light = inside * screen + (framed - inside) * rim + (1 - framed) * around
+    raw = read(light, shot, inside)
     return develop(raw, shot), shot.to_photo(corners(boxes)), inside.double().mean((1, 2, 3)).cpu()
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from moireaug.attacks import MoireAttack
+from moireaug.attacks.search import Search
 from moireaug.common.networks import device_of
 from moireaug.scenes import Shot
 from moireaug.transforms._arrays import check_same, planes
@@ -29,7 +30,8 @@ def attack_pictures(
     label: int,
     generator: torch.Generator,
 ) -> dict[str, list]:
-    """Return the noise that fools the attack's model most, for each picture of each target.
+    """Return the noise after the attack's last step, as `Attack.last` shows it, for each picture of
+    each target.
 
     Args:
         pictures: one or more pictures of one height and width, by target.
@@ -42,13 +44,15 @@ def attack_pictures(
     model = attack.model
     rgb = torch.cat([as_float_rgb(image) for image in images]).to(device_of(model))
     example = max(images, key=lambda image: image.shape[1])  # a colour picture, if there is one
-    result = replace(attack, model=model_of_photos(model, example.to(rgb.device)))(
-        as_model_takes(rgb, model),
-        torch.full((len(rgb),), label, device="cpu"),
-        shot=shot_of_frames(shot.repeat(len(counts)), counts),
-        generator=generator,
-    )
-    rows = (noise.tolist() for noise in result.noise)
+    attack = replace(attack, model=model_of_photos(model, example.to(rgb.device)))
+
+    def last_noise(search: Search) -> torch.Tensor:
+        return search.problem.noise_of(attack.last_point(search))
+
+    taken, labels = as_model_takes(rgb, model), torch.full((len(rgb),), label, device="cpu")
+    shots = shot_of_frames(shot.repeat(len(counts)), counts)
+    noises = attack.attack_batch(last_noise, taken, labels, None, shots, generator)
+    rows = (noise.tolist() for noise in noises)
     return {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
 
 

@@ -1,5 +1,4 @@
-"""AdversarialMoire: a batch transform that photographs each image with the noise that fools a model
-most."""
+"""AdversarialMoire: a batch transform that photographs each image with an attack's noise."""
 
 from __future__ import annotations
 
@@ -40,8 +39,8 @@ NO_BATCH_MESSAGE = (
 
 
 class AdversarialMoire(v2.Transform):
-    """Photograph images on a screen with the noise that fools a model most. Used like `v2.MixUp`:
-    on a batch, in the training step or in a `collate_fn`.
+    """Photograph images on a screen with the noise of a Moiré Attack after its last step,
+    `MoireAttack.last`. Used like `v2.MixUp`: on a batch, in the training step or in a `collate_fn`.
 
         adversarial = AdversarialMoire(model, scene="screen_photo", eps=4 / 255, steps=5)
         images, labels = adversarial(images, labels)

@@ -161,7 +161,7 @@ class RandomMoire(SampledTransform):
 
 
 class AdversarialMoire(RandomMoire):
-    """Photograph an image on a screen with the noise on the raw reading that fools a model most.
+    """Photograph an image on a screen with the noise of a Moiré Attack after its last step.
 
         A.Compose([AdversarialMoire(model, eps=4 / 255, steps=5, p=0.5)])(image=image, label=3)
 

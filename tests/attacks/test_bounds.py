@@ -191,7 +191,7 @@ def test_light_is_the_plain_ball_and_codes_equal_it_without_light(rule, model, b
             for bound in ("codes", "light")
         )
         assert torch.equal(one.images, other.images) and torch.equal(one.noise, other.noise)
-        assert (one.bound, other.bound) == ("codes", "light")
+        assert (one.bound, other.bound) == ("codes", "codes" if "noise_at" in settings else "light")
     light = MoireAttack(model, eps=EPS, steps=3, rule=rule, bound="light")(
         *batch, generator=seeded()
     )

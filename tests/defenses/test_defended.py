@@ -40,7 +40,7 @@ def test_a_row_goes_in_order_and_takes_networks(photos):
 def test_defended_is_the_model_behind_the_defence(photos):
     images, model = photos(), Mean().eval()
     assert torch.equal(Defended(model, Median(3))(images), model(Median(3)(images)))
-    of_function = Defended(lambda x: x.mean((2, 3)), Median(3), draws=4)
+    of_function = Defended(lambda x: x.mean((2, 3)), Median(3))
     assert torch.equal(of_function(images), Median(3)(images).mean((2, 3)))
 
 
@@ -55,10 +55,31 @@ def test_draws_are_averaged_as_probabilities(photos):
     assert torch.allclose(out.exp().sum(1), torch.ones(2))
 
 
-def test_only_a_randomised_defence_is_drawn_again_and_few_images_together(photos):
+def test_a_random_model_is_drawn_again_and_no_draws_of_nothing_are_taken(photos):
+    """The mean of answers has as many times less variance as there are draws."""
+    images = photos()[:1].repeat(2000, 1, 1, 1)
+
+    class Noisy(Mean):
+        randomised = True
+
+        def forward(self, x):
+            return super().forward(x) + torch.randn(len(x), 3)
+
+    torch.manual_seed(0)
+    spread = {}
+    for draws in (1, 16):
+        model = Defended(attacks.Normalized(Noisy()), Compose(()), draws=draws).eval()
+        assert model.randomised
+        spread[draws] = model(images[:, :, ::8, ::8]).softmax(1).var(0).sum()
+    assert spread[1] / spread[16] == pytest.approx(16, rel=0.2)
+    with pytest.raises(ValueError, match=r"draws = 16.*randomised = True"):
+        Defended(Mean(), Compose(()), draws=16)
+
+
+def test_a_randomised_defence_is_drawn_again_and_few_images_together(photos):
     few, many = photos()[:2], photos().repeat(10, 1, 1, 1)
     for images, randomised, draws, calls in (
-        (few, False, 5, [2]),
+        (few, False, 1, [2]),
         (few, True, 1, [2]),
         (few, True, 5, [10]),
         (few, True, 20, [32, 8]),
@@ -97,7 +118,8 @@ def test_modules_are_reached_wherever_they_stand(photos):
 )
 def test_an_attack_goes_through_the_defence(name, photos):
     images, labels = photos(b=4, h=16, w=16), torch.tensor([0, 1, 2, 0])
-    model = Defended(Mean(), ALL[name](), draws=2)
+    defence = ALL[name]()
+    model = Defended(Mean(), defence, draws=2 if defence.randomised else 1)
     torch.manual_seed(0)
     attacked = attacks.PGD(model=model, eps=16 / 255, steps=3)(images, labels).images
     model.eval()
@@ -131,7 +153,8 @@ def test_a_model_may_work_in_place_behind_every_defence(photos, draws):
         gradients = []
         for model in (lambda x: (x - 0.1).mean((2, 3)), lambda x: x.sub_(0.1).mean((2, 3))):
             torch.manual_seed(0)
-            logits = Defended(model, make(), draws)(images)
+            defence = make()
+            logits = Defended(model, defence, draws if defence.randomised else 1)(images)
             gradients.append(torch.autograd.grad(logits[:, 0].sum(), images)[0])
         assert torch.equal(*gradients) and gradients[0].any(), name
 

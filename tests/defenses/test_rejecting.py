@@ -62,6 +62,22 @@ def test_no_attack_succeeds_where_everything_is_rejected(grey):
         assert not attack(*grey).success.any(), attack
 
 
+def test_a_rejected_image_is_neither_right_nor_a_success(grey):
+    model, settings = Rejecting(bright, red, -9.0), {"eps": 0.5, "steps": 2}
+    for attack in (
+        attacks.MoireAttack(model, **settings),
+        attacks.MoireAttack(model, draws=2, **settings),
+        attacks.PGD(model, until_fooled=True, **settings),
+        attacks.CW(model, steps=2),
+        attacks.MultiTargeted(attacks.PGD(model, **settings)),
+    ):
+        result = attack(*grey)
+        assert not (result.success | result.correct | result.clean_correct).any(), attack
+        assert "0 of the 0 right images fooled, accuracy 0 to 0 % of 4" in repr(result)
+    passed = attacks.PGD(Rejecting(bright, red, 9.0), eps=0.0, steps=1)(*grey)
+    assert passed.clean_correct.all() and passed.correct.all()
+
+
 def test_a_grey_models_rejection_is_no_class():
     def grey(images):
         lead = images.mean((1, 2, 3)) - 0.5

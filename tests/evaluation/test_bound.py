@@ -6,8 +6,10 @@ import pytest
 import torch
 
 from moireaug import Scene, expose
+from moireaug.attacks import MoireAttack
 from moireaug.attacks.bounds import bound_on_reading
 from moireaug.evaluation import evaluate, rates
+from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
 from moireaug.evaluation.keys import EvalSetup
@@ -45,6 +47,16 @@ def test_rows_and_records_say_what_eps_counts(known, tmp_path):
     assert {record["bound"] for record in records} == {"", "codes", "light"}
     with pytest.raises(ValueError, match="bound must be one of 'codes', 'light'; got 'raw'"):
         evaluate(model, batches, bound="raw", **settings)
+
+
+def test_eps_of_noise_on_the_photo_counts_codes(known):
+    model, batches = known
+    images, labels = (part[:2] for part in batches[0])
+    for noise_at, unit in (("raw", "light"), ("photo", "codes")):
+        attack = MoireAttack(model, scene=SCENE, steps=1, bound="light", noise_at=noise_at)
+        assert attack(images, labels).bound == unit
+        attacker = MoireAttacker(eps=EPS, steps=1, noise_at=noise_at)
+        assert attacker.eps_unit("light") == unit and attacker.eps_unit("codes") == "codes"
 
 
 def test_records_that_do_not_say_what_eps_counts_are_refused(tmp_path):

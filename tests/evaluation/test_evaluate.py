@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from moireaug import evaluation
 from moireaug.attacks import MoireAttack
-from moireaug.defenses import JPEG, Defended, TotalVariation
+from moireaug.defenses import JPEG, Defended, Median, Quilting, TotalVariation
 from moireaug.evaluation import SuiteConfig, Table, evaluate, rates, tables_of
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
+from moireaug.evaluation.conditions import Clean
 from moireaug.evaluation.tables import cross, paper_defences
 from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
@@ -131,6 +133,21 @@ def test_a_defence_that_hides_its_gradient_is_searched_without(known):
     assert fooled["adaptive"] == fooled["moire"] < fooled["square"] <= fooled["worst"]
 
 
+def test_a_defence_under_a_name_of_the_papers_is_searched_without_gradients_too():
+    own = {"jpeg_60": Rounded(), "quilting": Rounded(), "median_3": Median(3)}
+    config = SuiteConfig(scene=SCENE, steps=1, defences=paper_defences() | own)
+    (table,) = tables_of("adaptive", config)
+    searched = [cell.row for cell in table.cells if cell.column == "square"]
+    assert searched == ["jpeg_60", "quilting"]
+    for row in searched:
+        worst, square = table.cell(row, "worst"), table.cell(row, "square")
+        assert square.conditions[0] in worst.conditions
+    papers = {"quilting": Quilting(torch.rand(4, 3, 5, 5))}
+    config = SuiteConfig(scene=SCENE, steps=1, defences=paper_defences() | papers)
+    (table,) = tables_of("adaptive", config)
+    assert "quilting" in table.rows and "square" not in table.columns
+
+
 def test_the_attack_is_the_attack(known, frame):
     """The frame's figure is what MoireAttack finds by itself on the same shots."""
     model, batches = known
@@ -200,6 +217,27 @@ def test_a_model_at_chance_is_warned_about():
         evaluate(model, [(images[:10], wrong[:10]), (images[10:20], wrong[10:20])], **settings)
     evaluate(model, [(images, right)], **settings)
     evaluate(model, [(images, wrong)], **settings, n=19)  # too few to tell
+
+
+def test_a_few_mistakes_are_not_called_guessing():
+    """14 of 20 by a model of two classes say little, 140 of 200 that it does not guess, and 55 of
+    100 that it may; a warning comes once."""
+
+    def first_class(images):
+        return torch.tensor([1.0, 0.0]).expand(len(images), 2)
+
+    def clean(config):
+        return Table("clean", tuple(cross({"model": UNDEFENDED}, {"clean": Clean()})))
+
+    for n_right, n, n_warnings in ((14, 20, 0), (140, 200, 0), (55, 100, 1), (0, 200, 1)):
+        labels = (torch.arange(n) >= n_right).long()
+        images = torch.zeros(n, 3, 8, 8)
+        batches = [(images[::2], labels[::2]), (images[1::2], labels[1::2])]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            evaluate(first_class, batches, suite=clean, progress=False)
+        told = [one for one in caught if "as guessing" in str(one.message)]
+        assert len(told) == n_warnings, (n_right, n)
 
 
 def test_rates_print_as_a_table(known, frame):

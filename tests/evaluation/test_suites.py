@@ -92,6 +92,17 @@ WRONG_SUITES = {  # a function of a user's, and what it is told
     # whose camera would be of another scene
     "an attack by a camera": (lambda: PixelAttacker(attack="ma", eps=0, steps=1), "one of 'pgd'"),
     "eps": (lambda: RandomNoise(eps=8), "eps is in .0, 1. units.*Divide by 255"),
+    "a bound of cw": (lambda: PixelAttacker(attack="cw", eps=0.1, steps=1), "no bound.*got 0.1"),
+    "another model to know": (
+        lambda: MoireAttacker(eps=0.1, steps=1, known_classifier=Classifier("b", model=len)),
+        "evaluated model.*'b', whose model",
+    ),
+    "a mean to know": (
+        lambda: MoireAttacker(
+            eps=0.1, steps=1, known_classifier=Classifier("m", restores_mean=True)
+        ),
+        "'m', whose restores_mean",
+    ),
     "no condition": (lambda: Cell("row", "column", ()), "'row'.*one or more conditions.*got ()"),
     "no tuple": (lambda: Cell("row", "column", Photo()), r"as in \(Photo\(\),\); got Photo"),
     "one place": (lambda: Table("t", 2 * (Cell("a", "b", (Photo(),)),)), "two cells of .*'a', 'b'"),

@@ -25,6 +25,21 @@ def test_actions_are_pinned_to_a_commit(path):
         assert PINNED.fullmatch(action) or (ROOT / action).is_file(), action
 
 
+def test_a_release_is_of_a_tested_commit_on_main():
+    test, release = (
+        yaml.safe_load((ROOT / f".github/workflows/{name}.yml").read_text("utf-8"))
+        for name in ("test", "release")
+    )
+    publish = release["jobs"]["publish"]
+    assert release["jobs"][publish["needs"]]["uses"] == "./.github/workflows/test.yml"
+    assert "workflow_call" in test[True]  # YAML's "on"
+    assert test["jobs"]["package"]["uses"] == "./.github/workflows/package.yml"
+    assert any("merge-base --is-ancestor" in step.get("run", "") for step in publish["steps"])
+    assert (
+        "pull_request" in test["concurrency"]["group"]
+    )  # commits on main have groups of their own
+
+
 def test_the_oldest_versions_are_those_declared():
     command = [sys.executable, ".github/oldest.py"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)

@@ -1,5 +1,7 @@
 """Screens in rooms: the camera's photo where the screen is, and no moiré where it is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -42,7 +44,7 @@ def test_a_screen_that_fills_the_photo_is_captured(scene):
     )
     scenes = map_scenes(as_scenes(scene), lambda one: with_values(one, IN_CAMERAS_FRAME))
     captured = capture(shown, scenes.sample(6, SIZE, seeded()))
-    assert torch.allclose(photos, captured, atol=1e-4)
+    assert torch.allclose(photos, captured, atol=LCD.tolerance)
     height, width = SIZE
     frame = torch.tensor([[0, 0], [width, 0], [width, height], [0, height]]).double()
     assert torch.allclose(corners, frame.expand(6, 4, 2)) and shares.min() > 1 - 1e-6
@@ -56,7 +58,7 @@ def test_within_its_edges_a_turned_screen_is_captured():
         middle = corners.mean(0)
         inside = polygon2mask(SIZE, (middle + 0.93 * (corners - middle) - 0.5).numpy()[:, ::-1])
         assert inside.mean() > 0.5
-        assert torch.allclose(photo[:, inside], captured[:, inside], atol=1e-4)
+        assert torch.allclose(photo[:, inside], captured[:, inside], atol=TURNED.tolerance)
 
 
 @pytest.mark.parametrize("extent", [0.3, 0.7, 1.2])
@@ -142,3 +144,22 @@ def test_a_room_out_of_its_bounds_is_refused():
     with pytest.raises(ValueError, match=r"Room\.extent must lie in \[0\.01, 10\]"):
         Room(extent=0)
     assert np.allclose(Room(extent=(0.2, 0.4)).draw(50, seeded())["extent"].mean(), 0.3, atol=0.05)
+
+
+def test_noise_is_that_of_one_photo_in_every_region():
+    """Read noise is as strong on the screen, on the bezel and around; each once counted."""
+    noisy = Scene(sensor=Sensor(pitch=1.5, shrink=1.0, gain=0.5, read_noise=0.03))
+    room = replace(BARE, extent=0.6, place_x=0.5, place_y=0.5, bezel=0.2)
+    room = replace(room, albedo=0.8, reflection=1.0)
+    shown, around = (torch.full((2, 3, *SIZE), value) for value in (0.2, 0.5))
+    photos, *_ = screen_in_room(shown, around, noisy, room, generator=seeded())
+    quiet, *_ = screen_in_room(
+        shown, around, with_values(noisy, {"sensor.read_noise": 0.0}), room, generator=seeded()
+    )
+    noise = photos - quiet
+    regions = {"screen": noise[..., 25:47, 35:61], "bezel": noise[..., 25:47, 11:17]}
+    regions["around"] = noise[..., :4, :]
+    strengths = {name: region.std().item() for name, region in regions.items()}
+    assert strengths["around"] > 0.01
+    for name, strength in strengths.items():
+        assert strength == pytest.approx(strengths["around"], rel=0.2), name

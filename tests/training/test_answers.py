@@ -2,6 +2,7 @@
 command from weights to report, resumed and attacked again."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,10 +23,13 @@ from training.classifier.original import Original, divergence
 from training.classifier.train import classifier_of
 from training.config.schema import Adversary, Data
 from training.data.load import load
+from training.data.splits import Splits
 from training.models import classifiers as models
 from training.recipe.phases import load_data
 from training.report.numbers import points
+from training.report.terminal import plain, run_parts
 from training.runs import trained
+from training.runs.metrics import RunMetrics
 from training.system.files import read_checkpoint, read_metrics
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -128,7 +132,8 @@ def test_weights_move_towards_the_original_until_its_answers_are_kept(kept, shar
         model[2].bias.copy_(torch.tensor([0.75, 0.0]))  # of the new weights: 7 of 10 change
     codes = (torch.arange(10) * 25.5).round().to(torch.uint8)
     images = TensorDataset(codes[:, None, None, None].expand(-1, 3, 4, 4), torch.zeros(10))
-    assert keep_answers(model, original, images, kept) == share
+    blend = keep_answers(model, original, images, kept)
+    assert blend.new_share == share and (blend.equal_answers >= kept) == (kept < 1)
     bias = model[2].bias[0].item()
     assert bias == pytest.approx(0.05 + 0.7 * share)
 
@@ -174,10 +179,37 @@ def test_a_run_is_compared_with_the_network_before(tuned, network):
     assert any(not torch.equal(before[name], after[name]) for name in before)
     kept = run.original_model().state_dict()
     assert all(torch.equal(before[name], kept[name]) for name in before)
-    share = read_checkpoint(folder / "best.ckpt")["new_share"]
+    checkpoint, train = read_checkpoint(folder / "best.ckpt"), metrics["train"]
+    share, equal = (checkpoint[name] for name in ("new_share", "equal_answers"))
     assert share in SHARES and f"{share:.0%} new" in said
+    assert (train["new_share"], train["equal_answers"]) == (share, equal)
+    line = (
+        f"Its weights are {100 * share:.0f} % new and answer {100 * equal:.1f} % of the validation"
+    )
+    assert line in said and line in page.replace("\N{NO-BREAK SPACE}", " ")
     fresh = models.as_model("small_resnet", CLASSES, str(folder / "best.ckpt"), whole=True)
     assert all(torch.equal(value, after[name]) for name, value in fresh.state_dict().items())
+
+
+@pytest.mark.parametrize("equal", [0.9, 0.97])
+def test_a_report_says_where_answers_are_not_kept(tuned, equal):
+    metrics = RunMetrics.read(tuned[0])
+    train = replace(metrics.train, new_share=0.2, equal_answers=equal)
+    text = plain(run_parts(replace(metrics, train=train)))
+    assert ("less than train.kept=0.97" in text) == (equal == 0.9)
+    assert "Its weights are 20 % new" in text
+
+
+def test_a_blend_that_does_not_keep_the_answers_warns(network, tmp_path, capsys):
+    cfg = configured(*SMALL, f"weights={network}", "data.root=DIR", "train.kept=0.99")
+    classifier = classifier_of(cfg, CLASSES)
+    with torch.no_grad():
+        classifier.model.head.weight.neg_()
+    images = torch.randint(0, 256, (8, 3, 24, 24), dtype=torch.uint8)
+    splits = Splits(None, TensorDataset(images, torch.zeros(8)), None, {}, CLASSES)
+    args = classifier, classifier.original, splits, {}, tmp_path / "best.ckpt"
+    assert training_of_classifiers.blend_best(*args).equal_answers < 0.99
+    assert "warning: that is less than train.kept=0.99" in capsys.readouterr().out
 
 
 def test_labels_are_the_answers_of_the_original(pictures, network):

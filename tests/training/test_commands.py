@@ -33,7 +33,8 @@ class Watch:
             sys.exit(os.environ.get("GOMP_SPINCOUNT"))
 
 sys.meta_path.insert(0, Watch())
-runpy.run_path(sys.argv[1], run_name="imported")
+del sys.argv[0]  # as the script itself has it
+runpy.run_path(sys.argv[0], run_name="imported")
 """
 
 
@@ -46,6 +47,15 @@ def test_how_threads_wait_is_set_before_torch_is_loaded(command, given, expected
     script = [sys.executable, "-c", WATCH, str(ROOT / f"training/{command}.py")]
     done = subprocess.run(script, env=env, capture_output=True, text=True)
     assert done.stderr == f"{expected}\n"
+
+
+def test_a_program_that_imports_a_room_stays_as_it_is():
+    lines = ["import gc, os, training.runs.trained"]
+    lines += ["print(gc.get_freeze_count(), os.environ.get('GOMP_SPINCOUNT'))"]
+    env = {k: v for k, v in os.environ.items() if k != "GOMP_SPINCOUNT"}
+    script = [sys.executable, "-c", "\n".join(lines)]
+    done = subprocess.run(script, env=env, capture_output=True, text=True)
+    assert done.stdout == "0 None\n", done.stderr
 
 
 # in one process, so those that import least come first

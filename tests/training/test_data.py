@@ -1,17 +1,22 @@
 """A folder of images as data, and the order in which training reads it."""
 
 import shutil
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from PIL import Image
 from torch.utils.data import TensorDataset
+from torchvision import datasets
 
 from tests.training.small import configured
 from training import fit
 from training.config.schema import Data
-from training.data import image_sets, signs
+from training.config.torchvision_sets import TORCHVISION_SETS
+from training.data import signs
 from training.data.batches import Batches
 from training.data.load import load, require_training_images
 from training.system.files import locked
@@ -99,7 +104,7 @@ def test_a_failed_download_is_not_told_to_download(tmp_path, monkeypatch):
     def make(*args, **settings):
         raise OSError("Network is unreachable")
 
-    monkeypatch.setitem(image_sets.TORCHVISION_READERS, "cifar10", (make, {}, {}))
+    monkeypatch.setattr(datasets, "CIFAR10", make)
     cfg = Data(name="cifar10", root=str(tmp_path), download=True)
     with pytest.raises(ValueError, match=r"could not be fetched into .*Check the network") as error:
         load(cfg)
@@ -115,12 +120,34 @@ def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
             pass
         return [(torch.zeros(3, 4, 4, dtype=torch.uint8), 0)] * 4
 
-    monkeypatch.setitem(image_sets.UNNAMED_CLASSES, "cifar10", 10)
-    monkeypatch.setitem(
-        image_sets.TORCHVISION_READERS, "cifar10", (make, {"train": True}, {"train": False})
-    )
+    monkeypatch.setattr(datasets, "CIFAR10", make)
+    described = replace(TORCHVISION_SETS["cifar10"], num_classes=10)
+    monkeypatch.setitem(TORCHVISION_SETS, "cifar10", described)
     cfg = Data(name="cifar10", root=str(tmp_path / "new"), size=16, val=1, download=True)
     assert len(load(cfg).train) == 3
+
+
+def test_a_new_set_of_torchvision_is_a_row(tmp_path):
+    """In a process of its own, as the settings are declared when they are imported."""
+    code = """
+from training.config import torchvision_sets as sets
+row = sets.TorchvisionSet("FakeData", {"size": 9}, {"size": 5}, "shift", 10)
+sets.TORCHVISION_SETS["new"] = row
+from torchvision import datasets
+make = datasets.FakeData
+datasets.FakeData = lambda root, size, transform, download: make(size, transform=transform)
+from training import fit
+from training.config.compose import default_config
+from training.data.load import load
+cfg = default_config("clean", "new")
+fit.check(cfg)
+splits = load(cfg.data)
+print(cfg.data.augment, len(splits.train), len(splits.test), splits.num_classes)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.stdout.split() == ["shift", "8", "5", "10"], done.stderr
 
 
 def test_a_single_class_is_refused(root, monkeypatch):

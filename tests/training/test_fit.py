@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+import moireaug
 from moireaug.evaluation.identity import identity_of
 from tests.training.forked import Command
 from tests.training.small import BRIEF, TINY, configured, inside, train
@@ -57,6 +58,8 @@ def test_a_run_leaves_what_it_promises(whole):
     m = read_metrics(folder)
     about = [m[key] for key in ("recipe", "seed", "data", "model")]
     assert about == ["moire_at", 0, "signs", "attention_convnet"]
+    environment = m["environment"]
+    assert (environment["moireaug"], environment["precision"]) == (moireaug.__version__, "32-true")
     cost = m["train"]
     assert cost["epochs"] == 2 and cost["passes"] == 2.875 and len(cost["history"]) == 2
     assert cost["seconds"] > 0 and cost["images_per_second"] > 0
@@ -190,6 +193,22 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     assert f"The baseline is reused from {folders[1]}" in said
     other = Run(configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={runs}"))
     assert start_of(other).stage() == baseline_of(other).stage() == "other"
+
+
+def test_plain_runs_are_reused_in_any_scene(copied, capsys):
+    """They never look at one; their metrics then are of the scene that they are compared in."""
+    for _ in range(2):
+        cfg = configured("recipe=moire_aug", *TINY, f"runs={copied}", "scene=phone_at_laptop")
+        plain = phases.plain_runs(Run(cfg), load(cfg.data))
+        assert capsys.readouterr().out.count("is reused from") == 2
+        for metrics in plain:
+            written = read_metrics(copied / metrics.recipe / "seed0")
+            assert metrics.to_dict() == written and metrics.scene_name == "phone_at_laptop"
+    run = trained.read(copied / "moire_at/seed0")
+    assert trained.read_baseline_of(run).cfg.recipe == "baseline"
+    assert Run(replace(run.cfg, scene="phone_at_laptop")).training_fingerprint != (
+        Run(run.cfg).training_fingerprint
+    )
 
 
 def test_a_baseline_of_other_settings_is_not_attacked(copied, capsys):

@@ -57,6 +57,25 @@ def test_small_networks_leave_their_input_alone_and_centre_it(make):
     assert (seen[0] == 0).all() and (images == 0.5).all()
 
 
+class HeadFirst(nn.Module):
+    """A network that defines its head before the rest."""
+
+    def __init__(self, classes):
+        super().__init__()
+        self.head, self.stem = nn.Linear(8, classes), nn.Conv2d(3, 8, 3)
+
+
+@pytest.mark.parametrize("name", ["head_first", "small_resnet", "regnet_y_400mf", "squeezenet1_1"])
+def test_classes_are_counted_at_the_head_wherever_it_is(name, monkeypatch):
+    monkeypatch.setitem(models.OWN_MODELS, "head_first", HeadFirst)
+    state = models.as_model(name, 16).state_dict()
+    before = torch.get_rng_state()
+    assert models.class_count(name, state) == 16
+    assert torch.equal(torch.get_rng_state(), before)
+    stem = {key: value for key, value in state.items() if models._head_of(name) not in key}
+    assert models.class_count(name, stem) == 0
+
+
 def test_a_size_that_a_model_cannot_take_is_refused():
     transformer = VisionTransformer(224, 16, num_layers=1, num_heads=1, hidden_dim=8, mlp_dim=8)
     for model in (transformer, models.as_model("squeezenet1_1", 3)):

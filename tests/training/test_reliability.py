@@ -9,9 +9,11 @@ import resource
 import shutil
 import signal
 import warnings
+from dataclasses import replace
 
 import pytest
 import torch
+import yaml
 from lightning.pytorch.callbacks import ModelCheckpoint
 
 from moireaug.common import files
@@ -20,6 +22,7 @@ from tests.training.forked import Command
 from tests.training.small import BRIEF, NO_DATA, TINY, configured, epoch, inside, same, train, wait
 from tests.training.strangers import images
 from training import fit
+from training.attack.results import run_metrics
 from training.classifier import train as training
 from training.classifier.module import Classifier
 from training.classifier.tuning import tuning_of
@@ -226,6 +229,46 @@ def test_a_moved_folder_knows_its_best_score(tmp_path):
     assert after(ModelCheckpoint) == {}, (
         "Lightning can do this by itself now: drop RunCheckpoint.load_state_dict"
     )
+
+
+def test_a_run_of_before_a_setting_is_the_same_run(copied_run):
+    """A setting that a run's files lack, as it is newer, has its default."""
+    run, folder = copied_run
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    metrics = json.loads((folder / "metrics.json").read_text())
+    for settings in (config, metrics["config"]):
+        del settings["train"]["kept"], settings["reattack"]["bound"]
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    (folder / "metrics.json").write_text(json.dumps(metrics | {"fingerprint": "of then"}))
+    assert run.stage() == "finished"
+    metrics["config"]["reattack"]["n"] += 1
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    assert run.stage() == "trained"
+    config["train"]["kept"] = 0.5
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    assert run.stage() == "other"
+
+
+@pytest.fixture
+def copied_run(tmp_path, straight):
+    """A finished run, as far as its files say."""
+    run = Run(three_epochs(tmp_path))
+    shutil.copytree(straight[0], run.folder)
+    run.write_settings()
+    metrics = run_metrics(run.config, straight[1], None)
+    replace(metrics, reattack=[]).write(run.folder)
+    return run, run.folder
+
+
+def test_the_place_of_a_published_data_set_and_the_device_are_no_identity(tmp_path):
+    """A preempted job finds its staged data elsewhere."""
+    one = ["recipe=moire_at", "data=cifar10", "data.root=/scratch/1"]
+    other = [*one[:2], "data.root=/scratch/2", "trainer.accelerator=cpu"]
+    runs = [Run(configured(*given)) for given in (one, other)]
+    assert runs[0].training_fingerprint == runs[1].training_fingerprint
+    assert runs[0].fingerprint == runs[1].fingerprint
+    folders = [Run(configured("data=folder", f"data.root={place}")) for place in "ab"]
+    assert folders[0].training_fingerprint != folders[1].training_fingerprint
 
 
 def test_settings_without_effect_do_not_tell_runs_apart():

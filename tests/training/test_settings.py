@@ -106,6 +106,15 @@ def test_affine_augmentation_draws_for_each_image_and_repeats():
     assert len({tuple(image.flatten().tolist()) for image in first}) == 8
 
 
+def test_augmentation_is_as_exact_under_autocast():
+    images = torch.rand(2, 3, 224, 224)
+    torch.manual_seed(1)
+    exact = augment(images, "affine")
+    torch.manual_seed(1)
+    with torch.autocast("cpu", torch.bfloat16):
+        assert torch.equal(augment(images, "affine"), exact)
+
+
 def test_small_folders_are_read_once(tmp_path):
     root = images(tmp_path, "a", "b")
     splits = load(Data(name="folder", root=str(root), size=8, val=2))

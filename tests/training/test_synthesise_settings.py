@@ -7,6 +7,7 @@ import pytest
 from filelock import FileLock
 from PIL import Image
 
+import moireaug
 from moireaug import Scene, Shot
 from moireaug.synthesis.pictures import Pictures
 from tests.synthesis.folders import put
@@ -60,6 +61,21 @@ def test_a_folder_that_is_something_else_is_refused(tmp_path):
     with pytest.raises(SystemExit, match=r"dataset\.json is damaged"):
         made(tmp_path / "out")
     assert hashes(tmp_path / "out").keys() == {"000000.tar", "dataset.json"}
+
+
+def test_a_set_by_another_version_is_not_continued(tmp_path):
+    made(tmp_path / "out", "shard=0/3")
+    path = tmp_path / "out/dataset.json"
+    content = json.loads(path.read_text())
+    made_with = content["made_with"]
+    assert made_with["moireaug"] == moireaug.__version__
+    path.write_text(json.dumps(content | {"made_with": made_with | {"moireaug": "0.1.0"}}))
+    with pytest.raises(SystemExit, match=r"moireaug 0\.1\.0 has begun.* another out=DIR"):
+        made(tmp_path / "out")
+    del made_with["moireaug"]  # as sets were before it was noted
+    path.write_text(json.dumps(content))
+    made(tmp_path / "out", "shard=1/3")
+    assert len(hashes(tmp_path / "out")) == 3
 
 
 def test_different_shards_do_not_lock_each_other_out(tmp_path):

@@ -10,8 +10,10 @@ import torch
 from torch import nn
 
 from moireaug import Shot
+from moireaug.attacks import MoireAttack
 from moireaug.scene.track import DEFAULT_HAND, track_of
 from moireaug.transforms import albumentations as moire
+from tests.attacks.common import counting
 from tests.transforms.common import REGISTERED
 
 
@@ -42,6 +44,22 @@ def test_it_raises_the_loss(dtype, shape, model):
 
     assert loss(out["image"]) > loss(plain)
     assert np.abs(np.array(params["noise"]["image"])).max() <= 16 / 255 + 1e-6
+
+
+def test_the_noise_is_that_after_the_last_step_as_in_torchvisions(model):
+    """One forward pass a step, and none to find the best of them."""
+    (image,), settings = frames(1), {"eps": 16 / 255, "steps": 3, "step_size": 1.9}
+    counted, asked = counting(model.eval())
+    adversarial = moire.AdversarialMoire(counted, REGISTERED, random_start=0.0, **settings, p=1)
+    steps = A.ReplayCompose([adversarial])
+    steps.set_random_seed(0)
+    out = steps(image=image, label=1)
+    assert asked == [1] * 3
+    shot = Shot.from_dict(out["replay"]["transforms"][0]["params"]["shot"])
+    images, labels = torch.from_numpy(image).permute(2, 0, 1)[None], torch.tensor([1])
+    attack = MoireAttack(model, scene=REGISTERED, **settings)
+    photo = attack.last(images, labels, shot=shot)[0].permute(1, 2, 0).numpy()
+    assert np.allclose(out["image"], photo, atol=1e-5)
 
 
 def test_mode_is_kept_and_draws_follow_the_seed(model):

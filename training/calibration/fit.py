@@ -4,7 +4,8 @@ The search is CMA-ES (Hansen and Ostermeier, 2001) from the package `cma`: it ta
 evaluations for a few dozen numbers that depend on one another, where differential evolution needs
 thousands, and copes with the steps in the distance. Every evaluation draws the same shots (common
 random numbers), so that the distance is a function of the ranges alone. A search fits those shots
-too: whether the scene has become better is judged on others.
+too: whether the scene has become better is judged on others. The pictures are not held out: the
+crops that judge are all, with the at most 24 that the search looked at.
 """
 
 import time

@@ -62,8 +62,13 @@ def strengthen(cfg: Adversary) -> Adversary:
     return replace(cfg, steps=max(cfg.steps, MIN_STRONG_STEPS))
 
 
-def passes(cfg: Adversary) -> float:
+def passes(cfg: Adversary, target: str) -> float:
     """Return the forward and backward passes per image in a training step; a forward pass alone, of
-    each of several draws, is a third of one."""
+    each of several draws or of the network whose answers are learnt, is a third of one.
+
+    Args:
+        target: what is learnt, one of `TARGETS`.
+    """
+    original = 1 / 3 if target == "answers" else 0
     draws = cfg.draws / 3 if cfg.draws > 1 else 0
-    return 1 + cfg.share * (cfg.steps + draws)
+    return 1 + original + cfg.share * (cfg.steps + draws)

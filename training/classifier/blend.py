@@ -2,6 +2,7 @@
 the new weights and most of what these learnt (Wortsman et al., 2022)."""
 
 import copy
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -28,9 +29,21 @@ def blended(old: dict[str, Tensor], new: dict[str, Tensor], share: float) -> dic
     return between
 
 
-def keep_answers(model: nn.Module, original: Original, images: Dataset, kept: float) -> float:
+class Blend(NamedTuple):
+    """Weights between the original's and the trained ones.
+
+    Args:
+        new_share: share of the trained weights, one of `SHARES`.
+        equal_answers: share of images that are answered as the original does, in [0, 1].
+    """
+
+    new_share: float
+    equal_answers: float
+
+
+def keep_answers(model: nn.Module, original: Original, images: Dataset, kept: float) -> Blend:
     """Move a trained model's weights towards the original's, as little as it takes to answer a
-    share of images as the original does; return the share of the new weights.
+    share of images as the original does.
 
     Args:
         images: images (3, H, W) uint8 with labels, which are not used.
@@ -40,9 +53,10 @@ def keep_answers(model: nn.Module, original: Original, images: Dataset, kept: fl
     old, new = original.model.state_dict(), copy.deepcopy(model.state_dict())
     for share in SHARES:
         model.load_state_dict(blended(old, new, share))
-        if _share_of_equal_answers(model, original, images) >= kept:
+        equal_answers = _share_of_equal_answers(model, original, images)
+        if equal_answers >= kept:
             break
-    return share
+    return Blend(share, equal_answers)
 
 
 @torch.no_grad()

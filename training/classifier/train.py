@@ -10,7 +10,7 @@ import lightning as L
 from moireaug.common.files import write_text
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes
-from training.classifier.blend import keep_answers
+from training.classifier.blend import Blend, keep_answers
 from training.classifier.guard import CollapseGuard
 from training.classifier.module import Classifier
 from training.classifier.original import Original
@@ -97,8 +97,9 @@ def train_model(
     origin = Origin.of(cfg.weights, splits)
     trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin)
     best_checkpoint, wall_seconds = ranks.fit(trainer, classifier, batches, out)
+    blend = None
     if classifier.original:
-        blend_best(classifier, classifier.original, splits, best_checkpoint, best)
+        blend = blend_best(classifier, classifier.original, splits, best_checkpoint, best)
     # an incomplete last batch is left out of an epoch
     epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
     images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
@@ -106,7 +107,7 @@ def train_model(
     seconds = sum(epoch["seconds"] for epoch in classifier.history)
     train = TrainCost(
         init=cfg.train.init,
-        passes=passes(cfg.adversary),
+        passes=passes(cfg.adversary, cfg.train.target),
         seconds=seconds,
         epochs=epochs,
         images_per_second=images * epochs / max(seconds, 1e-9),
@@ -116,6 +117,7 @@ def train_model(
         best_epoch=int(best_checkpoint["epoch"]),
         total_epochs=epochs + (start_cost.epochs if start_cost else 0),
         total_seconds=seconds + (start_cost.seconds if start_cost else 0.0),
+        **(blend._asdict() if blend else {}),
     )
     if is_first():
         write_text(out / "train.json", json.dumps(asdict(train)))
@@ -128,16 +130,28 @@ def blend_best(
     splits: Splits,
     checkpoint: dict[str, Any],
     path: Path,
-) -> None:
-    """Move the best weights towards the original's, as `keep_answers`, and write them."""
+) -> Blend | None:
+    """Move the best weights towards the original's, as `keep_answers`, and write them; return their
+    shares, None where they are not known."""
     if "new_share" in checkpoint:  # by a command that was interrupted after it
-        return
+        is_known = "equal_answers" in checkpoint  # not in earlier versions
+        return Blend(checkpoint["new_share"], checkpoint["equal_answers"]) if is_known else None
     kept = classifier.train_cfg.kept
-    share = keep_answers(classifier.model, original, splits.val, kept)
-    print_once(f"Weights: {share:.0%} new, {1 - share:.0%} the original's.")
+    blend = keep_answers(classifier.model, original, splits.val, kept)
+    share, equal = blend
+    print_once(
+        f"Weights: {share:.0%} new, {1 - share:.0%} the original's; {equal:.1%} of the validation "
+        "images are answered as before."
+    )
+    if equal < kept:
+        print_once(
+            f"warning: that is less than train.kept={kept:g}, which no average of the weights had: "
+            "train with a smaller train.lr, fewer train.epochs, or more pictures."
+        )
     if is_first():
-        blended = checkpoint | {"new_share": share, "state_dict": classifier.state_dict()}
+        blended = checkpoint | blend._asdict() | {"state_dict": classifier.state_dict()}
         AtomicCheckpointIO().save_checkpoint(blended, path)
+    return blend
 
 
 def _plan_line(cfg: Config, epochs: int, lr: float, start_cost: TrainCost | None) -> str:

@@ -12,9 +12,9 @@ from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
 from moireaug.attacks.bounds import BOUNDS
 from training.config.settings import section, setting
+from training.config.torchvision_sets import TORCHVISION_SETS
 
 AUGMENTATIONS = ("none", "shift", "shift_flip", "crop_flip", "affine")
-TORCHVISION_SETS = ("cifar10", "cifar100", "gtsrb")  # data sets that torchvision reads
 TARGETS = ("labels", "answers")
 DEFAULT_DATA = "signs"
 EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
@@ -74,15 +74,16 @@ class Data:
         False,
         "whether to fetch a published data set",
         changes_result=False,
-        only_for=TORCHVISION_SETS,
+        only_for=tuple(TORCHVISION_SETS),
     )
 
 
 DATA = {
     "signs": Data(name="signs", size=48, train=12000, val=320, test=1600),
-    "cifar10": Data(name="cifar10", root="data", augment="shift_flip"),
-    "cifar100": Data(name="cifar100", root="data", augment="shift_flip"),
-    "gtsrb": Data(name="gtsrb", root="data", augment="affine"),
+    **{
+        name: Data(name=name, root="data", augment=one.augment)
+        for name, one in TORCHVISION_SETS.items()
+    },
     "folder": Data(name="folder", augment="shift"),
 }
 
@@ -170,7 +171,9 @@ class Train:
 class Trainer:
     """Passed to lightning.Trainer unchanged, except for null."""
 
-    accelerator: str = setting("auto", "what to train on", choices=ACCELERATORS)
+    accelerator: str = setting(
+        "auto", "what to train on", choices=ACCELERATORS, changes_result=False
+    )
     devices: Any = setting(1, "GPUs, or processes of a CPU; or auto")
     num_nodes: int = setting(1, "machines", bounds=(1, 100_000))
     strategy: str = setting("auto", "how devices share the work, such as ddp")

@@ -36,5 +36,6 @@ def augment(images: Tensor, kind: str) -> Tensor:
     torch's global generator; `kind` is one of `AUGMENTATIONS`."""
     if kind == "none":
         return images
-    with torch.no_grad():
+    # kornia's affine transforms are off by up to a pixel in bfloat16
+    with torch.no_grad(), torch.autocast(images.device.type, enabled=False):
         return pipeline(kind, *images.shape[-2:])(images)

@@ -8,25 +8,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from torch.utils.data import Dataset, Subset
-from torchvision.datasets import CIFAR10, CIFAR100, GTSRB, ImageFolder
+from torch.utils.data import Subset
+from torchvision import datasets
+from torchvision.datasets import ImageFolder
 from torchvision.transforms import v2
 
 from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.config.schema import Data
+from training.config.torchvision_sets import TORCHVISION_SETS
 from training.data.splits import ImageSet, has_parts, shuffled_indices
 from training.system.files import locked, read_table
 
-UNNAMED_CLASSES = {"gtsrb": 43}  # numbers of classes that torchvision does not name
 MIN_UNLABELLED = 3  # pictures of a folder without labels
 IMAGENET_CLASSES = 1000  # of torchvision's published weights, which a class_index refers to
-# each set, and the arguments of its parts to train and to test on
-TORCHVISION_READERS: dict[str, tuple[Callable[..., Dataset], dict, dict]] = {
-    "cifar10": (CIFAR10, {"train": True}, {"train": False}),
-    "cifar100": (CIFAR100, {"train": True}, {"train": False}),
-    "gtsrb": (GTSRB, {"split": "train"}, {"split": "test"}),
-}
 
 
 def _resize(size: int) -> v2.Compose:
@@ -47,12 +42,13 @@ def _read_from_torchvision(cfg: Data) -> ImageSet:
             f"data={cfg.name} needs data.root=DIR, the folder where torchvision has put the "
             "data set, or puts it with data.download=true."
         )
-    make, train_part, test_part = TORCHVISION_READERS[cfg.name]
+    described = TORCHVISION_SETS[cfg.name]
+    make = getattr(datasets, described.reader)
     options = {"transform": _resize(cfg.size), "download": cfg.download}
     try:
         with _download_lock(cfg):
-            train_set = make(cfg.root, **train_part, **options)
-            test_set = make(cfg.root, **test_part, **options)
+            train_set = make(cfg.root, **described.train, **options)
+            test_set = make(cfg.root, **described.test, **options)
     except (RuntimeError, OSError) as error:
         if cfg.download:
             raise ValueError(
@@ -64,7 +60,7 @@ def _read_from_torchvision(cfg: Data) -> ImageSet:
             "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
             "has put it."
         ) from error
-    names = getattr(test_set, "classes", None) or range(UNNAMED_CLASSES[cfg.name])
+    names = getattr(test_set, "classes", None) or range(described.num_classes)
     return ImageSet(train_set, test_set, dict(enumerate(map(str, names))), len(names))
 
 

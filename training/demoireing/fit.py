@@ -154,7 +154,10 @@ def test_and_report(
         "scenes": {name: scene.to_dict() for name, scene in training_scenes(cfg).items()},
         "config": run.settings,
         "fingerprint": run.fingerprint,
-        "environment": machine.environment(cfg.trainer.accelerator),
+        "environment": {
+            **machine.environment(cfg.trainer.accelerator),
+            "precision": str(cfg.trainer.precision or machine.DEFAULT_PRECISION),
+        },
         "command": machine.command(),
     }
     write_text(folder / "scores.csv", result.scores.to_csv(index=False, float_format="%.6g"))

@@ -21,7 +21,7 @@ from training.demoireing.pictures import EnlargedCrops, Splits
 from training.demoireing.schema import DemoireConfig
 
 COARSE_SIDE = 4  # pixels over which colour is averaged
-# pairs that no training draws, whatever its seed: the same for every run
+# of pairs that are the same for every run; training draws others, unless these are its seed
 VAL_SEED, TEST_SEED = 4_000_000_001, 4_000_000_002
 
 

@@ -2,6 +2,7 @@
 torchvision classifier."""
 
 import difflib
+import functools
 import textwrap
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -91,16 +92,30 @@ def class_names(name: str) -> dict[int, str]:
     return dict(enumerate(published.meta.get("categories", ())))
 
 
-def class_count(state: Mapping[str, Tensor]) -> int:
-    """Return the number of logits of a classifier's state; 0 where it holds no weights."""
-    heads = [value for name, value in state.items() if name.endswith("weight") and value.dim()]
-    return len(heads[-1]) if heads else 0
+def class_count(name: str, state: Mapping[str, Tensor]) -> int:
+    """Return the number of logits of a state of this model; 0 where it lacks the head's weights."""
+    head = _head_of(name)
+    weight = state.get(head, state.get(f"model.{head}"))  # of `Normalized`
+    return 0 if weight is None or not weight.dim() else len(weight)
+
+
+@functools.cache
+def _head_of(name: str) -> str:
+    """Return the key of a tensor whose length is the number of classes: in some networks it is not
+    the last one."""
+    with torch.random.fork_rng(devices=[]):
+        try:
+            with torch.device("meta"):  # without memory
+                two, three = (_fresh(name, classes).state_dict() for classes in (2, 3))
+        except NotImplementedError:  # its constructor computes with tensors
+            two, three = (_fresh(name, classes).state_dict() for classes in (2, 3))
+    return next(key for key in two if two[key].dim() and len(two[key]) != len(three[key]))
 
 
 def class_count_of(name: str, weights: str) -> int:
     """Return the number of logits of a model's weights, given as in `as_model`."""
     state = _state(name, weights)
-    return class_count({key: state[key] for key in state if not key.startswith(_AUXILIARY)})
+    return class_count(name, {k: state[k] for k in state if not k.startswith(_AUXILIARY)})
 
 
 def require_known(name: str) -> None:

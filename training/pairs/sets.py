@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import moireaug
 from moireaug.common.files import write_text
 from training.system.files import locked, read_json
 
@@ -74,8 +75,8 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
     """Claim a folder for this data set, by its dataset.json.
 
     Raises:
-        ValueError: it holds other files, or a data set with other settings, or another command
-            holds it for too long.
+        ValueError: it holds other files, or a data set with other settings or by another version of
+            moireaug, or another command holds it for too long.
         OSError: it cannot be written.
     """
     path = out / "dataset.json"
@@ -88,10 +89,19 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
                     f"{out} holds files, but no dataset.json of this command: name a new folder."
                 )
             made_with = {name: version(name) for name in LIBRARIES}
+            made_with["moireaug"] = moireaug.__version__
             write_text(path, json.dumps({"settings": settings, "made_with": made_with}, indent=1))
-    stored = (read_json(path) or {}).get("settings")
+    content = read_json(path) or {}
+    stored = content.get("settings")
     if stored is None:
         raise ValueError(f"{path} is damaged. Name a new folder, or restore the file.")
+    made_by = content.get("made_with", {}).get("moireaug", moireaug.__version__)
+    if made_by != moireaug.__version__:
+        raise ValueError(
+            f"{out} holds a data set that moireaug {made_by} has begun, and this is "
+            f"{moireaug.__version__}, whose photos may differ: install {made_by} to continue it, "
+            "or pass another out=DIR."
+        )
     differences: list[str] = []
     for key, current in settings.items():
         differences += _differences(stored.get(key), current, key)

@@ -18,6 +18,7 @@ from training.runs.metrics import ORIGINAL, RunMetrics, TrainCost
 from training.runs.resume import damage, origin_difference, require_same_origin
 from training.runs.run import Run, baseline_of, start_of
 from training.runs.trained import read_trained
+from training.system import machine
 from training.system.processes import is_first, print_once
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def plain_run(
             run = Run(replace(run.config, resume=False))
         elif run.stage() in ("trained", "finished") and (metrics := RunMetrics.read(run.folder)):
             print_once(f"The {role} is reused from {run.folder}.")
-            return metrics
+            return _in_scene_of(run, metrics)
         else:
             print_once(
                 f"The {role} comes first: recipe {run.config.recipe}, with the same settings."
@@ -70,10 +71,24 @@ def plain_run(
         _, train = train_run(run, splits, start)
         if not is_first():
             return None
-        metrics = run_metrics(run.config, train, start.plain() if start else None)
+        metrics = trained_metrics(run, train, start)
         metrics = replace(metrics, time={"train": train.wall_seconds})
         metrics.write(run.folder)
         return metrics
+
+
+def _in_scene_of(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
+    """Return the metrics of a plain run; where its scene was another, which its training does not
+    see, they are written anew, without an attack there."""
+    wanted = run_metrics(run.config, metrics.train, metrics.start)
+    if metrics.scene == wanted.scene or not is_first():
+        return metrics
+    metrics = replace(
+        wanted, environment=metrics.environment, time=metrics.time, command=metrics.command
+    )
+    run.write_settings()
+    metrics.write(run.folder)
+    return metrics
 
 
 def train_run(
@@ -85,6 +100,14 @@ def train_run(
     if is_first():
         run.prepare()
     return train_model(run, splits, start_cost=start.train if start else None)
+
+
+def trained_metrics(run: Run[Config], train: TrainCost, start: RunMetrics | None) -> RunMetrics:
+    """Return the metrics of a run that was trained here, with the precision of that."""
+    metrics = run_metrics(run.config, train, start.plain() if start else None)
+    trainer = run.config.trainer
+    precision = str(machine.precision(trainer.precision, trainer.accelerator))
+    return replace(metrics, environment=metrics.environment | {"precision": precision})
 
 
 def load_data(cfg: Config) -> Splits:
@@ -130,7 +153,7 @@ def train_and_report(
     protocol = protocol_of(run.config, splits, original=original)
     results = {recipe: attack(classifier.model, protocol, records, recipe)}
     earlier_metrics = RunMetrics.read(run.folder)  # of a run that was trained before
-    metrics = run_metrics(run.config, train, start.plain() if start else None)
+    metrics = trained_metrics(run, train, start)
     metrics = replace(
         metrics,
         environment=earlier_metrics.environment if earlier_metrics else metrics.environment,

@@ -103,10 +103,21 @@ def _training(metrics: RunMetrics, sides: Sides) -> dict[str, Any]:
         "is_pretrained": train is not None and train.init == "clean",
         "seconds": train.total_seconds if train else None,
         "seconds_theirs": baseline.train.total_seconds if baseline and baseline.train else None,
+        "is_elsewhere": baseline is not None and _is_elsewhere(metrics, baseline),
+        "new_share": train.new_share if train else None,
+        "equal_answers": train.equal_answers if train else None,
+        "kept": metrics.config.get("train", {}).get("kept"),
         "collapsed_at": train.collapsed_at if train else None,
         "collapsed_last": train and train.collapsed_at == len(train.history) - 1,
         "cost": {"sides": list(trains), "lines": _cost_lines(list(trains.values()))},
     }
+
+
+def _is_elsewhere(metrics: RunMetrics, baseline: PlainMetrics) -> bool:
+    """Return whether a baseline was trained on another machine, as far as that is known."""
+    ours, theirs = metrics.environment, baseline.environment or {}
+    names = ("device", "cpu", "threads")
+    return any(ours[name] != theirs[name] for name in names if name in ours and name in theirs)
 
 
 def _visibility(sides: Sides) -> list[Series]:

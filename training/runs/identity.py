@@ -3,7 +3,6 @@ the data and weights that it began with."""
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import json
 import re
@@ -12,8 +11,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from omegaconf import OmegaConf
+
 from training.config.schema import DEFAULT_DATA, Config, RunConfig
 from training.config.settings import settings_of
+from training.config.torchvision_sets import TORCHVISION_SETS
 from training.data.splits import Splits
 from training.system.files import digest
 
@@ -61,14 +63,36 @@ def result_settings(cfg: RunConfig) -> dict[str, Any]:
     return values
 
 
-def training_fingerprint(values: dict[str, Any], schema: type[RunConfig]) -> str:
-    """Return the fingerprint of the settings that the trained weights depend on, of all plain
-    values of a schema's settings."""
-    values = copy.deepcopy(values)
+def result_fingerprint(values: Mapping[str, Any], schema: type[RunConfig]) -> str:
+    """Return the fingerprint of the settings that a result depends on, of plain values of a
+    schema's settings; a setting that they lack, as it is newer, has its default."""
+    return fingerprint_of(_decisive(values, schema))
+
+
+def training_fingerprint(values: Mapping[str, Any], schema: type[RunConfig]) -> str:
+    """Return the fingerprint of the settings that the trained weights depend on, of values as in
+    `result_fingerprint`. Training on clean images alone does not depend on the scene."""
+    decisive = _decisive(values, schema)
     for key, setting in settings_of(schema).items():
-        if setting.tests or not setting.changes_result:
-            _leave_out(key, values)
-    return fingerprint_of(values)
+        if setting.tests:
+            _leave_out(key, decisive)
+    adversary = decisive.get("adversary")
+    if adversary and adversary["kind"] == "none" and not adversary["natural"]:
+        _leave_out("scene", decisive)
+        _leave_out("shrink", decisive)
+    return fingerprint_of(decisive)
+
+
+def _decisive(values: Mapping[str, Any], schema: type[RunConfig]) -> dict[str, Any]:
+    """Return all settings that a result depends on, without the place of a published data set."""
+    merged = OmegaConf.merge(OmegaConf.structured(schema), values)
+    decisive: dict[str, Any] = OmegaConf.to_container(merged)  # type: ignore[assignment]
+    for key, setting in settings_of(schema).items():
+        if not setting.changes_result:
+            _leave_out(key, decisive)
+    if decisive["data"].get("name") in TORCHVISION_SETS:
+        _leave_out("data.root", decisive)
+    return decisive
 
 
 def _leave_out(key: str, values: dict[str, Any]) -> None:

@@ -33,6 +33,9 @@ class TrainCost:
         wall_seconds: time with validation.
         best_epoch: epoch of the weights that are kept.
         total_epochs, total_seconds: epochs and seconds with those of its start.
+        new_share, equal_answers: of a network that was to keep its answers, share of the trained
+            weights in those that are kept, and of the validation images that these answer as
+            before.
     """
 
     init: str
@@ -46,6 +49,8 @@ class TrainCost:
     best_epoch: int
     total_epochs: int
     total_seconds: float
+    new_share: float | None = None
+    equal_answers: float | None = None
 
     @property
     def steady_seconds(self) -> float:

@@ -3,7 +3,7 @@
 import contextlib
 import functools
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -13,7 +13,12 @@ from omegaconf import OmegaConf
 from moireaug.common.files import write_text
 from training.config.compose import default_config
 from training.config.schema import Config, RunConfig
-from training.runs.identity import fingerprint_of, group_of, result_settings, training_fingerprint
+from training.runs.identity import (
+    group_of,
+    result_fingerprint,
+    result_settings,
+    training_fingerprint,
+)
 from training.system.files import (
     free_name,
     locked,
@@ -51,7 +56,7 @@ class Run(Generic[Settings]):
     @functools.cached_property
     def fingerprint(self) -> str:
         """Twelve hex digits that change with any of these settings."""
-        return fingerprint_of(self.settings)
+        return result_fingerprint(asdict(self.config), type(self.config))
 
     @functools.cached_property
     def training_fingerprint(self) -> str:
@@ -71,9 +76,7 @@ class Run(Generic[Settings]):
             holds_a_run = fingerprint or metrics or any(path.glob("*.ckpt"))
             return "other" if holds_a_run else "new"
         if (path / "best.ckpt").is_file() and self.training_cost():
-            has_results = not RESULT_KEYS.isdisjoint(metrics)
-            is_finished = has_results and metrics.get("fingerprint") == self.fingerprint
-            return "finished" if is_finished else "trained"
+            return "finished" if self._has_results(metrics) else "trained"
         return "begun" if (path / "last.ckpt").is_file() else "new"
 
     def training_cost(self) -> dict[str, Any] | None:
@@ -116,6 +119,15 @@ class Run(Generic[Settings]):
             make_folder(self.folder)
         with locked_folder(self.folder):
             yield
+
+    def _has_results(self, metrics: Mapping[str, Any]) -> bool:
+        """Return whether these metrics are of a test with the settings of this run."""
+        if RESULT_KEYS.isdisjoint(metrics):
+            return False
+        try:
+            return result_fingerprint(metrics["config"], type(self.config)) == self.fingerprint
+        except Exception:  # not a run's settings
+            return False
 
     def _training_fingerprint_in_folder(self) -> str | None:
         """Return the fingerprint of the training in the folder; None for none, "damaged" where its

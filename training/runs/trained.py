@@ -41,7 +41,7 @@ class TrainedRun(NamedTuple):
     @property
     def num_classes(self) -> int:
         """Return the number of logits; 0 where these are not the weights of a classifier."""
-        return class_count(self.state)
+        return class_count(self.cfg.model, self.state)
 
     def model(self) -> nn.Module:
         """Return the run's best model, in evaluation mode."""

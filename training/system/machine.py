@@ -8,8 +8,11 @@ from typing import Any
 
 import torch
 
+import moireaug
+
 CPUINFO = Path("/proc/cpuinfo")
 BFLOAT16_FLAGS = {"amx_bf16", "avx512_bf16"}  # flags of CPUs that multiply it faster than float32
+DEFAULT_PRECISION = "32-true"  # of training
 
 
 def environment(accelerator: str) -> dict[str, Any]:
@@ -20,7 +23,7 @@ def environment(accelerator: str) -> dict[str, Any]:
     import torchvision
 
     versions: dict[str, Any] = {"python": platform.python_version()}
-    for module in (torch, torchvision, kornia, lightning, numpy):
+    for module in (moireaug, torch, torchvision, kornia, lightning, numpy):
         versions[module.__name__] = module.__version__
     versions["cpu"] = _cpu()
     versions["threads"] = torch.get_num_threads()
@@ -44,7 +47,7 @@ def precision(precision_setting: Any, accelerator: str) -> Any:
     AVX512_BF16) and "32-true" on any other."""
     if precision_setting is not None:
         return precision_setting
-    return "bf16-mixed" if _multiplies_bfloat16(accelerator) else "32-true"
+    return "bf16-mixed" if _multiplies_bfloat16(accelerator) else DEFAULT_PRECISION
 
 
 def device(accelerator: str) -> torch.device:

@@ -18,10 +18,10 @@ def run_subcommand(
         SystemExit: the command has failed, or there is none of that name.
     """
     prepare_output()
-    word = argv[0] if argv else "nothing"
-    if word in modules:
-        importlib.import_module(modules[word]).main(argv[1:])
+    if argv and argv[0] in modules:
+        importlib.import_module(modules[argv[0]]).main(argv[1:])
     elif {"-h", "--help"} & set(argv):
         print((description or "").strip())
     else:
-        raise SystemExit(f"error: {script} takes {' or '.join(modules)} first; got {word}.")
+        got = repr(argv[0]) if argv else "nothing"
+        raise SystemExit(f"error: {script} takes {' or '.join(modules)} first; got {got}.")

@@ -70,13 +70,13 @@ def make_trainer(
     prints a line per epoch if the output is not a terminal.
 
     Args:
-        settings: settings of Lightning's trainer; a null precision is "32-true".
+        settings: settings of Lightning's trainer; a null precision is `machine.DEFAULT_PRECISION`.
         max_gradient_norm: norm to which gradients are clipped; None for none.
     """
     silence_lightning()
     options = asdict(settings)
     if options["precision"] is None:
-        options["precision"] = "32-true"
+        options["precision"] = machine.DEFAULT_PRECISION
     options["accelerator"] = machine.accelerator(settings.accelerator)
     plugins: list[Any] = [AtomicCheckpointIO()]
     if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():

@@ -6,11 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from moireaug.attacks.pose import searched_fields
-from moireaug.defenses import DEFENSES
+from moireaug.defenses import DEFENSES, Quilting
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import QUERIES_PER_STEP, APGDAttacker, SquareAttacker
 from moireaug.evaluation.classifiers import DEFENCE_DRAWS, UNDEFENDED
-from moireaug.evaluation.conditions import Condition, controls
+from moireaug.evaluation.conditions import Condition, ImageTransform, controls
 from moireaug.evaluation.tables import (
     Cell,
     SuiteConfig,
@@ -30,16 +30,18 @@ SCENE_DRAWS = 10
 
 def adaptive(config: SuiteConfig) -> Table:
     """Lay out attackers who know the defence: of three of the paper's defences, and of all that the
-    user has added. These are also searched without gradients, which a defence may hide. Only the
-    undefended row has attackers of the camera, and so they are in no worst case, or rows could not
-    be compared."""
+    user has added. The user's, also under a name of the paper's, are searched without gradients,
+    too, which a defence may hide. Only the undefended row has attackers of the camera, and so they
+    are in no worst case, or rows could not be compared."""
     eps, steps = config.middle, config.steps
     camera_attackers, reason = attackers_of_the_camera(config, eps)
     added = [name for name in config.defences if name not in DEFENSES]
-    # quilting is the paper's, once it has its patches
-    user_defences = [name for name in added if name != "quilting"]
+    rows = (*ATTACKED_DEFENCES, *added)
+    user_defences = [
+        name for name in rows if not _is_paper_defence(name, config.defences.get(name))
+    ]
     classifiers = {"undefended": UNDEFENDED}
-    for name in (*ATTACKED_DEFENCES, *added):
+    for name in rows:
         classifiers[name] = config.behind(name, averages=True)
     queries = QUERIES_PER_STEP * steps
     cells: list[Cell] = []
@@ -64,6 +66,13 @@ def adaptive(config: SuiteConfig) -> Table:
     if user_defences:
         note_values["queries"] = queries
     return Table("adaptive", (*cells, *worst_cells), note_values=note_values)
+
+
+def _is_paper_defence(name: str, defence: ImageTransform | None) -> bool:
+    """Return whether a defence is the paper's of that name, and no user's in its place."""
+    if name == "quilting":  # the paper's, once it has its patches
+        return isinstance(defence, Quilting)
+    return name in DEFENSES and defence == DEFENSES[name]()
 
 
 def attackers_of_the_camera(config: SuiteConfig, eps: float) -> tuple[dict[str, Condition], str]:

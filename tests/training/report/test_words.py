@@ -10,7 +10,7 @@ from training import report
 from training.report.numbers import duration, moire_text, points, tied
 from training.report.page import environment, title_of
 from training.report.run_view import run_view
-from training.report.terminal import plain
+from training.report.terminal import plain, run_parts
 
 
 def headline(metrics):
@@ -27,6 +27,14 @@ def test_headline_says_what_was_gained_and_paid(metrics):
     assert "clean accuracy went from 95.0 % to 90.0 %." in lead
     assert "4 min 30 s with its start, 2.1 times the 2 min 10 s of the baseline." in lead
     assert re.findall(r"[+]?\d+", shares) == ["20", "+26", "+46", "2", "+1", "+15"]
+
+
+@pytest.mark.parametrize("threads", [2, 4])
+def test_times_on_two_machines_are_told_apart(metrics, threads):
+    baseline = replace(metrics.baseline, environment={"threads": threads})
+    metrics = replace(metrics, baseline=baseline)
+    for text in (headline(metrics)[1], plain(run_parts(metrics))):
+        assert (", on another machine" in text) == (threads != 2)
 
 
 def test_headline_of_a_loss(metrics):
