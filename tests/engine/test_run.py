@@ -162,5 +162,7 @@ def test_what_ended_early_is_compiled_ahead_again(tmp_path):
     marker.touch()
     first_use._stop(Mock(poll=lambda: 0), marker)
     assert marker.exists()
-    first_use._stop(Mock(poll=lambda: None), marker)
-    assert not marker.exists()
+    for failed in (None, 1, -9):  # still at it, or ended by an error or a signal
+        marker.touch()
+        first_use._stop(Mock(poll=lambda failed=failed: failed), marker)
+        assert not marker.exists()

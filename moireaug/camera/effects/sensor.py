@@ -12,7 +12,7 @@ from moireaug.camera.effects.binned_statistics import (
     pixels_per_value,
 )
 from moireaug.camera.effects.srgb import in_codes
-from moireaug.camera.exposure.extreme_light import max_glare, modulation_depth
+from moireaug.camera.exposure.extreme_light import can_saturate
 from moireaug.common import tensor_physics
 from moireaug.common.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds, deviation
@@ -62,7 +62,8 @@ class ClipReading(Effect):
     """Clips the reading to [0, 1] before an attacker's noise, so that small noise has an effect.
 
     Of a binned reading each sensor pixel was clipped: it gets the mean of the clipped pixels, given
-    their variance.
+    the variance of their noise and of the panel's pattern, as if all of the reading's light, glare
+    too, came through the panel's pixels.
     """
 
     name = "clip_reading"
@@ -90,8 +91,7 @@ class Saturate(Effect):
     name = "saturate"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        brightest = 1 + modulation_depth(scene) + max_glare(scene)  # of a white screen's light
-        if bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance:
+        if can_saturate(scene):
             return called("the reading can exceed a full well")
         return left_out("no reading exceeds a full well")
 

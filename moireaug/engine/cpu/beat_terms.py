@@ -113,9 +113,9 @@ def _nearest(low, high):
 
 
 @jit_in_place
-def _max_interpolation_transfer(low, high, m):
-    """Return the highest transfer of interpolation for an alias m of frequencies from `low` to
-    `high`."""
+def _max_hold_transfer(low, high, m):
+    """Return a bound of sinc, the transfer of a value held over a sensor pixel, for an alias m of
+    frequencies from `low` to `high`."""
     nearest = _nearest(low - m / 2, high - m / 2)
     return max(1 - nearest * nearest, 0.0)
 
@@ -152,11 +152,11 @@ def candidate_terms(grid, amplitude, least):
             return np.zeros((MAX_BEAT_TERMS, 3), np.int64)
         least_transfer = least / max(amplitude[h], 1e-30)
         for m_u in range(math.floor(2 * low_u) - 1, math.floor(2 * high_u) + 3):
-            transfer_u = _max_interpolation_transfer(low_u, high_u, m_u)
+            transfer_u = _max_hold_transfer(low_u, high_u, m_u)
             if transfer_u <= least_transfer:
                 continue
             for m_v in range(math.floor(2 * low_v) - 1, math.floor(2 * high_v) + 3):
-                transfer = transfer_u * _max_interpolation_transfer(low_v, high_v, m_v)
+                transfer = transfer_u * _max_hold_transfer(low_v, high_v, m_v)
                 transfer *= _max_side_transfer(ranges[2], side[0], side[1], m_u, m_v)
                 transfer *= _max_side_transfer(ranges[3], side[2], side[3], m_u, m_v)
                 if transfer <= least_transfer:

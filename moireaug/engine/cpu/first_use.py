@@ -78,8 +78,8 @@ def compile_ahead(folder: str) -> None:
 
 
 def _stop(process: subprocess.Popen, marker: Path) -> None:
-    """End the process; if it has not compiled all, another may be started."""
-    if process.poll() is None:
+    """End the process; unless it has compiled all, another may be started."""
+    if process.poll() != 0:
         with contextlib.suppress(OSError):
             marker.unlink()
     process.terminate()

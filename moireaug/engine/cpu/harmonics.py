@@ -130,8 +130,9 @@ def fill_fundamental(cos, sin, d):
 
 @jit_in_place
 def _next_wave(out, first, last, before):
+    # last and before were stored here, for lower k
     for i in range(len(out)):
-        store(out, i, TWO * load(first, i) * load(last, i) - load(before, i))
+        store(out, i, TWO * load(first, i) * last[i] - before[i])
 
 
 @jit_in_place

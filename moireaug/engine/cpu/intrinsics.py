@@ -49,10 +49,18 @@ class _Emitter:
         return self.builder.load(self.address(i, index), typ=data_type)
 
     def scope(self) -> ir.MDValue:
-        """Return the alias scope of the function that is being compiled."""
-        module = self.builder.module
-        domain = module.add_metadata(["moireaug"])
-        return module.add_metadata([module.add_metadata([self.builder.function.name, domain])])
+        """Return the alias scope of the function that is being compiled.
+
+        It refers to itself, which makes it unlike any other: where LLVM puts a function into a
+        caller twice, each copy gets a scope of its own.
+        """
+        function, module = self.builder.function, self.builder.module
+        if not hasattr(function, "alias_scopes"):
+            domain = module.add_metadata(["moireaug"])
+            scope = module.add_metadata([function.name, domain])
+            function.alias_scopes = module.add_metadata([scope])
+            scope.operands = scope, domain
+        return function.alias_scopes
 
     def offset(self, index: ir.Value, by: int) -> ir.Value:
         """Return an index further on."""
@@ -118,7 +126,7 @@ class _Emitter:
 @intrinsic
 def load(typing, array, index):
     """Return array[index] of a contiguous one-dimensional array that no `store` of the same
-    function writes to.
+    function writes to, nor did when the same line called the function before, as in a loop.
 
     The index must be in range, and not negative.
     """
