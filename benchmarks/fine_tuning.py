@@ -138,7 +138,7 @@ def tuned(cfg: Config, splits: Splits, photograph: Photograph | None) -> dict[fl
         _, cost = train_model(run, splits, classifier=classifier)
         model = classifier.model.eval()
         students = {1.0: copy.deepcopy(model)}
-        share = keep_answers(model, classifier.original, splits.val, cfg.train.kept)
+        share = keep_answers(model, classifier.original, splits.val, cfg.train.kept).new_share
     print(f"{cfg.model}: {cost.wall_seconds:.0f} s, {share:.0%} new", file=sys.stderr, flush=True)
     return students | {share: model}
 

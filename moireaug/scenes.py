@@ -93,7 +93,7 @@ class Scene(SceneRecord):
     def plan_effects(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
         """Return `plan` without the moiré to expect, which takes longer to find; errors as there.
         The same one for all sizes between two powers of 2."""
-        octave = size_octave(self, check_size(size))
+        octave = size_octave(self, size)
         plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
         if octave not in plans:
             if torch.compiler.is_compiling():

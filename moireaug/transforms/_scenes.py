@@ -57,7 +57,7 @@ def warn_without_moire(scene: Scene | Mixture, size: tuple[int, int]) -> None:
     """Log that nine of ten photos of `size` (height, width) will have less than a code of moiré, or
     half of them none, and what to do. Of each scene and octave of sizes, the first is judged.
     torch.compile leaves it out."""
-    if torch.compiler.is_compiling():
+    if torch.compiler.is_compiling() or min(size) < 1:  # which is refused where it is sampled
         return
     scenes = scenes_of(scene)
     octaves = tuple(size_octave(one, size) for one in scenes)

@@ -21,6 +21,8 @@ from training.data.batches import Batches
 from training.data.load import load, require_training_images
 from training.system.files import locked
 
+ROOT = Path(__file__).resolve().parents[2]
+
 
 @pytest.fixture
 def root(tmp_path):
@@ -127,7 +129,7 @@ def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
     assert len(load(cfg).train) == 3
 
 
-def test_a_new_set_of_torchvision_is_a_row(tmp_path):
+def test_a_new_set_of_torchvision_is_a_row():
     """In a process of its own, as the settings are declared when they are imported."""
     code = """
 from training.config import torchvision_sets as sets
@@ -144,9 +146,7 @@ fit.check(cfg)
 splits = load(cfg.data)
 print(cfg.data.augment, len(splits.train), len(splits.test), splits.num_classes)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert done.stdout.split() == ["shift", "8", "5", "10"], done.stderr
 
 

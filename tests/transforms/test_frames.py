@@ -9,6 +9,7 @@ from torchvision import tv_tensors
 
 from moireaug import Shot
 from moireaug.attacks import MoireAttack
+from moireaug.capture import capture
 from moireaug.scene.by_name import with_values
 from moireaug.scene.track import DEFAULT_HAND, TRIPOD, track_of
 from moireaug.transforms import albumentations as moire
@@ -79,14 +80,15 @@ def test_the_masks_of_a_volume_move_alike(repeated):
 def test_the_photos_are_those_that_the_attack_found(targets, repeated, monkeypatch):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
     adversarial = moire.AdversarialMoire(model, REGISTERED, eps=0.1, steps=2, p=1)
-    results, attack = [], MoireAttack.__call__
+    found, attack_batch = [], MoireAttack.attack_batch
 
-    def recorded(*args, **kwargs):
-        results.append(attack(*args, **kwargs))
-        return results[-1]
+    def recorded(attack, reduce, images, labels, targets, shot, generator):
+        noise = attack_batch(attack, reduce, images, labels, targets, shot, generator)
+        found.append(capture(images, shot, noise))
+        return noise
 
-    monkeypatch.setattr(MoireAttack, "__call__", recorded)
+    monkeypatch.setattr(MoireAttack, "attack_batch", recorded)
     steps = A.Compose([adversarial], is_check_shapes=False, seed=0)
     out = steps(**{target: of_target(target, repeated) for target in targets}, label=1)
     photos = np.concatenate([out[target].reshape(-1, *SHAPE) for target in targets])
-    assert np.array_equal(photos, results[0].images.permute(0, 2, 3, 1).numpy())
+    assert np.array_equal(photos, found[0].permute(0, 2, 3, 1).numpy())

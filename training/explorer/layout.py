@@ -155,7 +155,7 @@ def show_photo(
         image,
         photo.magnify(image),
         photo.spectrum(image),
-        str(result.shot.plan),
+        str(scene.plan((height, width))),
         as_python(scene, preset),
         as_yaml(scene, preset),
     )
