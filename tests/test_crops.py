@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import pickle
 
 import pytest
@@ -197,6 +198,27 @@ def test_points_follow_a_crop_in_the_cameras_frame():
     seen = torch.stack(((weight * cols).sum(), (weight * rows).sum()))
     expected = shot.to_photo(torch.tensor([[[13.0, 28.0]]], dtype=torch.float64))[0, 0]
     assert (seen - expected).abs().max() < 0.3
+
+
+@pytest.mark.parametrize("focal", [0.3, 0.75, 2.0])
+@pytest.mark.parametrize("shrink", [1.0, 3.0])
+@pytest.mark.parametrize("place", [0.3, 0.5, 0.7])
+def test_a_crop_has_the_perspective_of_the_camera_that_its_photo_is_of(focal, shrink, place):
+    """At u from the axis, a plane turned by an angle is magnified by cos(angle) (1 - u / f
+    tan(angle))^2 along u."""
+    scene = Scene(
+        view=View(yaw=20.0),
+        sensor=Sensor(pitch=2.0, shrink=shrink, crop_x=place, crop_y=0.5, focal=focal),
+        develop=CAMERA_FRAME,
+    )
+    shot = scene.sample(1, (40, 40))
+    points = torch.tensor([[[19.99, 20.0], [20.01, 20.0]]], dtype=torch.float64)
+    photo = shot.to_photo(points)[0, :, 0]
+    side = 4032 / shrink  # photo pixels
+    u = (place - 0.5) * (side - 40)
+    yaw = math.radians(20)
+    expected = math.cos(yaw) * (1 - u / (focal * side) * math.tan(yaw)) ** 2
+    assert (photo[1] - photo[0]).item() / 0.02 == pytest.approx(expected, rel=1e-3)
 
 
 def test_draws_of_whole_photos_take_no_numbers_for_a_place():

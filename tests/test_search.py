@@ -23,6 +23,7 @@ CHOICES = {
     ("view", "fit"): [True, False],
     ("sensor", "reading"): ["auto", "full", "binned"],
     ("sensor", "pixels"): [16, 640.0, 1e5],
+    ("sensor", "focal"): [0.1, 0.3, 2, 100.0],
     ("sensor", "scale"): [0.25, 0.5, 1.0, 1.5, 2.0, 2.7, 3.0, 5.0],
     ("sensor", "cfa"): ["rggb", "none"],
     ("sensor", "exposure"): ["auto", "spectral", "box", "mean", "point", "supersample:2"],

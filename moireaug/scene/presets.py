@@ -47,7 +47,8 @@ Cameras:
   = 0.37 um = 0.26 px; defocus adds to it.
 - Webcam: 1920 x 1080, 78 degrees across the diagonal (Logitech C920's data sheet): f = 1360 px. At
   60 to 120 mm: pitch 1 to 2.1.
-- Document camera: 3264 px across 160 to 300 mm of the desk: 11 to 20 px per mm, pitch 1.05 to 2.
+- Document camera: 3264 px across 160 to 300 mm of the desk, 1.2 times as high above it as that is
+  wide: 11 to 20 px per mm, pitch 1.05 to 2.
 - Dashcam: 2560 px across a 120 degree lens, 740 px focal length in the middle, barrel distorted.
 
 What no data sheet says was chosen so that photos, whole and crops of 224 px, agree with photographs
@@ -88,8 +89,8 @@ PHONE_SENSOR = Sensor(
     crosstalk=(0.15, 0.3),
     gain=(1.5, 3.0),
     read_noise=(0.002, 0.008),
-    crop_x=(0.2, 0.8),  # screens are not in a photo's corners
-    crop_y=(0.2, 0.8),
+    crop_x=(0.35, 0.65),  # what is photographed is in the middle
+    crop_y=(0.35, 0.65),
 )
 DARK_SENSOR = replace(PHONE_SENSOR, gain=(2.0, 5.0), read_noise=(0.008, 0.03))
 PHONE_PHOTO = Develop(
@@ -186,7 +187,12 @@ PRESETS: dict[str, SceneRecord] = {
         view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.35, 0.7), motion_x=(-0.4, 0.4), motion_y=(-0.4, 0.4)),
         sensor=replace(
-            PHONE_SENSOR, pitch=(1.0, 2.1), pixels=1920.0, gain=(2.0, 5.0), read_noise=(0.006, 0.02)
+            PHONE_SENSOR,
+            pitch=(1.0, 2.1),
+            pixels=1920.0,
+            focal=0.71,
+            gain=(2.0, 5.0),
+            read_noise=(0.006, 0.02),
         ),
         develop=replace(ROOM_PHOTO, jpeg=(40.0, 85.0)),
     ),
@@ -195,19 +201,22 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(LCD, layout="chevron", width=(600.0, 1600.0)),
         view=View(yaw=(-3.0, 3.0), pitch=(-3.0, 3.0), roll=(-10.0, 10.0), fov=(30.0, 60.0)),
         lens=Lens(k1=(-0.02, 0.04), blur=(0.3, 0.65)),
-        sensor=replace(PHONE_SENSOR, pitch=(1.05, 2.0), pixels=3264.0, read_noise=(0.003, 0.012)),
+        sensor=replace(
+            PHONE_SENSOR, pitch=(1.05, 2.0), pixels=3264.0, focal=1.2, read_noise=(0.003, 0.012)
+        ),
         develop=replace(PHONE_PHOTO, jpeg=(75.0, 98.0)),
     ),
     # A car drives up to a full-colour LED sign, which is all of the image: the farther away, the
     # more LEDs for each of its pixels.
     "dashcam_at_led_sign": SceneRecord(
         panel=Panel(layout="led", width=(32.0, 96.0), lit=(0.6, 1.0)),
-        view=View(yaw=(-30.0, 30.0), pitch=(-12.0, 0.0), roll=(-3.0, 3.0), fov=(5.0, 20.0)),
+        view=View(yaw=(-20.0, 20.0), pitch=(-12.0, 0.0), roll=(-3.0, 3.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.3, 0.6), motion_x=(-0.3, 0.3), motion_y=(-0.2, 0.2)),
         sensor=replace(
             PHONE_SENSOR,
             shrink=1.0,
             pixels=2560.0,
+            focal=0.29,
             gain=(3.0, 6.0),
             read_noise=(0.003, 0.012),
         ),
@@ -260,7 +269,7 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(LIT_LCD, layout="chevron", width=(640.0, 1920.0), black=(0.001, 0.01)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0), fov=(8.0, 40.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, pitch=(1.6, 2.1), gain=(1.5, 4.5)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.6, 2.1), focal=1.9, gain=(1.5, 4.5)),
         develop=SAVED_TWICE,
     ),
 }

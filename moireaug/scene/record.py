@@ -10,7 +10,8 @@ from moireaug.scene.fields import bounds, check_number, varies
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 from moireaug.scene.scene_checks import check_reading, check_scales
 
-PLACES = ("sensor.crop_x", "sensor.crop_y")  # which only crops have
+CROPS_ONLY = ("sensor.crop_x", "sensor.crop_y")  # fields that are not read of whole photos
+WHOLE_ONLY = ("view.fov",)  # nor this of crops
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +117,7 @@ class SceneRecord:
         """Whether draws differ in a field such as "view.yaw": one that is a range, and read."""
         part, field = name.split(".")
         low, high = bounds(getattr(getattr(self, part), field))
-        return low < high and (self.is_crop or name not in PLACES)
+        return low < high and name not in (WHOLE_ONLY if self.is_crop else CROPS_ONLY)
 
     def with_parts(self, **parts: Any) -> SceneRecord:
         """Return the same scene with other parts, which are not checked against one another."""

@@ -38,6 +38,9 @@ class Sensor(Part):
             it at the image's size. For a binned reading. A range; 0 is a whole photo.
         pixels: sensor pixels along the longer side, four to three of the shorter; the photo that a
             crop is a part of has this size over `shrink`, or the image's if that is larger.
+        focal: focal length over the sensor's longer side, which gives crops their perspective: 0.75
+            is a phone's main camera, of 79 degrees across the diagonal. Whole photos have
+            `View.fov`.
         crop_x, crop_y: where a crop lies in its photo: 0 at the left or upper edge, 1 at the right
             or lower one. Ranges, drawn for crops alone.
         scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of a
@@ -74,6 +77,7 @@ class Sensor(Part):
     pitch: Range = ranged(0.0, 0.0, 1e3, "sensor pixels per panel pixel")
     shrink: Range = ranged(0.0, 0.0, 100.0, "sensor pixels per photo pixel")
     pixels: float = 4032.0
+    focal: float = 0.75
     crop_x: Range = ranged((0.0, 1.0), 0.0, 1.0)
     crop_y: Range = ranged((0.0, 1.0), 0.0, 1.0)
     scale: float = 1.0
@@ -97,6 +101,8 @@ class Sensor(Part):
         check_stated_once("Sensor.shrink", self.shrink, 0.1, "Sensor.scale", self.scale)
         pixels = check_number("Sensor.pixels", self.pixels, 16.0, 1e5, "sensor pixels")
         object.__setattr__(self, "pixels", pixels)
+        focal = check_number("Sensor.focal", self.focal, 0.1, 100.0, "of the sensor's longer side")
+        object.__setattr__(self, "focal", focal)
         one_of("Sensor.reading", self.reading, READINGS)
         self._check_exposure()
         one_of("Sensor.cfa", self.cfa, CFAS)

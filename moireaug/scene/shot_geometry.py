@@ -21,7 +21,7 @@ from moireaug.scene.drawn_parts import (
     DrawnView,
 )
 from moireaug.scene.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
-from moireaug.scene.geometry.homography import pose_of
+from moireaug.scene.geometry.homography import focal_length, pose_of
 from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
 
@@ -100,7 +100,14 @@ class ShotGeometry(Generic[Array]):
 
     def _pose(self) -> tuple[Any, Any]:
         k1, k2, scale = self._numbers["lens.k1"], self._numbers["lens.k2"], self.scene.sensor.scale
-        return pose_of(self.view, k1, k2, self.photo_size, scale, self.xp)
+        return pose_of(self.view, k1, k2, self.photo_size, self.focal, scale, self.xp)
+
+    @property
+    def focal(self) -> Array:
+        """Focal length in photo pixels, (B,): of crops the camera's, else from `View.fov`."""
+        if self.scene.is_crop:
+            return self.scene.sensor.focal * self.xp.maximum(*self.photo_size)
+        return focal_length(self._numbers["view.fov"], self.whole_size, self.xp)
 
     @property
     def photo_size(self) -> FrameSize:

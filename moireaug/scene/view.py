@@ -26,8 +26,7 @@ class View(Part):
         shift_x, shift_y: shift of the picture in the photo, as a fraction of the photo's width and
             height.
         fov: angle that the picture's diagonal spans as seen from the camera, in degrees: a small
-            value is a distant camera. Of crops, the angle that the whole photo's diagonal spans:
-            state the camera's own there, or ranges for whole pictures give too little perspective.
+            value is a distant camera. Not read for crops, which have `Sensor.focal`.
         fit: move the camera back until the whole picture is in the photo, before `zoom` and the
             shifts apply; behind a strong lens, its border may reach out by 0.3 % of a side. Not
             read for crops.

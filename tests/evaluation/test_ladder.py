@@ -70,7 +70,7 @@ def test_a_photo_measures_its_moire_and_nothing_else_does(rows):
 MOIRE = {
     "mean light": (with_values(SCENE, {"sensor.exposure": "mean"}), 0, 0),
     "whole photos": (Scene.preset("phone_at_monitor"), 0.001, 1),
-    "crops": (Scene.preset("phone_at_monitor").with_shrink((1, 3)), 1.5, 20),
+    "crops": (Scene.preset("phone_at_monitor").with_shrink((1, 3)), 0.5, 20),
 }
 
 

@@ -40,6 +40,7 @@ SLIDER_LIMITS: dict[str, tuple[float, float]] = {
     "sensor.pitch": (0.4, 6.0),
     "sensor.shrink": (0.0, 8.0),
     "sensor.pixels": (640.0, 8000.0),
+    "sensor.focal": (0.3, 3.0),
     "sensor.scale": (0.5, 12.0),
     "sensor.fill": (0.05, 1.0),
     "sensor.gain": (0.1, 10.0),
@@ -68,7 +69,13 @@ CHOICES: dict[str, tuple[Any, ...]] = {
 }
 # fields that exclude each other: a scene that states the first has no control of the second
 ALTERNATIVES = {"panel.width": "panel.scale", "sensor.pitch": "sensor.scale"}
-BINNED_ONLY = ("sensor.shrink", "sensor.pixels", "sensor.crop_x", "sensor.crop_y")
+BINNED_ONLY = (
+    "sensor.shrink",
+    "sensor.pixels",
+    "sensor.focal",
+    "sensor.crop_x",
+    "sensor.crop_y",
+)
 SLIDER_STEPS = {"panel.width": 2.0, "sensor.pixels": 2.0}  # unless 100 to 1000 positions will do
 
 

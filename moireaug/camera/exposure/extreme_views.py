@@ -11,7 +11,12 @@ from torch import Tensor
 
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.geometry.grids import image_to_photo, jacobian
-from moireaug.scene.geometry.homography import about_corners, camera_pose, pose_of
+from moireaug.scene.geometry.homography import (
+    about_corners,
+    camera_pose,
+    focal_length,
+    pose_of,
+)
 from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SceneRecord
 
@@ -44,13 +49,14 @@ def extreme_jacobians(
         with_strips: include photos that are long strips, which no crop is a part of.
         magnified: multiply by `camera_pose`'s magnification; the product does not depend on zoom.
     """
-    shapes, seen = PHOTO_SHAPES, None
+    shapes, seen, focal = PHOTO_SHAPES, None, None
     if scene.is_crop:
         seen = bounds(scene.sensor.crop_x), bounds(scene.sensor.crop_y)
+        focal = scene.sensor.focal
     elif with_strips:
         shapes += STRIP_SHAPES
     scale = scene.sensor.scale
-    return _extreme_jacobians(scene.view, scene.lens, scale, zoom, shapes, magnified, seen)
+    return _extreme_jacobians(scene.view, scene.lens, scale, zoom, shapes, magnified, seen, focal)
 
 
 @functools.lru_cache(maxsize=64)
@@ -62,12 +68,14 @@ def _extreme_jacobians(
     shapes: tuple,
     magnified: bool,
     seen: tuple | None,
+    focal_per_side: float | None,
 ) -> Tensor:
     view, k1, k2 = _poses(v, lens, zoom, bounds(v.fov)[1])
     jacobians = []
     for size in shapes:
         h, w = size
-        pose, magnification = pose_of(view, k1, k2, size, scale)
+        focal = focal_per_side * max(size) if focal_per_side else focal_length(view.fov, size)
+        pose, magnification = pose_of(view, k1, k2, size, focal, scale)
         m = about_corners(pose, size)
         (left, right), (top, bottom) = seen or ((0, 1), (0, 1))
         corners = [(w * x, h * y) for x, y in itertools.product((left, right), (top, bottom))]
@@ -90,7 +98,8 @@ def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
     every = []
     for fov in bounds(v.fov):
         view, k1, k2 = _poses(v, lens, zoom, fov)
-        every += [camera_pose(view, k1, k2, size)[1] for size in PHOTO_SHAPES]
+        for size in PHOTO_SHAPES:
+            every.append(camera_pose(view, k1, k2, size, focal_length(view.fov, size))[1])
     return float(torch.cat(every).min()), float(torch.cat(every).max())
 
 

@@ -47,8 +47,14 @@ def _rotation_columns(yaw: Any, pitch: Any, roll: Any, xp: ModuleType) -> tuple[
     return *across, *down, *depth
 
 
+def focal_length(fov: Any, size: tuple[int, int], xp: ModuleType = torch) -> Any:
+    """Return the focal length in photo pixels, (B,), of a camera before which the diagonal of a
+    whole photo of `size` spans the angle `fov`, (B,) in degrees."""
+    return math.hypot(*size) / 2 / xp.tan(xp.deg2rad(fov) / 2)
+
+
 def camera_pose(
-    view: DrawnView, k1: Any, k2: Any, size: FrameSize, xp: ModuleType = torch
+    view: DrawnView, k1: Any, k2: Any, size: FrameSize, focal: Any, xp: ModuleType = torch
 ) -> tuple[Any, Any]:
     """Return the homography (B, 3, 3) of a pinhole camera, about the centres of image and photo,
     and how many photo pixels an image pixel in the middle of the picture takes along each axis
@@ -58,20 +64,19 @@ def camera_pose(
         view: its fields are (B,) tensors, or arrays.
         k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
         size: height and width of the whole photo, see `frame.Frame`.
+        focal: (B,) focal length in photo pixels.
         xp: module of the arrays, torch or numpy, which is faster for so few numbers.
     """
     h, w = size
     xx, xy, yx, yy, zx, zy = _rotation_columns(view.yaw, view.pitch, view.roll, xp)
-    diagonal = xp.hypot(h, w) if hasattr(h, "shape") else math.hypot(h, w)
-    f = diagonal / 2 / xp.tan(xp.deg2rad(view.fov) / 2)
-    zx, zy, zoom = zx / f, zy / f, view.zoom
+    zx, zy, zoom = zx / focal, zy / focal, view.zoom
     if view.fit:
         x, y, depth = (xp.stack(pair) for pair in ((xx, xy), (yx, yy), (zx, zy)))
         zoom = zoom * _fitting_zoom(x, y, depth, k1, k2, size, xp)
     right, down = view.shift_x * w, view.shift_y * h
     entries = [zoom * xx + right * zx, zoom * xy + right * zy, right]
     entries += [zoom * yx + down * zx, zoom * yy + down * zy, down]
-    entries += [zx, zy, xp.ones_like(f)]
+    entries += [zx, zy, xp.ones_like(zx)]
     return xp.stack(entries, -1).reshape(-1, 3, 3), zoom
 
 
@@ -113,12 +118,18 @@ def released_pose(view: DrawnView, size: tuple[int, int], scale: float) -> Tenso
 
 
 def pose_of(
-    view: DrawnView, k1: Any, k2: Any, size: FrameSize, scale: float, xp: ModuleType = torch
+    view: DrawnView,
+    k1: Any,
+    k2: Any,
+    size: FrameSize,
+    focal: Any,
+    scale: float,
+    xp: ModuleType = torch,
 ) -> tuple[Any, Any]:
     """Return what `camera_pose` does, of whichever pose a view has; of the released one, every
     pixel is as large. scale: sensor pixels per photo pixel, which only that pose reads."""
     if view.pose != "released":
-        return camera_pose(view, k1, k2, size, xp)
+        return camera_pose(view, k1, k2, size, focal, xp)
     one = xp.ones_like(view.zoom)
     if xp is torch:
         return released_pose(view, size, scale), one
