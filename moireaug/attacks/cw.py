@@ -12,9 +12,13 @@ from torch import Tensor, nn
 from moireaug.attacks.answers import has_prediction, is_success
 from moireaug.attacks.checks import check_goals
 from moireaug.attacks.foreign import NamesForeignArguments
-from moireaug.attacks.gradient_checks import check_differentiable
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
-from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
+from moireaug.attacks.model import (
+    attacked_logits,
+    check_differentiable,
+    evaluating,
+    require_gradient,
+)
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from moireaug.attacks.pixel import PGD, PixelProblem, refuse_shot
+from moireaug.attacks.pixel import PGD, PixelProblem
 from moireaug.attacks.problem import Point
 from moireaug.common.argument_checks import is_finite
 from moireaug.common.numeric import clip
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scenes import Shot
 
 
 @dataclass(eq=False)
@@ -62,10 +61,7 @@ class Patch(PGD):
                 f"got {self.area!r}."
             )
 
-    def problem(
-        self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
-    ) -> PatchProblem:
-        refuse_shot(shot)
+    def problem(self, images: Tensor, shot: Any, generator: torch.Generator | None) -> PatchProblem:
         return PatchProblem(images, discs(images, self.area, generator))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -53,10 +54,12 @@ class PGD(Attack):
                 "'sign'."
             )
 
-    def problem(
+    def draw(
         self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
-    ) -> Problem:
+    ) -> None:
         refuse_shot(shot)
+
+    def problem(self, images: Tensor, shot: Any, generator: torch.Generator | None) -> Problem:
         return PixelProblem(images)
 
 

@@ -31,19 +31,14 @@ def restored_generators(device: torch.device) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class BatchDraws:
-    """The random numbers of one batch.
-
-    Args:
-        seed: seed of the evaluation.
-        index: index of the batch.
-    """
+    """The random numbers of the batch of an index, by the seed of the evaluation."""
 
     seed: int
     index: int
 
     def targets(self, labels: Tensor, classes: int) -> Tensor:
         """Draw one of the other classes for each label, (B,)."""
-        generator = self._generator(TARGET_STREAM)
+        generator = self.generator(TARGET_STREAM)
         offset = torch.randint(1, classes, labels.shape, generator=generator, device="cpu")
         return (labels + offset.to(labels)) % classes
 
@@ -51,26 +46,16 @@ class BatchDraws:
         """Draw a shot for each image: for each scene of a mixture, the rows (b,) of its images, and
         their shot."""
         size = (images.shape[-2], images.shape[-1])
-        shot = scene.sample(len(images), size, self._generator(SHOT_STREAM)).to(images.device)
+        shot = scene.sample(len(images), size, self.generator(SHOT_STREAM)).to(images.device)
         if isinstance(shot, MixedShot):
             return shot.by_scene()
         return [(torch.arange(len(images), device=images.device), shot)]
 
-    def condition_generator(self, condition: str) -> torch.Generator:
-        """Return the generator that a condition draws from."""
-        return self._generator(CONDITION_STREAM, condition)
+    def generator(self, stream: int, *names: str) -> torch.Generator:
+        """Return the generator of a stream, and of the condition of that name."""
+        return torch.Generator().manual_seed(self.seed_of(stream, *names))
 
-    def seed_showing(self, condition: str) -> None:
-        """Seed torch's global generators for the images of a condition."""
-        torch.manual_seed(self._seed(SHOW_STREAM, condition))
-
-    def seed_answers(self, condition: str, classifier: str) -> None:
-        """Seed torch's global generators for a classifier's answers to them."""
-        torch.manual_seed(self._seed(ANSWER_STREAM, condition, classifier))
-
-    def _generator(self, stream: int, *names: str) -> torch.Generator:
-        return torch.Generator().manual_seed(self._seed(stream, *names))
-
-    def _seed(self, stream: int, *names: str) -> int:
+    def seed_of(self, stream: int, *names: str) -> int:
+        """Return the seed of a stream, and of condition and classifier of these names."""
         numbers = (zlib.crc32(name.encode()) for name in names)  # the same on every machine
         return mix_seeds(self.seed, self.index, stream, *numbers)

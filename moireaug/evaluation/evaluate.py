@@ -103,16 +103,7 @@ def evaluate(
             for; a part on another device than the model; a folder with a callable without an
             identity; an lpips file of another network.
     """
-    for option, given in (("targets", targets), ("defences", defences)):
-        if given is not None and not isinstance(given, Mapping):
-            raise TypeError(f"{option} must be a dict, by name; got {given!r}.")
-    models = {"model": model, **(targets or {})}
-    transforms = dict(defences or {})
-    for name, one in models.items():
-        check_callable(name, one)
-    for name, one in transforms.items():
-        check_callable(name, one, "images")
-    _check_devices(model, models | transforms)
+    _check_parts(model, targets=targets, defences=defences)
     if eps is not None:
         eps = tuple(np.atleast_1d(eps).tolist())
     one_of("bound", bound, BOUNDS)
@@ -125,12 +116,15 @@ def evaluate(
         eps=eps,
         steps=steps,
         targets=targets or {},
-        defences=paper_defences() | transforms,
+        defences=paper_defences() | dict(defences or {}),
     )
     batches = collect_batches(loader, n)
     tables = tables_of(suite, config)
-    _check_options(suite, eps=eps, targets=targets, defences=defences, lpips=lpips)
-    _check_defence_names(suite_name(suite), tables, config, transforms)
+    options = {"eps": eps, "targets": targets, "defences": defences, "lpips": lpips}
+    for option, given in options.items():
+        if given and isinstance(suite, str):
+            check_used(suite, option, OPTION_SUITES[option])
+    _check_defence_names(suite_name(suite), tables, config, defences or {})
     lpips_network = None
     if lpips is not None:
         lpips_network = LPIPS(lpips)
@@ -175,23 +169,23 @@ def _warn_of_chance(n_right: int, n: int, n_classes: int) -> bool:
     return is_chance
 
 
-def _check_devices(model: Model, parts: Mapping[str, Model]) -> None:
-    """Refuse modules on another device than the model: ValueError."""
+def _check_parts(model: Model, **options: Mapping[str, Model] | None) -> None:
+    """Refuse a model, targets and defences that cannot be called, and those on another device than
+    the model: TypeError or ValueError."""
+    check_callable("model", model)
     device = device_of(model)
-    for name, part in parts.items():
-        for network in part.networks if isinstance(part, Defence) else (part,):
-            other = device_of(network)
-            if None not in (device, other) and other != device:
-                raise ValueError(
-                    f"{name} is on {other}, the model on {device}: pass {name}.to({str(device)!r})."
-                )
-
-
-def _check_options(suite: str | Suite[SuiteConfig], **options: object) -> None:
-    """Refuse options that a suite of the library has no use for: ValueError."""
-    for option, value in options.items():
-        if value and isinstance(suite, str):
-            check_used(suite, option, OPTION_SUITES[option])
+    for option, parts in options.items():
+        if parts is not None and not isinstance(parts, Mapping):
+            raise TypeError(f"{option} must be a dict, by name; got {parts!r}.")
+        for name, part in (parts or {}).items():
+            check_callable(name, part, "images" if option == "defences" else "logits (B, K)")
+            for network in part.networks if isinstance(part, Defence) else (part,):
+                other = device_of(network)
+                if None not in (device, other) and other != device:
+                    raise ValueError(
+                        f"{name} is on {other}, the model on {device}: pass "
+                        f"{name}.to({str(device)!r})."
+                    )
 
 
 def _check_defence_names(

@@ -3,10 +3,12 @@ record."""
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -17,13 +19,20 @@ from moireaug.common.networks import device_of
 from moireaug.common.progress import progress_bar
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
-from moireaug.evaluation.draws import BatchDraws, restored_generators
+from moireaug.evaluation.draws import (
+    ANSWER_STREAM,
+    CONDITION_STREAM,
+    SHOW_STREAM,
+    BatchDraws,
+    restored_generators,
+)
 from moireaug.evaluation.identity import identity_of
-from moireaug.evaluation.keys import EvalSetup, RecordKeys
+from moireaug.evaluation.keys import EvalSetup, batch_digest, key_of
 from moireaug.evaluation.loader import Batches
+from moireaug.evaluation.memory import within_memory
 from moireaug.evaluation.records import Record, Records
-from moireaug.evaluation.scene_batches import SceneBatches
 from moireaug.evaluation.tables import Table
+from moireaug.scene.mixed_shot import join_rows
 
 CLEAN = Clean()
 
@@ -87,6 +96,7 @@ class _Batch:
     draws: BatchDraws
 
 
+@dataclass(eq=False)
 class Runner:
     """Runs jobs on one model.
 
@@ -95,24 +105,19 @@ class Runner:
         batches: test images.
         setup: settings that all conditions share.
         records: finished records, looked up before anything is computed.
-        model_identity: identity of the model in records; None is its `identity_of`.
+        model_identity: identity of the model in records; by default its `identity_of`.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        batches: Batches,
-        setup: EvalSetup,
-        records: Records,
-        model_identity: str | None = None,
-    ) -> None:
-        self.model = model
-        self.batches = batches
-        self.setup = setup
-        self.records = records
-        self.model_identity = identity_of(model) if model_identity is None else model_identity
-        self.device = device_of(model)
-        self.keys = RecordKeys(self.model_identity, batches, setup)
+    model: Model
+    batches: Batches
+    setup: EvalSetup
+    records: Records
+    model_identity: str = ""
+
+    def __post_init__(self) -> None:
+        self.model_identity = self.model_identity or identity_of(self.model)
+        self.device = device_of(self.model)
+        self._digests: dict[int, str] = {}  # of batches
 
     def run(self, jobs: Sequence[Job], indices: Iterable[int]) -> Iterator[Job]:
         """Run jobs on the batches of these indices; yields each job when it is done on one batch.
@@ -122,7 +127,7 @@ class Runner:
         """
         for index in indices:
             images, labels = self.batches[index]
-            self.keys.hash_batch(index, images, labels)
+            self._digests[index] = batch_digest(images, labels)
             images = images.to(self.device)
             labels = check_labels(labels, len(images), "labels").to(images.device)
             batch = None
@@ -143,7 +148,12 @@ class Runner:
 
     def key(self, condition: Condition, classifier: Classifier, index: int) -> str:
         """Return the key of that record."""
-        return self.keys.key(condition, classifier, index)
+        if index not in self._digests:  # a batch that another process has done
+            self._digests[index] = batch_digest(*self.batches[index])
+        fields = self.setup.key_fields(condition) | {"model": self.model_identity}
+        fields |= {"judge": classifier.identity}
+        fields |= {"batch": {"content": self._digests[index], "index": index}}
+        return key_of(fields)
 
     def picture_name(self, condition: Condition) -> str:
         """Return the name of the picture of a condition."""
@@ -163,43 +173,39 @@ class Runner:
             classes = class_count(self.model, images, labels)
         return _Batch(images, labels, draws.targets(labels, classes), draws)
 
-    def _scene_batches(self, condition: Condition, batch: _Batch) -> SceneBatches:
-        """Return the images with their shots, a batch for each scene of a mixture."""
-        generator = batch.draws.condition_generator(condition.name)
-        all_rows, batches = [], []
-        scene = self.setup.scene_of(condition)
-        for rows, shot in batch.draws.shots(scene, batch.images):
-            goals = batch.labels[rows], batch.targets[rows]
-            batches.append(
-                EvalBatch(
-                    self.model,
-                    batch.images[rows],
-                    *goals,
-                    shot,
-                    generator,
-                    lpips=self.setup.lpips,
-                    bound=self.setup.bound,
-                )
-            )
-            all_rows.append(rows)
-        return SceneBatches(all_rows, batches)
+    def _by_scene(self, condition: Condition, batch: _Batch) -> list[tuple[Tensor, EvalBatch]]:
+        """Return a batch for each scene of a mixture, with its rows (b,) in the whole batch."""
+        generator = batch.draws.generator(CONDITION_STREAM, condition.name)
+        settings: dict[str, Any] = {"lpips": self.setup.lpips, "bound": self.setup.bound}
+        batches = []
+        for rows, shot in batch.draws.shots(self.setup.scene_of(condition), batch.images):
+            own = batch.images[rows], batch.labels[rows], batch.targets[rows]
+            batches.append((rows, EvalBatch(self.model, *own, shot, generator, **settings)))
+        return batches
 
     def _classify(
         self, condition: Condition, classifiers: Sequence[Classifier], batch: _Batch
     ) -> list[Record]:
         """Show the images of a condition to classifiers; return a record of each."""
-        scene_batches, draws = self._scene_batches(condition, batch), batch.draws
+        draws = batch.draws
+        rows, batches = zip(*self._by_scene(condition, batch), strict=True)
         with restored_generators(batch.labels.device), torch.no_grad():
-            draws.seed_showing(condition.name)
+            torch.manual_seed(draws.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
-            images = scene_batches.show(condition)
+            images = join_rows(rows, [within_memory(condition.show, one) for one in batches])
             seconds_shown = _seconds_since(start, images.device)
-            measures = scene_batches.measure(condition, images)
+            shown = [(one, images[own]) for own, one in zip(rows, batches, strict=True)]
+            measured = _by_name(
+                [within_memory(partial(condition.measure, images=x), one) for one, x in shown], rows
+            )
             records = []
             for classifier in classifiers:
-                draws.seed_answers(condition.name, classifier.name)
+                torch.manual_seed(draws.seed_of(ANSWER_STREAM, condition.name, classifier.name))
                 start = time.perf_counter()
-                predictions = scene_batches.predictions(classifier, images)
+                answers = []
+                for one, x in shown:
+                    answers.append(within_memory(partial(classifier.predictions, images=x), one))
+                predicted = join_rows(rows, answers)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
                     "key": self.key(condition, classifier, draws.index),
@@ -211,14 +217,26 @@ class Runner:
                     "batch": draws.index,
                     "labels": batch.labels.tolist(),
                     "targets": batch.targets.tolist(),
-                    "predicted": predictions.tolist(),
-                    "measured": measures,
+                    "predicted": predicted.tolist(),
+                    "measured": measured,
                     "seconds": seconds,
                 }
                 records.append(record)
         if draws.index == 0:
             self.records.keep_picture(self.picture_name(condition), images)
         return records
+
+
+def _by_name(
+    parts: Sequence[Mapping[str, list[float]]], rows: Sequence[Tensor]
+) -> dict[str, list[float]]:
+    """Return the figures of the images in each scene by name, in the order of the batch."""
+    order = torch.cat(list(rows)).argsort().tolist()
+    figures = {}
+    for name in parts[0]:
+        values = list(itertools.chain.from_iterable(part[name] for part in parts))
+        figures[name] = [values[place] for place in order]
+    return figures
 
 
 def _seconds_since(start: float, device: torch.device) -> float:
