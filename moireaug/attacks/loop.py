@@ -17,7 +17,6 @@ from moireaug.attacks.answers import is_success
 from moireaug.attacks.checks import check_eps, check_goals, check_sizes
 from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.losses import LOSSES, loss_curve
-from moireaug.attacks.mixed import Batch, join_images
 from moireaug.attacks.model import (
     attacked_logits,
     check_differentiable,
@@ -25,7 +24,7 @@ from moireaug.attacks.model import (
     require_gradient,
 )
 from moireaug.attacks.problem import Point, Problem
-from moireaug.attacks.result import Result
+from moireaug.attacks.result import Batch, Result, join_images
 from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_callable, check_whole, one_of

@@ -13,9 +13,8 @@ from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import attack_margin
-from moireaug.attacks.mixed import Batch, join_results
 from moireaug.attacks.pose import searched_fields
-from moireaug.attacks.result import Result
+from moireaug.attacks.result import Batch, Result, join_results
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_whole, one_of
 from moireaug.mixtures import SceneLike, as_scenes, scenes_of

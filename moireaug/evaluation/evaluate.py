@@ -22,7 +22,7 @@ from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity_of, require_identity
 from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.loader import Batch, collect_batches
-from moireaug.evaluation.records import RecordFolder, Records
+from moireaug.evaluation.records import Record, RecordFolder, Records
 from moireaug.evaluation.runner import CLEAN, Runner, jobs_of, show_progress
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.suites import OPTION_SUITES, Suite, check_used, suite_name, tables_of
@@ -142,20 +142,22 @@ def evaluate(
         jobs = jobs_of(tables)
         indices = range(len(batches))
         finished_jobs = runner.run(jobs, indices)
-        n_right, n_seen, n_batches, is_warned = 0, 0, 0, False
+        clean_records: list[Record] = []
+        is_told = False
         total = len(jobs) * len(batches)
         for job in show_progress(finished_jobs, total, suite_name(suite), enabled=progress):
-            if job.condition is CLEAN and n_seen < N_TO_TELL_CHANCE[1] and not is_warned:
-                record = runner.record(CLEAN, UNDEFENDED, n_batches)
-                n_right += int(np.equal(record["predicted"], record["labels"]).sum())
-                n_seen, n_batches = n_seen + len(record["labels"]), n_batches + 1
-                is_warned = _warn_of_chance(n_right, n_seen, n_classes)
+            if job.condition is CLEAN and not is_told:
+                clean_records.append(runner.record(CLEAN, UNDEFENDED, len(clean_records)))
+                is_told = _warn_of_chance(clean_records, n_classes)
         return images_frame(tables, runner, indices)
 
 
-def _warn_of_chance(n_right: int, n: int, n_classes: int) -> bool:
-    """Warn of a model that gets no more of n clean images right than guessing would; return whether
-    it does."""
+def _warn_of_chance(records: Sequence[Record], n_classes: int) -> bool:
+    """Warn of a model that gets no more of the clean images right than guessing would; return
+    whether the images are enough to tell."""
+    predicted = np.concatenate([record["predicted"] for record in records])
+    labels = np.concatenate([record["labels"] for record in records])
+    n, n_right = len(labels), int((predicted == labels).sum())
     few, many = N_TO_TELL_CHANCE
     rate = wilson(n_right, n)[0] if n >= many else n_right / max(1, n)
     is_chance = n >= few and rate <= 1 / n_classes
@@ -166,7 +168,7 @@ def _warn_of_chance(n_right: int, n: int, n_classes: int) -> bool:
             "pass attacks.Normalized(model, mean, std).",
             stacklevel=3,
         )
-    return is_chance
+    return is_chance or n >= many
 
 
 def _check_parts(model: Model, **options: Mapping[str, Model] | None) -> None:
