@@ -7,6 +7,7 @@ import contextlib
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -30,26 +31,36 @@ def restored_generators(device: torch.device) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class BatchDraws:
-    """The random numbers of the batch of an index, by the seed of the evaluation."""
+class SeededBatch:
+    """The images (B, 3, H, W) and labels (B,) of the batch of an index, and its random numbers.
+
+    Args:
+        seed: seed of the evaluation.
+        classes: number of classes of the model.
+    """
 
     seed: int
     index: int
+    images: Tensor
+    labels: Tensor
+    classes: int
 
-    def targets(self, labels: Tensor, classes: int) -> Tensor:
-        """Draw one of the other classes for each label, (B,)."""
-        generator = self.generator(TARGET_STREAM)
-        offset = torch.randint(1, classes, labels.shape, generator=generator, device="cpu")
-        return (labels + offset.to(labels)) % classes
+    @cached_property
+    def targets(self) -> Tensor:
+        """One of the other classes for each label, (B,)."""
+        generator, shape = self.generator(TARGET_STREAM), self.labels.shape
+        offset = torch.randint(1, self.classes, shape, generator=generator, device="cpu")
+        return (self.labels + offset.to(self.labels)) % self.classes
 
-    def shots(self, scene: Scene | Mixture, images: Tensor) -> list[tuple[Tensor, Shot]]:
+    def shots(self, scene: Scene | Mixture) -> list[tuple[Tensor, Shot]]:
         """Draw a shot for each image: for each scene of a mixture, the rows (b,) of its images, and
         their shot."""
-        size = (images.shape[-2], images.shape[-1])
-        shot = scene.sample(len(images), size, self.generator(SHOT_STREAM)).to(images.device)
+        size = (self.images.shape[-2], self.images.shape[-1])
+        shot = scene.sample(len(self.images), size, self.generator(SHOT_STREAM))
+        shot = shot.to(self.images.device)
         if isinstance(shot, MixedShot):
             return shot.by_scene()
-        return [(torch.arange(len(images), device=images.device), shot)]
+        return [(torch.arange(len(self.images), device=self.images.device), shot)]
 
     def generator(self, stream: int, *names: str) -> torch.Generator:
         """Return the generator of a stream, and of the condition of that name."""

@@ -28,7 +28,7 @@ class EvalSetup:
     Args:
         scene: scene, or mixture of scenes, of which one shot is drawn per image; conditions may
             have their own.
-        seed: seed of shots, targets, random starts and randomised classifiers, see `BatchDraws`.
+        seed: seed of shots, targets, random starts and randomised classifiers, see `SeededBatch`.
         bound: what the eps of noise on a reading counts: "codes" or "light".
         lpips: `visibility.LPIPS` to measure every attack with, or None. Records with and without
             it have different keys.

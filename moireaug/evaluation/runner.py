@@ -23,7 +23,7 @@ from moireaug.evaluation.draws import (
     ANSWER_STREAM,
     CONDITION_STREAM,
     SHOW_STREAM,
-    BatchDraws,
+    SeededBatch,
     restored_generators,
 )
 from moireaug.evaluation.identity import identity_of
@@ -83,17 +83,6 @@ def _add_classifier(classifier: Classifier, classifiers: dict[str, Classifier]) 
             f"two classifiers of one condition are called {classifier.name!r}, and their records "
             "would be mixed up. Give one another name."
         )
-
-
-@dataclass(frozen=True)
-class _Batch:
-    """Images (B, 3, H, W), their classes (B,), the classes (B,) that targeted attacks aim at, and
-    the random numbers of the batch."""
-
-    images: Tensor
-    labels: Tensor
-    targets: Tensor
-    draws: BatchDraws
 
 
 @dataclass(eq=False)
@@ -167,30 +156,28 @@ class Runner:
                 pending.append(classifier)
         return pending
 
-    def _batch(self, index: int, images: Tensor, labels: Tensor) -> _Batch:
-        draws = BatchDraws(self.setup.seed, index)
+    def _batch(self, index: int, images: Tensor, labels: Tensor) -> SeededBatch:
         with restored_generators(images.device):
             classes = class_count(self.model, images, labels)
-        return _Batch(images, labels, draws.targets(labels, classes), draws)
+        return SeededBatch(self.setup.seed, index, images, labels, classes)
 
-    def _by_scene(self, condition: Condition, batch: _Batch) -> list[tuple[Tensor, EvalBatch]]:
+    def _by_scene(self, condition: Condition, batch: SeededBatch) -> list[tuple[Tensor, EvalBatch]]:
         """Return a batch for each scene of a mixture, with its rows (b,) in the whole batch."""
-        generator = batch.draws.generator(CONDITION_STREAM, condition.name)
+        generator = batch.generator(CONDITION_STREAM, condition.name)
         settings: dict[str, Any] = {"lpips": self.setup.lpips, "bound": self.setup.bound}
         batches = []
-        for rows, shot in batch.draws.shots(self.setup.scene_of(condition), batch.images):
+        for rows, shot in batch.shots(self.setup.scene_of(condition)):
             own = batch.images[rows], batch.labels[rows], batch.targets[rows]
             batches.append((rows, EvalBatch(self.model, *own, shot, generator, **settings)))
         return batches
 
     def _classify(
-        self, condition: Condition, classifiers: Sequence[Classifier], batch: _Batch
+        self, condition: Condition, classifiers: Sequence[Classifier], batch: SeededBatch
     ) -> list[Record]:
         """Show the images of a condition to classifiers; return a record of each."""
-        draws = batch.draws
         rows, batches = zip(*self._by_scene(condition, batch), strict=True)
         with restored_generators(batch.labels.device), torch.no_grad():
-            torch.manual_seed(draws.seed_of(SHOW_STREAM, condition.name))
+            torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
             images = join_rows(rows, [within_memory(condition.show, one) for one in batches])
             seconds_shown = _seconds_since(start, images.device)
@@ -200,7 +187,7 @@ class Runner:
             )
             records = []
             for classifier in classifiers:
-                torch.manual_seed(draws.seed_of(ANSWER_STREAM, condition.name, classifier.name))
+                torch.manual_seed(batch.seed_of(ANSWER_STREAM, condition.name, classifier.name))
                 start = time.perf_counter()
                 answers = []
                 for one, x in shown:
@@ -208,13 +195,13 @@ class Runner:
                 predicted = join_rows(rows, answers)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
-                    "key": self.key(condition, classifier, draws.index),
+                    "key": self.key(condition, classifier, batch.index),
                     "model": self.model_identity,
                     "condition": condition.name,
                     "settings": condition.settings(),
                     "bound": condition.eps_unit(self.setup.bound),
                     "judge": classifier.name,
-                    "batch": draws.index,
+                    "batch": batch.index,
                     "labels": batch.labels.tolist(),
                     "targets": batch.targets.tolist(),
                     "predicted": predicted.tolist(),
@@ -222,7 +209,7 @@ class Runner:
                     "seconds": seconds,
                 }
                 records.append(record)
-        if draws.index == 0:
+        if batch.index == 0:
             self.records.keep_picture(self.picture_name(condition), images)
         return records
 
