@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
@@ -34,6 +34,7 @@ from moireaug.evaluation.records import Record, Records
 from moireaug.evaluation.tables import Table
 from moireaug.scene.mixed_shot import join_rows
 
+T = TypeVar("T")
 CLEAN = Clean()
 
 
@@ -123,7 +124,9 @@ class Runner:
             for job in jobs:
                 classifiers = self._pending_classifiers(job, index)
                 if classifiers:
-                    batch = batch or self._batch(index, images, labels)
+                    if batch is None:
+                        classes = self.class_count(images, labels)
+                        batch = SeededBatch(self.setup.seed, index, images, labels, classes)
                     self.records.append(self._classify(job.condition, classifiers, batch))
                 yield job
 
@@ -156,10 +159,11 @@ class Runner:
                 pending.append(classifier)
         return pending
 
-    def _batch(self, index: int, images: Tensor, labels: Tensor) -> SeededBatch:
+    def class_count(self, images: Tensor, labels: Tensor) -> int:
+        """Return the number of classes of the model, and refuse labels beyond them."""
+        images = images.to(self.device)
         with restored_generators(images.device):
-            classes = class_count(self.model, images, labels)
-        return SeededBatch(self.setup.seed, index, images, labels, classes)
+            return class_count(self.model, images, labels)
 
     def _by_scene(self, condition: Condition, batch: SeededBatch) -> list[tuple[Tensor, EvalBatch]]:
         """Return a batch for each scene of a mixture, with its rows (b,) in the whole batch."""
@@ -175,24 +179,20 @@ class Runner:
         self, condition: Condition, classifiers: Sequence[Classifier], batch: SeededBatch
     ) -> list[Record]:
         """Show the images of a condition to classifiers; return a record of each."""
-        rows, batches = zip(*self._by_scene(condition, batch), strict=True)
+        parts = self._by_scene(condition, batch)
+        rows = [own for own, _ in parts]
         with restored_generators(batch.labels.device), torch.no_grad():
             torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
-            images = join_rows(rows, [within_memory(condition.show, one) for one in batches])
+            images = join_rows(rows, [within_memory(condition.show, one) for _, one in parts])
             seconds_shown = _seconds_since(start, images.device)
-            shown = [(one, images[own]) for own, one in zip(rows, batches, strict=True)]
-            measured = _by_name(
-                [within_memory(partial(condition.measure, images=x), one) for one, x in shown], rows
-            )
+            shown = [(one, images[own]) for own, one in parts]
+            measured = _by_name(rows, _in_scenes(condition.measure, shown))
             records = []
             for classifier in classifiers:
                 torch.manual_seed(batch.seed_of(ANSWER_STREAM, condition.name, classifier.name))
                 start = time.perf_counter()
-                answers = []
-                for one, x in shown:
-                    answers.append(within_memory(partial(classifier.predictions, images=x), one))
-                predicted = join_rows(rows, answers)
+                predicted = join_rows(rows, _in_scenes(classifier.predictions, shown))
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
                     "key": self.key(condition, classifier, batch.index),
@@ -214,8 +214,13 @@ class Runner:
         return records
 
 
+def _in_scenes(compute: Callable[..., T], shown: Iterable[tuple[EvalBatch, Tensor]]) -> list[T]:
+    """Return what `compute` makes of each scene's batch and its shown images."""
+    return [within_memory(partial(compute, images=images), batch) for batch, images in shown]
+
+
 def _by_name(
-    parts: Sequence[Mapping[str, list[float]]], rows: Sequence[Tensor]
+    rows: Sequence[Tensor], parts: Sequence[Mapping[str, list[float]]]
 ) -> dict[str, list[float]]:
     """Return the figures of the images in each scene by name, in the order of the batch."""
     order = torch.cat(list(rows)).argsort().tolist()

@@ -20,7 +20,7 @@ PICTURES = {
     "success": "eps_{eps}/.*",
     "appearance": ".*",
     "jpeg": "undefended/.*",
-    "demoireing": "undefended/.*",
+    "demoireing": "undefended/(?!adaptive).*",
     "unseen": ".*/moire",
     "factors": ".*/moire",
     "budget": ".*/(ma|bim)",
