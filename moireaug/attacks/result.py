@@ -30,7 +30,8 @@ class Batch(NamedTuple):
         if not isinstance(self.shot, MixedShot):
             return [self]
         parts = []
-        for rows, shot in self.shot.by_scene():
+        for scene_rows, shot in self.shot.by_scene():
+            rows = scene_rows.to(self.images.device)
             targets = None if self.targets is None else self.targets[rows]
             parts.append(Batch(self.images[rows], self.labels[rows], targets, shot, self.generator))
         return parts
