@@ -52,9 +52,9 @@ def standard(config: SuiteConfig) -> Table:
         }
         row = eps_row(eps)
         row_cells = undefended_row(row, columns | attackers_of_the_camera(config, eps))
+        scene_cell = Cell(row, "scene", (attacker_of_the_scene(config, eps),))
         cells += [*row_cells, worst_of(row_cells, row, eps)]
-        row_cells += undefended_row(row, {"scene": attacker_of_the_scene(config, eps)})
-        cells += [row_cells[-1], worst_of(row_cells, row, eps, "worst_scene")]
+        cells += [scene_cell, worst_of([*row_cells, scene_cell], row, eps, "worst_scene")]
     return Table("standard", tuple(cells))
 
 
