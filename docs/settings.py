@@ -11,7 +11,7 @@ from pathlib import Path
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 
-from training import calibrate, explore, frontier, synthesise
+from training import calibrate, frontier, synthesise
 from training.config.compose import allowed_values
 from training.config.schema import Config, ReattackConfig, RunConfig
 from training.config.settings import Setting, as_argument, settings_of
@@ -34,7 +34,6 @@ COMMANDS = (
     ("Scoring photos", "training/detect.py score", score.Config),
     ("Making pairs", "training/synthesise.py", synthesise.Config),
     ("Calibrating a scene", "training/calibrate.py", calibrate.Config),
-    ("Explorer", "training/explore.py", explore.Config),
 )
 
 

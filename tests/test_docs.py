@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from training import calibrate, explore, frontier, synthesise
+from training import calibrate, frontier, synthesise
 from training.config.compose import recipe_files
 from training.config.schema import DATA, Config, ReattackConfig
 from training.config.settings import settings_of
@@ -25,7 +25,7 @@ COMMAND = re.compile(
 )
 SCHEMAS = {"fit": Config, "reattack": ReattackConfig, "demoire train": DemoireConfig}
 SCHEMAS |= {"synthesise": synthesise.Config, "calibrate": calibrate.Config}
-SCHEMAS |= {"explore": explore.Config, "frontier": frontier.Config}
+SCHEMAS |= {"frontier": frontier.Config}
 SCHEMAS |= {"demoire clean": clean.Config, "detect train": fit.Config, "detect score": score.Config}
 CHOICES = {"recipe": {path.stem for path in recipe_files()}, "data": set(DATA)}
 
