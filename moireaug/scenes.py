@@ -10,9 +10,9 @@ from typing import Any, get_args
 import torch
 from torch import Tensor
 
-from moireaug.camera.pipeline import make_plan
+from moireaug.camera.scene_plans import PlannedScene
 from moireaug.capture import capture, develop, reading_of
-from moireaug.common.argument_checks import check_whole, one_of
+from moireaug.common.argument_checks import check_whole
 from moireaug.common.image_checks import check_shape
 from moireaug.engine import operators
 from moireaug.scene.by_name import parts_from_dict, parts_with
@@ -26,23 +26,17 @@ from moireaug.scene.draws import (
 from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.preset_names import PresetName
-from moireaug.scene.presets import MIXTURES, PRESETS
-from moireaug.scene.record import SceneRecord
+from moireaug.scene.presets import PRESETS, check_preset
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_dict import check_shot_keys, numbers_from_dict, whole_from_dict
-from moireaug.scene.sized import NOMINAL_SIZE, parts_of_crops, scene_of_size, size_octave
+from moireaug.scene.sized import NOMINAL_SIZE, parts_of_crops
 from moireaug.scene.track import DEFAULT_HAND, Hand, track_of
 
-UNPLANNED_MESSAGE = (
-    "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
-    "Scene.sample does; copies and unpickled scenes have no plan yet."
-)
-CACHE_FIELDS = ("_plans", "_json")  # plans by octave, and the scene as JSON, for a graph
 MOIRE_SHOTS = 128  # of which the expected moiré is found
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene(SceneRecord):
+class Scene(PlannedScene):
     """A camera in front of a screen: `Panel + View + Lens + Sensor + Develop`. Immutable, hashable,
     no tensors.
 
@@ -69,7 +63,7 @@ class Scene(SceneRecord):
             ValueError: an unknown name, where the message lists the known ones and the closest; or
                 a mixture's, such as "anywhere", which is several scenes: see `mixtures.as_scenes`.
         """
-        return _preset_of(name)
+        return _PRESETS[check_preset(name)]
 
     @staticmethod
     def presets() -> tuple[PresetName, ...]:
@@ -89,23 +83,6 @@ class Scene(SceneRecord):
         """
         size = check_size(size)
         return replace(self.plan_effects(size), moire=self.expected_moire(size))
-
-    def plan_effects(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
-        """Return `plan` without the moiré to expect, which takes longer to find; errors as there.
-        The same one for all sizes between two powers of 2."""
-        octave = size_octave(self, size)
-        plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
-        if octave not in plans:
-            if torch.compiler.is_compiling():
-                raise RuntimeError(UNPLANNED_MESSAGE)
-            plans = {**plans, octave: make_plan(scene_of_size(self, size))}
-            object.__setattr__(self, "_plans", plans)
-            self.as_json()  # made ready: torch.compile cannot follow how
-        return plans[octave]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the plans out of copies and pickles: another version may plan otherwise."""
-        return {name: value for name, value in vars(self).items() if name not in CACHE_FIELDS}
 
     def expected_moire(self, size: tuple[int, int] = NOMINAL_SIZE) -> Moire | None:
         """Return about how much moiré photos of `size` (height, width) will show, from the panel's
@@ -209,7 +186,7 @@ class Scene(SceneRecord):
                 "Scene.preset."
             )
         values = dict(values)
-        base = _preset_of(values.pop("preset")) if "preset" in values else Scene()
+        base = Scene.preset(values.pop("preset")) if "preset" in values else Scene()
         tolerance = values.pop("tolerance", base.tolerance)
         return Scene(**parts_from_dict(values, base.to_dict()), tolerance=tolerance)
 
@@ -220,17 +197,6 @@ def _expected_moire(scene: Scene, size: tuple[int, int]) -> Moire | None:
 
 
 _PRESETS = {name: Scene(**vars(record)) for name, record in PRESETS.items()}
-
-
-def _preset_of(name: str) -> Scene:
-    """Return `Scene.preset` of any text."""
-    if one_of("a preset", name, (*PRESETS, *MIXTURES)) in MIXTURES:
-        raise ValueError(
-            f"{name!r} is a mixture of {len(MIXTURES[name])} presets, where one scene is needed. "
-            f"Name one of them ({', '.join(MIXTURES[name])}), or pass scene={name!r} alone, in no "
-            "list, to a transform, an attack, Pairs or evaluate."
-        )
-    return _PRESETS[name]
 
 
 def preset_name(scene: Scene) -> str:
@@ -310,7 +276,7 @@ def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
                 f"a scene's file is for the commands; got {scene!r}. Pass what it holds, "
                 f"yaml.safe_load(open({scene!r}))."
             )
-        return _preset_of(scene)
+        return _PRESETS[check_preset(scene)]
     if isinstance(scene, Mapping):
         return Scene.from_dict(scene)
     raise TypeError(

@@ -139,9 +139,9 @@ def publish(
         metrics = with_baseline(metrics, baseline, ladder_metrics(results[baseline.recipe]))
     runners = {name: result.runner for name, result in results.items()}
     examples = run_examples(runners, main_attack(own_result.tables[0]), classes)
-    report.write_run(out / "report.html", metrics, examples)
+    summary = report.write_run(out / "report.html", metrics, examples)
     metrics.write(out)
-    report.show(report.run_parts(metrics))
+    print(*summary, sep="\n")
     print(f"Report: {out / 'report.html'}")
     return metrics
 
@@ -173,6 +173,6 @@ def publish_suite(cfg: ReattackConfig, subject: Subject, result: AttackResult) -
         )
     summary = report.write_suite(out, metrics, result.tables, result.cells, examples)
     metrics.write(out)
-    report.show(summary)
+    print(*summary, sep="\n")
     print(f"Report: {out / 'report.html'}")
     return metrics

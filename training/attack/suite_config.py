@@ -22,7 +22,8 @@ from training.attack.subject import Subject
 from training.config.schema import Data, ReattackConfig
 from training.data.splits import Splits
 from training.models.classifiers import as_model, model_names
-from training.runs.identity import fingerprint_of, result_settings
+from training.runs.identity import fingerprint_of
+from training.runs.run import Run
 from training.runs.trained import read
 from training.suites import OPTION_SUITES
 from training.suites.config import PaperConfig
@@ -59,7 +60,8 @@ def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> Paper
     if cfg.suite in ("defences", "paper"):
         donors = protocol.batches.unattacked_images(splits)
         if len(donors):
-            cache = subject.records / f"quilting-{fingerprint_of(result_settings(cfg)['data'])}.npz"
+            data = fingerprint_of(Run(cfg).settings["data"])
+            cache = subject.records / f"quilting-{data}.npz"
             with fabric.rank_zero_first():  # the others read the bank that it makes
                 defences["quilting"] = quilting(donors, cache)
         else:

@@ -29,7 +29,7 @@ def report_finished(run: Run[Config]) -> RunMetrics | None:
     """Print the summary of a finished run and return its metrics."""
     metrics = RunMetrics.read(run.folder)
     if metrics and is_first():
-        report.show(report.run_parts(metrics))
+        print(*report.run_parts(metrics), sep="\n")
         print(f"{run.folder} is already finished; resume=false trains it again.")
     return metrics
 
@@ -79,7 +79,7 @@ def plain_run(
 
 def _in_scene_of(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
     """Return the metrics of a plain run; where its scene was another, which its training does not
-    see, they are written anew, without an attack there."""
+    see, they are written anew, without an attack there and the report of it."""
     wanted = run_metrics(run.config, metrics.train, metrics.start)
     if metrics.scene == wanted.scene or not is_first():
         return metrics
@@ -87,6 +87,7 @@ def _in_scene_of(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
         wanted, environment=metrics.environment, time=metrics.time, command=metrics.command
     )
     run.write_settings()
+    (run.folder / "report.html").unlink(missing_ok=True)
     metrics.write(run.folder)
     return metrics
 

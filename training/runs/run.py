@@ -51,17 +51,17 @@ class Run(Generic[Settings]):
     @functools.cached_property
     def settings(self) -> dict[str, Any]:
         """Settings that the result depends on, as plain values."""
-        return result_settings(self.config)
+        return result_settings(asdict(self.config), type(self.config))
 
     @functools.cached_property
     def fingerprint(self) -> str:
         """Twelve hex digits that change with any of these settings."""
-        return result_fingerprint(asdict(self.config), type(self.config))
+        return result_fingerprint(self.settings)
 
     @functools.cached_property
     def training_fingerprint(self) -> str:
         """Twelve hex digits that change with any setting that the weights depend on."""
-        return training_fingerprint(asdict(self.config), type(self.config))
+        return training_fingerprint(self.settings, type(self.config))
 
     def stage(self) -> str:
         """Return how far the run in the folder has come.
@@ -125,7 +125,8 @@ class Run(Generic[Settings]):
         if RESULT_KEYS.isdisjoint(metrics):
             return False
         try:
-            return result_fingerprint(metrics["config"], type(self.config)) == self.fingerprint
+            settings = result_settings(metrics["config"], type(self.config))
+            return result_fingerprint(settings) == self.fingerprint
         except Exception:  # not a run's settings
             return False
 
@@ -133,8 +134,8 @@ class Run(Generic[Settings]):
         """Return the fingerprint of the training in the folder; None for none, "damaged" where its
         settings cannot be read."""
         try:
-            values = read_settings(self.folder / "config.yaml")
-            return training_fingerprint(values, type(self.config))
+            values, schema = read_settings(self.folder / "config.yaml"), type(self.config)
+            return training_fingerprint(result_settings(values, schema), schema)
         except FileNotFoundError:
             return None
         except Exception:  # not YAML, or not a run's

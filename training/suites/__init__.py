@@ -8,10 +8,10 @@ from collections.abc import Callable
 from moireaug.common.argument_checks import one_of
 from moireaug.evaluation import suites as library
 from moireaug.evaluation.tables import Table
-from training.suites.appearance import appearance
 from training.suites.config import PaperConfig
 from training.suites.demoireing import demoireing
 from training.suites.paper import (
+    appearance,
     budget,
     defences,
     factors,
