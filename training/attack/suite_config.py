@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import os
+import pkgutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -148,12 +148,11 @@ def callable_of(name: str, device: torch.device) -> ImageTransform:
 
     The working folder stays the first that is searched: a function may import more once it is
     called."""
-    module, _, attribute = name.partition(":")
     working_folder = os.getcwd()
     if sys.path[0] != working_folder:
         sys.path.insert(0, working_folder)
     try:
-        defence = getattr(importlib.import_module(module), attribute)
+        defence = pkgutil.resolve_name(name)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(
             f"demoire={name!r} could not be imported ({error}): {working_folder!r} was searched, "

@@ -17,12 +17,6 @@ from training.config.schema import DATA, Adversary, Config, Data, ReattackConfig
 from training.config.settings import check, settings_of, value_of, with_values
 from training.suites import OPTION_SUITES
 
-# the suites that have a use for an option of a re-attack
-SUITES_OF_OPTIONS = {
-    "reattack.eps" if option == "eps" else option: suites
-    for option, suites in OPTION_SUITES.items()
-}
-
 
 def check_classifier(cfg: Config) -> None:
     """Refuse invalid settings of a classifier's data, scene and attack."""
@@ -168,7 +162,7 @@ def check_overrides(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
                 f"{key}= does not go with run={cfg.run}, which has {settings[0].run_has}: leave "
                 "out one of the two."
             )
-        for option, suites in SUITES_OF_OPTIONS.items():
+        for option, suites in OPTION_SUITES.items():
             if f"{key}.".startswith(f"{option}.") and value_of(cfg, option) is not None:
                 check_used(cfg.suite, option, suites)
         if top == "trainer" and _has_no_effect(key.removeprefix("trainer."), cfg):
@@ -206,6 +200,6 @@ def merge_run_settings(
             values[key] = copy.deepcopy(value_of(run_cfg, key))
     if "data.size" not in given_keys:
         values["data.size"] = run_cfg.data.size  # what the model was trained on, whatever the data
-    if cfg.suite not in OPTION_SUITES["eps"]:
+    if cfg.suite not in OPTION_SUITES["reattack.eps"]:
         values["reattack.eps"] = None  # a run's own is of its ladder
     return with_values(cfg, values)

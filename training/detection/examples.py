@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from PIL import Image
 from torch import Tensor
+from torch.utils.data import Dataset
 
 from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.capture import capture
@@ -47,7 +48,7 @@ class Example(NamedTuple):
     kind: str
 
 
-class Examples:
+class Examples(Dataset):
     """Examples by number, each a pure function of (seed, number) and the pictures.
 
     Args:
@@ -70,7 +71,7 @@ class Examples:
         self.prints = no_pattern.with_shrink(CROP_SHRINK)
 
     @torch.no_grad()
-    def make(self, number: int) -> list[Example]:
+    def __getitem__(self, number: int) -> list[Example]:
         """Return the examples of a number: of each look, screens and others."""
         rng = np.random.default_rng((self.seed, number))
         return [*self.crops(rng), *self.wholes(rng)]

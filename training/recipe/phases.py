@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from training import report
-from training.attack.protocol import attack, attack_run, protocol_of
-from training.attack.results import plain_metrics, publish, run_metrics
+from training.attack.protocol import protocol_of
+from training.attack.results import Rival, attack_and_publish, plain_metrics, run_metrics
+from training.attack.subject import Subject
 from training.config.schema import Config
 from training.data.load import load
 from training.data.splits import Splits
@@ -149,10 +150,10 @@ def train_and_report(
     classifier, train = train_run(run, splits, start)
     if not is_first():
         return None
-    recipe, records = run.config.recipe, run.folder / "records"
+    cfg, records = run.config, run.folder / "records"
     original = classifier.original.model if classifier.original else None
-    protocol = protocol_of(run.config, splits, original=original)
-    results = {recipe: attack(classifier.model, protocol, records, recipe)}
+    protocol = protocol_of(cfg, splits, original=original)
+    subject = Subject(cfg.recipe, classifier.model, splits, protocol, records, run.folder, {})
     earlier_metrics = RunMetrics.read(run.folder)  # of a run that was trained before
     metrics = trained_metrics(run, train, start)
     metrics = replace(
@@ -160,11 +161,11 @@ def train_and_report(
         environment=earlier_metrics.environment if earlier_metrics else metrics.environment,
         time={"data": data_seconds, "train": train.wall_seconds},
     )
-    # also where its records are there: a folder's images may have changed since
-    if baseline and (baseline_run := baseline_of(run)):
-        results[baseline.recipe] = attack_run(read_trained(baseline_run), protocol)
-    plain_baseline = baseline.plain() if baseline else None
+    rival = None
     if original:
-        plain_baseline = plain_metrics(run.config, ORIGINAL)
-        results[ORIGINAL] = attack(original, protocol, records, ORIGINAL, check=False)
-    return publish(run.folder, metrics, results, splits.classes, plain_baseline)
+        rival = Rival(plain_metrics(cfg, ORIGINAL), original, records)
+    elif baseline and (baseline_run := baseline_of(run)):
+        # also where its records are there: a folder's images may have changed since
+        trained = read_trained(baseline_run)
+        rival = Rival(baseline.plain(), trained.model(), trained.folder / "records")
+    return attack_and_publish(subject, metrics, rival)
