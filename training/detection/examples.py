@@ -1,8 +1,6 @@
 """Examples for a detector of screen photos: crops at a photo's own pixels, and whole photos made
 small; screens from any camera, and what is none."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 from typing import NamedTuple

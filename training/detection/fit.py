@@ -10,8 +10,6 @@ such as DEFAULT; its stages stay as they are, and two linear heads on them are f
 threshold, `false_alarms` of the photos in `ordinary` are called screens, or of a tenth of the
 pictures, which are left out of the training. Writes detector.pt and metrics.json into out=DIR."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections import Counter

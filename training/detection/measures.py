@@ -1,7 +1,5 @@
 """How well scores tell screens from other photos, with 95 % intervals, and what is mistaken."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from typing import Any

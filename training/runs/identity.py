@@ -1,8 +1,6 @@
 """The identity of a run: its group, the settings that its result depends on, their fingerprint, and
 the data and weights that it began with."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json
@@ -10,7 +8,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from omegaconf import OmegaConf
 
@@ -36,7 +34,7 @@ class Origin:
     weights: str = ""
 
     @classmethod
-    def of(cls, weights: str | None, splits: Splits | None = None) -> Origin:
+    def of(cls, weights: str | None, splits: Splits | None = None) -> Self:
         """Return the origin of a classifier; without its data as long as they are not loaded."""
         has_file = weights is not None and Path(weights).is_file()  # not published by a name
         weights_digest = digest(str(weights)) if has_file else ""

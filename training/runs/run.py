@@ -19,11 +19,11 @@ from training.runs.identity import (
     result_settings,
     training_fingerprint,
 )
+from training.runs.metrics import training_cost
 from training.system.files import (
     free_name,
     locked,
     make_folder,
-    read_json,
     read_metrics,
     read_settings,
 )
@@ -75,14 +75,9 @@ class Run(Generic[Settings]):
         if fingerprint != self.training_fingerprint:
             holds_a_run = fingerprint or metrics or any(path.glob("*.ckpt"))
             return "other" if holds_a_run else "new"
-        if (path / "best.ckpt").is_file() and self.training_cost():
+        if (path / "best.ckpt").is_file() and training_cost(path):
             return "finished" if self._has_results(metrics) else "trained"
         return "begun" if (path / "last.ckpt").is_file() else "new"
-
-    def training_cost(self) -> dict[str, Any] | None:
-        """Return the cost of the training in the folder, as plain values; None before its end."""
-        metrics = read_metrics(self.folder) or {}
-        return read_json(self.folder / "train.json") or metrics.get("train")
 
     def can_resume(self) -> bool:
         """Return whether its training can and may be resumed, or is complete; the same in all its

@@ -1,7 +1,5 @@
 """The paper's tables and figures, with the controls that they lack."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from functools import partial
