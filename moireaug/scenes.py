@@ -12,7 +12,7 @@ from torch import Tensor
 
 from moireaug.camera.scene_plans import PlannedScene
 from moireaug.capture import capture, develop, reading_of
-from moireaug.common.argument_checks import check_whole
+from moireaug.common.argument_checks import check_whole, one_of
 from moireaug.common.image_checks import check_shape
 from moireaug.engine import operators
 from moireaug.scene.by_name import parts_from_dict, parts_with
@@ -26,7 +26,7 @@ from moireaug.scene.draws import (
 from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.preset_names import PresetName
-from moireaug.scene.presets import PRESETS, check_preset
+from moireaug.scene.presets import MIXTURES, PRESETS
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_dict import check_shot_keys, numbers_from_dict, whole_from_dict
 from moireaug.scene.sized import NOMINAL_SIZE, parts_of_crops
@@ -63,7 +63,7 @@ class Scene(PlannedScene):
             ValueError: an unknown name, where the message lists the known ones and the closest; or
                 a mixture's, such as "anywhere", which is several scenes: see `mixtures.as_scenes`.
         """
-        return _PRESETS[check_preset(name)]
+        return _preset_of(name)
 
     @staticmethod
     def presets() -> tuple[PresetName, ...]:
@@ -186,7 +186,7 @@ class Scene(PlannedScene):
                 "Scene.preset."
             )
         values = dict(values)
-        base = Scene.preset(values.pop("preset")) if "preset" in values else Scene()
+        base = _preset_of(values.pop("preset")) if "preset" in values else Scene()
         tolerance = values.pop("tolerance", base.tolerance)
         return Scene(**parts_from_dict(values, base.to_dict()), tolerance=tolerance)
 
@@ -197,6 +197,17 @@ def _expected_moire(scene: Scene, size: tuple[int, int]) -> Moire | None:
 
 
 _PRESETS = {name: Scene(**vars(record)) for name, record in PRESETS.items()}
+
+
+def _preset_of(name: str) -> Scene:
+    """Return `Scene.preset` of any text."""
+    if one_of("a preset", name, (*PRESETS, *MIXTURES)) in MIXTURES:
+        raise ValueError(
+            f"{name!r} is a mixture of {len(MIXTURES[name])} presets, where one scene is needed. "
+            f"Name one of them ({', '.join(MIXTURES[name])}), or pass scene={name!r} alone, in no "
+            "list, to a transform, an attack, Pairs or evaluate."
+        )
+    return _PRESETS[name]
 
 
 def preset_name(scene: Scene) -> str:
@@ -276,7 +287,7 @@ def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
                 f"a scene's file is for the commands; got {scene!r}. Pass what it holds, "
                 f"yaml.safe_load(open({scene!r}))."
             )
-        return _PRESETS[check_preset(scene)]
+        return _preset_of(scene)
     if isinstance(scene, Mapping):
         return Scene.from_dict(scene)
     raise TypeError(

@@ -68,7 +68,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from moireaug.common.argument_checks import one_of
 from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
 from moireaug.scene.record import SceneRecord
 
@@ -281,14 +280,3 @@ MIXTURES: dict[str, tuple[str, ...]] = {
     # A screen that nobody knows: every preset but the paper's.
     "anywhere": tuple(name for name in PRESETS if not name.startswith("paper")),
 }
-
-
-def check_preset(name: str) -> str:
-    """Return the name of a preset; refuse any other, and that of a mixture."""
-    if one_of("a preset", name, (*PRESETS, *MIXTURES)) in MIXTURES:
-        raise ValueError(
-            f"{name!r} is a mixture of {len(MIXTURES[name])} presets, where one scene is needed. "
-            f"Name one of them ({', '.join(MIXTURES[name])}), or pass scene={name!r} alone, in no "
-            "list, to a transform, an attack, Pairs or evaluate."
-        )
-    return name

@@ -4,6 +4,7 @@ spent."""
 import copy
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -16,6 +17,7 @@ from training.config.scenes import scene_of
 from training.config.schema import DATA, Adversary, Config, Data, ReattackConfig, RunConfig, Trainer
 from training.config.settings import check, settings_of, value_of, with_values
 from training.suites import OPTION_SUITES
+from training.system.files import has_parts
 
 
 def check_classifier(cfg: Config) -> None:
@@ -76,6 +78,18 @@ def check_answers(cfg: Config) -> None:
         raise ValueError(
             "data.class_index gives the classes of labels, and train.target=answers uses none: "
             "leave it out."
+        )
+
+
+def require_training_images(cfg: Data) -> None:
+    """Refuse a folder of class folders alone, whose images are all for testing."""
+    if cfg.name != "folder" or not cfg.root or not Path(cfg.root).is_dir():
+        return
+    if not has_parts(cfg.root):
+        raise ValueError(
+            f"data.root={cfg.root!r} lacks train/ or test/, so that all its images are for "
+            "testing. Training needs train/<class>/ and test/<class>/ in it; to attack given "
+            "weights on these images, use training/reattack.py."
         )
 
 

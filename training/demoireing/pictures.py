@@ -8,9 +8,10 @@ from PIL import Image
 
 from moireaug.synthesis.pictures import Pictures, Source
 from training.data import drawn_pictures
-from training.data.splits import has_parts, shuffled_indices
+from training.data.splits import shuffled_indices
 from training.demoireing.schema import DemoireConfig
 from training.runs.identity import fingerprint_of
+from training.system.files import has_parts
 from training.system.messages import count_text
 
 SPLIT_DIVISOR = 10  # a tenth of the pictures validates, and a tenth tests
