@@ -210,11 +210,6 @@ def _preset_of(name: str) -> Scene:
     return _PRESETS[name]
 
 
-def preset_name(scene: Scene) -> str:
-    """Return the name of the preset that equals a scene, or an empty string."""
-    return next((name for name, preset in _PRESETS.items() if preset == scene), "")
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shot(ShotRecord):
     """A Scene whose ranges have been drawn: the same five parts, each ranged field a `(B,)` float64
@@ -262,37 +257,17 @@ class Shot(ShotRecord):
                 that no scene may have, or a seed or a size that is not in whole numbers.
         """
         check_shot_keys(values)
-        scene = as_scene(values["scene"])
+        scene = values["scene"]
+        if isinstance(scene, str):
+            scene = _preset_of(scene)
+        elif not isinstance(scene, Scene):
+            scene = Scene.from_dict(scene)
         numbers, seed = numbers_from_dict(scene, values)
         size = check_size(values["size"])
         if values.get("part_of") is None:
             return scene.shot_from_numbers(size, numbers, seed)
         whole = whole_from_dict(values["part_of"])
         return scene.shot_from_numbers(whole.size, numbers, seed).crop(*whole.corner, *size)
-
-
-def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
-    """Return a Scene from a Scene, a preset's name or a mapping, such as a dict. Where several may
-    be given, see `mixtures.as_scenes`.
-
-    Raises:
-        ValueError: an unknown name, or a file's.
-        TypeError: anything else.
-    """
-    if isinstance(scene, Scene):
-        return scene
-    if isinstance(scene, str):
-        if scene.endswith((".yaml", ".yml")):
-            raise ValueError(
-                f"a scene's file is for the commands; got {scene!r}. Pass what it holds, "
-                f"yaml.safe_load(open({scene!r}))."
-            )
-        return _preset_of(scene)
-    if isinstance(scene, Mapping):
-        return Scene.from_dict(scene)
-    raise TypeError(
-        f"scene must be a Scene, a preset's name or a dict; got {type(scene).__name__}."
-    )
 
 
 operators.implement(reading_of, develop, Scene.from_dict)  # for graphs of torch.compile

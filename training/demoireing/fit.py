@@ -24,7 +24,7 @@ from moireaug.common.argument_checks import one_of
 from moireaug.common.files import write_text
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire.losses import NETWORKS_WITHOUT_FEATURES
-from moireaug.scenes import as_scene
+from moireaug.mixtures import as_scene
 from moireaug.synthesis.pairs import check_aligned
 from training.config import commands, scenes
 from training.config.checks import check_run
