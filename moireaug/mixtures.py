@@ -1,4 +1,4 @@
-"""The meaning of a `scene=` argument: a scene, or several, of which each image is photographed in one."""
+"""What `scene=` means: a scene, or several, of which each image is photographed in one."""
 
 from __future__ import annotations
 
