@@ -16,16 +16,16 @@ TEMPLATE = Path(__file__).with_name("frontier.md.j2")
 CAPTION = Path(__file__).with_name("caption.j2")
 RATE_TITLES = {
     "clean": "clean",
-    "natural": "natural moiré",
-    "unseen_mean": "unseen scenes, mean",
-    "unseen_worst": "unseen scenes, worst",
+    "natural": "photo",
+    "unseen_mean": "unseen, mean",
+    "unseen_worst": "unseen, worst",
     "worst_4": "worst case 4/255",
     "worst_8": "worst case 8/255",
-    "pgd_4": "PGD 4/255, no camera",
+    "pgd_4": "PGD 4/255",
 }
 TERMINAL_HEADS = (
     "clean",
-    "moiré",
+    "photo",
     "unseen",
     "worst 4/255 [95 %]",
     "gain",
