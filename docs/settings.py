@@ -13,7 +13,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from training import calibrate, explore, frontier, synthesise
 from training.config.compose import allowed_values
-from training.config.schema import Config, ReattackConfig, RunConfig
+from training.config.schema import Config, ReattackConfig
 from training.config.settings import Setting, as_argument, settings_of
 from training.demoireing import clean
 from training.demoireing.schema import DemoireConfig
@@ -48,9 +48,9 @@ def section(title: str, command: str, schema: type) -> str:
     classifier, which are named."""
     rows = rows_of(schema)
     lines = [f"\n## {title}\n\n`python {command}`\n"]
-    if issubclass(schema, RunConfig) and schema is not Config:
-        training = rows_of(Config)
-        shared = [key for key in rows if training.get(key) == rows[key]]
+    training = rows_of(Config)
+    shared = [key for key in rows if training.get(key) == rows[key]]
+    if shared and schema is not Config:
         names = "" if schema is ReattackConfig else f" named {', '.join(groups_of(shared))}"
         lines.append(f"Those of training classifiers{names}, and:\n")
         rows = {key: row for key, row in rows.items() if key not in shared}

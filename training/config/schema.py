@@ -38,8 +38,8 @@ class Data:
     name: str = setting(MISSING, "the data set", choices=("signs", *TORCHVISION_SETS, "folder"))
     root: str | None = setting(
         None,
-        "the data's folder; of data=folder, one with train/ and test/, or class folders of test "
-        "data; with train.target=answers, any pictures",
+        "the data's folder; of data=folder, with train/ and test/, or test classes alone; with "
+        "train.target=answers, any pictures",
         is_path=True,
         only_for=("folder", *TORCHVISION_SETS),
         may_differ=True,
@@ -62,8 +62,8 @@ class Data:
     )
     augment: str = setting(
         "none",
-        "of clean training images: none, shift (up to 12.5 %), shift_flip, crop_flip (50 % or "
-        "more), or affine (small changes of place, form and tone, erased parts)",
+        "of clean training images: none, shift (12.5 %), shift_flip, crop_flip, or affine (place, "
+        "form, tone, erased parts)",
         choices=AUGMENTATIONS,
         trains=True,
     )
@@ -92,7 +92,7 @@ class Adversary:
 
     kind: str = setting(
         "none",
-        "noise on the raw image (moire_attack) or on pixels (pgd)",
+        "noise on the raw image (moire_attack), on pixels (pgd), or none",
         choices=("none", "moire_attack", "pgd"),
     )
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
@@ -106,8 +106,8 @@ class Adversary:
     steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
     optimise: list[str] = setting(
         lambda: ["noise"],
-        "what a moire_attack changes: noise, and parts of the scene such as view and panel, at "
-        "three to ten times the cost",
+        "what moire_attack changes: noise and, at three to ten times the cost, parts of the scene "
+        "such as view",
         example="[noise,view]",
     )
     draws: int = setting(1, "photos, of which moire_attack takes the worst", bounds=(1, 10_000))
@@ -127,8 +127,8 @@ class Train:
     layers: float = setting(1.0, "share of layers trained, from the image on", bounds=(0, 1))
     kept: float = setting(
         0.97,
-        "with train.target=answers, share of validation answers to keep: new weights are averaged "
-        "with the old until they are kept",
+        "with train.target=answers, share of validation answers to keep, by averaging with the "
+        "old weights",
         bounds=(0, 1),
     )
     epochs: int = setting(30, "5 for signs", bounds=(1, None), may_differ=True)
@@ -174,7 +174,7 @@ class Trainer:
     strategy: str = setting("auto", "such as ddp")
     precision: Any = setting(
         None,
-        "null: for classifiers bf16-mixed where the hardware supports it, else 32-true",
+        "null: bf16-mixed for classifiers where supported, else 32-true",
         choices=PRECISIONS,
     )
     deterministic: Any = setting(
@@ -207,8 +207,8 @@ class RunConfig:
     runs: str = setting("runs", "the folder of all runs", is_path=True, changes_result=False)
     scene: Any = setting(
         "screen_photo",
-        "a preset, a YAML file, a mapping of Scene's fields and `preset`, or a list of these, a "
-        "random one per image",
+        "a preset, a YAML file, a mapping of fields and `preset`, or a list of these, a random one "
+        "per image",
         example="'{preset: paper, ...}'",
     )
     shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
@@ -271,11 +271,11 @@ class ReattackConfig(Config):
     )
     demoire: str | None = setting(
         None,
-        "package.module:callable on (B, 3, H, W) in [0, 1], a further defence",
+        "package.module:callable on images in [0, 1], a further defence",
     )
     lpips: str | None = setting(
         None,
-        "a state_dict of torchvision's squeezenet1_1, alexnet or vgg16, for LPIPS",
+        "weights of torchvision's squeezenet1_1, alexnet or vgg16, for LPIPS",
         is_path=True,
     )
 

@@ -28,7 +28,7 @@ class Pictures:
     size: int = setting(128, "side of the training crops", bounds=SIZE_RANGE)
     subsample: int = setting(
         3,
-        "training photos are taken at up to this many times their size, and shrunk unfiltered",
+        "training photos are taken at up to this factor, and shrunk unfiltered",
         bounds=(1, 8),
     )
     jpeg: int | None = setting(
@@ -56,13 +56,12 @@ class Demoire:
 
     target: str = setting(
         "clean",
-        "the photo without moiré (twin) and noise (clean), or what the screen showed (original)",
+        "the photo without moiré (twin), or moiré and noise (clean), or what the screen showed "
+        "(original)",
         choices=("clean", "twin", "original"),
     )
     width: float = setting(0.25, "factor on the published channels")
-    vgg: str | None = setting(
-        None, "a state_dict of torchvision's vgg16, for a perceptual loss", is_path=True
-    )
+    vgg: str | None = setting(None, "weights of vgg16, for a perceptual loss", is_path=True)
 
 
 @dataclass
