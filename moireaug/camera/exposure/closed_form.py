@@ -19,7 +19,6 @@ from moireaug.scene.shot import ShotRecord
 
 # elements of the largest tensor, by device: rows are read in bands that keep to it
 MAX_TENSOR_ELEMENTS = {"cpu": 2**19, "cuda": 2**27}
-MAX_BANDS = 64  # each allocates a gradient of the whole panel
 
 
 class ClosedForm(ExposureMethod):
@@ -64,7 +63,7 @@ def in_bands(
     bands = 1
     if not torch.compiler.is_compiling():
         most = MAX_TENSOR_ELEMENTS.get(light.device.type, MAX_TENSOR_ELEMENTS["cuda"])
-        bands = min(MAX_BANDS, 1 + len(light) * len(rows) * elements_per_row // most)
+        bands = 1 + len(light) * len(rows) * elements_per_row // most
     recompute = shot.requires_grad and torch.is_grad_enabled() and not is_transformed()
     readings = []
     for band in rows.chunk(bands):
