@@ -1,8 +1,6 @@
 """The application's suites: those of the library, and those that only the paper's tables and the
 project's results need."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from moireaug.common.argument_checks import one_of

@@ -1,7 +1,5 @@
 """The paper's tables and figures, with the controls that they lack."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import Any

@@ -5,8 +5,7 @@ from __future__ import annotations
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
 from moireaug.evaluation.tables import SuiteConfig, Table, undefended_row
 from moireaug.mixtures import as_scenes, scenes_of
-from moireaug.scene.presets import PRESETS
-from moireaug.scenes import Scene, as_scene
+from moireaug.scenes import Scene
 
 OWN_SCENE_ROW = "own_scene"
 
@@ -15,9 +14,9 @@ def other_scenes(config: SuiteConfig) -> dict[str, Scene]:
     """Return the presets that are another scene and bring the photo back to the image's frame, of
     crops where the images are crops: one that leaves the image turned, as the paper's does, changes
     the task as well as adding moiré."""
-    others = {}
-    for name in PRESETS:
-        if as_scene(name).develop.registered:
+    others: dict[str, Scene] = {}
+    for name in Scene.presets():
+        if Scene.preset(name).develop.registered:
             (scene,) = scenes_of(as_scenes(name, config.shrink))
             others[name] = scene
     return {name: scene for name, scene in others.items() if scene not in scenes_of(config.scene)}
