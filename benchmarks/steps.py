@@ -35,7 +35,8 @@ def attack_step(size: Size) -> Iterator[Row]:
 
 def step(attack: attacks.Attack, images: Tensor, labels: Tensor) -> Callable[[], Tensor]:
     """Return a step as in the attacks' loop, on a problem that is set up once for all steps."""
-    problem, eps = attack.problem(images, None, None), attack.eps
+    shot = attack.draw(images, None, None)
+    problem, eps = attack.problem(images, shot, None), attack.eps
     start = torch.zeros(problem.shape, device=images.device)
 
     @torch.enable_grad()

@@ -11,11 +11,13 @@ import pandas as pd
 import torch
 
 from moireaug.attacks.bounds import BOUNDS
+from moireaug.attacks.model import class_count
 from moireaug.common.argument_checks import check_callable, check_whole, one_of
 from moireaug.common.networks import device_of
 from moireaug.defenses import Defence
 from moireaug.evaluation.classifiers import UNDEFENDED
 from moireaug.evaluation.conditions import ImageTransform, Model
+from moireaug.evaluation.draws import restored_generators
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity_of, require_identity
 from moireaug.evaluation.keys import EvalSetup
@@ -129,12 +131,14 @@ def evaluate(
         lpips_network.require_side(min(min(images.shape[-2:]) for images, _ in batches))
     if folder is not None:
         _require_identities(model, identity, config)
+    labels = torch.cat([labels for _, labels in batches])
+    images = batches[0][0].to(device_of(model))
+    with restored_generators(images.device):  # before its identity holds on to its buffers
+        n_classes = class_count(model, images, labels)
     records = Records() if folder is None else RecordFolder(Path(folder))
     with records:
         setup = EvalSetup(config.scene, seed, bound, lpips_network)
         runner = Runner(model, batches, setup, records, identity_of(model, identity))
-        labels = torch.cat([labels for _, labels in batches])
-        n_classes = runner.class_count(batches[0][0], labels)
         jobs = jobs_of(tables)
         indices = range(len(batches))
         finished_jobs = runner.run(jobs, indices)

@@ -125,7 +125,8 @@ class Runner:
                 classifiers = self._pending_classifiers(job, index)
                 if classifiers:
                     if batch is None:
-                        classes = self.class_count(images, labels)
+                        with restored_generators(images.device):
+                            classes = class_count(self.model, images, labels)
                         batch = SeededBatch(self.setup.seed, index, images, labels, classes)
                     self.records.append(self._classify(job.condition, classifiers, batch))
                 yield job
@@ -158,12 +159,6 @@ class Runner:
             if self.key(job.condition, classifier, index) not in self.records:
                 pending.append(classifier)
         return pending
-
-    def class_count(self, images: Tensor, labels: Tensor) -> int:
-        """Return the number of classes of the model, and refuse labels beyond them."""
-        images = images.to(self.device)
-        with restored_generators(images.device):
-            return class_count(self.model, images, labels)
 
     def _by_scene(self, condition: Condition, batch: SeededBatch) -> list[tuple[Tensor, EvalBatch]]:
         """Return a batch for each scene of a mixture, with its rows (b,) in the whole batch."""
