@@ -16,10 +16,8 @@ SEEN_CODES = 2.0  # of moiré, RMS: less is hard to see in a photo
 
 def without_moire(shot: Shot, *, noise: bool = True) -> Shot:
     """Return the same shot of a panel without subpixels: camera and light stay, and the stripes
-    give way to their mean light.
-
-    `capture(images, without_moire(shot))` is a photo that no camera can take, and the target that
-    teaches a demoiréing network to remove the moiré alone.
+    give way to their mean light. `capture(images, without_moire(shot))` teaches a demoiréing
+    network to remove the moiré alone.
 
     Args:
         shot: shot of a photo.
@@ -33,12 +31,8 @@ def without_moire(shot: Shot, *, noise: bool = True) -> Shot:
 
 
 def moire_codes(photos: Tensor, twins: Tensor) -> Tensor:
-    """Return the strength of moiré in photos, (B,) float64: the root mean square of their
-    differences from their twins, in codes of 255.
-
-    Args:
-        photos, twins: (B, 3, H, W) in [0, 1], of shots and of `without_moire(shot)`.
-    """
+    """Return the strength of moiré in photos (B, 3, H, W) in [0, 1], (B,) float64: the root mean
+    square of their differences from their twins, of `without_moire(shot)`, in codes of 255."""
     return 255 * (photos.double() - twins.double()).square().mean((1, 2, 3)).sqrt()
 
 
