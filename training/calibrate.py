@@ -57,7 +57,6 @@ from training.data.real_pairs import (
     read_registered,
 )
 from training.photographs.statistics import MIN_CROP_SIDE
-from training.report.terminal import show
 from training.runs.identity import fingerprint_of
 from training.system.files import free_name, make_folder
 
@@ -70,13 +69,13 @@ class Config:
 
     pairs: str | None = setting(None, "a CSV file or a folder")
     photos: str | None = setting(None, "a folder of photos of one picture, or of unknown ones")
-    picture: str | None = setting(None, "the file that was on the screen in all of the photos")
-    scene: str = setting("screen_photo", "a preset's name, or a YAML file of a scene")
+    picture: str | None = setting(None, "the file that the screen showed in all photos")
+    scene: str = setting("screen_photo", "a preset, or a YAML file of a scene")
     out: str | None = setting(None, "the folder of the results; null: one in runs/calibrate/")
     size: int = setting(384, "side of the crops, in pixels", bounds=(MIN_CROP_SIDE, None))
     crops: int = setting(6, "crops of each picture", bounds=(1, None))
     seed: int = setting(0, "of the photos and the search", bounds=(0, None))
-    fit: bool = setting(False, "whether to search the scene's ranges")
+    fit: bool = setting(False, "search the scene's ranges")
     evaluations: int = setting(400, "of the fit, at most", bounds=(1, None))
     seconds: float = setting(900.0, "of the fit, at most", bounds=(0, None))
 
@@ -112,7 +111,7 @@ def calibrate(cfg: Config) -> list[StatisticRow]:
     write_text(out / "crops.csv", crop_table(crops, real, theirs).to_csv(index=False))
     examples = example_blocks(crops, simulated, name)
     write_text(out / "report.html", page(table, crops, scene, name, plot, examples, fitted))
-    show(terminal_parts(table, name))
+    print(*terminal_parts(table, name), sep="\n")
     print(f"Written: {out / 'report.html'}")
     return table
 

@@ -15,12 +15,10 @@ MODULES = {
     "opencv": ("cv2",),
     "eval": ("pandas", "pywt", "skimage", "torchmetrics", "tqdm"),
     "train": ("cma", "hydra", "jinja2", "lightning", "matplotlib", "omegaconf", "yaml"),
-    "explore": ("gradio",),
     "safetensors": ("safetensors",),
 }
 # the extras that each extra needs to work at all
-INCLUDED = {"train": ("eval", "opencv"), "explore": ("eval", "opencv", "train")}
-
+INCLUDED = {"train": ("eval", "opencv")}
 BACKEND = "MPLBACKEND"  # matplotlib's variable
 
 

@@ -73,9 +73,10 @@ def parts_from_dict(values: Mapping[str, Any], base: Mapping[str, Any]) -> dict[
         given = {} if values.get(name) is None else values[name]
         if not isinstance(given, Mapping):
             raise TypeError(f"Scene.{name} must be a mapping of its fields; got {given!r}.")
-        for key in given:
+        settings = _with_tuples(base[name] | dict(given))
+        for key in settings:
             one_of(f"a field of Scene.{name}", key, sorted(kind.__dataclass_fields__))
-        parts[name] = kind(**_with_tuples(base[name] | dict(given)))
+        parts[name] = kind(**settings)
     return parts
 
 

@@ -18,7 +18,7 @@ Screens:
   1.9.
 - LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; 32 to 96
   of them across a sign, from whatever distance makes it as large as its image: at 48 px and
-  `shrink` 1, one of 48 LEDs is at pitch 1, of 10 mm at 7 m.
+  `shrink` 1, one of 48 LEDs is at pitch 1, of 10 mm at 12 m.
 - Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm. Before a phone at 140 to
   180 mm: pitch 1.6 to 2.05.
 - LCDs from close: 0.179 and 0.277 mm at 150 to 300 mm: pitch 1.8 to 5.6. A part of the screen, 80
@@ -44,7 +44,8 @@ Cameras:
   60 to 120 mm: pitch 1 to 2.1.
 - Document camera: 3264 px across 160 to 300 mm of the desk, 1.2 times as high above it as that is
   wide: 11 to 20 px per mm, pitch 1.05 to 2.
-- Dashcam: 2560 px across a 120 degree lens, 740 px focal length in the middle, barrel distorted.
+- Dashcam: 2560 px across a 120 degree lens, barrel distorted (angles grow as the distance from the
+  middle): 2560 / 2.09 = 1220 px focal length in the middle.
 
 What no data sheet says was chosen so that photos, whole and crops of 224 px, agree with photographs
 (docs/reality.md): the phone's blur, noise and motion, screen_photo's pitch, crosstalk, exposure,
@@ -198,7 +199,7 @@ PRESETS: dict[str, SceneRecord] = {
             PHONE_SENSOR,
             shrink=1.0,
             pixels=2560.0,
-            focal=0.29,
+            focal=0.48,
             gain=(3.0, 6.0),
             read_noise=(0.003, 0.012),
         ),

@@ -4,28 +4,36 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import TypeVar
 
 from torch import Tensor
 
 from moireaug.scene.by_name import with_values
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.shot_checks import check_is_shot
 from moireaug.scenes import Scene, Shot
 
 SEEN_CODES = 2.0  # of moiré, RMS: less is hard to see in a photo
 
 
-def without_moire(shot: Shot, *, noise: bool = True) -> Shot:
+AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot[Shot])
+
+
+def without_moire(shot: AnyShot, *, noise: bool = True) -> AnyShot:
     """Return the same shot of a panel without subpixels: camera and light stay, and the stripes
     give way to their mean light. `capture(images, without_moire(shot))` teaches a demoiréing
     network to remove the moiré alone.
 
     Args:
-        shot: shot of a photo.
+        shot: shot of a photo, or the draw of a mixture.
         noise: whether the sensor's noise and JPEG's errors stay, too.
 
     Raises:
         TypeError: anything but a shot.
     """
+    if isinstance(shot, MixedShot):
+        scenes = tuple(without_subpixels(scene, noise) for scene in shot.scenes)
+        return dataclasses.replace(shot, scenes=scenes)
     check_is_shot(shot)
     return dataclasses.replace(shot, scene=without_subpixels(shot.scene, noise))
 

@@ -10,11 +10,11 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
-from moireaug.mixtures import Mixture, as_scenes, map_scenes, sample_one, scenes_of
+from moireaug.mixtures import Mixture, as_scene, as_scenes, map_scenes, sample_one, scenes_of
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.presets import MIXTURES, PRESETS
-from moireaug.scenes import as_scene
+from moireaug.synthesis import without_moire
 from moireaug.transforms import RandomMoire
 
 NAMES = ["screen_photo", "dashcam_at_led_sign", "phone_at_laptop"]
@@ -36,6 +36,16 @@ def same(a, b):
     ours, theirs = a.numbers(), b.numbers()
     alike = all(torch.equal(ours[name], theirs[name]) for name in ours)
     return alike and torch.equal(a.scene_index, b.scene_index) and torch.equal(a.seed, b.seed)
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_the_twins_of_a_mixture_are_those_of_its_scenes(noise):
+    shot, images = MIXTURE.sample(6, SIZE, seeded()), pictures(6)
+    twins = capture(images, without_moire(shot, noise=noise))
+    for rows, part in shot.by_scene():
+        expected = capture(images[rows], without_moire(part, noise=noise))
+        assert torch.equal(twins[rows], expected)
+    assert not torch.equal(twins, capture(images, shot))
 
 
 def test_a_list_holds_scenes_names_and_dicts():

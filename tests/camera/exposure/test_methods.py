@@ -8,6 +8,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.camera import pipeline
+from moireaug.camera.exposure.full import in_bands
 from moireaug.camera.exposure.screen import Screen
 from moireaug.scene.layout import Layout
 
@@ -221,3 +222,18 @@ def test_a_plan_says_where_points_do_not_show_black_matrix():
     dark, whole = (Scene(panel=Panel(lit=share), sensor=sensor).plan() for share in (0.8, 1.0))
     assert "black matrix dims it evenly, without moiré" in str(dark)
     assert "black matrix" not in str(whole)
+
+
+@pytest.mark.parametrize(
+    ("elements_per_row", "rows"), [(1, 200), (2**17, 4), (2**19, 1), (2**22, 1)]
+)
+def test_readings_are_made_in_bands_that_fit_into_memory(elements_per_row, rows):
+    shot = Scene().sample(1, (200, 4))
+    light, bands = torch.zeros(1, 3, 200, 4), []
+
+    def read(band):
+        bands.append(len(band))
+        return torch.zeros(1, 3, len(band), 4)
+
+    in_bands(read, torch.arange(200), elements_per_row, light, shot)
+    assert sum(bands) == 200 and rows / 2 <= max(bands) <= rows
