@@ -30,13 +30,8 @@ def attack_pictures(
     generator: torch.Generator,
 ) -> dict[str, list]:
     """Return the noise after the attack's last step, as `Attack.last` shows it, for each picture of
-    each target.
-
-    Args:
-        pictures: one or more pictures of one height and width, by target.
-        shot: one draw, which all pictures share but for sensor noise.
-        label: index of the pictures' class.
-    """
+    each target: one or more pictures of one height and width and of one class `label`, which share
+    a shot of one draw but for sensor noise."""
     counts = [len(of_target) for of_target in pictures.values()]
     images = [planes(picture) for picture in itertools.chain(*pictures.values())]
     check_same("height and width", (tuple(image.shape[-2:]) for image in images))
@@ -67,15 +62,8 @@ def last_noise(
 def noise_of(
     target: str, n: int, noise: dict[str, list] | None = None, **params: Any
 ) -> torch.Tensor | None:
-    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:]), or
-    None where no attacker is at work.
-
-    Args:
-        noise: of each picture, as nested lists, by target.
-
-    Raises:
-        ValueError: there is no noise for as many pictures of this target.
-    """
+    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:]), from
+    nested lists by target, or None where no attacker is at work; ValueError if there are fewer."""
     if noise is None:
         return None
     if len(noise.get(target, [])) < n:
@@ -88,11 +76,8 @@ def noise_of(
 
 
 def label_of(data: dict[str, Any], key: str) -> int:
-    """Return the index of the image's class, which a call passes under a key.
-
-    Raises:
-        ValueError, TypeError: none, or one that is no integer.
-    """
+    """Return the index of the image's class, which a call passes under a key; refuse none, or one
+    that is no integer: ValueError, TypeError."""
     if key not in data:
         raise ValueError(
             "AdversarialMoire needs the image's class: call the Compose with "
