@@ -29,7 +29,6 @@ sys.settrace(lambda *given: None)
 
 import torch
 from moireaug import attacks
-from training import report
 from training.system import messages
 from moireaug.transforms import RandomMoire
 
@@ -41,7 +40,7 @@ photo = RandomMoire(scene)(images)
 assert photo.isfinite().all()
 assert attacks.MoireAttack(model, scene=scene, eps=0.1, steps=2)(images, labels).noise.any()
 messages.prepare_output()
-report.show(["Moir\\u00e9"])
+print("Moir\\u00e9")
 """
 EXECUTIONS = [
     ({}, ""),
