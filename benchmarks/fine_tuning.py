@@ -37,7 +37,7 @@ from benchmarks.agreement import CLASSES, read_classifiers, shrunk
 from benchmarks.other_libraries import overlay
 from moireaug.evaluation.statistics import wilson
 from training.classifier.adversaries import TrainingAdversary
-from training.classifier.blend import keep_answers
+from training.classifier.original import keep_answers
 from training.classifier.train import classifier_of, train_model
 from training.config.compose import default_config
 from training.config.schema import Config

@@ -16,9 +16,8 @@ from torch import Tensor
 
 from moireaug.common.image_checks import check_images
 from moireaug.common.numeric import widen_half
-from moireaug.engine.developing import developing
 from moireaug.engine.execution import call_of
-from moireaug.engine.exposing import exposing
+from moireaug.engine.stages import developing, exposing
 from moireaug.scene.mixed_shot import MixedShot, per_scene
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_checks import (

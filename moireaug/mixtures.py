@@ -1,4 +1,4 @@
-"""Several scenes, of which each image is photographed in one: the meaning of a list of scenes."""
+"""What `scene=` means: a scene, or several, of which each image is photographed in one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from moireaug.scene.plan import Plan
 from moireaug.scene.preset_names import MixtureName, PresetName
 from moireaug.scene.presets import MIXTURES
 from moireaug.scene.sized import NOMINAL_SIZE
-from moireaug.scenes import Scene, Shot, as_scene
+from moireaug.scenes import Scene, Shot
 
 OneScene = Scene | PresetName | Mapping[str, Any]
 
@@ -84,6 +84,30 @@ class Mixture:
 SceneLike = OneScene | Mixture | MixtureName | Sequence[OneScene]
 
 
+def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
+    """Return a Scene from a Scene, a preset's name or a mapping, such as a dict. Where several may
+    be given, see `as_scenes`.
+
+    Raises:
+        ValueError: an unknown name, or a file's.
+        TypeError: anything else.
+    """
+    if isinstance(scene, Scene):
+        return scene
+    if isinstance(scene, str):
+        if scene.endswith((".yaml", ".yml")):
+            raise ValueError(
+                f"a scene's file is for the commands; got {scene!r}. Pass what it holds, "
+                f"yaml.safe_load(open({scene!r}))."
+            )
+        return Scene.preset(scene)  # type: ignore[arg-type]
+    if isinstance(scene, Mapping):
+        return Scene.from_dict(scene)
+    raise TypeError(
+        f"scene must be a Scene, a preset's name or a dict; got {type(scene).__name__}."
+    )
+
+
 def as_scenes(
     scene: SceneLike | str | Sequence[Any],
     shrink: float | Sequence[float] | None = None,
@@ -126,6 +150,11 @@ def _single(one: Any) -> Any:
             f"{type(one).__name__} in it. Put all scenes into one list."
         )
     return one
+
+
+def preset_name(scene: Scene) -> str:
+    """Return the name of the preset that equals a scene, or an empty string."""
+    return next((name for name in Scene.presets() if Scene.preset(name) == scene), "")
 
 
 def scenes_of(scene: Scene | Mixture) -> tuple[Scene, ...]:

@@ -10,7 +10,7 @@ from typing import Any, get_args
 import torch
 from torch import Tensor
 
-from moireaug.camera.pipeline import make_plan
+from moireaug.camera.scene_plans import PlannedScene
 from moireaug.capture import capture, develop, reading_of
 from moireaug.common.argument_checks import check_whole, one_of
 from moireaug.common.image_checks import check_shape
@@ -27,22 +27,16 @@ from moireaug.scene.expected_moire import moire_of
 from moireaug.scene.plan import Moire, Plan
 from moireaug.scene.preset_names import PresetName
 from moireaug.scene.presets import MIXTURES, PRESETS
-from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_dict import check_shot_keys, numbers_from_dict, whole_from_dict
-from moireaug.scene.sized import NOMINAL_SIZE, parts_of_crops, scene_of_size, size_octave
+from moireaug.scene.sized import NOMINAL_SIZE, parts_of_crops
 from moireaug.scene.track import DEFAULT_HAND, Hand, track_of
 
-UNPLANNED_MESSAGE = (
-    "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
-    "Scene.sample does; copies and unpickled scenes have no plan yet."
-)
-CACHE_FIELDS = ("_plans", "_json")  # plans by octave, and the scene as JSON, for a graph
 MOIRE_SHOTS = 128  # of which the expected moiré is found
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene(SceneRecord):
+class Scene(PlannedScene):
     """A camera in front of a screen: `Panel + View + Lens + Sensor + Develop`. Immutable, hashable,
     no tensors.
 
@@ -89,23 +83,6 @@ class Scene(SceneRecord):
         """
         size = check_size(size)
         return replace(self.plan_effects(size), moire=self.expected_moire(size))
-
-    def plan_effects(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
-        """Return `plan` without the moiré to expect, which takes longer to find; errors as there.
-        The same one for all sizes between two powers of 2."""
-        octave = size_octave(self, size)
-        plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
-        if octave not in plans:
-            if torch.compiler.is_compiling():
-                raise RuntimeError(UNPLANNED_MESSAGE)
-            plans = {**plans, octave: make_plan(scene_of_size(self, size))}
-            object.__setattr__(self, "_plans", plans)
-            self.as_json()  # made ready: torch.compile cannot follow how
-        return plans[octave]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the plans out of copies and pickles: another version may plan otherwise."""
-        return {name: value for name, value in vars(self).items() if name not in CACHE_FIELDS}
 
     def expected_moire(self, size: tuple[int, int] = NOMINAL_SIZE) -> Moire | None:
         """Return about how much moiré photos of `size` (height, width) will show, from the panel's
@@ -233,11 +210,6 @@ def _preset_of(name: str) -> Scene:
     return _PRESETS[name]
 
 
-def preset_name(scene: Scene) -> str:
-    """Return the name of the preset that equals a scene, or an empty string."""
-    return next((name for name, preset in _PRESETS.items() if preset == scene), "")
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shot(ShotRecord):
     """A Scene whose ranges have been drawn: the same five parts, each ranged field a `(B,)` float64
@@ -285,37 +257,17 @@ class Shot(ShotRecord):
                 that no scene may have, or a seed or a size that is not in whole numbers.
         """
         check_shot_keys(values)
-        scene = as_scene(values["scene"])
+        scene = values["scene"]
+        if isinstance(scene, str):
+            scene = _preset_of(scene)
+        elif not isinstance(scene, Scene):
+            scene = Scene.from_dict(scene)
         numbers, seed = numbers_from_dict(scene, values)
         size = check_size(values["size"])
         if values.get("part_of") is None:
             return scene.shot_from_numbers(size, numbers, seed)
         whole = whole_from_dict(values["part_of"])
         return scene.shot_from_numbers(whole.size, numbers, seed).crop(*whole.corner, *size)
-
-
-def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
-    """Return a Scene from a Scene, a preset's name or a mapping, such as a dict. Where several may
-    be given, see `mixtures.as_scenes`.
-
-    Raises:
-        ValueError: an unknown name, or a file's.
-        TypeError: anything else.
-    """
-    if isinstance(scene, Scene):
-        return scene
-    if isinstance(scene, str):
-        if scene.endswith((".yaml", ".yml")):
-            raise ValueError(
-                f"a scene's file is for the commands; got {scene!r}. Pass what it holds, "
-                f"yaml.safe_load(open({scene!r}))."
-            )
-        return _preset_of(scene)
-    if isinstance(scene, Mapping):
-        return Scene.from_dict(scene)
-    raise TypeError(
-        f"scene must be a Scene, a preset's name or a dict; got {type(scene).__name__}."
-    )
 
 
 operators.implement(reading_of, develop, Scene.from_dict)  # for graphs of torch.compile

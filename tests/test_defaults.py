@@ -18,7 +18,7 @@ from torchvision import tv_tensors
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, attacks, capture
 from moireaug.defenses import DEFENSES, Quilting, restore_mean
-from moireaug.engine import switch
+from moireaug.engine import backends
 from moireaug.evaluation import evaluate
 from moireaug.evaluation.visibility import visibility
 from moireaug.nn import ScreenCamera
@@ -111,7 +111,7 @@ def photo(name):
 
 def gradient(name):
     images = IMAGES.clone().requires_grad_()
-    with switch.reference():
+    with backends.reference():
         taken = capture(images, SCENES[name].sample(2, SIZE))
     return taken, torch.autograd.grad(taken.square().sum(), images)
 

@@ -7,13 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from training import calibrate, explore, frontier, synthesise
 from training.config.compose import recipe_files
-from training.config.schema import DATA, Config, ReattackConfig
+from training.config.schema import DATA
 from training.config.settings import settings_of
-from training.demoireing import clean
-from training.demoireing.schema import DemoireConfig
-from training.detection import fit, score
 
 ROOT = Path(__file__).parents[1]
 PAGES = {
@@ -23,10 +19,11 @@ PAGES = {
 COMMAND = re.compile(
     r"(?:python|torchrun[^`\n]*) training/(\w+)\.py( train| clean| score)?([^`\n]*)"
 )
-SCHEMAS = {"fit": Config, "reattack": ReattackConfig, "demoire train": DemoireConfig}
-SCHEMAS |= {"synthesise": synthesise.Config, "calibrate": calibrate.Config}
-SCHEMAS |= {"explore": explore.Config, "frontier": frontier.Config}
-SCHEMAS |= {"demoire clean": clean.Config, "detect train": fit.Config, "detect score": score.Config}
+SETTINGS = runpy.run_path(str(ROOT / "docs/settings.py"))
+SCHEMAS = {
+    command.removeprefix("training/").replace(".py", ""): schema
+    for _, command, schema in SETTINGS["COMMANDS"]
+}
 CHOICES = {"recipe": {path.stem for path in recipe_files()}, "data": set(DATA)}
 
 
@@ -81,8 +78,7 @@ def test_commands_of_every_script_are_found():
 
 def test_the_page_of_settings_is_as_they_are_declared():
     """`python docs/settings.py` writes it anew."""
-    written = runpy.run_path(str(ROOT / "docs/settings.py"))["page"]()
-    assert PAGES["docs/settings.md"] == written
+    assert PAGES["docs/settings.md"] == SETTINGS["page"]()
 
 
 def test_links_lead_to_files_and_figures_have_theirs():

@@ -30,9 +30,9 @@ APPLICATION = (
     ("classifier",),
     ("attack",),
     ("calibration", "comparison", "pairs"),
-    ("demoireing", "explorer", "recipe"),
+    ("demoireing", "recipe"),
     ("detection",),
-    ("fit", "reattack", "frontier", "synthesise", "calibrate", "demoire", "detect", "explore"),
+    ("fit", "reattack", "frontier", "synthesise", "calibrate", "demoire", "detect"),
 )
 FLOORS = {"moireaug": LIBRARY, "training": APPLICATION}
 each_package = pytest.mark.parametrize("package", FLOORS)

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
-from moireaug.camera.effects.flicker import flicker
+from moireaug.camera.effects.light import flicker
 from tests.test_plan import BARE, colour, even
 
 PULSED = even(pwm=1000.0, duty=0.5)

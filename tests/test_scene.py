@@ -15,11 +15,12 @@ import torch
 import yaml
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, Shot, View, capture
+from moireaug.camera.scene_plans import CACHE_FIELDS
+from moireaug.mixtures import as_scene
 from moireaug.scene.by_name import values_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
-from moireaug.scenes import CACHE_FIELDS, as_scene
 
 BAD = [
     (lambda: Panel(scale=(3, 1)), "low <= high"),

@@ -10,10 +10,10 @@ import torch.nn.functional as F
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.camera import pipeline
-from moireaug.camera.effects.binned_statistics import pixels_per_value
-from moireaug.camera.exposure import extreme_harmonics
+from moireaug.camera.effects.sensor import pixels_per_value
+from moireaug.camera.exposure import extreme_readings
 from moireaug.camera.exposure.bin_geometry import pixels_on_photo
-from moireaug.engine import switch
+from moireaug.engine import backends
 from moireaug.scene.presets import PRESETS
 from moireaug.scene.sized import scene_of_size
 from moireaug.synthesis import without_moire
@@ -104,7 +104,7 @@ def test_contrast_is_judged_in_the_photo():
     panel = Panel(width=800.0, lit_y=0.6)
     screen = Scene(panel=panel, lens=Lens(blur=0.3), sensor=Sensor(pitch=2.6))
     planned = screen.plan((64, 64)).harmonics
-    at_sensor = extreme_harmonics.harmonics(scene_of_size(screen, (64, 64)))
+    at_sensor = extreme_readings.harmonics(scene_of_size(screen, (64, 64)))
     assert 0 < len(planned) < len(at_sensor)
     grey = torch.full((1, 3, 64, 64), 0.7, dtype=torch.float64)
     exact = dataclasses.replace(screen, tolerance=1e-6)
@@ -129,7 +129,7 @@ def before_and_after(scene):
     small = dataclasses.replace(shot, size=(48, 64))
     found = []
     for one, picture in ((shot, large), (small, F.interpolate(large, (48, 64), mode="area"))):
-        with switch.reference():
+        with backends.reference():
             moire = capture(picture, one) - capture(picture, without_moire(one))
         found.append(F.interpolate(moire, (48, 64), mode="area"))
     return found

@@ -4,7 +4,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 from moireaug import warm_up
-from moireaug.engine import switch
+from moireaug.engine import backends
 from moireaug.engine.cpu import compiling, develop_kernels, expose_back_kernels, expose_kernels
 from moireaug.engine.cpu.kernel_cache import KernelCache
 
@@ -37,6 +37,6 @@ def test_what_is_not_kept_is_a_failure(why, monkeypatch, capsys):
         monkeypatch.setattr(compiling, "folder", lambda: None)
     elif why == "full":
         monkeypatch.setattr(KernelCache, "is_full", True)
-    with switch.reference() if why == "off" else monkeypatch.context():
+    with backends.reference() if why == "off" else monkeypatch.context():
         assert warm_up.main() == 1
     assert ("the engine is turned off" in capsys.readouterr().err) == (why == "off")

@@ -1,6 +1,6 @@
 """The commands: `fit.py` trains classifiers, `reattack.py` attacks and `frontier.py` compares them;
-`demoire.py` trains networks that remove moiré, and cleans photos; `synthesise.py` makes pairs,
-`calibrate.py` fits a scene to real photos, and `explore.py` shows one in a browser.
+`demoire.py` trains networks that remove moiré, and cleans photos; `detect.py` finds photos of
+screens; `synthesise.py` makes pairs, and `calibrate.py` fits a scene to real photos.
 
 What a user can mend is raised everywhere as a ValueError or TypeError, before time is spent if it
 can be; its message is the sentence that the commands print. Docstrings name other errors alone.

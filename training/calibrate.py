@@ -57,7 +57,6 @@ from training.data.real_pairs import (
     read_registered,
 )
 from training.photographs.statistics import MIN_CROP_SIDE
-from training.report.terminal import show
 from training.runs.identity import fingerprint_of
 from training.system.files import free_name, make_folder
 
@@ -112,7 +111,7 @@ def calibrate(cfg: Config) -> list[StatisticRow]:
     write_text(out / "crops.csv", crop_table(crops, real, theirs).to_csv(index=False))
     examples = example_blocks(crops, simulated, name)
     write_text(out / "report.html", page(table, crops, scene, name, plot, examples, fitted))
-    show(terminal_parts(table, name))
+    print(*terminal_parts(table, name), sep="\n")
     print(f"Written: {out / 'report.html'}")
     return table
 

@@ -28,10 +28,14 @@ import hydra
 from omegaconf import DictConfig
 
 from training.config import commands, scenes
-from training.config.checks import check_answers, check_classifier, check_search
+from training.config.checks import (
+    check_answers,
+    check_classifier,
+    check_search,
+    require_training_images,
+)
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import RECIPES, Adversary, Config, as_config
-from training.data.load import require_training_images
 from training.models.classifiers import require_known
 from training.recipe.phases import complete, report_finished
 from training.runs.identity import Origin
@@ -71,11 +75,11 @@ def check(cfg: Config) -> None:
     """Refuse invalid settings before any time is spent."""
     check_classifier(cfg)
     check_search(cfg)
-    require_known(cfg.model)
     if cfg.train.target == "answers":
         check_answers(cfg)
     else:
         require_training_images(cfg.data)
+    require_known(cfg.model)
     if cfg.recipe in PLAIN_RECIPES and cfg.adversary != Adversary():
         raise ValueError(
             f"recipe={cfg.recipe} is plain training, which the others are compared with: leave "

@@ -29,7 +29,6 @@ from training.comparison.summaries import RecipeSummary, summarise
 from training.comparison.table import markdown, terminal_parts
 from training.config.commands import parse, report_errors
 from training.config.settings import setting
-from training.report.terminal import show
 
 EXAMPLE = "python training/frontier.py runs"
 
@@ -50,7 +49,7 @@ def frontier(source: Path, out: Path) -> list[RecipeSummary]:
     write_bytes(out / "frontier.png", draw(recipes, table.shared))
     write_text(out / "frontier.csv", table.to_csv())
     write_text(out / "frontier.md", markdown(recipes, table))
-    show(terminal_parts(recipes, table))
+    print(*terminal_parts(recipes, table), sep="\n")
     print(f"Written: {out / 'frontier.md'}")
     return recipes
 

@@ -33,8 +33,14 @@ from omegaconf import DictConfig
 from torch.distributed import barrier, new_group
 
 from moireaug.common.argument_checks import one_of
-from training.attack.protocol import AttackResult, SuiteAttack, attack, attack_run
-from training.attack.results import plain_metrics, publish, publish_suite, run_metrics
+from training.attack.protocol import AttackResult, SuiteAttack
+from training.attack.results import (
+    Rival,
+    attack_and_publish,
+    plain_metrics,
+    publish_suite,
+    run_metrics,
+)
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suite_config import suite_config
 from training.config import commands, scenes
@@ -97,21 +103,25 @@ def attack_by_ladder(
     cfg: ReattackConfig, subject: Subject, run: TrainedRun | None, home: Path | None
 ) -> RunMetrics:
     """Attack a classifier, and the baseline of its run, with the ladder; publish the results."""
-    protocol, splits = subject.protocol, subject.splits
-    results = {subject.name: attack(subject.model, protocol, subject.records, subject.name)}
     metrics = run_metrics(cfg, read_training_cost(run.folder) if run else None, None)
     metrics = replace(metrics, time=subject.seconds)
-    baseline_run = read_baseline_of(run) if run else None
-    baseline = None
-    if baseline_run:
-        baseline_run.check_classes(splits, cfg.data)
-        recipe, train = baseline_run.cfg.recipe, read_training_cost(baseline_run.folder)
-        baseline = plain_metrics(baseline_run.cfg, recipe, train)
-        results[recipe] = attack_run(baseline_run, protocol, home and subject.records)
-    if run and (original := run.original_model()):
-        baseline = plain_metrics(cfg, ORIGINAL)
-        results[ORIGINAL] = attack(original, protocol, subject.records, ORIGINAL, check=False)
-    return publish(subject.folder, metrics, results, splits.classes, baseline)
+    return attack_and_publish(subject, metrics, run and rival_of(cfg, subject, run, home))
+
+
+def rival_of(
+    cfg: ReattackConfig, subject: Subject, run: TrainedRun, home: Path | None
+) -> Rival | None:
+    """Return the classifier that a run is compared with: the network whose answers it was to keep,
+    or its baseline; None where that is not there."""
+    if original := run.original_model():
+        return Rival(plain_metrics(cfg, ORIGINAL), original, subject.records)
+    baseline = read_baseline_of(run)
+    if baseline is None:
+        return None
+    baseline.check_classes(subject.splits, cfg.data)
+    metrics = plain_metrics(baseline.cfg, baseline.cfg.recipe, read_training_cost(baseline.folder))
+    records = subject.records if home else baseline.folder / "records"
+    return Rival(metrics, baseline.model(), records)
 
 
 def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> AttackResult | None:

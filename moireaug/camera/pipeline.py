@@ -13,17 +13,14 @@ from moireaug.camera.effects.base import Effect, format_range
 from moireaug.camera.effects.demosaic import Demosaic
 from moireaug.camera.effects.denoise import Denoise
 from moireaug.camera.effects.detail import ChromaBlur, ClipDetail, Sharpen
-from moireaug.camera.effects.display import BlackLevel, Glare
 from moireaug.camera.effects.exposure import Crosstalk, Exposure, LensDistortion, PanelLayout, Pose
-from moireaug.camera.effects.flicker import Flicker
 from moireaug.camera.effects.jpeg import Jpeg
+from moireaug.camera.effects.light import BlackLevel, Flicker, Glare, Vignetting
 from moireaug.camera.effects.prefilter import Prefilter, max_lost_variance
-from moireaug.camera.effects.registration import Register
-from moireaug.camera.effects.resize import Resize
+from moireaug.camera.effects.resize import Register, Resize
 from moireaug.camera.effects.sensor import Bits, ClipReading, Gain, Noise, Saturate
 from moireaug.camera.effects.srgb import Clip, Decode, Encode
 from moireaug.camera.effects.tone import Balance, Brighten, ColourMatrix, ToneCurve
-from moireaug.camera.effects.vignetting import Vignetting
 from moireaug.camera.exposure.choose import method_of
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.fields import bounds

@@ -15,11 +15,10 @@ MODULES = {
     "opencv": ("cv2",),
     "eval": ("pandas", "pywt", "skimage", "torchmetrics", "tqdm"),
     "train": ("cma", "hydra", "jinja2", "lightning", "matplotlib", "omegaconf", "yaml"),
-    "explore": ("gradio",),
     "safetensors": ("safetensors",),
 }
 # the extras that each extra needs to work at all
-INCLUDED = {"train": ("eval", "opencv"), "explore": ("eval", "opencv", "train")}
+INCLUDED = {"train": ("eval", "opencv")}
 # how an extra is installed: there is no published package yet
 INSTALL_ADVICE = "Install with, in a clone of the repository: pip install '.[{extra}]'"
 BACKEND = "MPLBACKEND"  # matplotlib's variable

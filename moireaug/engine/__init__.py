@@ -7,17 +7,18 @@ raw reading, and both in the shot's numbers, by central differences (`difference
 exposure has no slope in them. The reference, `moireaug.camera.pipeline`, does the rest.
 `explain(scene)` says which one a scene gets. `reference()` turns the engine off.
 
-A call is decided by `execution`, from the table in `backends`, before its picture is met;
-`exposing` and `developing` have lower/ make records of its shot, and the kernels of cpu/ or gpu/
-fill its photo. Importing this package imports neither numba nor Triton; the first photo does.
+A call is decided by `execution`, from the table in `backends`, before its picture is met. Its two
+`stages` have lower/ make records of its shot, and the kernels of cpu/ or gpu/ fill its photo;
+`operators` gives them a gradient. Importing this package imports neither numba nor Triton; the
+first photo does.
 
 From a batch to a row, exposing goes through a backend's `launch_expose`, and on the CPU
 `show_kernel` and `full_grid_kernel` for one image, `expose_full_kernel` and `_expose_rows` for some
 of its rows; developing, through `develop_kernel` for some images or some rows.
 """
 
-import moireaug.engine.cpu.forks  # noqa: F401  one thread in forked processes, before any is forked
+import moireaug.engine.cpu.threads  # noqa: F401  one thread in forked processes, before any is forked
+from moireaug.engine.backends import reference
 from moireaug.engine.execution import explain
-from moireaug.engine.switch import reference
 
 __all__ = ["explain", "reference"]

@@ -1,5 +1,5 @@
-"""Implementations of the operators that `engine.torch_operators` declares: they run the stages of
-`moireaug.capture`."""
+"""Stages as PyTorch calls them: with a gradient of their own, and as operators, which a graph of
+torch.compile calls as they are."""
 
 from __future__ import annotations
 
@@ -14,64 +14,131 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from moireaug.engine.backends import BACKENDS
-from moireaug.engine.switch import reference
-from moireaug.engine.torch_operators import LIBRARY
+from moireaug.common.numeric import is_batched
+from moireaug.engine import differences, kernel_check
+from moireaug.engine.backends import BACKENDS, reference
+from moireaug.engine.stage import KernelStage, Stage
 from moireaug.scene.by_name import values_of
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.shot import ShotRecord
 
+# a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and its size, whole size and
+# corner, a pair each
+SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
+
 ShotFunction = Callable[[Tensor, ShotRecord], Tensor]
 
 
-@dataclass(frozen=True)
-class OperatorImplementation:
-    """A stage as an operator, which takes a shot as `torch_operators.SHOT_SCHEMA`.
+class _Differentiable(torch.autograd.Function):
+    """A stage's results, differentiable in the values and in some numbers of its shot, (B,) float64
+    each."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, stage: Stage, *numbers: Tensor) -> Tensor:
+        results, saved = stage.forward(values, ctx.needs_input_grad[0])
+        ctx.save_for_backward(values, saved, *numbers)
+        ctx.stage = stage
+        ctx.set_materialize_grads(False)  # no gradient is not one of zeros
+        return results
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor | None) -> tuple[Tensor | None, ...]:
+        stage, (values, saved, *numbers) = ctx.stage, ctx.saved_tensors
+        if grad is None:
+            return None, None, *[None for _ in numbers]
+        if torch.compiler.is_compiling():
+            return stage.backward(grad, values, saved), None
+        twice = torch.is_grad_enabled()  # the gradient itself is to be differentiated
+        ordered = stage.sums_in_order or not torch.are_deterministic_algorithms_enabled()
+        if twice or not ordered or is_batched(grad):
+            return _reference_gradients(ctx, grad, create_graph=twice)
+        in_values = stage.backward(grad, values, saved) if ctx.needs_input_grad[0] else None
+        if not numbers:
+            return in_values, None
+        return in_values, None, *differences.gradients(stage, grad, values)
+
+
+def _reference_gradients(
+    ctx: Any, grad: Tensor, *, create_graph: bool
+) -> tuple[Tensor | None, ...]:
+    """Return what `_Differentiable.backward` does, by the reference."""
+    values, _, *numbers = ctx.saved_tensors
+    inputs = [values, *numbers] if ctx.needs_input_grad[0] else numbers
+    # autocast may be on where backward is called
+    with torch.enable_grad(), torch.autocast(grad.device.type, enabled=False):
+        results = ctx.stage.reference(values)
+        found = torch.autograd.grad(
+            results, inputs, grad, create_graph=create_graph, allow_unused=bool(numbers)
+        )
+    in_values = found[: len(inputs) - len(numbers)] or (None,)
+    return *in_values, None, *found[len(inputs) - len(numbers) :]
+
+
+def run_kernels(stage: KernelStage, values: Tensor) -> Tensor:
+    """Return a stage's results, differentiable in the values and in the shot's numbers; by the
+    reference where its kernels fail on the device of the values."""
+    saves = torch.is_grad_enabled() and values.requires_grad
+    if not kernel_check.matches_reference(stage, values, back=saves):
+        return stage.reference(values)
+    if not (saves or stage.call.moved_numbers):
+        return stage.forward(values, False)[0]
+    numbers = stage.shot.numbers()
+    moved = [numbers[name] for name in stage.call.moved_numbers]
+    return _Differentiable.apply(values, stage, *moved)
+
+
+@dataclass(frozen=True, eq=False)
+class OperatorStage(Stage):
+    """A stage by its operator.
 
     Args:
-        stage: computes it, of values and their shot.
-        scene_from_json: makes a scene of the text that an operator is given.
+        name: "expose", from images to readings, or "develop", from readings to photos.
+        in_pytorch: the stage's reference.
     """
 
-    stage: ShotFunction
-    scene_from_json: Callable[[str], Any]
+    name: str
+    shot: ShotRecord
+    in_pytorch: Callable[[Tensor], Tensor]
 
-    def forward(
-        self,
-        values: Tensor,
-        numbers: list[Tensor],
-        seeds: Tensor,
-        scene: str,
-        size: list[int],
-        shape: list[int],
-    ) -> Tensor:
-        """Return what the stage makes of values."""
-        with torch.no_grad():
-            return self.stage(values, self._shot(numbers, seeds, scene, size)).contiguous()
+    def forward(self, values: Tensor, saves: bool) -> tuple[Tensor, Tensor]:
+        shape = (3, *self.shot.size) if self.name == "develop" else self.shot.raw_shape()[1:]
+        operator = getattr(torch.ops.moireaug, self.name)
+        return operator(values, *self._shot_arguments(), shape), values.new_empty(0)
 
-    def backward(
-        self,
-        grad: Tensor,
-        values: Tensor,
-        numbers: list[Tensor],
-        seeds: Tensor,
-        scene: str,
-        size: list[int],
-    ) -> Tensor:
-        """Return the gradient in the values, of the gradient in what the stage makes of them."""
-        shot = self._shot(numbers, seeds, scene, size)
-        with torch.enable_grad():
-            values = values.detach().requires_grad_()
-            return torch.autograd.grad(self.stage(values, shot), values, grad)[0].contiguous()
+    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
+        operator = getattr(torch.ops.moireaug, f"{self.name}_back")
+        return operator(grad, values, *self._shot_arguments())
 
-    def _shot(self, numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> ShotRecord:
-        scene = self.scene_from_json(text)
-        drawn = dict(zip(values_of(scene), numbers, strict=True))
-        height, width, whole_height, whole_width, top, left = size
-        whole = scene.shot_from_numbers((whole_height, whole_width), drawn, seeds)
-        if (height, width) == whole.size:
-            return whole
-        return whole.crop(top, left, height, width)
+    def reference(self, values: Tensor) -> Tensor:
+        return self.in_pytorch(values)
+
+    def _shot_arguments(self) -> tuple[Any, ...]:
+        """Return the shot as `SHOT_SCHEMA` takes it."""
+        shot = self.shot
+        sizes = [*shot.size, *shot.whole_size, *shot.corner]
+        return list(shot.numbers().values()), shot.seed, shot.scene.as_json(), sizes
+
+    def __call__(self, values: Tensor) -> Tensor:
+        if not (torch.is_grad_enabled() and values.requires_grad):
+            return self.forward(values, False)[0]
+        return _Differentiable.apply(values, self)
+
+
+# by hand, as in `effects.random_numbers`: `custom_op` imports the compiler
+LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
+for name in ("expose", "develop"):
+    LIBRARY.define(f"{name}(Tensor values, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
+    LIBRARY.define(f"{name}_back(Tensor grad, Tensor values, {SHOT_SCHEMA}) -> Tensor")
+    torch.library.register_fake(
+        f"moireaug::{name}",
+        lambda values, *given: values.new_empty((len(values), *given[-1]), dtype=torch.float32),
+        lib=LIBRARY,
+    )
+    torch.library.register_fake(
+        f"moireaug::{name}_back",
+        lambda grad, values, *shot: values.new_empty(values.shape),
+        lib=LIBRARY,
+    )
 
 
 def implement(
@@ -97,9 +164,29 @@ def implement(
     def scene_from_json(text: str) -> Any:
         return scene_from_dict(json.loads(text))
 
+    def shot_of(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> ShotRecord:
+        """Return the shot that `SHOT_SCHEMA` describes."""
+        scene = scene_from_json(text)
+        drawn = dict(zip(values_of(scene), numbers, strict=True))
+        height, width, whole_height, whole_width, top, left = size
+        whole = scene.shot_from_numbers((whole_height, whole_width), drawn, seeds)
+        if (height, width) == whole.size:
+            return whole
+        return whole.crop(top, left, height, width)
+
+    def forward(stage: ShotFunction, values: Tensor, *given: Any) -> Tensor:
+        *shot, _ = given
+        with torch.no_grad():
+            return stage(values, shot_of(*shot)).contiguous()
+
+    def backward(stage: ShotFunction, grad: Tensor, values: Tensor, *shot: Any) -> Tensor:
+        with torch.enable_grad():
+            values = values.detach().requires_grad_()
+            results = stage(values, shot_of(*shot))
+            return torch.autograd.grad(results, values, grad)[0].contiguous()
+
     for name, stage in (("expose", finite_reading_of), ("develop", develop)):
-        operator = OperatorImplementation(stage, scene_from_json)
         for backend in BACKENDS:
             key = backend.device_type.upper()  # of PyTorch's dispatcher
-            LIBRARY.impl(name, operator.forward, key)
-            LIBRARY.impl(f"{name}_back", operator.backward, key)
+            LIBRARY.impl(name, functools.partial(forward, stage), key)
+            LIBRARY.impl(f"{name}_back", functools.partial(backward, stage), key)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any, ClassVar, Self
@@ -15,7 +14,6 @@ from torch import Tensor
 from moireaug.camera import pipeline
 from moireaug.common.numeric import as_float
 from moireaug.engine.execution import Call
-from moireaug.scene.mixed_shot import join_rows
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_geometry import HostGeometry
 
@@ -105,20 +103,3 @@ class KernelStage(Stage):
         others = [name for name in ("lens", "saturate") if name in self.shot.plan]
         stage = (type(self).__name__, self.method, reading, scene.filter_cell, f"{frame} frame")
         return ", ".join((*stage, *self.effects, *others))
-
-
-@dataclass(frozen=True, eq=False)
-class RowSplit:
-    """Two functions of some images of a batch, as one of the batch.
-
-    Args:
-        mask: (B,) bool, the images of `first`; the others are those of `second`.
-    """
-
-    mask: Tensor
-    first: Callable[[Tensor], Tensor]
-    second: Callable[[Tensor], Tensor]
-
-    def __call__(self, values: Tensor) -> Tensor:
-        rows, others = self.mask.nonzero().flatten(), (~self.mask).nonzero().flatten()
-        return join_rows([rows, others], [self.first(values[rows]), self.second(values[others])])

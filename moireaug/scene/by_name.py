@@ -83,10 +83,11 @@ def parts_from_dict(values: Mapping[str, Any], base: Mapping[str, Any]) -> dict[
 
 def part_from_dict(name: str, values: dict[str, Any]) -> Any:
     """Build one part from plain values; an unknown key is refused with the closest known one."""
+    values = _with_tuples(values)
     known = {f.name for f in fields(PARTS[name])}
     for key in values:
         one_of(f"a field of Scene.{name}", key, sorted(known))
-    return PARTS[name](**_with_tuples(values))
+    return PARTS[name](**values)
 
 
 def _with_tuples(value: Any) -> Any:

@@ -10,9 +10,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from moireaug.camera.effects.binned_statistics import lost_variances
-from moireaug.camera.effects.sensor import DARK_LEVEL, Noise
-from moireaug.camera.exposure.extreme_light import max_glare, modulation_depth
+from moireaug.camera.effects.sensor import DARK_LEVEL, Noise, lost_variances
+from moireaug.camera.exposure.extremes import max_glare, modulation_depth
 from moireaug.capture import expose
 from moireaug.common import tensor_physics
 from moireaug.common.numeric import per_image

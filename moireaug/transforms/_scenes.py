@@ -12,10 +12,10 @@ from numbers import Real
 import torch
 
 from moireaug.common.argument_checks import is_finite
-from moireaug.mixtures import Mixture, SceneLike, as_scenes, scenes_of
-from moireaug.scene.presets import MIXTURES, PRESETS
+from moireaug.mixtures import Mixture, SceneLike, as_scenes, preset_name, scenes_of
+from moireaug.scene.presets import MIXTURES
 from moireaug.scene.sized import size_octave
-from moireaug.scenes import Scene, as_scene, preset_name
+from moireaug.scenes import Scene
 
 NO_MOIRE_MESSAGE = (
     "images of {} x {} pixels are taken for whole photos of {}: half of them show {:.1f} codes of "
@@ -106,8 +106,8 @@ def _describe_one(scene: Scene, name: str) -> str:
 def _preset_name_of_crops(scene: Scene) -> str:
     """Return the name of the preset whose `with_shrink` is a scene of crops, or an empty string."""
     if scene.is_crop:
-        for name in PRESETS:
-            preset = as_scene(name)
+        for name in Scene.presets():
+            preset = Scene.preset(name)
             with contextlib.suppress(ValueError):  # of a preset that cannot be shrunk so
                 if preset.with_shrink(scene.sensor.shrink) == scene:
                     return name

@@ -4,7 +4,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from moireaug.engine.switch import reference
+from moireaug.engine.backends import reference
 
 
 def natural(b=2, h=32, w=40, seed=0, dtype=torch.float32):

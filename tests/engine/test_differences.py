@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Scene, capture, develop, engine, expose
-from moireaug.engine import differences, execution, exposing, kernel_check, shot_steps
+from moireaug.engine import differences, execution, kernel_check, stages
 from moireaug.mixtures import as_scenes
 from moireaug.scene.by_name import values_of, with_values
 from moireaug.scene.fields import bounds
@@ -107,8 +107,8 @@ def test_every_field_of_each_stage(name):
 @pytest.mark.parametrize("shift", [1e-8, 0.5])
 def test_a_step_that_is_far_too_small_or_too_large_is_found(shift, monkeypatch):
     """The negative control: the panel moves by `shift` sensor pixels."""
-    monkeypatch.setattr(exposing.Exposing, "max_shift", shift)
-    monkeypatch.setattr(shot_steps, "MAX_RELATIVE_STEP", 1e3 * shift)
+    monkeypatch.setattr(stages.Exposing, "max_shift", shift)
+    monkeypatch.setattr(differences, "MAX_RELATIVE_STEP", 1e3 * shift)
     preset, size, changes = CASES["LEDs"]
     shot = scene_of(preset, size, changes).sample(1, (size, size), torch.Generator().manual_seed(0))
     assert worst_error(expose, picture((size, size)), shot)[0] > MAX_ERROR
@@ -125,7 +125,7 @@ def small_shot(n=2, scene=SMALL):
 def test_a_number_at_its_limit_has_a_one_sided_difference(field, limit):
     shot = small_shot()
     shot = with_values(shot, {field: torch.full((2,), limit, dtype=torch.float64)})
-    above, below = shot_steps.step_ends(shot, [field], 0.003)
+    above, below = differences.step_ends(shot, [field], 0.003)
     assert (above.max() == limit) != (below.min() == limit)
     images = picture((12, 12), 2)
     (got,), (true,) = (gradients(expose, x, shot, [field]) for x in (images, images.double()))

@@ -12,15 +12,7 @@ from torch.autograd import forward_ad
 from moireaug import Scene, Sensor, View, capture, develop, expose
 from moireaug.camera import pipeline
 from moireaug.camera.effects.base import Effect, called
-from moireaug.engine import (
-    developing,
-    execution,
-    explain,
-    exposing,
-    kernel_check,
-    reference,
-    switch,
-)
+from moireaug.engine import backends, execution, explain, kernel_check, reference, stages
 from moireaug.engine.backends import BACKENDS
 from moireaug.scene.by_name import with_values
 
@@ -50,7 +42,7 @@ def test_what_kernels_are_compiled_for_is_tried_apart(monkeypatch):
 
 
 def test_photos_whose_views_kernels_cannot_follow_are_counted_once(monkeypatch):
-    monkeypatch.setattr(exposing, "_reported", set())
+    monkeypatch.setattr(stages, "_reported", set())
     said = []
     monkeypatch.setattr(logging.getLogger("moireaug"), "warning", said.append)
     scene = with_values(FULL, {"view.yaw": (0.0, 89.0)})
@@ -179,10 +171,10 @@ def test_a_tangent_is_not_lost():
 
 def test_the_environment_turns_the_engine_off(monkeypatch):
     for value in ("off", "OFF", "0", "false", "", "on"):
-        monkeypatch.setenv(switch.ENGINE_VARIABLE, value)
+        monkeypatch.setenv(backends.ENGINE_VARIABLE, value)
         off = value not in ("", "on")
         assert ("turned off" in execution.explain(Scene.preset("screen_photo"))) == off
-    monkeypatch.setenv(switch.ENGINE_VARIABLE, "of")
+    monkeypatch.setenv(backends.ENGINE_VARIABLE, "of")
     with pytest.raises(ValueError, match="MOIREAUG_ENGINE must be 'off', or unset; got 'of'"):
         Scene.preset("screen_photo").capture(torch.rand(1, 3, 8, 8))
 
@@ -192,7 +184,7 @@ def test_on_a_gpu_the_photo_of_a_reading_that_is_not_finite_is_nan():
     raw = expose(IMAGES, SHOT)
     photo = develop(raw, SHOT).requires_grad_()
     raw[1, 2, 3, 4] = float("inf")
-    marked = developing.nan_where(~developing.finite_images(raw), photo)
+    marked = stages.nan_where(~stages.finite_images(raw), photo)
     assert marked[1].isnan().all() and torch.equal(marked[[0, 2, 3]], photo[[0, 2, 3]])
     marked[0].sum().backward()
     assert photo.grad[0].eq(1).all() and not photo.grad[1:].any()

@@ -9,8 +9,8 @@ import torch
 
 from moireaug import Scene, capture
 from moireaug.engine import backends, kernel_check
+from moireaug.engine.backends import reference
 from moireaug.engine.stage import Stage
-from moireaug.engine.switch import reference
 
 
 def fails(*_):

@@ -32,7 +32,14 @@ FORMULAS = [
     for name, value in vars(module).items()
     if inspect.isfunction(value) and value.__module__ == module.__name__
 ]
-LENGTHS = {"lens": 3, "h": 9, "optics": 5}  # of arguments that are tuples
+LENGTHS = {
+    "lens": 3,
+    "h": 9,
+    "optics": 5,
+    "cycles": 2,
+    "side_u": 2,
+    "side_v": 2,
+}  # of arguments that are tuples
 FLAGS = {"is_odd", "is_odd_u", "is_odd_v"}
 OPERATIONS = physics.OPERATIONS | {
     "sinc": beat_terms.sinc,

@@ -7,7 +7,7 @@ from numba import njit
 
 from moireaug.camera.effects.random_numbers import keys, normal
 from moireaug.engine.cpu.compiling import FAST_MATH
-from moireaug.engine.cpu.random_numbers import normal_row
+from moireaug.engine.cpu.normal import normal_row
 
 
 # the kernels' products and sums are fused, which these must not be

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from moireaug import Scene, capture, develop, expose
-from moireaug.engine.cpu import compiling, first_use, launch_develop, launch_expose, threads
+from moireaug.engine.cpu import compiling, first_use, run, threads
 from moireaug.scene.by_name import with_values
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
@@ -87,8 +87,7 @@ def test_sharing_an_images_rows_changes_no_bit(preset, registered, monkeypatch):
 
     # compiled before NumPy is changed, from which kernels take their own np.empty
     develop(expose(images, shot).requires_grad_(), shot).sum().backward()
-    for module in (launch_expose, launch_develop):
-        monkeypatch.setattr(module, "run_in_shares", spy)
+    monkeypatch.setattr(run, "run_in_shares", spy)
     monkeypatch.setattr(np, "empty", unset)  # memory that nobody has written to
     for count in (1, 2, 3):
         torch.set_num_threads(count)

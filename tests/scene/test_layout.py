@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from moireaug import Panel, Scene, Shot
-from moireaug.camera.panel.mask import emits
+from moireaug.camera.panel import emits
 from moireaug.scene.layout import LAYOUTS, Layout, layout_from_dict
 from moireaug.scene.subpixel import Subpixel
 

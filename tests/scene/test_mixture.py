@@ -10,11 +10,10 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
-from moireaug.mixtures import Mixture, as_scenes, map_scenes, sample_one, scenes_of
+from moireaug.mixtures import Mixture, as_scene, as_scenes, map_scenes, sample_one, scenes_of
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.presets import MIXTURES, PRESETS
-from moireaug.scenes import as_scene
 from moireaug.synthesis import without_moire
 from moireaug.transforms import RandomMoire
 

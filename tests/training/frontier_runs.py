@@ -7,8 +7,8 @@ from moireaug import Scene
 from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from training.config.schema import Config
-from training.runs.identity import result_settings
 from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
+from training.runs.run import Run
 
 SCENE = Scene.preset("screen_photo")
 ENVIRONMENT = {"device": "cpu", "cpu": "a slow one", "threads": 2}
@@ -33,7 +33,7 @@ def put(
     folder = root / recipe / f"seed{seed}"
     init = "random" if recipe == "clean" else init
     where = Scene.preset(scene).to_dict()
-    config = result_settings(Config(recipe=recipe, seed=seed, model="small_resnet"))
+    config = Run(Config(recipe=recipe, seed=seed, model="small_resnet")).settings
     config["adversary"]["eps"], config["weights"] = eps, weights
     config["train"] |= {"epochs": 12, "length": length, "weight_decay": decay, "init": init}
     config["data"] |= {"name": data, "size": size, "root": at}

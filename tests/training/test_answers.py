@@ -18,16 +18,15 @@ from training import fit
 from training.attack.protocol import protocol_of
 from training.classifier import train as training_of_classifiers
 from training.classifier.adversaries import TrainingAdversary
-from training.classifier.blend import SHARES, keep_answers
-from training.classifier.original import Original, divergence
+from training.classifier.original import SHARES, Original, divergence, keep_answers
 from training.classifier.train import classifier_of
 from training.config.schema import Adversary, Data
 from training.data.load import load
 from training.data.splits import Splits
 from training.models import classifiers as models
 from training.recipe.phases import load_data
+from training.report import run_parts
 from training.report.numbers import points
-from training.report.terminal import plain, run_parts
 from training.runs import trained
 from training.runs.metrics import RunMetrics
 from training.system.files import read_checkpoint, read_metrics
@@ -195,7 +194,7 @@ def test_a_run_is_compared_with_the_network_before(tuned, network):
 def test_a_report_says_where_answers_are_not_kept(tuned, equal):
     metrics = RunMetrics.read(tuned[0])
     train = replace(metrics.train, new_share=0.2, equal_answers=equal)
-    text = plain(run_parts(replace(metrics, train=train)))
+    text = "\n".join(run_parts(replace(metrics, train=train)))
     assert ("less than train.kept=0.97" in text) == (equal == 0.9)
     assert "Its weights are 20 % new" in text
 

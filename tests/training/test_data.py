@@ -14,11 +14,12 @@ from torchvision import datasets
 
 from tests.training.small import configured
 from training import fit
+from training.config.checks import require_training_images
 from training.config.schema import Data
 from training.config.torchvision_sets import TORCHVISION_SETS
 from training.data import signs
 from training.data.batches import Batches
-from training.data.load import load, require_training_images
+from training.data.load import load
 from training.system.files import locked
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -34,14 +34,14 @@ def trained(tmp_path_factory):
 def test_examples_depend_on_their_number_alone(tmp_path):
     put(tmp_path, sizes=[(400, 300), (300, 420)])
     examples, again = (Examples(Pictures(tmp_path, 1), Scene.preset(SCENE), 3) for _ in range(2))
-    made = examples.make(5)
-    for one, other in zip(made, again.make(5), strict=True):
+    made = examples[5]
+    for one, other in zip(made, again[5], strict=True):
         assert torch.equal(one.image, other.image) and one[1:] == other[1:]
     for look, side in (("crop", CROP_SIDE), ("whole", WHOLE_SIDE)):
         of_look = [example for example in made if example.look == look]
         assert {example.is_screen for example in of_look} == {False, True}
         assert {tuple(example.image.shape) for example in of_look} == {(3, side, side)}
-    other = examples.make(6)
+    other = examples[6]
     assert not torch.equal(made[0].image, other[0].image)
 
 

@@ -197,6 +197,8 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
 
 def test_plain_runs_are_reused_in_any_scene(copied, capsys):
     """They never look at one; their metrics then are of the scene that they are compared in."""
+    report = copied / "baseline/seed0/report.html"
+    report.write_text("of another scene")
     for _ in range(2):
         cfg = configured("recipe=moire_aug", *TINY, f"runs={copied}", "scene=phone_at_laptop")
         plain = phases.plain_runs(Run(cfg), load(cfg.data))
@@ -204,6 +206,7 @@ def test_plain_runs_are_reused_in_any_scene(copied, capsys):
         for metrics in plain:
             written = read_metrics(copied / metrics.recipe / "seed0")
             assert metrics.to_dict() == written and metrics.scene_name == "phone_at_laptop"
+        assert not report.exists()
     run = trained.read(copied / "moire_at/seed0")
     assert trained.read_baseline_of(run).cfg.recipe == "baseline"
     assert Run(replace(run.cfg, scene="phone_at_laptop")).training_fingerprint != (

@@ -13,7 +13,7 @@ from tests.training.forked import Command
 from tests.training.tiny_suites import TINY, folder_of
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMANDS = ("fit", "reattack", "frontier", "synthesise", "calibrate", "demoire", "explore")
+COMMANDS = ("fit", "reattack", "frontier", "synthesise", "calibrate", "demoire", "detect")
 
 # a sitecustomize.py: ends a command at its first import from outside Python's own library
 STOP = r"""

@@ -22,11 +22,11 @@ from tests.training.forked import Command
 from tests.training.small import BRIEF, NO_DATA, TINY, configured, epoch, inside, same, train, wait
 from tests.training.strangers import images
 from training import fit
+from training.attack import results
 from training.attack.results import run_metrics
 from training.classifier import train as training
 from training.classifier.module import Classifier
 from training.classifier.tuning import tuning_of
-from training.recipe import phases
 from training.runs import resume
 from training.runs.run import Run
 from training.trainer import make
@@ -150,24 +150,24 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
 
 def test_only_an_interrupted_re_attack_is_done_again(tmp_path, monkeypatch, capsys):
     given = ["recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}"]
-    cfg, attack = configured(*given), phases.attack
+    cfg, attack = configured(*given), results.attack
     folder = Run(cfg).folder
 
     def interrupt(*args, **settings):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(phases, "attack", interrupt)
+    monkeypatch.setattr(results, "attack", interrupt)
     with pytest.raises(KeyboardInterrupt):
         fit.fit(cfg)
     train_json = json.loads((folder / "train.json").read_text())
     assert Run(cfg).stage() == "trained"
-    monkeypatch.setattr(phases, "attack", attack)
+    monkeypatch.setattr(results, "attack", attack)
     monkeypatch.setattr(training.ranks, "fit", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
     assert done["train"] == train_json and done["time"]["train"] == train_json["wall_seconds"]
     assert not (folder / "train.json").exists()
 
-    monkeypatch.setattr(phases, "attack", interrupt)
+    monkeypatch.setattr(results, "attack", interrupt)
     again = configured(*given, "data.workers=1", "resume=true")
     assert fit.fit(again) == json.loads((folder / "metrics.json").read_text())
     assert "already finished; resume=false trains it again" in capsys.readouterr().out

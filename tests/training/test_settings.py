@@ -16,7 +16,6 @@ from training.config.settings import with_absolute_paths
 from training.data.augmentation import augment
 from training.data.load import load
 from training.recipe import phases
-from training.runs.identity import result_settings
 from training.runs.run import Run
 from training.system import machine
 
@@ -35,12 +34,12 @@ VARIED = ("recipe", "adversary", "train")
 @pytest.mark.parametrize(("given", "start", "baseline"), PLANS)
 def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
     cfg = configured(*given, *TINY[:4])
-    ours = result_settings(cfg)
+    ours = Run(cfg).settings
     for other, recipe in ((start_config(cfg), start), (baseline_config(cfg), baseline)):
         if recipe is None:
             assert other is None
             continue
-        theirs, own = result_settings(other), result_settings(configured(f"recipe={recipe}"))
+        theirs, own = Run(other).settings, Run(configured(f"recipe={recipe}")).settings
         assert theirs["recipe"] == recipe and theirs["adversary"] == own["adversary"]
         init = own["train"]["init"] if recipe == start else ours["train"]["init"]
         length = own["train"]["length"]

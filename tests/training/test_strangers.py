@@ -78,7 +78,7 @@ def test_options_that_act_come_from_the_command_line_alone(tmp_path):
     own = ["trainer.devices=64", "trainer.strategy=ddp", "data.download=true", "data.workers=9"]
     folder = put(tmp_path, *own)
     given = [f"run={folder}", "suite=defences", "demoire=torch:relu", "reattack.n=3"]
-    assert trained.read(folder).cfg.data.download is False  # as the explorer reads it
+    assert trained.read(folder).cfg.data.download is False
     cfg = checks.merge_run_settings(
         trained.read(folder).cfg, configured(*given, name="reattack"), given
     )

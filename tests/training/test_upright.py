@@ -12,7 +12,6 @@ from training.data.image_sets import UprightFolder
 from training.data.real_pairs import PairFiles, read_codes, read_pairs, require_one_size
 from training.demoireing import clean as cleaning
 from training.demoireing.train import start_as_identity
-from training.explorer import photo
 
 SIDE = 16
 ORIENTATION = 0x0112
@@ -42,7 +41,6 @@ READERS = {
     "pairs": lambda path: by_pairs(path).permute(1, 2, 0).numpy(),
     "folder of classes": lambda path: UprightFolder(path.parent.parent, np.asarray)[0][0],
     "calibration": lambda path: read_codes(path).permute(1, 2, 0).numpy(),
-    "explorer": lambda path: photo.read(str(path)),
 }
 
 

@@ -24,7 +24,6 @@ from training.config.scenes import scene_of
 from training.config.schema import Config, Reattack
 from training.data.splits import EvalBatches, Splits
 from training.report.published import with_paper
-from training.runs.trained import TrainedRun
 from training.suites import tables_of
 from training.suites.config import PaperConfig
 from training.system import machine
@@ -166,15 +165,6 @@ def attack(
     ladder = SuiteAttack(model, "ladder", protocol, records, check=check)
     ladder.run(title)
     return ladder.results()
-
-
-def attack_run(
-    run: TrainedRun, protocol: Protocol, records: Path | None = None, *, check: bool = False
-) -> AttackResult:
-    """Attack the best checkpoint of a run with the ladder, reusing the records in its folder, or in
-    another."""
-    records = records or run.folder / "records"
-    return attack(run.model(), protocol, records, run.cfg.recipe, check=check)
 
 
 def require_all_records(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> None:

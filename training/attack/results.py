@@ -1,20 +1,21 @@
-"""The results of an attack as metrics, beside those of the runs that it is compared with; and their
-reports."""
+"""The results of an attack as metrics, beside those of the classifier that it is compared with; and
+their reports."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 import torch
+from torch import nn
 
 from moireaug.evaluation import paired_gain
 from moireaug.evaluation.frame import MEASURES, MOIRE_MEASURES
 from moireaug.evaluation.suites.ladder import main_attack
 from moireaug.mixtures import scenes_of
 from training import report
-from training.attack.protocol import AttackResult
+from training.attack.protocol import AttackResult, attack
 from training.attack.subject import Subject
 from training.config.scenes import scene_of, shrink_text
 from training.config.schema import Config, ReattackConfig
@@ -117,31 +118,42 @@ def _is_correct(text: str) -> torch.Tensor:
     return torch.tensor([outcome == "1" for outcome in text], device="cpu")
 
 
-def publish(
-    out: Path,
-    metrics: RunMetrics,
-    results: Mapping[str, AttackResult],
-    classes: Mapping[int, str],
-    baseline: PlainMetrics | None = None,
-) -> RunMetrics:
-    """Write report.html, then metrics.json, of a run that was attacked by the ladder, and print the
-    summary; return the metrics.
+class Rival(NamedTuple):
+    """A classifier that another is compared with: plain training's, or itself before its training.
 
     Args:
-        metrics: metrics of the run, without those of the attack.
-        results: results of the ladder by recipe: the run's own come first, then its baseline's.
-        baseline: metrics of the baseline, without those of the attack; None for none.
+        metrics: its metrics, without those of an attack.
+        records: folder of the records of finished jobs.
     """
-    own_result = next(iter(results.values()))
-    time = metrics.time | own_result.seconds
-    metrics = replace(metrics, **ladder_metrics(own_result), time=time)
-    if baseline:
-        metrics = with_baseline(metrics, baseline, ladder_metrics(results[baseline.recipe]))
-    runners = {name: result.runner for name, result in results.items()}
-    examples = run_examples(runners, main_attack(own_result.tables[0]), classes)
-    report.write_run(out / "report.html", metrics, examples)
+
+    metrics: PlainMetrics
+    model: nn.Module
+    records: Path
+
+
+def attack_and_publish(
+    subject: Subject, metrics: RunMetrics, rival: Rival | None = None
+) -> RunMetrics:
+    """Attack a classifier by the ladder, and its rival, write report.html, then metrics.json, and
+    print the summary; return the metrics.
+
+    Args:
+        metrics: metrics of the classifier, without those of the attack.
+    """
+    protocol, out = subject.protocol, subject.folder
+    result = attack(subject.model, protocol, subject.records, subject.name)
+    metrics = replace(metrics, **ladder_metrics(result), time=metrics.time | result.seconds)
+    runners = {subject.name: result.runner}
+    if rival:
+        name = rival.metrics.recipe
+        theirs = attack(rival.model, protocol, rival.records, name, check=False)
+        metrics = with_baseline(metrics, rival.metrics, ladder_metrics(theirs))
+        runners[name] = theirs.runner
+    main_condition = main_attack(result.tables[0])
+    examples = run_examples(runners, main_condition, subject.splits.classes)
+    summary = report.write_run(out / "report.html", metrics, examples)
     metrics.write(out)
-    report.show(report.run_parts(metrics))
+    print(*summary, sep="\n")
     print(f"Report: {out / 'report.html'}")
     return metrics
 
@@ -173,6 +185,6 @@ def publish_suite(cfg: ReattackConfig, subject: Subject, result: AttackResult) -
         )
     summary = report.write_suite(out, metrics, result.tables, result.cells, examples)
     metrics.write(out)
-    report.show(summary)
+    print(*summary, sep="\n")
     print(f"Report: {out / 'report.html'}")
     return metrics

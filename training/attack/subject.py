@@ -14,7 +14,8 @@ from training.config.schema import Config, Reattack, ReattackConfig
 from training.data.load import load
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side, class_names
-from training.runs.identity import fingerprint_of, group_of, result_settings
+from training.runs.identity import fingerprint_of, group_of
+from training.runs.run import Run
 from training.runs.trained import TrainedRun
 from training.system.files import make_folder
 
@@ -58,7 +59,7 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
         splits = splits._replace(classes=run.classes or {}, num_classes=run.num_classes)
     run.check_classes(splits, cfg.data)
     model, protocol = run.model(), protocol_of(cfg, splits, lpips, run.original_model())
-    same_data = result_settings(cfg)["data"] == result_settings(run.cfg)["data"]
+    same_data = Run(cfg).settings["data"] == Run(run.cfg).settings["data"]
     name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
     folder = home / "reattack" / name / cfg.suite
     seconds = {"data": time.perf_counter() - start}
@@ -110,7 +111,7 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
             changes[name] = value
     if with_data:
         parts.insert(0, group_of(cfg.data, Config.model) or cfg.data.name)
-        changes |= {"data": result_settings(cfg)["data"], "weights": cfg.weights}
+        changes |= {"data": Run(cfg).settings["data"], "weights": cfg.weights}
     if changes:
         parts.append(fingerprint_of(changes)[:6])
     return "-".join(parts)

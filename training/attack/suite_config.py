@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import os
+import pkgutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +22,8 @@ from training.attack.subject import Subject
 from training.config.schema import Data, ReattackConfig
 from training.data.splits import Splits
 from training.models.classifiers import as_model, model_names
-from training.runs.identity import fingerprint_of, result_settings
+from training.runs.identity import fingerprint_of
+from training.runs.run import Run
 from training.runs.trained import read
 from training.suites import OPTION_SUITES
 from training.suites.config import PaperConfig
@@ -59,7 +60,8 @@ def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> Paper
     if cfg.suite in ("defences", "paper"):
         donors = protocol.batches.unattacked_images(splits)
         if len(donors):
-            cache = subject.records / f"quilting-{fingerprint_of(result_settings(cfg)['data'])}.npz"
+            data = fingerprint_of(Run(cfg).settings["data"])
+            cache = subject.records / f"quilting-{data}.npz"
             with fabric.rank_zero_first():  # the others read the bank that it makes
                 defences["quilting"] = quilting(donors, cache)
         else:
@@ -146,12 +148,11 @@ def callable_of(name: str, device: torch.device) -> ImageTransform:
 
     The working folder stays the first that is searched: a function may import more once it is
     called."""
-    module, _, attribute = name.partition(":")
     working_folder = os.getcwd()
     if sys.path[0] != working_folder:
         sys.path.insert(0, working_folder)
     try:
-        defence = getattr(importlib.import_module(module), attribute)
+        defence = pkgutil.resolve_name(name)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(
             f"demoire={name!r} could not be imported ({error}): {working_folder!r} was searched, "

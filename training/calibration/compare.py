@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug import Scene, capture
 from training.data.real_pairs import ScreenPhoto
 from training.photographs.statistics import STATISTICS, Statistic, compare, measure, percentiles
-from training.report.terminal import Grid, Part
+from training.report.terminal import aligned
 
 Rows = Sequence[Mapping[str, float]]
 Span = tuple[float, float, float]
@@ -63,18 +63,13 @@ def compare_statistics(real: Rows, simulated: Rows | None) -> list[StatisticRow]
     """Return a row for every statistic of the real photos."""
     table = []
     for name in real[0]:
-        ours = percentiles([row[name] for row in real])
-        if simulated is None:
-            table.append(StatisticRow(name, ours))
-            continue
-        theirs = percentiles([row[name] for row in simulated])
-        distance = None
-        statistic = STATISTICS[name]
-        if statistic.compared:
-            distances = []
-            for real_value, simulated_value in zip(ours, theirs, strict=True):
-                distances.append(abs(compare(real_value, simulated_value, statistic)))
-            distance = fmean(distances)
+        ours, theirs, distance = percentiles([row[name] for row in real]), None, None
+        if simulated is not None:
+            theirs = percentiles([row[name] for row in simulated])
+            if STATISTICS[name].compared:
+                distance = fmean(
+                    abs(compare(*ends, STATISTICS[name])) for ends in zip(ours, theirs, strict=True)
+                )
         table.append(StatisticRow(name, ours, theirs, distance))
     return table
 
@@ -88,7 +83,7 @@ def mean_distance(table: Sequence[StatisticRow]) -> float:
     return fmean(row.distance for row in table if row.distance is not None)
 
 
-def terminal_parts(table: Sequence[StatisticRow], name: str) -> list[Part]:
+def terminal_parts(table: Sequence[StatisticRow], name: str) -> list[str]:
     """Return the table for the terminal."""
     with_scene = table[0].simulated is not None
     heads = ["median (10 to 90 %)", "unit", "real"]
@@ -102,7 +97,7 @@ def terminal_parts(table: Sequence[StatisticRow], name: str) -> list[Part]:
             cells.append(span_text(statistic_row.simulated))
             cells.append("" if distance is None else f"{distance:.2f}")
         rows.append(cells)
-    parts: list[Part] = [Grid(rows)]
+    parts = [aligned(rows)]
     if with_scene:
         parts.append(f"Mean distance: {mean_distance(table):.3f} (0.7 is a factor of two)")
     return parts

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -20,11 +19,10 @@ from training.calibration.compare import (
     span_text,
 )
 from training.calibration.fit import FittedScene
-from training.report.page import environment, middle_of, picture_cells, uri
+from training.report.page import middle_of, picture_cells, render, uri
 from training.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR, png
 from training.system import machine
 
-TEMPLATE = Path(__file__).with_name("report.html.j2")
 MAX_CROPS = 6  # of the page
 SIZE_INCHES, DPI = (10.4, 6.4), 100
 MAIN_UNIT = "codes RMS"  # of most statistics, on the left
@@ -72,8 +70,8 @@ def page(
     run: dict[str, Any] = dict.fromkeys(("environment", "config", "scene"))
     run |= {"command": machine.command(), "scene_name": name}
     run["plan"] = str(scene.plan()) if paired else None
-    template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
-    return template.render(
+    return render(
+        "calibration.html.j2",
         facts={"photos": len(crops.names), "crops": len(crops.photos)},
         side=crops.photos.shape[-1],
         plot=uri(plot, "image/png"),

@@ -1,12 +1,18 @@
-"""The network that a training began with, whose answers it is to keep."""
+"""The network that a training began with, whose answers it is to keep; and averages of its weights
+with the trained ones, which keep most of both (Wortsman et al., 2022)."""
 
 import copy
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
+from torch.utils.data import DataLoader, Dataset
 
 from moireaug.attacks import predicted
+
+SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)  # of the new weights, tried in this order
+BATCH = 32  # images
 
 
 class Original:
@@ -34,3 +40,60 @@ def divergence(logits: Tensor, wanted: Tensor) -> Tensor:
     (B, classes); differentiable in the first (Hinton et al., 2015)."""
     log_probabilities = (logits.float().log_softmax(1), wanted.float().log_softmax(1))
     return F.kl_div(*log_probabilities, reduction="batchmean", log_target=True)
+
+
+def blended(old: dict[str, Tensor], new: dict[str, Tensor], share: float) -> dict[str, Tensor]:
+    """Return the weights between two states of a network; counters stay as in the new one.
+
+    Args:
+        share: that of the new weights, in [0, 1].
+    """
+    between = {}
+    for name, weight in new.items():
+        if weight.is_floating_point():
+            weight = torch.lerp(old[name].to(weight), weight, share)
+        between[name] = weight
+    return between
+
+
+class Blend(NamedTuple):
+    """Weights between the original's and the trained ones.
+
+    Args:
+        new_share: share of the trained weights, one of `SHARES`.
+        equal_answers: share of images that are answered as the original does, in [0, 1].
+    """
+
+    new_share: float
+    equal_answers: float
+
+
+def keep_answers(model: nn.Module, original: Original, images: Dataset, kept: float) -> Blend:
+    """Move a trained model's weights towards the original's, as little as it takes to answer a
+    share of images as the original does.
+
+    Args:
+        images: images (3, H, W) uint8 with labels, which are not used.
+        kept: least share of equal answers, in [0, 1]. Where no average of the weights has it, the
+            last of `SHARES` is taken.
+    """
+    old, new = original.model.state_dict(), copy.deepcopy(model.state_dict())
+    for share in SHARES:
+        model.load_state_dict(blended(old, new, share))
+        equal_answers = _share_of_equal_answers(model, original, images)
+        if equal_answers >= kept:
+            break
+    return Blend(share, equal_answers)
+
+
+@torch.no_grad()
+def _share_of_equal_answers(model: nn.Module, original: Original, images: Dataset) -> float:
+    device = next(model.parameters()).device
+    training = model.training
+    model.eval()
+    equal = []
+    for codes, _ in DataLoader(images, BATCH):
+        batch = codes.to(device).float() / 255
+        equal.append(predicted(model(batch)) == original.answers(batch))
+    model.train(training)
+    return torch.cat(equal).double().mean().item()

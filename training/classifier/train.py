@@ -10,10 +10,9 @@ import lightning as L
 from moireaug.common.files import write_text
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes
-from training.classifier.blend import Blend, keep_answers
 from training.classifier.guard import CollapseGuard
 from training.classifier.module import Classifier
-from training.classifier.original import Original
+from training.classifier.original import Blend, Original, keep_answers
 from training.classifier.tuning import Tuning, weight_averaging
 from training.config.scenes import scene_of
 from training.config.schema import Config, Trainer

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from training.config.schema import Config
+from training.config.schema import Config, Trainer
 from training.config.settings import as_argument, settings_of
 from training.runs.metrics import Metrics, RunMetrics, SuiteMetrics
 from training.runs.run import PLAIN_RECIPES
@@ -39,20 +39,16 @@ def require_shared(settings_by_run: Mapping[Path, Settings], noun: str) -> None:
     Args:
         noun: name of the runs in the error message, in the plural.
     """
-    rows = []
-    for settings in settings_by_run.values():
-        rows.append({key: as_argument(value) for key, value in settings.items()})
-    table = pd.DataFrame(rows, index=list(settings_by_run)).fillna("null").sort_index(axis=1)
-    differing = table.columns[table.nunique() > 1]
-    if differing.empty:
-        return
-    values = table[differing[0]]
-    most_common = Counter(values).most_common(1)[0][0]
-    folder = (values != most_common).idxmax()
-    raise ValueError(
-        f"{noun} with different {values.name} cannot be compared: {folder} has {values[folder]}, "
-        f"most others have {most_common}. Repeat it with the same, or move it to another folder."
-    )
+    for key in sorted(set().union(*settings_by_run.values())):
+        values = {folder: as_argument(run.get(key)) for folder, run in settings_by_run.items()}
+        most_common = Counter(values.values()).most_common(1)[0][0]
+        for folder, value in values.items():
+            if value != most_common:
+                raise ValueError(
+                    f"{noun} with different {key} cannot be compared: {folder} has {value}, most "
+                    f"others have {most_common}. Repeat it with the same, or move it to another "
+                    "folder."
+                )
 
 
 def run_settings(metrics: RunMetrics) -> Settings:
@@ -61,21 +57,25 @@ def run_settings(metrics: RunMetrics) -> Settings:
     settings["scene"] = metrics.scene_name
     for key, declared in settings_of(Config).items():
         part, _, name = key.partition(".")
-        is_shared = declared.changes_result and not declared.may_differ
-        if part in ("data", "train") and is_shared:
+        if part in ("data", "train") and declared.changes_result and not declared.may_differ:
             settings[key] = metrics.config[part][name]
-    is_mixture = isinstance(metrics.scene, list)
-    for number, one in enumerate(metrics.scene if is_mixture else [metrics.scene], 1):
-        prefix = f"scene {number}" if is_mixture else "scene"
-        settings |= {f"{prefix}.{name}": value for name, value in one.items()}
+    scenes = {"scene": metrics.scene}
+    if isinstance(metrics.scene, list):
+        scenes = {f"scene {number}": one for number, one in enumerate(metrics.scene, 1)}
+    for name, fields in scenes.items():
+        settings |= prefixed(name, fields)
     return settings
+
+
+def prefixed(prefix: str, settings: Mapping[str, Any]) -> Settings:
+    """Return the settings of a section by their whole keys."""
+    return {f"{prefix}.{name}": value for name, value in settings.items()}
 
 
 def recipe_settings(metrics: RunMetrics) -> Settings:
     """Return the settings that the seeds of one recipe must share."""
-    adversary, train = metrics.config["adversary"], metrics.config["train"]
-    settings = {f"adversary.{name}": value for name, value in adversary.items()}
-    return settings | {f"train.{name}": value for name, value in train.items()}
+    config = metrics.config
+    return prefixed("adversary", config["adversary"]) | prefixed("train", config["train"])
 
 
 def image_settings(metrics: Metrics) -> Settings:
@@ -91,7 +91,7 @@ def protocol_settings(attack: SuiteMetrics) -> Settings:
     """Return the settings of a re-attack, of which those of a table must share all."""
     settings = {name: getattr(attack, name) for name in ("n", "steps", "bound")}
     settings |= {name: attack.config["reattack"][name] for name in ("seed", "batch_size")}
-    return {f"reattack.{name}": value for name, value in settings.items()}
+    return prefixed("reattack", settings)
 
 
 def data_name(metrics: Iterable[RunMetrics]) -> str:
@@ -140,15 +140,18 @@ def _machines(metrics: RunMetrics) -> set[str]:
     """Return the machines, and the precision if one was set, on which a run, its start and its
     baseline were trained."""
     settings = ""
-    for name, default in (("devices", 1), ("num_nodes", 1), ("precision", None)):
-        if metrics.config["trainer"][name] != default:
-            settings += f", {name}={metrics.config['trainer'][name]}"
+    for name in ("devices", "num_nodes", "precision"):
+        value = metrics.config["trainer"][name]
+        if value != getattr(Trainer, name):
+            settings += f", {name}={value}"
     machines = set()
     for run in (metrics, metrics.start, metrics.baseline):
-        if run and run.environment:
-            machine = run.environment["device"]
-            if machine == "cpu":
-                threads = count_text(run.environment["threads"], "thread")
-                machine = f"{run.environment['cpu']}, {threads}"
-            machines.add(machine + settings)
+        environment = run and run.environment
+        if not environment:
+            continue
+        machine = environment["device"]
+        if machine == "cpu":
+            threads = count_text(environment["threads"], "thread")
+            machine = f"{environment['cpu']}, {threads}"
+        machines.add(machine + settings)
     return machines

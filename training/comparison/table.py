@@ -2,18 +2,15 @@
 
 import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 
 from training.comparison.frame import RunTable
 from training.comparison.summaries import RecipeSummary
 from training.report.numbers import percent, points
-from training.report.page import environment
-from training.report.terminal import Grid, Part
+from training.report.page import render
+from training.report.terminal import aligned
 
 TERMINAL_WIDTH = 100  # characters
 MAX_NAME_WIDTH = 26  # characters of a recipe's name in the terminal
-TEMPLATE = Path(__file__).with_name("frontier.md.j2")
-CAPTION = Path(__file__).with_name("caption.j2")
 RATE_TITLES = {
     "clean": "clean",
     "natural": "photo",
@@ -37,15 +34,15 @@ TERMINAL_HEADS = (
 
 def caption(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
     """Return the caption: the meaning of the figures and their intervals."""
-    template = environment().from_string(CAPTION.read_text("utf-8"))
-    text = template.render(recipes=recipes, shared=table.shared, is_of_means=table.is_of_means)
+    facts = {"shared": table.shared, "is_of_means": table.is_of_means}
+    text = render("frontier_caption.j2", recipes=recipes, **facts)
     return " ".join(line for line in text.splitlines() if line)
 
 
 def markdown(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
     """Return the table, its caption, warnings, and the commands that would complete it."""
-    template = environment().from_string(TEMPLATE.read_text("utf-8"))
-    return template.render(
+    return render(
+        "frontier.md.j2",
         name_of=name_of,
         recipes=recipes,
         gained=[recipe for recipe in recipes if recipe.gains],
@@ -56,7 +53,7 @@ def markdown(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
     )
 
 
-def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable) -> list[Part]:
+def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable) -> list[str]:
     """Return the same for the terminal, in at most 100 columns."""
     rows = [["", "seeds", *TERMINAL_HEADS]]
     for recipe in recipes:
@@ -70,7 +67,7 @@ def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable) -> list[Pa
             row.append(percent(recipe.rates[name].value))
         row.append(f"{recipe.relative_time.value:.2f}")
         rows.append(row)
-    parts: list[Part] = [Grid(rows), ""]
+    parts = [aligned(rows), ""]
     for text in (caption(recipes, table), *table.warnings):
         parts.append(textwrap.fill(text, TERMINAL_WIDTH))
     if any(recipe.gains for recipe in recipes):

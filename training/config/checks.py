@@ -4,6 +4,7 @@ spent."""
 import copy
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -16,12 +17,7 @@ from training.config.scenes import scene_of
 from training.config.schema import DATA, Adversary, Config, Data, ReattackConfig, RunConfig, Trainer
 from training.config.settings import check, settings_of, value_of, with_values
 from training.suites import OPTION_SUITES
-
-# the suites that have a use for an option of a re-attack
-SUITES_OF_OPTIONS = {
-    "reattack.eps" if option == "eps" else option: suites
-    for option, suites in OPTION_SUITES.items()
-}
+from training.system.files import has_parts
 
 
 def check_classifier(cfg: Config) -> None:
@@ -82,6 +78,18 @@ def check_answers(cfg: Config) -> None:
         raise ValueError(
             "data.class_index gives the classes of labels, and train.target=answers uses none: "
             "leave it out."
+        )
+
+
+def require_training_images(cfg: Data) -> None:
+    """Refuse a folder of class folders alone, whose images are all for testing."""
+    if cfg.name != "folder" or not cfg.root or not Path(cfg.root).is_dir():
+        return
+    if not has_parts(cfg.root):
+        raise ValueError(
+            f"data.root={cfg.root!r} lacks train/ or test/, so that all its images are for "
+            "testing. Training needs train/<class>/ and test/<class>/ in it; to attack given "
+            "weights on these images, use training/reattack.py."
         )
 
 
@@ -168,7 +176,7 @@ def check_overrides(cfg: ReattackConfig, overrides: Sequence[str]) -> None:
                 f"{key}= does not go with run={cfg.run}, which has {settings[0].run_has}: leave "
                 "out one of the two."
             )
-        for option, suites in SUITES_OF_OPTIONS.items():
+        for option, suites in OPTION_SUITES.items():
             if f"{key}.".startswith(f"{option}.") and value_of(cfg, option) is not None:
                 check_used(cfg.suite, option, suites)
         if top == "trainer" and _has_no_effect(key.removeprefix("trainer."), cfg):
@@ -206,6 +214,6 @@ def merge_run_settings(
             values[key] = copy.deepcopy(value_of(run_cfg, key))
     if "data.size" not in given_keys:
         values["data.size"] = run_cfg.data.size  # what the model was trained on, whatever the data
-    if cfg.suite not in OPTION_SUITES["eps"]:
+    if cfg.suite not in OPTION_SUITES["reattack.eps"]:
         values["reattack.eps"] = None  # a run's own is of its ladder
     return with_values(cfg, values)

@@ -17,8 +17,8 @@ from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.config.schema import Data
 from training.config.torchvision_sets import TORCHVISION_SETS
-from training.data.splits import ImageSet, has_parts, shuffled_indices
-from training.system.files import locked, read_table
+from training.data.splits import ImageSet, shuffled_indices
+from training.system.files import has_parts, locked, read_table
 
 MIN_UNLABELLED = 3  # pictures of a folder without labels
 IMAGENET_CLASSES = 1000  # of torchvision's published weights, which a class_index refers to

@@ -1,14 +1,13 @@
 """Data sets by name: uint8 images (3, size, size) and labels, split into train, val and test."""
 
 import functools
-from pathlib import Path
 
 from torch import Tensor
 from torch.utils.data import Dataset
 
 from training.config.schema import DATA, Data
 from training.data import signs
-from training.data.splits import Splits, has_parts, repeated, split
+from training.data.splits import Splits, repeated, split
 
 
 def load(cfg: Data, target: str = "labels") -> Splits:
@@ -25,18 +24,6 @@ def load(cfg: Data, target: str = "labels") -> Splits:
         splits = split(image_sets.read_unlabelled(cfg), cfg)
         return splits._replace(train=repeated(splits.train, cfg.train))
     return split(image_sets.read(cfg), cfg)
-
-
-def require_training_images(cfg: Data) -> None:
-    """Refuse a folder of class folders alone, whose images are all for testing."""
-    if cfg.name != "folder" or not cfg.root or not Path(cfg.root).is_dir():
-        return
-    if not has_parts(cfg.root):
-        raise ValueError(
-            f"data.root={cfg.root!r} lacks train/ or test/, so that all its images are for "
-            "testing. Training needs train/<class>/ and test/<class>/ in it; to attack given "
-            "weights on these images, use training/reattack.py."
-        )
 
 
 class Signs(Dataset):

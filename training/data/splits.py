@@ -1,6 +1,5 @@
 """Three parts of a data set, to train, validate and test on; and the test images in batches."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import torch
@@ -48,12 +47,6 @@ class Splits(NamedTuple):
     classes: dict[int, str]
     num_classes: int
     files: str = ""
-
-
-def has_parts(root: str | Path) -> bool:
-    """Return whether a folder of images is split into train/ and test/: either alone may be the
-    name of a class."""
-    return all((Path(root) / part).is_dir() for part in ("train", "test"))
 
 
 class CachedDataset(Dataset):

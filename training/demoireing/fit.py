@@ -24,7 +24,7 @@ from moireaug.common.argument_checks import one_of
 from moireaug.common.files import write_text
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire.losses import NETWORKS_WITHOUT_FEATURES
-from moireaug.scenes import as_scene
+from moireaug.mixtures import as_scene
 from moireaug.synthesis.pairs import check_aligned
 from training.config import commands, scenes
 from training.config.checks import check_run
@@ -35,7 +35,6 @@ from training.demoireing import pictures, report
 from training.demoireing.pairs import training_scenes
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
-from training.report.terminal import show
 from training.runs.identity import Origin
 from training.runs.resume import require_resumable, require_same_origin
 from training.runs.run import Run
@@ -95,7 +94,7 @@ def report_finished(run: Run[DemoireConfig]) -> Metrics:
     """Print the figures of a finished run and return its metrics."""
     metrics = read_metrics(run.folder) or {}
     if is_first():
-        show(report.terminal_parts(metrics))
+        print(*report.terminal_parts(metrics), sep="\n")
         print(f"{run.folder} is already finished; resume=false trains it again.")
     return metrics
 
@@ -163,7 +162,7 @@ def test_and_report(
     write_text(folder / "scores.csv", result.scores.to_csv(index=False, float_format="%.6g"))
     write_text(folder / "report.html", report.page(metrics, result.examples))
     write_text(folder / "metrics.json", json.dumps(metrics, indent=1))
-    show(report.terminal_parts(metrics))
+    print(*report.terminal_parts(metrics), sep="\n")
     print(f"Weights: {folder / 'weights.pt'}")
     print(f"Report: {folder / 'report.html'}")
     return metrics

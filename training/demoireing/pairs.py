@@ -11,9 +11,10 @@ from PIL import Image
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from moireaug.mixtures import as_scene
 from moireaug.scene.fields import bounds
 from moireaug.scene.presets import MIXTURES
-from moireaug.scenes import Scene, as_scene
+from moireaug.scenes import Scene
 from moireaug.synthesis import without_moire
 from moireaug.synthesis.pairs import Pair, check_aligned, make_pair, photo_of_codes
 from moireaug.synthesis.pictures import Source

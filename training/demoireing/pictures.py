@@ -8,9 +8,10 @@ from PIL import Image
 
 from moireaug.synthesis.pictures import Pictures, Source
 from training.data import drawn_pictures
-from training.data.splits import has_parts, shuffled_indices
+from training.data.splits import shuffled_indices
 from training.demoireing.schema import DemoireConfig
 from training.runs.identity import fingerprint_of
+from training.system.files import has_parts
 from training.system.messages import count_text
 
 SPLIT_DIVISOR = 10  # a tenth of the pictures validates, and a tenth tests
@@ -68,9 +69,9 @@ def load(cfg: DemoireConfig) -> Splits:
         return Splits(drawn, drawn, DrawnPictures(test_side))
     root = Path(cfg.data.root)
     if has_parts(root):
-        train, val = _parts(Pictures(root / "train", side), 2)
+        train, val = split_tenths(Pictures(root / "train", side), 2)
         return Splits(train, val, Pictures(root / "test", test_side))
-    train, val, test = _parts(Pictures(root, side), 3)
+    train, val, test = split_tenths(Pictures(root, side), 3)
     test.min_side = test_side
     return Splits(train, val, test)
 
@@ -87,7 +88,7 @@ def require_usable(splits: Splits) -> None:
             ) from error
 
 
-def _parts(pictures: Pictures, parts: int) -> list[Pictures]:
+def split_tenths(pictures: Pictures, parts: int) -> list[Pictures]:
     """Split pictures at random, always the same way: most of them, and as many tenths as there are
     other parts."""
     total = len(pictures)

@@ -1,7 +1,6 @@
 """The report of a test: a page, plots of the training, and lines for the terminal."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from torch import Tensor
@@ -9,11 +8,10 @@ from torch import Tensor
 from moireaug.evaluation.visibility import SSIM_WINDOW
 from training.demoireing.testing import GroupedPair
 from training.report.numbers import number
-from training.report.page import environment, picture_cells
+from training.report.page import picture_cells, render
 from training.report.plots import History, Quantity, curves
-from training.report.terminal import Grid, Part
+from training.report.terminal import aligned
 
-TEMPLATE = Path(__file__).with_name("report.html.j2")
 REMOVED_AMPLIFICATION = 4  # factor of the removed part in a picture
 Row = Mapping[str, Any]
 
@@ -23,6 +21,8 @@ REFERENCE_COLUMNS = {
     "the original": ("original", ""),
     "the original, colours mapped": ("original", "mapped_"),
 }
+# measures under each reference, and decimals of their figures
+MEASURE_DIGITS = {"psnr": 2, "ssim": 3}
 
 
 def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tensor]]) -> str:
@@ -32,9 +32,8 @@ def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tenso
         examples: pairs of the report, and their cleaned photos.
     """
     lead = [main_figures(metrics, kind) for kind in ("seen", "unseen", "real")]
-    time = {name: value for name, value in metrics["time"].items() if value is not None}
-    template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
-    return template.render(
+    return render(
+        "demoireing.html.j2",
         title=f"{metrics['model']}, trained on simulated pairs alone",
         lead=[figures for figures in lead if figures["n"]],
         facts={name: metrics[name] for name in ("data", "model", "width", "target", "seed")},
@@ -42,9 +41,7 @@ def page(metrics: Mapping[str, Any], examples: Sequence[tuple[GroupedPair, Tenso
         rows=table_rows(metrics["test"]),
         examples=[example_block(pair, cleaned) for pair, cleaned in examples],
         curves=training_curves(metrics["train"]),
-        time=time,
         metrics={**metrics, "scene": None, "plan": None},
-        target=metrics["target"],
         window=SSIM_WINDOW,
     )
 
@@ -57,28 +54,29 @@ def main_figures(metrics: Mapping[str, Any], kind: str) -> dict[str, Any]:
         measure = "psnr"
     elif metrics["target"] == "twin" and kind != "real":
         reference, measure = "twin", "psnr"
-    wanted = {"kind": kind, "reference": reference, "measure": measure}
-    rows = [row for row in metrics["test"] if wanted.items() <= row.items()]
+    figures = {"kind": kind, "reference": reference, "measure": measure}
+    rows = [row for row in metrics["test"] if figures.items() <= row.items()]
     n = sum(row["n"] for row in rows)
-    before, after = (
-        sum(row[k] * row["n"] for row in rows) / max(n, 1) for k in ("before", "after")
-    )
-    gained = sum(row["gained"] for row in rows)
-    return {**wanted, "n": n, "before": before, "after": after, "gained": gained}
+    for side in ("before", "after"):
+        figures[side] = sum(row[side] * row["n"] for row in rows) / max(n, 1)
+    return figures | {"n": n, "gained": sum(row["gained"] for row in rows)}
 
 
 def table_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Return one row per group, with a cell for PSNR and SSIM under each of `REFERENCE_COLUMNS`;
     None where there is no such reference."""
-    by_group: dict[str, dict[str, Any]] = {}
+    groups: dict[str, dict[tuple[str, str], Row]] = {}
     for row in rows:
-        labels = {k: row[k] for k in ("group", "kind", "n", "milliseconds", "megapixels")}
-        by_group.setdefault(row["group"], labels | {"cells": [None] * 2 * len(REFERENCE_COLUMNS)})
-        for column, (reference, prefix) in enumerate(REFERENCE_COLUMNS.values()):
-            for side, name in enumerate(("psnr", "ssim")):
-                if (row["reference"], row["measure"]) == (reference, prefix + name):
-                    by_group[row["group"]]["cells"][2 * column + side] = cell_text(row, 2 + side)
-    return list(by_group.values())
+        groups.setdefault(row["group"], {})[row["reference"], row["measure"]] = row
+    table = []
+    for measured in groups.values():
+        cells = []
+        for reference, prefix in REFERENCE_COLUMNS.values():
+            for measure, digits in MEASURE_DIGITS.items():
+                figures = measured.get((reference, prefix + measure))
+                cells.append(figures and cell_text(figures, digits))
+        table.append({**next(iter(measured.values())), "cells": cells})
+    return table
 
 
 def cell_text(row: Row, digits: int) -> dict[str, str]:
@@ -95,26 +93,25 @@ def cell_text(row: Row, digits: int) -> dict[str, str]:
     }
 
 
-def terminal_parts(metrics: Mapping[str, Any]) -> list[Part]:
+def terminal_parts(metrics: Mapping[str, Any]) -> list[str]:
     """Return the figures for a terminal: PSNR in dB and SSIM, before and after."""
-    rows = [["pairs", "n", "against", "PSNR, dB", "gain", "twin", "SSIM"]]
+    lines = [["pairs", "n", "against", "PSNR, dB", "gain", "twin", "SSIM"]]
     for row in table_rows(metrics["test"]):
-        group = f"{row['group']} ({row['kind']})" if row["kind"] != "real" else row["group"]
-        for column, against in enumerate(REFERENCE_COLUMNS):
-            psnr, ssim = row["cells"][2 * column : 2 * column + 2]
+        group = row["group"] if row["kind"] == "real" else f"{row['group']} ({row['kind']})"
+        pairs_of_cells = zip(row["cells"][::2], row["cells"][1::2], strict=True)
+        for against, (psnr, ssim) in zip(REFERENCE_COLUMNS, pairs_of_cells, strict=True):
             if psnr is None:
                 continue
-            change = f"{psnr['before']} → {psnr['after']}"
             gain = psnr["gain"].split(" ")[0].rstrip(";")
-            likeness = f"{ssim['before']} → {ssim['after']}"
-            rows.append([group, str(row["n"]), against, change, gain, psnr["twin"], likeness])
+            change, likeness = (f"{cell['before']} → {cell['after']}" for cell in (psnr, ssim))
+            lines.append([group, str(row["n"]), against, change, gain, psnr["twin"], likeness])
             group = ""
     train = metrics["train"]
     cost = (
         f"training: {train['steps']} steps in {train['seconds']:.0f} s, "
         f"{train['pairs_per_second']:.1f} pairs per second; kept: step {train['best_steps']}"
     )
-    return [Grid(rows), cost]
+    return [aligned(lines), cost]
 
 
 def example_block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from training.demoireing.module import MAX_GRADIENT_NORM, Demoireing
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 from training.runs.identity import Origin
+from training.runs.metrics import training_cost
 from training.runs.run import Run
 from training.system.files import read_checkpoint
 from training.system.processes import is_first, print_once
@@ -62,7 +63,7 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     network = module.network
     if is_first():
         run.write_settings()
-    if resumes and (train := run.training_cost()):
+    if resumes and (train := training_cost(out)):
         module.load_state_dict(read_checkpoint(best)["state_dict"])
         print_once(f"Training is complete: the weights are read from {best}.")
         return network.eval(), train

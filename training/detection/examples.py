@@ -1,8 +1,6 @@
 """Examples for a detector of screen photos: crops at a photo's own pixels, and whole photos made
 small; screens from any camera, and what is none."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,6 +9,7 @@ import numpy as np
 import torch
 from PIL import Image
 from torch import Tensor
+from torch.utils.data import Dataset
 
 from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.capture import capture
@@ -47,7 +46,7 @@ class Example(NamedTuple):
     kind: str
 
 
-class Examples:
+class Examples(Dataset):
     """Examples by number, each a pure function of (seed, number) and the pictures.
 
     Args:
@@ -70,7 +69,7 @@ class Examples:
         self.prints = no_pattern.with_shrink(CROP_SHRINK)
 
     @torch.no_grad()
-    def make(self, number: int) -> list[Example]:
+    def __getitem__(self, number: int) -> list[Example]:
         """Return the examples of a number: of each look, screens and others."""
         rng = np.random.default_rng((self.seed, number))
         return [*self.crops(rng), *self.wholes(rng)]

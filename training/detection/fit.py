@@ -10,8 +10,6 @@ such as DEFAULT; its stages stay as they are, and two linear heads on them are f
 threshold, `false_alarms` of the photos in `ordinary` are called screens, or of a tenth of the
 pictures, which are left out of the training. Writes detector.pt and metrics.json into out=DIR."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections import Counter
@@ -25,7 +23,7 @@ import numpy as np
 import torch
 from omegaconf import MISSING
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader
 from torchmetrics.functional.classification import binary_auroc
 from tqdm import tqdm
 
@@ -34,14 +32,14 @@ from moireaug.synthesis.pictures import Pictures, Source
 from training.config import scenes
 from training.config.commands import parse, report_errors
 from training.config.settings import setting
-from training.data.splits import shuffled_indices
-from training.demoireing.pictures import DrawnPictures
-from training.detection.examples import PHOTO_SIDE, Example, Examples
+from training.demoireing.pictures import DrawnPictures, split_tenths
+from training.detection.examples import PHOTO_SIDE, Examples
 from training.detection.network import LOOKS, Detector, as_photo, fit_head
 from training.system.files import make_folder
 
 EXAMPLE = "python training/detect.py train images=DIR weights=resnet18.pth"
-HELD_OUT_DIVISOR = 10  # a tenth of pictures and numbers is left out of the training
+HELD_OUT_DIVISOR = 10  # a tenth of the rounds is left out of the training
+MIN_SIDE = 32  # of pictures that train, pixels
 DRAWN_ORDINARY = 100  # pictures that set the threshold where all are drawn
 BATCH = 32
 
@@ -65,19 +63,6 @@ class Config:
     workers: int = setting(0, "processes; 0: this one", bounds=(0, None))
 
 
-class Rounds(Dataset):
-    """Rounds of examples by number."""
-
-    def __init__(self, examples: Examples, n: int) -> None:
-        self.examples, self.n = examples, n
-
-    def __len__(self) -> int:
-        return self.n
-
-    def __getitem__(self, number: int) -> list[Example]:
-        return self.examples.make(number)
-
-
 def train(cfg: Config) -> dict[str, Any]:
     """Train, write and print; return what metrics.json holds.
 
@@ -90,8 +75,11 @@ def train(cfg: Config) -> dict[str, Any]:
     pictures, ordinary = sources(cfg)
     out = Path(cfg.out)
     make_folder(out, "out=DIR")
-    rounds = Rounds(Examples(pictures, scenes.load(cfg.scene), cfg.seed), cfg.n)
-    loader = DataLoader(rounds, batch_size=None, num_workers=cfg.workers, collate_fn=list)
+    rounds = Examples(pictures, scenes.load(cfg.scene), cfg.seed)
+    numbers, workers = range(cfg.n), cfg.workers
+    loader = DataLoader(
+        rounds, batch_size=None, sampler=numbers, num_workers=workers, collate_fn=list
+    )
     seen: dict[str, list[tuple[Tensor, bool, int]]] = {look: [] for look in LOOKS}
     kinds: Counter[str] = Counter()
     for number, examples in enumerate(tqdm(loader, unit="round", disable=None)):
@@ -126,17 +114,12 @@ def train(cfg: Config) -> dict[str, Any]:
 def sources(cfg: Config) -> tuple[Source, list[Any]]:
     """Return the pictures that train, and the ordinary photos that set the threshold."""
     rng = np.random.default_rng((cfg.seed, 1))
+    pictures: Source = DrawnPictures(PHOTO_SIDE)
     if cfg.images is None:
-        drawn = DrawnPictures(PHOTO_SIDE)
-        pictures: Source = drawn
-        others: Any = [drawn.draw(rng)[1] for _ in range(DRAWN_ORDINARY)]
+        others = [pictures.draw(rng)[1] for _ in range(DRAWN_ORDINARY)]
     else:
-        every = Pictures(cfg.images, 32)
-        order = shuffled_indices(len(every), 0)
-        count = max(1, len(every) // HELD_OUT_DIVISOR)
-        if len(every) < 2:
-            raise ValueError(f"images={cfg.images} holds one picture: at least two are needed.")
-        pictures, others = every.subset(order[count:]), readable(every.subset(order[:count]))
+        pictures, held_out = split_tenths(Pictures(cfg.images, MIN_SIDE), 2)
+        others = readable(held_out)
     if cfg.ordinary is not None:
         others = readable(Pictures(cfg.ordinary, 1))
     return pictures, others

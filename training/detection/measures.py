@@ -1,7 +1,5 @@
 """How well scores tell screens from other photos, with 95 % intervals, and what is mistaken."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,6 +10,7 @@ from PIL import Image
 from scipy.stats import rankdata
 
 from moireaug.evaluation.statistics import wilson
+from training.report.plots import png
 
 BOOTSTRAPS = 1000
 THUMBNAIL, COLUMNS, MISTAKES = 160, 8, 16  # pixels; of a sheet's rows; of each kind
@@ -65,7 +64,7 @@ def measures(screens: np.ndarray, others: np.ndarray, threshold: float) -> dict[
 
 def roc_plot(scores: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> bytes:
     """Return a PNG of the ROC curve of each collection: scores of screens, and of others."""
-    figure = Figure(figsize=(5, 4), layout="constrained")
+    figure = Figure(figsize=(5, 4), dpi=130, layout="constrained")
     axes = figure.subplots()
     axes.set(xlabel="false alarms", ylabel="screens found", xlim=(0, 1), ylim=(0, 1.01))
     for name, (screens, others) in scores.items():
@@ -74,9 +73,7 @@ def roc_plot(scores: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> bytes:
         found = (screens[:, None] >= thresholds).mean(0)
         axes.step(alarms, found, where="post", label=f"{name}, {auc(screens, others):.2f}")
     axes.legend(loc="lower right", fontsize="small")
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=130)
-    return file.getvalue()
+    return png(figure)
 
 
 def sheet(rows: Sequence[Sequence[Image.Image]]) -> bytes:

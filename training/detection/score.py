@@ -8,8 +8,6 @@ collections: AUC, equal error rate, APCER and BPCER are printed for each, with 9
 written with a plot of the ROC curves and a sheet of the mistakes (screens that were missed, then
 other photos called screens)."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -50,7 +50,7 @@ def as_model(
     model = _fresh(name, num_classes)
     if weights is not None:
         complaint = f"The weights {weights!r} do not fit {name!r} with {num_classes} classes"
-        _load(model, _state(name, weights), complaint, whole)
+        _load(model, name, _state(name, weights), complaint, whole=whole)
     # in this layout convolutions are up to twice as fast on CPU
     model = model.to(memory_format=torch.channels_last)
     return model if name in OWN_MODELS else Normalized(model)
@@ -114,8 +114,7 @@ def _head_of(name: str) -> str:
 
 def class_count_of(name: str, weights: str) -> int:
     """Return the number of logits of a model's weights, given as in `as_model`."""
-    state = _state(name, weights)
-    return class_count(name, {k: state[k] for k in state if not k.startswith(_AUXILIARY)})
+    return class_count(name, _state(name, weights))
 
 
 def require_known(name: str) -> None:
@@ -137,13 +136,16 @@ def _fresh(name: str, num_classes: int) -> nn.Module:
 
 
 def _state(name: str, weights: str) -> Mapping[str, Tensor]:
-    """Return a state_dict by the name of published weights, or out of a file."""
+    """Return a state_dict by the name of published weights, or out of a file, without auxiliary
+    heads."""
     published = _published_names(name)
     if weights in published:
-        return _published(name, weights)
-    published_hint = f", or one of {', '.join(published)}" if published else ""
-    advice = f"Pass a file that torch.save(model.state_dict(), path) wrote{published_hint}."
-    return read_state_dict(weights, name, advice)
+        state = _published(name, weights)
+    else:
+        published_hint = f", or one of {', '.join(published)}" if published else ""
+        advice = f"Pass a file that torch.save(model.state_dict(), path) wrote{published_hint}."
+        state = read_state_dict(weights, name, advice)
+    return {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
 
 
 def _published_names(name: str) -> list[str]:
@@ -164,14 +166,15 @@ def _published(name: str, weights: str) -> Mapping[str, Tensor]:
         ) from error
 
 
-def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
+def _load(
+    model: nn.Module, name: str, state: Mapping[str, Tensor], complaint: str, *, whole: bool
+) -> None:
     """Copy a state into a model, except for a head made for another number of classes."""
     expected = model.state_dict()
-    state = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
     common = [key for key in state if key in expected]
     reshaped = [key for key in common if state[key].shape != expected[key].shape]
-    if not whole and _is_head(reshaped, expected, state):
-        state |= {key: expected[key] for key in reshaped}
+    if reshaped and not whole and _is_head(name, reshaped, expected, state):
+        state = {**state, **{key: expected[key] for key in reshaped}}
     try:
         model.load_state_dict(state)
     except RuntimeError as error:
@@ -188,19 +191,12 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: 
 
 
 def _is_head(
-    reshaped: list[str], expected: Mapping[str, Tensor], state: Mapping[str, Tensor]
+    name: str, reshaped: list[str], expected: Mapping[str, Tensor], state: Mapping[str, Tensor]
 ) -> bool:
-    """Return whether the tensors that changed shape are those of one layer, and only in their
-    number of outputs.
-
-    Any layer but the last would change the inputs of the next one too."""
-    layers = {key.rpartition(".")[0] for key in reshaped}
-    if len(layers) != 1:
+    """Return whether the tensors that changed shape are the head's, and only in their number of
+    outputs."""
+    head = _head_of(name).rpartition(".")[0]
+    if set(reshaped) != {key for key in expected if key.rpartition(".")[0] == head}:
         return False
-    layer_keys = [key for key in expected if key.rpartition(".")[0] in layers]
-    if len(layer_keys) != len(reshaped):
-        return False
-    for key in reshaped:
-        if state[key].dim() == 0 or state[key].shape[1:] != expected[key].shape[1:]:
-            return False
-    return True
+    shapes = [(state[key].shape, expected[key].shape) for key in reshaped]
+    return all(len(got) == len(own) and got[1:] == own[1:] for got, own in shapes)

@@ -1,7 +1,5 @@
 """Make the pairs of a share and write them, file by file."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import shutil
@@ -28,6 +26,31 @@ from training.pairs.sets import PairSet, Share
 from training.system.messages import count_text
 
 MOIRE_SAMPLE_PAIRS = 16  # pairs whose moiré is told before the work begins
+
+
+@dataclass
+class Config:
+    """All settings of the command."""
+
+    images: str = setting(MISSING, "a folder of pictures")
+    out: str = setting(MISSING, "the folder of the pairs")
+    n: int = setting(MISSING, "pairs, over all shards")
+    scene: str = setting("screen_photo", "a preset, or a YAML file of a scene or a list")
+    shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
+    size: int = setting(512, "side of the crops, in pixels")
+    twin: bool = setting(False, "add the same photo without moiré")
+    raw: bool = setting(False, "add the raw image, as raw.npy in uint16")
+    format: str = setting("webdataset", "of the files", choices=tuple(FORMATS))
+    encoding: str = setting("png", "of the pictures", choices=tuple(SUFFIXES))
+    quality: int | None = setting(
+        None, "of webp and jpeg; null: lossless, and 95 for jpeg", bounds=(1, 100)
+    )
+    seed: int = setting(0, "of the crops and photos")
+    per_shard: int = setting(1000, "pairs a tar, or a folder", bounds=(1, None))
+    shard: str = setting("0/1", "i/n: part i of n, from 0")
+    workers: int | None = setting(
+        None, "processes; 0: this one, null: one per core", bounds=(0, 1024)
+    )
 
 
 def make(cfg: Config, pairs: Pairs, pair_set: PairSet, share: Share) -> None:
@@ -120,28 +143,3 @@ def workers_of(cfg: Config) -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))  # of a job that was given some of a machine's cores
     return os.cpu_count() or 1
-
-
-@dataclass
-class Config:
-    """All settings of the command."""
-
-    images: str = setting(MISSING, "a folder of pictures")
-    out: str = setting(MISSING, "the folder of the pairs")
-    n: int = setting(MISSING, "pairs, over all shards")
-    scene: str = setting("screen_photo", "a preset, or a YAML file of a scene or a list")
-    shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
-    size: int = setting(512, "side of the crops, in pixels")
-    twin: bool = setting(False, "add the same photo without moiré")
-    raw: bool = setting(False, "add the raw image, as raw.npy in uint16")
-    format: str = setting("webdataset", "of the files", choices=tuple(FORMATS))
-    encoding: str = setting("png", "of the pictures", choices=tuple(SUFFIXES))
-    quality: int | None = setting(
-        None, "of webp and jpeg; null: lossless, and 95 for jpeg", bounds=(1, 100)
-    )
-    seed: int = setting(0, "of the crops and photos")
-    per_shard: int = setting(1000, "pairs a tar, or a folder", bounds=(1, None))
-    shard: str = setting("0/1", "i/n: part i of n, from 0")
-    workers: int | None = setting(
-        None, "processes; 0: this one, null: one per core", bounds=(0, 1024)
-    )

@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from training import report
-from training.attack.protocol import attack, attack_run, protocol_of
-from training.attack.results import plain_metrics, publish, run_metrics
+from training.attack.protocol import protocol_of
+from training.attack.results import Rival, attack_and_publish, plain_metrics, run_metrics
+from training.attack.subject import Subject
 from training.config.schema import Config
 from training.data.load import load
 from training.data.splits import Splits
@@ -29,7 +30,7 @@ def report_finished(run: Run[Config]) -> RunMetrics | None:
     """Print the summary of a finished run and return its metrics."""
     metrics = RunMetrics.read(run.folder)
     if metrics and is_first():
-        report.show(report.run_parts(metrics))
+        print(*report.run_parts(metrics), sep="\n")
         print(f"{run.folder} is already finished; resume=false trains it again.")
     return metrics
 
@@ -79,7 +80,7 @@ def plain_run(
 
 def _in_scene_of(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
     """Return the metrics of a plain run; where its scene was another, which its training does not
-    see, they are written anew, without an attack there."""
+    see, they are written anew, without an attack there and the report of it."""
     wanted = run_metrics(run.config, metrics.train, metrics.start)
     if metrics.scene == wanted.scene or not is_first():
         return metrics
@@ -87,6 +88,7 @@ def _in_scene_of(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
         wanted, environment=metrics.environment, time=metrics.time, command=metrics.command
     )
     run.write_settings()
+    (run.folder / "report.html").unlink(missing_ok=True)
     metrics.write(run.folder)
     return metrics
 
@@ -148,10 +150,10 @@ def train_and_report(
     classifier, train = train_run(run, splits, start)
     if not is_first():
         return None
-    recipe, records = run.config.recipe, run.folder / "records"
+    cfg, records = run.config, run.folder / "records"
     original = classifier.original.model if classifier.original else None
-    protocol = protocol_of(run.config, splits, original=original)
-    results = {recipe: attack(classifier.model, protocol, records, recipe)}
+    protocol = protocol_of(cfg, splits, original=original)
+    subject = Subject(cfg.recipe, classifier.model, splits, protocol, records, run.folder, {})
     earlier_metrics = RunMetrics.read(run.folder)  # of a run that was trained before
     metrics = trained_metrics(run, train, start)
     metrics = replace(
@@ -159,11 +161,11 @@ def train_and_report(
         environment=earlier_metrics.environment if earlier_metrics else metrics.environment,
         time={"data": data_seconds, "train": train.wall_seconds},
     )
-    # also where its records are there: a folder's images may have changed since
-    if baseline and (baseline_run := baseline_of(run)):
-        results[baseline.recipe] = attack_run(read_trained(baseline_run), protocol)
-    plain_baseline = baseline.plain() if baseline else None
+    rival = None
     if original:
-        plain_baseline = plain_metrics(run.config, ORIGINAL)
-        results[ORIGINAL] = attack(original, protocol, records, ORIGINAL, check=False)
-    return publish(run.folder, metrics, results, splits.classes, plain_baseline)
+        rival = Rival(plain_metrics(cfg, ORIGINAL), original, records)
+    elif baseline and (baseline_run := baseline_of(run)):
+        # also where its records are there: a folder's images may have changed since
+        trained = read_trained(baseline_run)
+        rival = Rival(baseline.plain(), trained.model(), trained.folder / "records")
+    return attack_and_publish(subject, metrics, rival)

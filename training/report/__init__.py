@@ -11,10 +11,10 @@ from moireaug.evaluation.tables import Table
 from training.report import page, plots
 from training.report.run_view import run_view
 from training.report.suite_view import suite_view
-from training.report.terminal import Part, run_parts, show, suite_parts
+from training.report.terminal import parts_of_run, suite_parts
 from training.runs.metrics import RunMetrics, SuiteMetrics
 
-__all__ = ["run_parts", "show", "suite_parts", "write_run", "write_suite"]
+__all__ = ["run_parts", "suite_parts", "write_run", "write_suite"]
 
 Examples = list[dict[str, Any]]
 QUANTITIES = (
@@ -32,8 +32,14 @@ QUANTITIES = (
 )
 
 
-def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> None:
-    """Write the report of a run; an older one is replaced only once the new one is complete.
+def run_parts(metrics: RunMetrics) -> list[str]:
+    """Return the short form of a run's report for the terminal."""
+    return parts_of_run(metrics, run_view(metrics))
+
+
+def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> list[str]:
+    """Write the report of a run, and return its short form for the terminal; an older one is
+    replaced only once the new one is complete.
 
     Args:
         examples: blocks of pictures: {"label", "cells"} each; a cell is {"title", "image": (H, W,
@@ -51,6 +57,7 @@ def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> None:
         tradeoff=plots.scatter(run["visibility"], "PSNR of the noise, dB", "accuracy, %"),
     )
     write_text(path, text)
+    return parts_of_run(metrics, run)
 
 
 def write_suite(
@@ -59,9 +66,9 @@ def write_suite(
     tables: Sequence[Table],
     lines: pd.DataFrame,
     examples: Mapping[str, Examples],
-) -> list[Part]:
+) -> list[str]:
     """Write report.html, tables.md and results.csv into a folder; returns the short form for the
-    terminal, which `show` prints.
+    terminal.
 
     Args:
         lines: their rates, as `frame.rates` gives them.

@@ -8,10 +8,11 @@ from moireaug.evaluation.frame import MEASURES, MOIRE_MEASURES
 from training.report.numbers import Rate, distinct, moire_text
 from training.report.page import name_of, title_of
 from training.report.plots import Series
-from training.runs.metrics import ORIGINAL, PlainMetrics, RunMetrics, TrainCost
+from training.runs.metrics import ORIGINAL, PlainMetrics, RunMetrics
 
 MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
-Sides = Mapping[str, RunMetrics | PlainMetrics]  # "baseline" where there is one, and "ours"
+Side = RunMetrics | PlainMetrics
+Sides = Mapping[str, Side]  # "baseline" where there is one, and "ours"
 Row = dict[str, Any]
 # rows of the table of costs, fields of `TrainCost`, and the digits of their figures
 COST_ROWS = (
@@ -44,15 +45,21 @@ def run_view(metrics: RunMetrics) -> dict[str, Any]:
         "noise": [row for row in rows if row["psnr"] is not None],
         "has_lpips": any(row["lpips"] is not None for row in rows),
         "moire": moire_text(rows),
-        "shares": _shares(rows, attack, sides),
+        "shares": _shares(rows, attack["name"], sides),
         "visibility": _visibility(sides),
         "unanswered": _unanswered(sides),
-        **_change(metrics, main),
-        **_training(metrics, sides),
+        "clean": metrics.clean_accuracy,
+        "clean_theirs": baseline.clean_accuracy if baseline else None,
+        **_change(main["gain"]),
+        "train": metrics.train,
+        "seconds_theirs": baseline.train.total_seconds if baseline and baseline.train else None,
+        "is_elsewhere": baseline is not None and _is_elsewhere(metrics, baseline),
+        "kept": metrics.config.get("train", {}).get("kept"),
+        "cost": _cost(sides),
     }
 
 
-def _side(kind: str, side: RunMetrics | PlainMetrics) -> dict[str, Any]:
+def _side(kind: str, side: Side) -> dict[str, Any]:
     counted = distinct(row["counted"] for row in side.reattack or [])
     return {"kind": kind, "name": name_of(side), "counted": counted}
 
@@ -60,12 +67,13 @@ def _side(kind: str, side: RunMetrics | PlainMetrics) -> dict[str, Any]:
 def _row(number: int, metrics: RunMetrics, sides: Sides) -> Row:
     """Return a row of the ladder, with every side's rates and the gain over the baseline."""
     line = (metrics.reattack or [])[number]
-    rates: dict[str, dict[str, Rate]] = {}
+    rates = {}
     for kind, side in sides.items():
         figures = (side.reattack or [])[number]
-        rates[kind] = {}
-        for name in ("accuracy", "success"):
-            rates[kind][name] = Rate(figures[name], *figures[f"{name}_interval"])
+        rates[kind] = {
+            "accuracy": Rate(figures["accuracy"], *figures["accuracy_interval"]),
+            "success": Rate(figures["success"], *figures["success_interval"]),
+        }
     gain = None
     if metrics.baseline:
         gain = Rate(metrics.gain[line["name"]], *metrics.gain_interval[line["name"]])
@@ -81,36 +89,15 @@ def _row(number: int, metrics: RunMetrics, sides: Sides) -> Row:
     }
 
 
-def _change(metrics: RunMetrics, main: Row) -> dict[str, Any]:
-    """Return clean accuracy, and the change over the baseline: "raises" or "lowers"; "unclear"
-    where the interval cannot tell it from none."""
-    baseline, gain = metrics.baseline, main["gain"]
-    clean = {"clean": metrics.clean_accuracy, "clean_theirs": None, "change": None, "digits": 1}
-    if not baseline:
-        return clean
+def _change(gain: Rate | None) -> dict[str, Any]:
+    """Return the change over the baseline in a word, and the digits to print it with: "raises" or
+    "lowers"; "unclear" where the interval cannot tell it from none; None without a baseline."""
+    if gain is None or gain.value is None:
+        return {"change": None, "digits": 1}
     change = "raises" if gain.low > 0 else "lowers"
     if gain.low <= 0 <= gain.high:
         change = "unclear"
-    digits = 0 if abs(gain.value) >= MIN_WHOLE_CHANGE else 1
-    return {**clean, "clean_theirs": baseline.clean_accuracy, "change": change, "digits": digits}
-
-
-def _training(metrics: RunMetrics, sides: Sides) -> dict[str, Any]:
-    """Return the time and the events of the training; None for what was not trained here."""
-    train, baseline = metrics.train, metrics.baseline
-    trains = {name_of(side): side.train for side in sides.values() if side.train}
-    return {
-        "is_pretrained": train is not None and train.init == "clean",
-        "seconds": train.total_seconds if train else None,
-        "seconds_theirs": baseline.train.total_seconds if baseline and baseline.train else None,
-        "is_elsewhere": baseline is not None and _is_elsewhere(metrics, baseline),
-        "new_share": train.new_share if train else None,
-        "equal_answers": train.equal_answers if train else None,
-        "kept": metrics.config.get("train", {}).get("kept"),
-        "collapsed_at": train.collapsed_at if train else None,
-        "collapsed_last": train and train.collapsed_at == len(train.history) - 1,
-        "cost": {"sides": list(trains), "lines": _cost_lines(list(trains.values()))},
-    }
+    return {"change": change, "digits": 0 if abs(gain.value) >= MIN_WHOLE_CHANGE else 1}
 
 
 def _is_elsewhere(metrics: RunMetrics, baseline: PlainMetrics) -> bool:
@@ -136,17 +123,15 @@ def _visibility(sides: Sides) -> list[Series]:
     return series
 
 
-def _shares(rows: Sequence[Row], attack: Row, sides: Sides) -> list[dict[str, Any]]:
+def _shares(rows: Sequence[Row], attack: str, sides: Sides) -> list[dict[str, Any]]:
     """Return the share of fooled images that the camera, its moiré and the attacker's noise each
-    add, baseline first."""
-    by_name = {row["name"]: row for row in rows}
+    add, baseline first; none of a model that has no image right."""
+    rates_of = {row["name"]: row["sides"] for row in rows}
     shares = []
     for kind, side in sides.items():
-        successes = []
-        for name in ("no_moire", "moire", attack["name"]):
-            successes.append(by_name[name]["sides"][kind]["success"].value)
-        camera, photo, attacked = successes
-        if camera is not None:  # where the model has any image right
+        names = ("no_moire", "moire", attack)
+        camera, photo, attacked = (rates_of[name][kind]["success"].value for name in names)
+        if camera is not None:
             added = {"moire": photo - camera, "noise": attacked - photo}
             shares.append({"name": name_of(side), "camera": camera} | added)
     return shares
@@ -163,11 +148,13 @@ def _unanswered(sides: Sides) -> list[dict[str, Any]]:
     return unanswered
 
 
-def _cost_lines(trains: Sequence[TrainCost]) -> list[dict[str, Any]]:
-    """Return the costs of training, of the baseline and this model, and the ratio of the two."""
+def _cost(sides: Sides) -> dict[str, Any]:
+    """Return the table of what training cost: the models that were trained here, the baseline
+    first, and a line for each cost, with the ratio of the two."""
+    trains = {name_of(side): side.train for side in sides.values() if side.train}
     lines = []
     for title, name, digits in COST_ROWS if trains else ():
-        values = [getattr(train, name) for train in trains]
+        values = [getattr(train, name) for train in trains.values()]
         ratio = values[-1] / values[0]
         lines.append({"title": title, "figures": values, "digits": digits, "ratio": ratio})
-    return lines
+    return {"sides": list(trains), "lines": lines}

@@ -1,15 +1,14 @@
 """The identity of a run: its group, the settings that its result depends on, their fingerprint, and
 the data and weights that it began with."""
 
-from __future__ import annotations
-
+import copy
 import hashlib
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from omegaconf import OmegaConf
 
@@ -35,7 +34,7 @@ class Origin:
     weights: str = ""
 
     @classmethod
-    def of(cls, weights: str | None, splits: Splits | None = None) -> Origin:
+    def of(cls, weights: str | None, splits: Splits | None = None) -> Self:
         """Return the origin of a classifier; without its data as long as they are not loaded."""
         has_file = weights is not None and Path(weights).is_file()  # not published by a name
         weights_digest = digest(str(weights)) if has_file else ""
@@ -54,25 +53,30 @@ def group_of(data: Any, model: str) -> str:
     return "-".join(part for part in (name, model) if part not in defaults)
 
 
-def result_settings(cfg: RunConfig) -> dict[str, Any]:
-    """Return the settings that a result depends on, as plain values."""
-    values = asdict(cfg)
-    for key, setting in settings_of(type(cfg)).items():
+def result_settings(values: Mapping[str, Any], schema: type[RunConfig]) -> dict[str, Any]:
+    """Return the settings that a result depends on, as plain values, of plain values of a schema's
+    settings; a setting that they lack, as it is newer, has its default."""
+    merged = OmegaConf.merge(OmegaConf.structured(schema), values)
+    settings: dict[str, Any] = OmegaConf.to_container(merged)  # type: ignore[assignment]
+    for key, setting in settings_of(schema).items():
         if not setting.changes_result:
-            _leave_out(key, values)
-    return values
+            _leave_out(key, settings)
+    return settings
 
 
-def result_fingerprint(values: Mapping[str, Any], schema: type[RunConfig]) -> str:
-    """Return the fingerprint of the settings that a result depends on, of plain values of a
-    schema's settings; a setting that they lack, as it is newer, has its default."""
-    return fingerprint_of(_decisive(values, schema))
+def result_fingerprint(settings: Mapping[str, Any]) -> str:
+    """Return the fingerprint of the settings that a result depends on; the place of a published
+    data set is none of them."""
+    decisive = copy.deepcopy(dict(settings))
+    if decisive["data"].get("name") in TORCHVISION_SETS:
+        _leave_out("data.root", decisive)
+    return fingerprint_of(decisive)
 
 
-def training_fingerprint(values: Mapping[str, Any], schema: type[RunConfig]) -> str:
-    """Return the fingerprint of the settings that the trained weights depend on, of values as in
-    `result_fingerprint`. Training on clean images alone does not depend on the scene."""
-    decisive = _decisive(values, schema)
+def training_fingerprint(settings: Mapping[str, Any], schema: type[RunConfig]) -> str:
+    """Return the fingerprint of the settings that the trained weights depend on, of those that a
+    result depends on. Training on clean images alone does not depend on the scene."""
+    decisive = copy.deepcopy(dict(settings))
     for key, setting in settings_of(schema).items():
         if setting.tests:
             _leave_out(key, decisive)
@@ -80,19 +84,7 @@ def training_fingerprint(values: Mapping[str, Any], schema: type[RunConfig]) -> 
     if adversary and adversary["kind"] == "none" and not adversary["natural"]:
         _leave_out("scene", decisive)
         _leave_out("shrink", decisive)
-    return fingerprint_of(decisive)
-
-
-def _decisive(values: Mapping[str, Any], schema: type[RunConfig]) -> dict[str, Any]:
-    """Return all settings that a result depends on, without the place of a published data set."""
-    merged = OmegaConf.merge(OmegaConf.structured(schema), values)
-    decisive: dict[str, Any] = OmegaConf.to_container(merged)  # type: ignore[assignment]
-    for key, setting in settings_of(schema).items():
-        if not setting.changes_result:
-            _leave_out(key, decisive)
-    if decisive["data"].get("name") in TORCHVISION_SETS:
-        _leave_out("data.root", decisive)
-    return decisive
+    return result_fingerprint(decisive)
 
 
 def _leave_out(key: str, values: dict[str, Any]) -> None:

@@ -1,7 +1,5 @@
 """`metrics.json`: the metrics of a run, or of a suite that attacked it, written and read here."""
 
-from __future__ import annotations
-
 import json
 import math
 import statistics
@@ -9,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from numbers import Real
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from moireaug.common.files import write_text
 from training.system.files import read_json, read_metrics
@@ -19,6 +17,11 @@ ORIGINAL = "original"  # in place of a recipe: a network before it was trained t
 # keys that are left out, not null: of what was not attacked, and of a machine that is not known
 ATTACK_KEYS = ("clean_accuracy", "reattack", "correct", "identity", "trust", "trust_n")
 Record = TypeVar("Record")
+
+
+def training_cost(folder: Path) -> Any:
+    """Return the cost of the training in a run's folder, as it was written; None before its end."""
+    return read_json(folder / "train.json") or (read_metrics(folder) or {}).get("train")
 
 
 @dataclass(frozen=True)
@@ -65,13 +68,10 @@ class TrainCost:
         return total
 
     @classmethod
-    def read(cls, folder: Path) -> TrainCost | None:
+    def read(cls, folder: Path) -> Self | None:
         """Read the cost from a run's train.json or metrics.json; None where there is neither."""
-        path = folder / "train.json"
-        if values := read_json(path):
-            return _record(cls, values, path)
-        metrics = RunMetrics.read(folder)
-        return metrics.train if metrics else None
+        values = training_cost(folder)
+        return None if values is None else _record(cls, values, folder / "train.json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +140,7 @@ class Metrics:
         (folder / "train.json").unlink(missing_ok=True)
 
     @classmethod
-    def read(cls: type[Record], folder: Path) -> Record | None:
+    def read(cls, folder: Path) -> Self | None:
         """Read a folder's metrics; None where they are missing or damaged."""
         values = read_metrics(folder)
         return None if values is None else _record(cls, values, folder / "metrics.json")

@@ -19,11 +19,11 @@ from training.runs.identity import (
     result_settings,
     training_fingerprint,
 )
+from training.runs.metrics import training_cost
 from training.system.files import (
     free_name,
     locked,
     make_folder,
-    read_json,
     read_metrics,
     read_settings,
 )
@@ -51,17 +51,17 @@ class Run(Generic[Settings]):
     @functools.cached_property
     def settings(self) -> dict[str, Any]:
         """Settings that the result depends on, as plain values."""
-        return result_settings(self.config)
+        return result_settings(asdict(self.config), type(self.config))
 
     @functools.cached_property
     def fingerprint(self) -> str:
         """Twelve hex digits that change with any of these settings."""
-        return result_fingerprint(asdict(self.config), type(self.config))
+        return result_fingerprint(self.settings)
 
     @functools.cached_property
     def training_fingerprint(self) -> str:
         """Twelve hex digits that change with any setting that the weights depend on."""
-        return training_fingerprint(asdict(self.config), type(self.config))
+        return training_fingerprint(self.settings, type(self.config))
 
     def stage(self) -> str:
         """Return how far the run in the folder has come.
@@ -75,14 +75,9 @@ class Run(Generic[Settings]):
         if fingerprint != self.training_fingerprint:
             holds_a_run = fingerprint or metrics or any(path.glob("*.ckpt"))
             return "other" if holds_a_run else "new"
-        if (path / "best.ckpt").is_file() and self.training_cost():
+        if (path / "best.ckpt").is_file() and training_cost(path):
             return "finished" if self._has_results(metrics) else "trained"
         return "begun" if (path / "last.ckpt").is_file() else "new"
-
-    def training_cost(self) -> dict[str, Any] | None:
-        """Return the cost of the training in the folder, as plain values; None before its end."""
-        metrics = read_metrics(self.folder) or {}
-        return read_json(self.folder / "train.json") or metrics.get("train")
 
     def can_resume(self) -> bool:
         """Return whether its training can and may be resumed, or is complete; the same in all its
@@ -125,7 +120,8 @@ class Run(Generic[Settings]):
         if RESULT_KEYS.isdisjoint(metrics):
             return False
         try:
-            return result_fingerprint(metrics["config"], type(self.config)) == self.fingerprint
+            settings = result_settings(metrics["config"], type(self.config))
+            return result_fingerprint(settings) == self.fingerprint
         except Exception:  # not a run's settings
             return False
 
@@ -133,8 +129,8 @@ class Run(Generic[Settings]):
         """Return the fingerprint of the training in the folder; None for none, "damaged" where its
         settings cannot be read."""
         try:
-            values = read_settings(self.folder / "config.yaml")
-            return training_fingerprint(values, type(self.config))
+            values, schema = read_settings(self.folder / "config.yaml"), type(self.config)
+            return training_fingerprint(result_settings(values, schema), schema)
         except FileNotFoundError:
             return None
         except Exception:  # not YAML, or not a run's

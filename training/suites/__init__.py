@@ -1,17 +1,15 @@
 """The application's suites: those of the library, and those that only the paper's tables and the
 project's results need."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from moireaug.common.argument_checks import one_of
 from moireaug.evaluation import suites as library
 from moireaug.evaluation.tables import Table
-from training.suites.appearance import appearance
 from training.suites.config import PaperConfig
 from training.suites.demoireing import demoireing
 from training.suites.paper import (
+    appearance,
     budget,
     defences,
     factors,
@@ -40,9 +38,9 @@ PAPER_SUITES: dict[str, Callable[[PaperConfig], Table]] = {
 SUITES = library.SUITES | PAPER_SUITES | {"shifts": shifts}
 GROUPS = library.GROUPS | {"paper": (*PAPER_SUITES, "adaptive")}
 ATTACKING_PAPER_SUITES = tuple(name for name in PAPER_SUITES if name != "threat")
-# options that only some suites use, and those suites
+# settings that only some suites use, and those suites
 OPTION_SUITES: dict[str, tuple[str, ...]] = {
-    "eps": (*library.OPTION_SUITES["eps"], *ATTACKING_PAPER_SUITES, "shifts", "paper"),
+    "reattack.eps": (*library.OPTION_SUITES["eps"], *ATTACKING_PAPER_SUITES, "shifts", "paper"),
     "lpips": (*library.OPTION_SUITES["lpips"], *ATTACKING_PAPER_SUITES, "shifts", "paper"),
     "targets": ("transfer", "trust", "paper"),
     "networks": ("demoireing", "paper"),

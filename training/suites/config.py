@@ -1,7 +1,5 @@
 """The settings of the application's suites."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

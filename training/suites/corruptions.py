@@ -1,8 +1,6 @@
 """Images corrupted without camera or attacker: noise, blur, JPEG and contrast, after ImageNet-C
 (Hendrycks & Dietterich, 2019)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

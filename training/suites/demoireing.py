@@ -1,7 +1,5 @@
 """Demoiréing networks before the model: the paper's table 5, and attackers who know the network."""
 
-from __future__ import annotations
-
 from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import APGDAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, averaging_classifier

@@ -1,11 +1,10 @@
 """The paper's tables and figures, with the controls that they lack."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from functools import partial
 
+from moireaug.attacks.patch import Patch
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import (
@@ -194,3 +193,17 @@ def noise_position(config: SuiteConfig) -> Table:
     for quality in (20, 40):
         classifiers[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
     return Table("noise_position", tuple(cross(classifiers, columns)))
+
+
+def appearance(config: SuiteConfig) -> Table:
+    """Paper, appendix B: the Moiré Attack beside BIM and an adversarial patch."""
+    eps, steps = config.middle, config.steps
+    columns: dict[str, Condition] = controls(eps) | {
+        "ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False),
+        "bim": PixelAttacker(attack="bim", eps=eps, steps=steps, until_fooled=False),
+        "patch": PixelAttacker(attack="patch", eps=Patch.eps, steps=steps, until_fooled=False),
+    }
+    cells = undefended_row(eps_row(eps), columns)
+    pictures = [cell.place for cell in cells]
+    note_values = {"area": Patch.area}
+    return Table("appearance", tuple(cells), pictures=tuple(pictures), note_values=note_values)

@@ -1,8 +1,6 @@
 """Inputs that a model was not trained for: other displays and cameras, photos in another form,
 noise on pixels, and corruptions that have nothing to do with screens."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker

@@ -15,8 +15,6 @@ window or full screen, and fits on each sensor.
   filter, here of half a pixel.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -57,6 +57,12 @@ def make_folder(path: Path, setting: str = "runs=DIR") -> None:
         ) from error
 
 
+def has_parts(root: str | Path) -> bool:
+    """Return whether a folder of images is split into train/ and test/: either alone may be the
+    name of a class."""
+    return all((Path(root) / part).is_dir() for part in ("train", "test"))
+
+
 def free_name(path: Path) -> Path:
     """Return the path, with a number after its stem if it exists."""
     numbered = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))

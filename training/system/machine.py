@@ -25,29 +25,24 @@ def environment(accelerator: str) -> dict[str, Any]:
     versions: dict[str, Any] = {"python": platform.python_version()}
     for module in (moireaug, torch, torchvision, kornia, lightning, numpy):
         versions[module.__name__] = module.__version__
-    versions["cpu"] = _cpu()
+    versions["cpu"] = _cpu_field("model name") or platform.processor() or platform.machine()
     versions["threads"] = torch.get_num_threads()
     versions["device"] = torch.cuda.get_device_name() if on_gpu(accelerator) else "cpu"
     return versions
 
 
-def _cpu() -> str:
-    try:
-        lines = CPUINFO.read_text("utf-8").splitlines()
-        return next(
-            line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")
-        )
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
+def command(argv: list[str] | None = None) -> str:
+    """Return the command line of this run as a user would type it."""
+    script, *words = sys.argv if argv is None else argv
+    here = Path(f"training/{Path(script).name}")
+    if here.exists():  # else it is run from elsewhere: as it was named
+        script = str(here)
+    return shlex.join(["python", script, *words])
 
 
-def precision(precision_setting: Any, accelerator: str) -> Any:
-    """Return the precision that a classifier is trained in: the setting, or for null "bf16-mixed"
-    on hardware that multiplies bfloat16 (NVIDIA's GPUs from Ampere on, CPUs with AMX or
-    AVX512_BF16) and "32-true" on any other."""
-    if precision_setting is not None:
-        return precision_setting
-    return "bf16-mixed" if _multiplies_bfloat16(accelerator) else DEFAULT_PRECISION
+def on_gpu(accelerator: str) -> bool:
+    """Return whether a trainer with this accelerator uses a GPU."""
+    return torch.cuda.is_available() and accelerator != "cpu"
 
 
 def device(accelerator: str) -> torch.device:
@@ -60,24 +55,24 @@ def accelerator(accelerator_setting: str) -> str:
     return accelerator_setting if on_gpu(accelerator_setting) else "cpu"
 
 
-def on_gpu(accelerator: str) -> bool:
-    """Return whether a trainer with this accelerator uses a GPU."""
-    return torch.cuda.is_available() and accelerator != "cpu"
-
-
-def _multiplies_bfloat16(accelerator: str) -> bool:
+def precision(precision_setting: Any, accelerator: str) -> Any:
+    """Return the precision that a classifier is trained in: the setting, or for null "bf16-mixed"
+    on hardware that multiplies bfloat16 (NVIDIA's GPUs from Ampere on, CPUs with AMX or
+    AVX512_BF16) and "32-true" on any other."""
+    if precision_setting is not None:
+        return precision_setting
     if on_gpu(accelerator):
-        return torch.cuda.is_bf16_supported(including_emulation=False)
+        has_bfloat16 = torch.cuda.is_bf16_supported(including_emulation=False)
+    else:
+        has_bfloat16 = not BFLOAT16_FLAGS.isdisjoint(_cpu_field("flags").split())
+    return "bf16-mixed" if has_bfloat16 else DEFAULT_PRECISION
+
+
+def _cpu_field(name: str) -> str:
+    """Return what Linux says of the first core under a name; "" where it says nothing."""
     try:
-        flags = set(CPUINFO.read_text("utf-8").split())
+        lines = CPUINFO.read_text("utf-8").splitlines()
     except OSError:  # not Linux
-        return False
-    return not flags.isdisjoint(BFLOAT16_FLAGS)
-
-
-def command(argv: list[str] | None = None) -> str:
-    """Return the command line of this run as a user would type it."""
-    argv = sys.argv if argv is None else argv
-    here = Path(f"training/{Path(argv[0]).name}")
-    script = here if here.exists() else Path(argv[0])  # run from anywhere else, as it was named
-    return shlex.join(["python", str(script), *argv[1:]])
+        return ""
+    fields = (line.partition(":") for line in lines)
+    return next((value.strip() for key, _, value in fields if key.strip() == name), "")

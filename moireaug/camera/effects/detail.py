@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
-from moireaug.camera.exposure.extreme_scales import least_bin_scale
+from moireaug.camera.exposure.extremes import least_bin_scale
 from moireaug.common.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.record import SceneRecord

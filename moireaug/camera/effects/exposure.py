@@ -16,8 +16,8 @@ from moireaug.camera.effects.base import (
 )
 from moireaug.camera.effects.srgb import in_codes
 from moireaug.camera.exposure.choose import method_of
-from moireaug.camera.exposure.extreme_harmonics import harmonics, harmonics_in_bins
-from moireaug.camera.exposure.extreme_scales import least_bin_scale
+from moireaug.camera.exposure.extreme_readings import harmonics, harmonics_in_bins
+from moireaug.camera.exposure.extremes import least_bin_scale
 from moireaug.scene.fields import bounds, varies
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
 from moireaug.camera.effects import random_numbers  # noqa: F401  # defines torch.ops.moireaug.normal
 from moireaug.camera.effects.base import Effect, Verdict, called, format_range, left_out, verdict_of
-from moireaug.camera.effects.binned_statistics import (
-    lost_variances,
-    pixels_per_value,
-)
 from moireaug.camera.effects.srgb import in_codes
-from moireaug.camera.exposure.extreme_light import can_saturate
+from moireaug.camera.exposure.extremes import can_saturate
 from moireaug.common import tensor_physics
 from moireaug.common.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds, deviation
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot_geometry import ShotGeometry
 
 DARK_LEVEL = 1e-4  # of full scale, below which photon noise falls no further: dark current
 NOISE_SIGMAS = 6  # how far noise reaches, in standard deviations
@@ -136,3 +135,29 @@ def quantise(raw: Tensor, bits: int) -> Tensor:
     straight through."""
     levels = 2**bits - 1
     return raw + (torch.round(raw.detach().clamp(0, 1) * levels) / levels - raw.detach())
+
+
+def pixels_per_value(shot: ShotGeometry, scale: Any) -> Any:
+    """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
+    `shot.bin_scale`; of torch or numpy."""
+    if shot.scene.develop.resize == "point":  # about one, however many there are
+        return shot.xp.ones_like(scale)
+    share = 4.0 if shot.scene.is_binned_bayer else 1.0
+    if shot.scene.develop.resize == "antialias":
+        share = share * (2 / 3) ** 2  # a triangle's mean has 4 / 9 of a box's variance
+    return (scale * scale / share).clip(min=1)
+
+
+def lost_variances(shot: ShotRecord) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the variance of sensor pixels that a binned reading has averaged away: of read noise
+    and of photon noise at full scale, (B, 1, 1, 1) each, and of the panel's pattern, as a share of
+    the squared reading, (B, 3)."""
+    away = 1 - 1 / pixels_per_value(shot, shot.bin_scale)
+    read, photons = shot.sensor.read_noise.square(), shot.sensor.shot_noise.square()
+    if "noise" not in shot.plan:
+        read, photons = torch.zeros_like(read), torch.zeros_like(read)
+    read, photons = ((away * t)[:, None, None, None] for t in (read, photons))
+    pattern = torch.zeros_like(away)[:, None].expand(-1, 3)
+    if "saturate" in shot.plan:
+        pattern = shot.plan.method.pattern_variance(shot)
+    return read, photons, pattern

@@ -9,8 +9,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.footprint import Footprint, around, normalised, tap_weights
-from moireaug.camera.exposure.optics import Optics, optics_of
+from moireaug.camera.exposure.footprint import (
+    Footprint,
+    Optics,
+    around,
+    normalised,
+    optics_of,
+    tap_weights,
+)
 from moireaug.camera.exposure.screen import Screen
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.grids import RadialCoefficients

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import torch
 
 from moireaug.camera.exposure.bin_geometry import Bins
-from moireaug.camera.exposure.footprint import Footprint, blur_variance
-from moireaug.camera.exposure.optics import Optics, optics_of
-from moireaug.camera.panel.fourier import emitting_share
+from moireaug.camera.exposure.footprint import Footprint, Optics, blur_variance, optics_of
+from moireaug.camera.panel import emitting_share
 from moireaug.common.numeric import array_like, library_of
 from moireaug.scene.layout import Layout
 from moireaug.scene.record import SceneRecord

@@ -24,12 +24,11 @@ from moireaug.camera.exposure.bin_geometry import (
     image_middle_bins,
     middle_bins,
 )
-from moireaug.camera.exposure.closed_form import ClosedForm, in_bands
 from moireaug.camera.exposure.filters import filters_of
-from moireaug.camera.exposure.footprint import Footprint
-from moireaug.camera.exposure.optics import Optics, optics_of
+from moireaug.camera.exposure.footprint import Footprint, Optics, optics_of
+from moireaug.camera.exposure.full import ClosedForm, in_bands
 from moireaug.camera.exposure.screen import Screen
-from moireaug.camera.panel.fourier import amplitudes_of, mean_light_of
+from moireaug.camera.panel import amplitudes_of, mean_light_of
 from moireaug.scene.geometry.lattice import CFA
 from moireaug.scene.shot import ShotRecord
 

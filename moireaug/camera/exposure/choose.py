@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 
-from moireaug.camera.exposure import extreme_footprints, extreme_harmonics
+from moireaug.camera.exposure import extreme_readings
 from moireaug.camera.exposure.binned import Binned
 from moireaug.camera.exposure.full import Box, Mean, Spectral
 from moireaug.camera.exposure.sampled import Point, Supersample
@@ -46,12 +46,12 @@ def method_of(scene: SceneRecord) -> ExposureMethod:
     if method == "supersample":
         return Supersample(int(n))
     taps = taps_of(scene)
-    in_float64 = extreme_footprints.min_aperture_width(scene) < FINE_APERTURE
+    in_float64 = extreme_readings.min_aperture_width(scene) < FINE_APERTURE
     if method == "mean":
         return Mean(taps, in_float64=in_float64)
     if method == "box":
         return Box(taps, in_float64=True)
-    harmonics = extreme_harmonics.harmonics(scene)
+    harmonics = extreme_readings.harmonics(scene)
     endless = len(harmonics) > MAX_HARMONICS or _is_cut(scene, harmonics)
     if method == "auto" and endless and not slanted:
         return Box(taps, in_float64=True)
@@ -62,7 +62,7 @@ def _binned(scene: SceneRecord) -> Binned:
     taps = taps_of(scene)
     if scene.sensor.exposure == "mean":
         return Binned(taps, (), name="mean")
-    harmonics = extreme_harmonics.harmonics_in_bins(scene)[:MAX_HARMONICS]
+    harmonics = extreme_readings.harmonics_in_bins(scene)[:MAX_HARMONICS]
     return Binned(taps, tuple(pair for pair, _ in harmonics), name="spectral")
 
 
@@ -70,10 +70,10 @@ def _is_cut(scene: SceneRecord, harmonics: list[tuple[tuple[int, int], float]]) 
     """Whether the series would go on past the highest order. Every third order of a stripe is
     empty, so any of the last three decides."""
     px, py = scene.panel.cell.period
-    last = extreme_harmonics.HIGHEST_ORDER - 3
+    last = extreme_readings.HIGHEST_ORDER - 3
     return any(max(abs(k) / px, abs(l) / py) > last for (k, l), _ in harmonics)
 
 
 def taps_of(scene: SceneRecord) -> int:
     """Return how many panel pixels along an axis a sensor pixel must see: 1, 3, 5 or 7."""
-    return min(2 * math.floor(extreme_footprints.max_reach(scene) + 0.5) + 1, MAX_TAPS)
+    return min(2 * math.floor(extreme_readings.max_reach(scene) + 0.5) + 1, MAX_TAPS)

@@ -8,11 +8,10 @@ from abc import abstractmethod
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.displayed import DisplayedPicture
 from moireaug.camera.exposure.filters import filter_cell_seen, through_filters
-from moireaug.camera.exposure.optics import optics_of
-from moireaug.camera.panel.fourier import emitting_share
-from moireaug.camera.panel.mask import cell_of, emits
+from moireaug.camera.exposure.footprint import optics_of
+from moireaug.camera.exposure.screen import DisplayedPicture
+from moireaug.camera.panel import cell_of, emits, emitting_share
 from moireaug.scene.exposure_method import ExposureMethod
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.lattice import CFA, pattern_period

@@ -1,5 +1,5 @@
 """The mean of sensor pixels that are clipped to [0, 1], by their mean and their variances; see
-`moireaug.camera.effects.binned_statistics`.
+`moireaug.camera.effects.sensor`.
 
 `exp` and `normal_cdf`, the normal distribution function, are operations that each library brings.
 """

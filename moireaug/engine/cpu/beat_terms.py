@@ -12,17 +12,16 @@ import numpy as np
 
 from moireaug.common.physics.binding import bind
 from moireaug.engine.cpu import optics
-from moireaug.engine.cpu.beat_grid import node_counts, sampled_grid, transfer_of
+from moireaug.engine.cpu.beat_grid import MAX_BEAT_NODES, node_counts, sampled_grid, transfer_of
 from moireaug.engine.cpu.coarse_grid import VIEW_SAMPLES
 from moireaug.engine.cpu.compiling import jit, jit_in_place
-from moireaug.engine.cpu.limits import (
-    MAX_BEAT_AMPLITUDES,
-    MAX_BEAT_NODES,
-    MAX_BEAT_TERMS,
-    MAX_FREQUENCY_RANGE,
-)
 from moireaug.engine.cpu.physics import OPERATIONS
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
+
+# limits; the reference exposes what is beyond them
+MAX_BEAT_TERMS = 4096
+MAX_BEAT_AMPLITUDES = 2**25  # of all terms at all nodes
+MAX_FREQUENCY_RANGE = 512.0  # of a harmonic over the photo, cycles per sensor pixel
 
 UNKNOWN_TRANSFER = 2.0  # above any transfer
 SINC_LOBES, STEPS_PER_LOBE = 64, 32
@@ -45,11 +44,16 @@ aliases = bind("aliases", OPERATIONS | {"sinc": sinc}, jit_in_place)
 
 @jit
 def max_amplitudes(grid, strength, table, steps_per_cycle, camera):
-    """Return the highest amplitude of each harmonic in a reading, (K,)."""
-    out = np.empty(len(strength), np.float64)
+    """Return about the highest amplitude of each harmonic in a reading, (K,): aperture and lens
+    pass what they pass at every fourth sample, and a little more."""
+    out, frequency = np.empty(len(strength), np.float64), grid.frequency
     for h in range(len(strength)):
-        passed = _max_optics_transfer(grid.frequency, h, table, steps_per_cycle, camera)
-        out[h] = strength[h] * passed * max(camera.gain, 1.0)
+        most = 0.0
+        for i in range(0, VIEW_SAMPLES, 4):
+            for j in range(0, VIEW_SAMPLES, 4):
+                fu, fv = frequency[i, j, h, 0], frequency[i, j, h, 1]
+                most = max(most, abs(optics.transfer_at(fu, fv, table, steps_per_cycle, camera)))
+        out[h] = strength[h] * min(TRANSFER_MARGIN * most, 1.0) * max(camera.gain, 1.0)
     return out
 
 
@@ -64,18 +68,6 @@ def can_follow_beats(sites, camera, b, i, budget):
     terms = len(candidate_terms(grid, amplitude, budget.beat_amplitude))
     few = terms < MAX_BEAT_TERMS and terms * across * down <= MAX_BEAT_AMPLITUDES
     return few and max(across, down) <= MAX_BEAT_NODES
-
-
-@jit_in_place
-def _max_optics_transfer(frequency, h, table, steps_per_cycle, camera):
-    """Return about the highest transfer of aperture and lens for a harmonic, from every fourth
-    sample."""
-    most = 0.0
-    for i in range(0, VIEW_SAMPLES, 4):
-        for j in range(0, VIEW_SAMPLES, 4):
-            fu, fv = frequency[i, j, h, 0], frequency[i, j, h, 1]
-            most = max(most, abs(optics.transfer_at(fu, fv, table, steps_per_cycle, camera)))
-    return min(TRANSFER_MARGIN * most, 1.0)
 
 
 @jit_in_place
@@ -106,31 +98,6 @@ def _fill_side_ranges(out, sides):
                 out[j, 1] = max(out[j, 1], sides[r, c, j])
 
 
-@jit_in_place
-def _nearest(low, high):
-    """Return the least magnitude in a range."""
-    return 0.0 if low <= 0 <= high else min(abs(low), abs(high))
-
-
-@jit_in_place
-def _max_hold_transfer(low, high, m):
-    """Return a bound of sinc, the transfer of a value held over a sensor pixel, for an alias m of
-    frequencies from `low` to `high`."""
-    nearest = _nearest(low - m / 2, high - m / 2)
-    return max(1 - nearest * nearest, 0.0)
-
-
-@jit_in_place
-def _max_side_transfer(cycles, side_u, side_v, m_u, m_v):
-    """Return the highest transfer of the mean along a side for an alias, from the ranges of a
-    harmonic's cycles along it and of the side's coordinates."""
-    u = (m_u * side_u[0] / 2, m_u * side_u[1] / 2)
-    v = (m_v * side_v[0] / 2, m_v * side_v[1] / 2)
-    low = cycles[0] - max(u[0], u[1]) - max(v[0], v[1])
-    high = cycles[1] - min(u[0], u[1]) - min(v[0], v[1])
-    return min(1.0, 1 / (math.pi * _nearest(low, high) + 1e-9))
-
-
 @jit
 def candidate_terms(grid, amplitude, least):
     """Return the terms (T, 3) int64, harmonic and alias along both axes, that may exceed
@@ -152,13 +119,13 @@ def candidate_terms(grid, amplitude, least):
             return np.zeros((MAX_BEAT_TERMS, 3), np.int64)
         least_transfer = least / max(amplitude[h], 1e-30)
         for m_u in range(math.floor(2 * low_u) - 1, math.floor(2 * high_u) + 3):
-            transfer_u = _max_hold_transfer(low_u, high_u, m_u)
+            transfer_u = aliases.max_hold_transfer(low_u, high_u, m_u)
             if transfer_u <= least_transfer:
                 continue
             for m_v in range(math.floor(2 * low_v) - 1, math.floor(2 * high_v) + 3):
-                transfer = transfer_u * _max_hold_transfer(low_v, high_v, m_v)
-                transfer *= _max_side_transfer(ranges[2], side[0], side[1], m_u, m_v)
-                transfer *= _max_side_transfer(ranges[3], side[2], side[3], m_u, m_v)
+                transfer = transfer_u * aliases.max_hold_transfer(low_v, high_v, m_v)
+                transfer *= aliases.max_mean_transfer(ranges[2], side[0], side[1], m_u, m_v)
+                transfer *= aliases.max_mean_transfer(ranges[3], side[2], side[3], m_u, m_v)
                 if transfer <= least_transfer:
                     continue
                 if count == MAX_BEAT_TERMS:

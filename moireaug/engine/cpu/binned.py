@@ -1,5 +1,5 @@
-"""Screen to a binned reading, one image per call: the content of the picture in each bin, times the
-share of the panel that is lit there, a row at a time."""
+"""Screen to a binned reading, a row at a time: the content of the picture in each bin, times the
+share of the panel that is lit there; and the gradient on the way back."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from moireaug.engine.cpu import beats, rows, stencil
 from moireaug.engine.cpu.compiling import copy, fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.full import fill_row_weights
-from moireaug.engine.cpu.irradiance import panel_irradiance
+from moireaug.engine.cpu.irradiance import panel_irradiance, panel_irradiance_back
 from moireaug.engine.cpu.register import ImageToPhoto, fill_photo_positions, image_to_photo
 from moireaug.engine.cpu.rows import LIGHT, Row, RowLayout, U, V, X, Y, row_layout_of, row_of
-from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, reflect
-from moireaug.engine.cpu.view import inverse
+from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, read_back, reflect
+from moireaug.engine.cpu.view import inverse, look
 
 ZERO = np.float32(0)
 
@@ -96,8 +96,11 @@ def add_modulated(light, content, modulation, passed, mean):
 
 
 @jit_in_place
-def _expose_rows(raw, slope, panel, image, work, top, bottom):
-    """Do the same as `expose_binned_image`, in buffers that it allocated."""
+def expose_rows(raw, slope, panel, image, work, top, bottom):
+    """Do the same as `full.expose_rows` for a binned reading.
+
+    image: see `records.BinnedImage`. work: from `work_of_bins`.
+    """
     planes, h, w = raw.shape
     pattern, sites = image.pattern, image.sites
     row, passes, modulation = work.row, work.passes, work.modulation
@@ -111,7 +114,7 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
             line = work.lines[0]
             stencil.content(row.irradiance, line, image.stencil, panel, image.cell, sites, r)
         else:
-            fill_row_weights(row, image, sites.rows, r, top)
+            fill_row_weights(row.weights, image.grid, sites.rows, r, top)
             panel_irradiance(work, panel, image, 0, v)
         beats.fill_modulation(
             modulation, work.lines, image.terms, pattern, passes, position, v, first_row
@@ -137,15 +140,38 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
                 copy(out, light)
 
 
-@jit_inlined
-def expose_binned_image(raw, slope, panel, image, top, bottom):
-    """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the binned reading of one
-    image.
-
-    Args:
-        slope: see `full.expose_full_image`.
-        panel: (3, ...) float32, from `panel.fill_panel`.
-        image: see `records.BinnedImage`.
-    """
-    planes, _, w = raw.shape
-    _expose_rows(raw, slope, panel, image, work_of_bins(w, planes, image), top, bottom)
+@jit_in_place
+def expose_rows_back(panel_grad, grad, slope, image, work):
+    """Do the same as `full.expose_rows_back` for a binned reading."""
+    planes, h, _ = grad.shape
+    pattern, sites, row, passes = image.pattern, image.sites, work.row, work.passes
+    position, first_row, light = row.position, sites.rows[0], row.floats[LIGHT]
+    modulation, lines = work.modulation, work.lines
+    for r in range(h):
+        v = sites.rows[r]
+        locate_bins(work, v, image)
+        if image.stencil.taps > 0:
+            stencil.look_straight(position[X], position[Y], r)
+        else:
+            fill_row_weights(row.weights, image.grid, sites.rows, r, 0)
+            look(position[X], position[Y], work.layout.u[0], v, image.camera)
+        beats.fill_modulation(
+            modulation, lines, image.terms, pattern, passes, position, v, first_row
+        )
+        fill(row.irradiance.reshape(-1), ZERO)
+        for plane in range(planes):
+            colour = sites.channel[plane]
+            read_back(light, grad[plane, r], slope[plane, r])
+            attenuate(light, position[U], position[V], image.camera)
+            if len(image.flicker) > 0:
+                flicker(light, image.flicker, position[V], image.camera)
+            for channel in range(3):
+                if passes[colour, channel]:
+                    passed, mean = image.filters[colour, channel], pattern.mean[channel]
+                    content, beat = row.irradiance[channel], modulation[colour, channel]
+                    add_modulated(content, light, beat, np.float32(passed), np.float32(mean))
+        if image.stencil.taps > 0:
+            content, line = row.irradiance, lines[0]
+            stencil.content_back(panel_grad, content, line, image.stencil, image.cell, sites, r)
+        else:
+            panel_irradiance_back(work, panel_grad, image, 0, v)

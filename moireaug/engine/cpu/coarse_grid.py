@@ -8,14 +8,23 @@ import math
 import numpy as np
 
 from moireaug.common.physics.footprint import MIN_BLUR_VARIANCE
-from moireaug.engine.cpu import footprint, harmonics, optics, tap_weights
+from moireaug.engine.cpu import harmonics, optics, tap_weights
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
-from moireaug.engine.cpu.limits import MAX_NODES, MAX_STEP, PASSED_CYCLES_PER_BLUR
 from moireaug.engine.cpu.records import CoarseGrid
-from moireaug.engine.cpu.view import jacobian
+from moireaug.engine.cpu.view import (
+    blur_jacobian,
+    fill_blur,
+    jacobian,
+    motion_sigma,
+    still_variance,
+)
 
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
 BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken
+# limits of views; the reference exposes what is beyond them
+MAX_NODES = 65  # of amplitudes and tap weights, along each axis of the photo
+MAX_STEP = 1e4  # panel pixels from one pixel to the next: a crop may lie beyond the horizon
+PASSED_CYCLES_PER_BLUR = 0.8  # above this frequency a Gaussian blur passes less than 1e-5
 PIXEL, BLUR = range(2)  # of the Jacobians at a sample: of the pixels, and of what blurs them
 
 
@@ -33,7 +42,7 @@ def _fill_jacobians(jacobians, sites, view):
         for j in range(VIEW_SAMPLES):
             u, v = sample(sites.cols, j, VIEW_SAMPLES), sample(sites.rows, i, VIEW_SAMPLES)
             by_camera = jacobian(u, v, view.camera)
-            by_blur = footprint.blur_jacobian(by_camera, u, v, view)
+            by_blur = blur_jacobian(by_camera, u, v, view)
             for k in range(4):
                 jacobians[i, j, PIXEL, k], jacobians[i, j, BLUR, k] = by_camera[k], by_blur[k]
 
@@ -108,13 +117,11 @@ def _motion_change(jacobians, camera, blur_camera, axis_of_photo):
             for axis in range(2):
                 x, y = 2 * axis, 2 * axis + 1
                 blur_u, blur_v = here[BLUR, x], here[BLUR, y]
-                a = footprint.motion_sigma(blur_u, blur_v, blur_camera)
-                b = footprint.motion_sigma(there[BLUR, x], there[BLUR, y], blur_camera)
+                a = motion_sigma(blur_u, blur_v, blur_camera)
+                b = motion_sigma(there[BLUR, x], there[BLUR, y], blur_camera)
                 if a * b < 0:
                     by_u, by_v = here[PIXEL, x], here[PIXEL, y]
-                    variance = footprint.still_variance(
-                        by_u, by_v, camera.fill, blur_u, blur_v, blur_camera
-                    )
+                    variance = still_variance(by_u, by_v, camera.fill, blur_u, blur_v, blur_camera)
                     most = max(most, abs(a - b) / math.sqrt(variance + MIN_BLUR_VARIANCE))
     return most * (VIEW_SAMPLES - 1)
 
@@ -164,7 +171,7 @@ def _narrowed(sites, view):
         for j in range(BLUR_SAMPLES):
             u, v = sample(sites.cols, j, BLUR_SAMPLES), sample(sites.rows, i, BLUR_SAMPLES)
             for kind in range(len(view.widths)):
-                if footprint.fill_blur(blur, u, v, view, kind):
+                if fill_blur(blur, u, v, view, kind):
                     return True
     return False
 

@@ -39,7 +39,7 @@ CONSTANT_SOURCES = (
     "engine/lower/development_records.py",
     "engine/lower/exposure_records.py",
     "camera/exposure/footprint.py",
-    "camera/exposure/displayed.py",
+    "camera/exposure/screen.py",
     "scene/record.py",
 )
 # a product and a sum may be rounded together

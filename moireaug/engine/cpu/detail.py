@@ -10,10 +10,10 @@ import numpy as np
 
 from moireaug.camera.effects.detail import MIN_SIGMA
 from moireaug.engine.cpu.compiling import copy, fill, jit, jit_in_place, jit_in_place_inlined
-from moireaug.engine.cpu.limits import GAUSSIAN_REACH_SIGMAS
 from moireaug.engine.cpu.vectors import LANES, SUMS_AT_ONCE, add_four_sums, add_sum, padded_width
 
 BLOCK_ROWS = SUMS_AT_ONCE  # rows that are blurred vertically at once
+GAUSSIAN_REACH_SIGMAS = 4.5  # beyond it a Gaussian weighs less than 1e-5
 ZERO, THIRD = np.float32(0), np.float32(1 / 3)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.cpu import binned_back, full_back, panel_back, picture, point_back
+from moireaug.engine.cpu import binned, full, panel_back, picture, point, point_back
 from moireaug.engine.cpu.compiling import fill, kernel
 from moireaug.engine.cpu.expose_kernels import (
     binned_image,
@@ -41,7 +41,8 @@ def expose_full_back_kernel(shown_grad, raw_grads, slopes, e, view, grid, i):
     image = full_image(e, grid, i)
     fill(shown_grad, ZERO)
     panel_grad = panel_of(shown_grad, image.camera, e)
-    full_back.expose_full_image_back(panel_grad, raw_grads[i], slopes[i], image)
+    work = full.work_of_pixels(raw_grads.shape[3], raw_grads.shape[1], image)
+    full.expose_rows_back(panel_grad, raw_grads[i], slopes[i], image, work)
 
 
 @kernel
@@ -50,7 +51,8 @@ def expose_binned_back_kernel(shown_grad, raw_grads, slopes, e, view, setup, i):
     image = binned_image(e, view, setup, i)
     fill(shown_grad, ZERO)
     panel_grad = panel_of(shown_grad, image.camera, e)
-    binned_back.expose_binned_image_back(panel_grad, raw_grads[i], slopes[i], image)
+    work = binned.work_of_bins(raw_grads.shape[3], raw_grads.shape[1], image)
+    binned.expose_rows_back(panel_grad, raw_grads[i], slopes[i], image, work)
 
 
 @kernel
@@ -59,4 +61,5 @@ def expose_point_back_kernel(shown_grad, raw_grads, slopes, e, view, setup, i):
     image = point_image(e, view, i)
     fill(shown_grad, ZERO)
     points_grad = points_of(shown_grad, image.camera.alpha, e)
-    point_back.expose_point_image_back(points_grad, raw_grads[i], slopes[i], image)
+    work = point.work_of_points(raw_grads.shape[3], image)
+    point_back.expose_rows_back(points_grad, raw_grads[i], slopes[i], image, work)

@@ -7,14 +7,10 @@ import math
 
 import numpy as np
 
-from moireaug.camera.exposure.displayed import EDGE_PIXELS
-from moireaug.engine.cpu import beat_terms, beats, panel, picture, point, stencil
-from moireaug.engine.cpu.binned import expose_binned_image
+from moireaug.camera.exposure.screen import EDGE_PIXELS
+from moireaug.engine.cpu import beat_terms, beats, binned, full, panel, picture, point, stencil
 from moireaug.engine.cpu.coarse_grid import can_follow_view, coarse_grid_of, no_coarse_grid
 from moireaug.engine.cpu.compiling import jit, jit_inlined, kernel
-from moireaug.engine.cpu.full import expose_full_image
-from moireaug.engine.cpu.limits import MAX_PANEL_PIXELS_PER_SENSOR_PIXEL, MAX_SMALL_PANEL_PIXELS
-from moireaug.engine.cpu.point import expose_point_image
 from moireaug.engine.cpu.records import (
     BinnedImage,
     BinnedSetup,
@@ -25,6 +21,10 @@ from moireaug.engine.cpu.records import (
     Readout,
 )
 from moireaug.engine.lower.exposure_records import Camera, Cell, Sites
+
+# limits of panels; the reference exposes what is beyond them
+MAX_PANEL_PIXELS_PER_SENSOR_PIXEL = 16  # up to which building the panel pays off
+MAX_SMALL_PANEL_PIXELS = 2**20  # which are never too many
 
 # unpacking a row would need numba's unsafe to_fixed_tuple, which takes longer to compile
 _COLUMNS = ", ".join(f"row[{i}]" for i in range(len(Camera._fields)))
@@ -149,12 +149,14 @@ def expose_full_kernel(raw, slopes, shown, e, view, grid, span):
     """Fill a part of raw (B, planes, h, w) float32 with the reading of a picture, from what
     `show_kernel` filled shown with.
 
-    slopes: (B, planes, h, w or 0) float32, see `full.expose_full_image`. view: a FullView. grid:
+    slopes: (B, planes, h, w or 0) float32, see `full.expose_rows`. view: a FullView. grid:
     from `full_grid_kernel`. span: a `records.Span`.
     """
     image = full_image(e, grid, span.i)
     shown_panel = panel_of(shown, image.camera, e)
-    expose_full_image(raw[span.i], slopes[span.i], shown_panel, image, span.top, span.bottom)
+    work = full.work_of_pixels(raw.shape[3], raw.shape[1], image)
+    given = shown_panel, image, work, span.top, span.bottom
+    full.expose_rows(raw[span.i], slopes[span.i], *given)
 
 
 @jit_inlined
@@ -162,7 +164,8 @@ def _grid_and_stencil(camera, sensor, cell, sites, e, view, i):
     """Return the CoarseGrid and the BinStencil of image i of a binned reading, one of which is
     empty; view: of the picture, a FullView."""
     pixel_view = _pixel_view(camera, cell, view, i)
-    if stencil.has_stencil(camera, sensor):
+    # bins that are the image's pixels, on a panel that shows no fewer
+    if sensor.rectified != 0 and camera.alpha == 1:
         return no_coarse_grid(len(cell.period)), stencil.stencil_of(pixel_view, sites, e.budget)
     grid = coarse_grid_of(pixel_view, view.coefficients[i], sites, e.budget)
     return grid, stencil.no_stencil()
@@ -216,7 +219,9 @@ def expose_binned_kernel(raw, slopes, shown, e, view, setup, span):
     `binned_setup_kernel`."""
     image = binned_image(e, view, setup, span.i)
     shown_panel = panel_of(shown, image.camera, e)
-    expose_binned_image(raw[span.i], slopes[span.i], shown_panel, image, span.top, span.bottom)
+    work = binned.work_of_bins(raw.shape[3], raw.shape[1], image)
+    given = shown_panel, image, work, span.top, span.bottom
+    binned.expose_rows(raw[span.i], slopes[span.i], *given)
 
 
 @jit_inlined
@@ -235,4 +240,6 @@ def expose_point_kernel(raw, slopes, shown, e, view, setup, span):
     setup: None."""
     image = point_image(e, view, span.i)
     points = points_of(shown, image.camera.alpha, e)
-    expose_point_image(raw[span.i], slopes[span.i], points, image, span.top, span.bottom)
+    work = point.work_of_points(raw.shape[3], image)
+    given = points, image, work, span.top, span.bottom
+    point.expose_rows(raw[span.i], slopes[span.i], *given)

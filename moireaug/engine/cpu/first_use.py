@@ -22,15 +22,15 @@ sys.path.append(sys.argv[1])
 
 import torch
 from moireaug import Scene, develop
-from moireaug.engine.cpu import launch_expose
+from moireaug.engine.cpu import run
 from moireaug.engine.lower.exposure import lower_exposure
 
 shot = Scene.preset("screen_photo").sample(1, (8, 8))
 exposure, _ = lower_exposure(shot, decoded=False)
 raw = torch.zeros(shot.raw_shape(), requires_grad=True)
-launch_expose.compile_show(exposure, torch.float32)
+run.compile_show(exposure, torch.float32)
 photo = develop(raw, shot)
-launch_expose.compile_show(exposure, torch.uint8)
+run.compile_show(exposure, torch.uint8)
 photo.sum().backward()
 """
 # -P: a torch.py in the folder that somebody works in is not what the code means

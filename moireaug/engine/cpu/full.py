@@ -1,5 +1,5 @@
-"""Screen to raw, one image per call: from the panel's light to the clipped reading, a sensor row at
-a time."""
+"""Screen to raw, a sensor row at a time: from the panel's light to the clipped reading, and the
+gradient on the way back."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 
 from moireaug.engine.cpu.coarse_grid import bracket
 from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
-from moireaug.engine.cpu.irradiance import panel_irradiance
-from moireaug.engine.cpu.limits import MIN_WEIGHT_BANDS
+from moireaug.engine.cpu.irradiance import panel_irradiance, panel_irradiance_back
 from moireaug.engine.cpu.rows import (
     LIGHT,
     NOISE,
@@ -21,10 +20,11 @@ from moireaug.engine.cpu.rows import (
     row_layout_of,
     row_of,
 )
-from moireaug.engine.cpu.sensor import attenuate, read, reflect
+from moireaug.engine.cpu.sensor import attenuate, read, read_back, reflect
 from moireaug.engine.cpu.tap_weights import blend, weights_per_node
 from moireaug.engine.cpu.vectors import add
 
+MIN_WEIGHT_BANDS = 224  # of a photo, if it has the rows; those of a band share their tap weights
 ZERO = np.float32(0)
 
 
@@ -43,41 +43,43 @@ def work_of_pixels(w, planes, image):
 
 
 @jit_in_place
-def fill_band_weights(out, grid, v, first):
-    """Fill out (kinds, n) with the tap weights of all nodes on a row v; first: row of the first
-    nodes."""
-    kinds, rows = grid.tables.shape[:2]
-    node, t = bracket(v, first, grid.step_vw, rows, 1)
-    for kind in range(kinds):
-        n = grid.columns * weights_per_node(grid.phases[kind], grid.taps[kind])[1]
-        low, high = grid.tables[kind, node, :n], grid.tables[kind, node + 1, :n]
-        blend(out[kind, :n], low, high, np.float32(t))
-
-
-@jit_inlined
-def fill_row_weights(row, image, positions, r, top):
-    """Fill the tap weights of row r if it is the first of its band, or of all that are read.
+def fill_row_weights(weights, grid, positions, r, top):
+    """Fill weights (kinds, n) with the tap weights of all nodes on row r if it is the first of its
+    band, or of all that are read.
 
     positions: of the rows. top: the first that is read.
     """
     count = max(1, len(positions) // MIN_WEIGHT_BANDS)
-    if r % count == 0 or r == top:
-        start = r - r % count
-        end = min(start + count, len(positions)) - 1
-        middle = (positions[start] + positions[end]) / 2
-        fill_band_weights(row.weights, image.grid, middle, positions[0])
+    if r % count != 0 and r != top:
+        return
+    start = r - r % count
+    end = min(start + count, len(positions)) - 1
+    middle = (positions[start] + positions[end]) / 2
+    kinds, rows = grid.tables.shape[:2]
+    node, t = bracket(middle, positions[0], grid.step_vw, rows, 1)
+    for kind in range(kinds):
+        n = grid.columns * weights_per_node(grid.phases[kind], grid.taps[kind])[1]
+        low, high = grid.tables[kind, node, :n], grid.tables[kind, node + 1, :n]
+        blend(weights[kind, :n], low, high, np.float32(t))
 
 
 @jit_in_place
-def _expose_rows(raw, slope, panel, image, work, top, bottom):
-    """Do the same as `expose_full_image`, in buffers that it allocated."""
+def expose_rows(raw, slope, panel, image, work, top, bottom):
+    """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
+
+    Args:
+        slope: of raw's shape, filled with its derivative in the light before noise and clipping; or
+            (planes, h, 0).
+        panel: (3, ...) float32, from `panel.fill_panel`.
+        image: see `records.FullImage`. work: from `work_of_pixels`.
+    """
     planes, h, w = raw.shape
     row, layout, camera, sites = work.row, work.layout, image.camera, image.sites
     rows, step = sites.rows, sites.step
     light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
     for r in range(top * step, bottom * step):
         v = rows[r]
-        fill_row_weights(row, image, rows, r, top * step)
+        fill_row_weights(row.weights, image.grid, rows, r, top * step)
         fill(row.position[V], v)
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for plane in range(planes):
@@ -97,15 +99,28 @@ def _expose_rows(raw, slope, panel, image, work, top, bottom):
             read(raw[plane, y], light, slope[plane, y], start, image.readout, noise, bits)
 
 
-@jit_inlined
-def expose_full_image(raw, slope, panel, image, top, bottom):
-    """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
-
-    Args:
-        slope: of raw's shape, filled with its derivative in the light before noise and clipping; or
-            (planes, h, 0).
-        panel: (3, ...) float32, from `panel.fill_panel`.
-        image: see `records.FullImage`.
-    """
-    planes, _, w = raw.shape
-    _expose_rows(raw, slope, panel, image, work_of_pixels(w, planes, image), top, bottom)
+@jit_in_place
+def expose_rows_back(panel_grad, grad, slope, image, work):
+    """Add the gradient in the panel, of its shape, from that in a reading (planes, h, w); the rest
+    as in `expose_rows`."""
+    planes, h, _ = grad.shape
+    row, layout, sites = work.row, work.layout, image.sites
+    rows, step, light = sites.rows, sites.step, row.floats[LIGHT]
+    for r in range(h * step):
+        v, y = rows[r], r // step
+        fill_row_weights(row.weights, image.grid, rows, r, 0)
+        fill(row.position[V], v)
+        pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
+        for first in range(planes):
+            if sites.row[first] != r % step or layout.first[first] != first:
+                continue
+            fill(row.irradiance.reshape(-1), ZERO)
+            for plane in range(first, planes):
+                if layout.first[plane] != first:
+                    continue
+                read_back(light, grad[plane, y], slope[plane, y])
+                attenuate(light, layout.u[plane], row.position[V], image.camera)
+                for colour in range(3):
+                    passed = image.filters[sites.channel[plane], colour] * pulse
+                    add(row.irradiance[colour], light, np.float32(passed))
+            panel_irradiance_back(work, panel_grad, image, first, v)

@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.engine.cpu import harmonics, lookup, rows
 from moireaug.engine.cpu.coarse_grid import bracket
-from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
+from moireaug.engine.cpu.compiling import fill, jit_inlined
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import TapWeights
 from moireaug.engine.cpu.rows import X, Y
@@ -19,21 +19,13 @@ from moireaug.engine.cpu.view import look
 ZERO = np.float32(0)
 
 
-@jit_in_place
-def _split(offset, nearest, position, centre, period, size, radius):
-    """Split panel coordinates into cells and offsets, as `lookup.split_into_cells` does, no farther
-    from a panel of `size` pixels than `radius` cells around it see."""
-    cells, low = (size + period - 1) // period, -radius - 1.0
-    high = float(cells + radius)
-    lookup.split_into_cells(offset, nearest, position, centre, float(period), low, high)
-
-
 @jit_inlined
 def _locate_along_x(row, image, kind):
     """Fill where the pixels look along x in the cells of a kind, and the waves there."""
     offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
     period = image.cell.period[kind, 0]
-    _split(offset, nearest, row.position[X], 0.0, period, image.panel_size[1], image.cell.radius)
+    cells = period, image.panel_size[1], image.cell.radius
+    lookup.split_into_cells(offset, nearest, row.position[X], cells, 0.0)
     harmonics.fill_waves(row.wave[rows.COS_X], row.wave[rows.SIN_X], offset)
 
 
@@ -43,7 +35,8 @@ def _locate_along_y(row, image, i):
     offset, nearest = row.floats[rows.CELL_OFFSET_Y], row.ints[rows.NEAREST_CELL_Y]
     cell, centre = image.cell, image.cell.centre[i, 1]
     period = cell.period[cell.subpixel_kind[i], 1]
-    _split(offset, nearest, row.position[Y], centre, period, image.panel_size[0], cell.radius)
+    cells = period, image.panel_size[0], cell.radius
+    lookup.split_into_cells(offset, nearest, row.position[Y], cells, centre)
     harmonics.fill_waves(row.wave_y[rows.COS_Y], row.wave_y[rows.SIN_Y], offset)
 
 
@@ -99,8 +92,8 @@ def _locate_content(work, stride, image, plane, i):
     start, first = work.layout.weight_start[kind, 0, plane], row.ints[rows.FIRST_CELL_X]
     index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
     offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
-    centre, size = cell.centre[i, 0], image.panel_size[1]
-    _split(offset, nearest, row.position[X], centre, period[0], size, cell.radius)
+    cells, centre = (period[0], image.panel_size[1], cell.radius), cell.centre[i, 0]
+    lookup.split_into_cells(offset, nearest, row.position[X], cells, centre)
     lookup.locate_taps(
         first, index, phase_share, offset, nearest, start, grid.phases[kind, 0], grid.taps[kind]
     )
@@ -142,7 +135,7 @@ def panel_irradiance(work, panel, image, plane, v):
 
     Args:
         work: a record of the `layout` and the `row` of `rows`.
-        panel: as in `full.expose_full_image`.
+        panel: as in `full.expose_rows`.
         image: see `records.FullImage` or `records.BinnedImage`.
     """
     row, cell, taps = work.row, image.cell, image.grid.taps

@@ -7,23 +7,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.cpu import vectors
 from moireaug.engine.cpu.compiling import jit_in_place
-from moireaug.engine.cpu.vectors import load, store
+from moireaug.engine.cpu.vectors import (
+    content_adding,
+    content_weighing,
+    load,
+    store,
+    tap_weights_storing,
+)
 
 ROUNDING_OFFSET = 1.5 * 2.0**52  # adding it to a float64 rounds to whole numbers
 HALF, ZERO = np.float32(0.5), np.float32(0)
 NARROW_TAPS, WIDE_TAPS = 4, 8  # cells along each axis that a pixel's content is taken from
+store_narrow_weights, store_wide_weights = map(tap_weights_storing, (NARROW_TAPS, WIDE_TAPS))
+narrow_content, wide_content = map(content_weighing, (NARROW_TAPS, WIDE_TAPS))
+add_narrow_content, add_wide_content = map(content_adding, (NARROW_TAPS, WIDE_TAPS))
 
 
 @jit_in_place
-def split_into_cells(offset, cell, position, centre, period, low, high):
-    """Split panel coordinates (n,) into whole cells, (n,) int32 between `low` and `high`, and the
-    offset from there, (n,) float32 in cells.
+def split_into_cells(offset, cell, position, cells, centre):
+    """Split panel coordinates (n,) into whole cells, (n,) int32, no farther from the panel than
+    `radius` cells around it see, and the offset from there, (n,) float32 in cells.
 
-    position: (n,) float64, panel pixels. centre, period: of the cells, panel pixels.
+    position: (n,) float64, panel pixels. cells: their period and the panel's size, in its pixels,
+        and the radius. centre: of the cells, panel pixels.
     """
-    scale = 1 / period
+    period, size, radius = cells
+    low, high = -radius - 1.0, float((size + period - 1) // period + radius)
+    scale = 1 / float(period)
     for i in range(len(position)):
         q = (load(position, i) - centre) * scale
         whole = (q + ROUNDING_OFFSET) - ROUNDING_OFFSET
@@ -68,9 +79,11 @@ def fill_weights(out, weights, taps):
     weights: see `records.TapWeights`.
     """
     if taps == NARROW_TAPS:
-        vectors.fill_four_weights(out, weights)
+        for i in range(len(weights.weight_index)):
+            store_narrow_weights(out, weights, i)
     else:
-        vectors.fill_eight_weights(out, weights)
+        for i in range(len(weights.weight_index)):
+            store_wide_weights(out, weights, i)
 
 
 @jit_in_place
@@ -80,13 +93,14 @@ def content(out, panel, base, stride, weights, weights_y, taps):
     Args:
         panel: flat. base: (n,) int32, index of the first cell. stride: int32, from a row of cells
             to the next.
-        weights: along x, see `records.TapWeights`. weights_y: along y, from
-            `fill_weights`.
+        weights: along x, see `records.TapWeights`. weights_y: along y, from `fill_weights`.
     """
     if taps == NARROW_TAPS:
-        vectors.four_by_four(out, panel, base, stride, weights, weights_y)
+        for i in range(len(out)):
+            out[i] = narrow_content(panel, base, stride, weights, weights_y, i)
     else:
-        vectors.eight_by_eight(out, panel, base, stride, weights, weights_y)
+        for i in range(len(out)):
+            out[i] = wide_content(panel, base, stride, weights, weights_y, i)
 
 
 @jit_in_place
@@ -94,6 +108,8 @@ def content_back(panel_grad, grad, base, stride, weights_x, weights_y, taps):
     """Add to panel_grad, flat, the gradient in it from that in the content of pixels (n,); the
     rest as in `content`, with the tap weights along x as those along y."""
     if taps == NARROW_TAPS:
-        vectors.four_by_four_back(panel_grad, grad, base, stride, weights_x, weights_y)
+        for i in range(len(grad)):
+            add_narrow_content(panel_grad, base, stride, weights_x, weights_y, grad, i)
     else:
-        vectors.eight_by_eight_back(panel_grad, grad, base, stride, weights_x, weights_y)
+        for i in range(len(grad)):
+            add_wide_content(panel_grad, base, stride, weights_x, weights_y, grad, i)

@@ -1,4 +1,5 @@
-"""The normal distribution as tables, so that no loop calls a transcendental function."""
+"""The normal distribution as tables, so that no loop calls a transcendental function; and the
+numbers of `moireaug.camera.effects.random_numbers`, a row at a time."""
 
 from __future__ import annotations
 
@@ -7,7 +8,9 @@ from statistics import NormalDist
 
 import numpy as np
 
-from moireaug.engine.cpu.compiling import jit_in_place
+from moireaug.camera.effects.random_numbers import INTERVALS, PLACES_PER_INTERVAL, quantiles
+from moireaug.engine.cpu.compiling import jit_in_place, jit_in_place_exact
+from moireaug.engine.cpu.physics import random_numbers
 from moireaug.engine.cpu.vectors import load, store
 
 TAIL_STEPS, TAIL_END_SIGMAS = 256, 7  # of the tables; steps per standard deviation
@@ -15,6 +18,12 @@ ONE32 = np.int32(1)
 
 _normal = NormalDist()
 _places = [i / TAIL_STEPS for i in range(TAIL_END_SIGMAS * TAIL_STEPS + 2)]
+# compile-time constants: the compiler then knows that no row it writes overlaps them, and
+# vectorises
+LOW_QUANTILE, QUANTILE_STEP = (table.numpy() for table in quantiles())
+INTERVAL_SHIFT = np.uint32(PLACES_PER_INTERVAL.bit_length() - 1)
+PLACE_MASK = np.uint32(PLACES_PER_INTERVAL - 1)
+INTERVAL_MASK = np.uint32(INTERVALS - 1)
 
 
 def _tail(z: float) -> float:
@@ -67,3 +76,24 @@ def integrals(out, origin, step, sigma):
         low = load(TAIL_TABLE, k)
         beyond = low + (at - k) * (load(TAIL_TABLE, np.int32(k + ONE32)) - low)
         store(out, i, max(x, 0.0) + sigma * beyond)
+
+
+@jit_in_place
+def _hash(bits, start, first, second):
+    """Fill bits (n,) int32 with those of the numbers `start`, `start` + 1, ... of an image."""
+    for i in range(len(bits)):
+        keyed = np.uint32(random_numbers.mix(np.uint32(np.uint32(start + i) + first)) ^ second)
+        store(bits, i, np.int32(random_numbers.mix(keyed)))
+
+
+@jit_in_place_exact
+def normal_row(out, bits, start, first, second):
+    """Fill out (n,) float32 with the standard normal numbers `start`, `start` + 1, ... of an image,
+    from its two keys, uint32; bits: (n,) int32 workspace."""
+    # in a loop without look-ups, which vectorises
+    _hash(bits, start, first, second)
+    for i in range(len(out)):
+        drawn = np.uint32(load(bits, i))
+        interval = np.uint32(drawn >> INTERVAL_SHIFT) & INTERVAL_MASK
+        place = np.float32(np.int32(drawn & PLACE_MASK))
+        store(out, i, load(LOW_QUANTILE, interval) + load(QUANTILE_STEP, interval) * place)

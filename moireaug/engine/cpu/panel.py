@@ -48,17 +48,20 @@ def _pixel_at(i, n, period):
     return i % cells * period + i // cells
 
 
-@jit_in_place
-def fill_axis(n, size, alpha, period, lead, first, share):
-    """Find where each of n panel pixels lies between two picture pixels.
+@jit
+def interpolated_pixels(n, size, alpha, period, lead):
+    """Return the picture pixel before each of n panel pixels, of `size`, (n,) int32, and how far it
+    is towards the next one, (n,) float32.
 
     period: see `_pixel_at`. lead: panel pixels ahead of the picture.
     """
+    first, share = np.empty(n, np.int32), np.empty(n, np.float32)
     for i in range(n):
         at = triangle.centre_on_picture(_pixel_at(i, n, period), lead, alpha)
         at = min(max(at - 0.5, 0.0), size - 1.0)
         first[i] = np.int32(at)
         share[i] = at - first[i]
+    return first, share
 
 
 @jit_in_place
@@ -82,10 +85,8 @@ def _interpolate_row(out, row, first, share):
 def _enlarge(panel, light, alpha, period, ahead, above):
     """Fill panel (n, m), of one colour, from its light (h, w): bilinear between pixel centres."""
     (h, w), (n, m) = light.shape, panel.shape
-    x, fx = np.empty(m, np.int32), np.empty(m, np.float32)
-    y, fy = np.empty(n, np.int32), np.empty(n, np.float32)
-    fill_axis(n, h, alpha, 1, above, y, fy)
-    fill_axis(m, w, alpha, period, ahead, x, fx)
+    y, fy = interpolated_pixels(n, h, alpha, 1, above)
+    x, fx = interpolated_pixels(m, w, alpha, period, ahead)
     row = np.empty(w + 1, np.float32)
     for i in range(n):
         low = np.int64(y[i])
@@ -93,11 +94,12 @@ def _enlarge(panel, light, alpha, period, ahead, above):
         _interpolate_row(panel[i], row, x, fx)
 
 
-@jit_in_place
-def fill_triangles(pixel, weight, size, alpha, period, lead):
-    """Find which picture pixels each panel pixel shows, (taps, n) int32, and how much of each,
-    (taps, n) float32; the rest as in `fill_axis`."""
-    taps, n = pixel.shape
+@jit
+def averaged_pixels(n, size, alpha, period, lead):
+    """Return which picture pixels each of n panel pixels shows, (taps, n) int32, and how much of
+    each, (taps, n) float32; the rest as in `interpolated_pixels`."""
+    taps = math.ceil(2 / alpha)  # picture pixels under a triangle
+    pixel, weight = np.empty((taps, n), np.int32), np.empty((taps, n), np.float32)
     for i in range(n):
         at = triangle.centre_on_picture(_pixel_at(i, n, period), lead, alpha)
         first, total = triangle.first_under_triangle(at, alpha), 0.0
@@ -107,6 +109,7 @@ def fill_triangles(pixel, weight, size, alpha, period, lead):
             share = triangle.triangle_weight(first + tap, at, alpha)
             weight[tap, i] = share / total
             pixel[tap, i] = min(max(first + tap, 0), size - 1)
+    return pixel, weight
 
 
 @jit
@@ -118,36 +121,33 @@ def shrink(panel, light, alpha, period, ahead, above):
         period: see `_pixel_at`. ahead, above: panel pixels ahead of the picture.
     """
     (h, w), (n, m) = light.shape, panel.shape
-    taps = math.ceil(2 / alpha)  # picture pixels under a triangle
-    x, across = np.empty((taps, m), np.int32), np.empty((taps, m), np.float32)
-    y, down = np.empty((taps, n), np.int32), np.empty((taps, n), np.float32)
-    fill_triangles(x, across, w, alpha, period, ahead)
-    fill_triangles(y, down, h, alpha, 1, above)
+    x, across = averaged_pixels(m, w, alpha, period, ahead)
+    y, down = averaged_pixels(n, h, alpha, 1, above)
     row = np.empty(w, np.float32)
     for i in range(n):
         fill(row, ZERO)
-        for tap in range(taps):
+        for tap in range(len(y)):
             if down[tap, i] != 0:
                 add(row, light[y[tap, i]], down[tap, i])
         gather(panel[i], row, x, across)
 
 
-@jit_in_place
-def _fill_on_picture(on_picture, size, alpha, period, lead):
-    """Find whether each panel pixel is on the picture, (n,) bool; the rest as in `fill_axis`."""
-    n = len(on_picture)
+@jit
+def _on_picture(n, size, alpha, period, lead):
+    """Return whether each of n panel pixels is on the picture, (n,) bool; the rest as in
+    `interpolated_pixels`."""
+    on_picture = np.empty(n, np.bool_)
     for i in range(n):
         at = triangle.centre_on_picture(_pixel_at(i, n, period), lead, alpha)
         on_picture[i] = 0 <= at < size
+    return on_picture
 
 
 @jit
 def blacken(panel, size, alpha, period, ahead, above):
     """Blacken what lies beyond the picture, on one colour's panel (n, m)."""
     n, m = panel.shape
-    x, y = np.empty(m, np.bool_), np.empty(n, np.bool_)
-    _fill_on_picture(x, size[1], alpha, period, ahead)
-    _fill_on_picture(y, size[0], alpha, 1, above)
+    x, y = _on_picture(m, size[1], alpha, period, ahead), _on_picture(n, size[0], alpha, 1, above)
     for i in range(n):
         for j in range(m):
             if not (y[i] and x[j]):

@@ -3,12 +3,16 @@ transposed."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
-from moireaug.engine.cpu.panel import blacken, fill_axis, fill_triangles, margin, period_of
+from moireaug.engine.cpu.panel import (
+    averaged_pixels,
+    blacken,
+    interpolated_pixels,
+    margin,
+    period_of,
+)
 from moireaug.engine.cpu.vectors import add
 
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -30,10 +34,8 @@ def _interpolate_row_back(row, grad, first, share):
 def _enlarge_back(light, panel, alpha, period, ahead, above):
     """Add to the light of one colour (h, w) the gradient in it, from that in its panel (n, m)."""
     (h, w), (n, m) = light.shape, panel.shape
-    x, fx = np.empty(m, np.int32), np.empty(m, np.float32)
-    y, fy = np.empty(n, np.int32), np.empty(n, np.float32)
-    fill_axis(n, h, alpha, 1, above, y, fy)
-    fill_axis(m, w, alpha, period, ahead, x, fx)
+    y, fy = interpolated_pixels(n, h, alpha, 1, above)
+    x, fx = interpolated_pixels(m, w, alpha, period, ahead)
     # the gradient in two rows of light that are as wide as the panel: it is narrowed once for each
     lines = np.zeros((2, m), np.float32)
     here = 0
@@ -59,17 +61,14 @@ def shrink_back(light, panel, alpha, period, ahead, above):
     """Add to the light of one colour (h, w) the gradient in it, from that in a panel (n, m) of
     fewer pixels; the rest as in `panel.shrink`."""
     (h, w), (n, m) = light.shape, panel.shape
-    taps = math.ceil(2 / alpha)
-    x, across = np.empty((taps, m), np.int32), np.empty((taps, m), np.float32)
-    y, down = np.empty((taps, n), np.int32), np.empty((taps, n), np.float32)
-    fill_triangles(x, across, w, alpha, period, ahead)
-    fill_triangles(y, down, h, alpha, 1, above)
+    x, across = averaged_pixels(m, w, alpha, period, ahead)
+    y, down = averaged_pixels(n, h, alpha, 1, above)
     row = np.empty(w, np.float32)
     for i in range(n):
         fill(row, ZERO)
-        for tap in range(taps):
+        for tap in range(len(x)):
             _add_across_back(row, panel[i], x[tap], across[tap])
-        for tap in range(taps):
+        for tap in range(len(x)):
             if down[tap, i] != 0:
                 add(light[y[tap, i]], row, down[tap, i])
 

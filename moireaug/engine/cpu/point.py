@@ -1,5 +1,4 @@
-"""Screen to raw by the panel's light at each sensor pixel's centre, as in the paper's code: one
-image per call."""
+"""Screen to raw by the panel's light at each sensor pixel's centre, as in the paper's code."""
 
 from __future__ import annotations
 
@@ -8,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.camera.exposure.displayed import EDGE_PIXELS
-from moireaug.engine.cpu.compiling import copy, fill, jit, jit_in_place, jit_inlined
+from moireaug.camera.exposure.screen import EDGE_PIXELS
+from moireaug.engine.cpu.compiling import copy, fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.panel import shrink
 from moireaug.engine.cpu.sensor import attenuate, read, reflect
 from moireaug.engine.cpu.vectors import load, store
@@ -73,7 +72,7 @@ def shown_values(height, width):
 @jit_in_place
 def _axis(size, alpha, raster, dark_around):
     """Return the _Axis of `size` picture pixels, on a panel of at most its pixels, as in
-    `exposure.displayed.DisplayedPicture`."""
+    `exposure.screen.DisplayedPicture`."""
     if alpha < 1:
         return _Axis(1.0, EDGE_PIXELS, shown_pixels(size, alpha), alpha * size, raster, dark_around)
     return _Axis(alpha, 0, size, alpha * size, raster, dark_around)
@@ -220,15 +219,14 @@ def see(work, image, i):
     _raster(work.along_y, work.y, y0, y1, float(py), work.rows)
 
 
-@jit
-def expose_point_image(raw, slope, shown, image, top, bottom):
-    """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of a picture.
+@jit_in_place
+def expose_rows(raw, slope, shown, image, work, top, bottom):
+    """Do the same as `full.expose_rows` for a reading at points.
 
-    shown: from `fill_shown`. image: see `records.PointImage`. slope: see `full.expose_full_image`.
+    shown: from `fill_shown`. image: see `records.PointImage`. work: from `work_of_points`.
     """
     planes, h, w = raw.shape
     camera, sites = image.camera, image.sites
-    work = work_of_points(w, image)
     line, width, step = work.light, np.int32(work.columns.size), sites.step
     for r in range(top * step, bottom * step):
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0

@@ -1,14 +1,14 @@
-"""The gradient of a point exposure in what is shown, and in a picture's light, one image per call:
-`point` transposed."""
+"""The gradient of a point exposure in what is shown, and in a picture's light: `point`
+transposed."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from moireaug.camera.exposure.displayed import EDGE_PIXELS
-from moireaug.engine.cpu.compiling import copy, fill, jit, jit_in_place, jit_inlined
+from moireaug.camera.exposure.screen import EDGE_PIXELS
+from moireaug.engine.cpu.compiling import copy, fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.panel_back import shrink_back
-from moireaug.engine.cpu.point import locate_points, see, shown_pixels, work_of_points
+from moireaug.engine.cpu.point import locate_points, see, shown_pixels
 from moireaug.engine.cpu.sensor import attenuate, read_back
 
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -47,13 +47,12 @@ def fill_shown_back(light_grad, shown, alpha):
             copy(light_grad[c].reshape(-1), shown[c])
 
 
-@jit
-def expose_point_image_back(shown_grad, grad, slope, image):
-    """Add the gradient in what `point.fill_shown` fills, from that in a reading (planes, h, w);
-    slope and image as in `point.expose_point_image`."""
-    planes, h, w = grad.shape
+@jit_in_place
+def expose_rows_back(shown_grad, grad, slope, image, work):
+    """Add the gradient in what `point.fill_shown` fills, from that in a reading (planes, h, w); the
+    rest as in `point.expose_rows`."""
+    planes, h, _ = grad.shape
     camera, sites = image.camera, image.sites
-    work = work_of_points(w, image)
     line, width, step = work.light, np.int32(work.columns.size), sites.step
     for r in range(h * step):
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0

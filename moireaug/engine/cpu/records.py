@@ -224,7 +224,7 @@ class Photos(NamedTuple):
         in_camera: (`develop_kernels.in_camera_length`,) float32, workspace: a photo in the camera's
             frame, with zeros after it: a look-up at a plane's last pixels reads beyond them with
             weight 0.
-        unclipped: (B, 3, ...) uint8, see `develop_detail.develop_detail_image`; (0, 3, ...) if not
+        unclipped: (B, 3, ...) uint8, see `develop_kernels.develop_detail_rows`; (0, 3, ...) if not
             needed.
     """
 

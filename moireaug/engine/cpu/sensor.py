@@ -9,11 +9,10 @@ import numpy as np
 from moireaug.camera.effects.sensor import DARK_LEVEL
 from moireaug.common.physics.clipping import MIN_VARIANCE
 from moireaug.engine.cpu.compiling import copy, fill, jit_in_place
-from moireaug.engine.cpu.limits import UNCLIPPED_SIGMAS
-from moireaug.engine.cpu.normal import integral, normal
+from moireaug.engine.cpu.normal import integral, normal, normal_row
 from moireaug.engine.cpu.physics import sensor
-from moireaug.engine.cpu.random_numbers import normal_row
 
+UNCLIPPED_SIGMAS = 5.0  # a mean is clipped by noise only if it is this close to a bound
 DARK32 = np.float32(DARK_LEVEL)
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 

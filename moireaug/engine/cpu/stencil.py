@@ -8,19 +8,13 @@ import numpy as np
 from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
 from moireaug.engine.cpu.coarse_grid import bracket, counts, node_line
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
-from moireaug.engine.cpu.footprint import BOX, SIGMA, fill_blurs, light_from
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import BinStencil
 from moireaug.engine.cpu.vectors import load, store
+from moireaug.engine.cpu.view import BOX, SIGMA, fill_blurs, light_from
 
 ZERO = np.float32(0)
 FUSED_TAPS = 3  # along each axis, of which no sum is kept in memory
-
-
-@jit_in_place
-def has_stencil(camera, sensor):
-    """Return whether an image's bins are its pixels, on a panel that shows no fewer."""
-    return sensor.rectified != 0 and camera.alpha == 1
 
 
 @jit_inlined
@@ -35,7 +29,7 @@ def _fill_tap_weights(out, blur, width, past, radius):
     and `radius` to each side; see `tap_weights`.
 
     Args:
-        blur: (2,), from `footprint.fill_blur`. width: of the pixel's light, in pixels.
+        blur: (2,), from `view.fill_blur`. width: of the pixel's light, in pixels.
         past: where the bin looks, from the middle of that light, in pixels.
     """
     half = len(out) // 2

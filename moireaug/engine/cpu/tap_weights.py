@@ -13,13 +13,16 @@ import numpy as np
 
 from moireaug.camera.exposure.footprint import NEAREST_GUARD_SHARE
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place
-from moireaug.engine.cpu.footprint import BOX, SIGMA, fill_blurs, light_from
 from moireaug.engine.cpu.harmonics import cubic_weights
-from moireaug.engine.cpu.limits import MAX_PHASES, MAX_PHASES_OF_FEW_NODES
 from moireaug.engine.cpu.lookup import NARROW_TAPS, WIDE_TAPS
 from moireaug.engine.cpu.normal import TAIL_END_SIGMAS, integrals
 from moireaug.engine.cpu.vectors import load, store
+from moireaug.engine.cpu.view import BOX, SIGMA, fill_blurs, light_from
 
+# limits of memory; with fewer phases than the budget asks for, weights are less exact
+MAX_PHASES = 512
+# at a few nodes, as in a frontal view, whose pixels may all lie where a weight has a kink
+MAX_PHASES_OF_FEW_NODES = 8192
 PHASE_MULTIPLE = 16  # of which the number of phases is a multiple
 
 
@@ -86,7 +89,7 @@ def _fill_phases(out, blur, width, radius, scratch):
     """Fill out (phases + 2, taps) with the tap weights at distances from -1/2 to 1/2 from the
     nearest cell's centre. Distance 0 is there twice, as the first tap changes there.
 
-    blur: box and standard deviation, see `footprint.fill_blur`. width: of the subpixel, in cells.
+    blur: box and standard deviation, see `view.fill_blur`. width: of the subpixel, in cells.
     """
     box, sigma = blur[BOX], blur[SIGMA]
     phases, taps = out.shape[0] - 2, out.shape[1]
@@ -124,7 +127,7 @@ def fill_node(out, blur, widths, radius, phases, taps, scratch):
     """Fill out (n,) with the tap weights of a node along x, and then along y.
 
     Args:
-        blur: (axis, 2), from `footprint.fill_blur`. widths: (2,) of the subpixel, in cells.
+        blur: (axis, 2), from `view.fill_blur`. widths: (2,) of the subpixel, in cells.
         radius: see `exposure_records.Cell`. phases, taps: (2,) and an int, of the table.
     """
     n, _ = weights_per_node(phases, taps)

@@ -10,16 +10,26 @@ from __future__ import annotations
 import ctypes
 import functools
 import math
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import torch
 
-from moireaug.engine.cpu.forks import is_forked
+# OpenMP's threads do not survive a fork, and whatever waits for them hangs: only the process that
+# imported this module uses them
+IMPORTING_PROCESS_ID = os.getpid()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=lambda: torch.set_num_threads(1))
 
 PARTS_PER_THREAD = 4  # of a batch, one after another, as images take different times
 MIN_ROWS_PER_THREAD = 32  # of an image: fewer are not worth a thread
 TASK_TYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+
+
+def is_forked() -> bool:
+    """Return whether this process was forked from the one that imported this module."""
+    return os.getpid() != IMPORTING_PROCESS_ID
 
 
 def surplus_images(n: int, rows: int) -> int:
@@ -68,7 +78,6 @@ def _run(work: Callable[[int, int], None], n: int, part: int) -> None:
 def run_on_threads(task: Callable[[], None], threads: int) -> None:
     """Call a task, which must not raise, on several threads at once, and wait for all of them."""
     parallel = _openmp()
-    # OpenMP's threads do not survive a fork
     if parallel is None or is_forked():
         with ThreadPoolExecutor(threads) as pool:
             for _ in range(threads):

@@ -1,13 +1,19 @@
-"""Where a sensor pixel looks, and the Jacobian there, in float64."""
+"""Where a sensor pixel looks, and the Jacobian there, in float64; how far its view of the panel
+spreads, a box and a Gaussian along each axis, and the light that it gets from a subpixel, see
+`moireaug.camera.exposure.footprint`."""
 
 from __future__ import annotations
 
 import math
 
+from moireaug.common.physics.footprint import MIN_BLUR_VARIANCE
 from moireaug.common.physics.lens import MIN_RAY_DEPTH, NEWTON_STEPS
 from moireaug.engine.cpu.compiling import jit_in_place
-from moireaug.engine.cpu.physics import lens
+from moireaug.engine.cpu.normal import integral
+from moireaug.engine.cpu.physics import footprint, lens
 from moireaug.engine.cpu.vectors import load, store
+
+BOX, SIGMA = range(2)  # columns of a blur
 
 
 @jit_in_place
@@ -80,3 +86,76 @@ def jacobian(u, v, camera):
     if camera.rectified != 0:
         u, v = to_photo(u, v, camera)
     return lens.panel_jacobian(u, v, camera)
+
+
+@jit_in_place
+def blur_jacobian(by_camera, u, v, view):
+    """Return the Jacobian of a PixelView's blur camera at a photo point, as `view.jacobian` does;
+    by_camera: that of its camera."""
+    camera, blur_camera = view.camera, view.blur_camera
+    if blur_camera.rectified != 0:
+        return jacobian(u, v, blur_camera)
+    xu, xv, yu, yv = by_camera
+    across, down = camera.scale_u / blur_camera.scale_u, camera.scale_v / blur_camera.scale_v
+    return xu * across, xv * down, yu * across, yv * down
+
+
+@jit_in_place
+def motion_sigma(by_u, by_v, blur_camera):
+    """Return the standard deviation of motion blur along one axis, in panel pixels, with a sign."""
+    return footprint.motion_sigma(by_u, by_v, blur_camera.motion_x, blur_camera.motion_y)
+
+
+@jit_in_place
+def still_variance(by_u, by_v, fill, blur_u, blur_v, blur_camera):
+    """Return the variance of the blur along one axis without its box and without motion, in squared
+    panel pixels."""
+    of_lens = footprint.lens_variance(blur_u, blur_v, blur_camera.blur, blur_camera.olpf)
+    return footprint.side_variance(min(abs(by_u), abs(by_v)) * fill) + of_lens
+
+
+@jit_in_place
+def _fill_axis(out, steps, view, kind, axis):
+    """Do the same as `fill_blur` along one axis.
+
+    steps: panel pixels per sensor pixel along u and v, by the Jacobians of both cameras.
+    """
+    by_u, by_v, blur_u, blur_v = steps
+    camera, blur_camera, period = view.camera, view.blur_camera, view.cell.period[kind, axis]
+    long = max(abs(by_u), abs(by_v)) * camera.fill / period
+    moves = motion_sigma(blur_u, blur_v, blur_camera)
+    variance = still_variance(by_u, by_v, camera.fill, blur_u, blur_v, blur_camera) + moves * moves
+    variance = variance / (period * period) + view.added_variance[kind, axis]
+    sigma = math.sqrt(variance + MIN_BLUR_VARIANCE)
+    shrink = footprint.narrowing(long, sigma, view.widths[kind, axis], view.cell.radius + 0.5)
+    out[BOX], out[SIGMA] = long * shrink, sigma * shrink
+    return shrink < 1
+
+
+@jit_in_place
+def fill_blur(out, u, v, view, kind):
+    """Fill out (axis, 2) with the blur of a PixelView of a kind of subpixel at a photo point: the
+    box and the standard deviation along both axes, in cells, narrowed to what the cells that are
+    looked at hold, as `Footprint.fitted` does. Return whether any was narrowed."""
+    by_camera = jacobian(u, v, view.camera)
+    by_blur = blur_jacobian(by_camera, u, v, view)
+    (xu, xv, yu, yv), (bxu, bxv, byu, byv) = by_camera, by_blur
+    in_x = _fill_axis(out[0], (xu, xv, bxu, bxv), view, kind, 0)
+    in_y = _fill_axis(out[1], (yu, yv, byu, byv), view, kind, 1)
+    return in_x or in_y
+
+
+@jit_in_place
+def fill_blurs(out, us, vs, view, kind):
+    """Fill out (rows * cols, axis, 2) with the blur at nodes of the photo; see `fill_blur`."""
+    for r in range(len(vs)):
+        for c in range(len(us)):
+            fill_blur(out[r * len(us) + c], us[c], vs[r], view, kind)
+
+
+@jit_in_place
+def light_from(x, box, sigma, width):
+    """Return the light from a subpixel at distance x, of all light that a box of 1 would see."""
+    far, near = (box + width) / 2, (box - width) / 2
+    seen = integral(x + far, sigma) - integral(x + near, sigma)
+    return max(seen - integral(x - near, sigma) + integral(x - far, sigma), 0.0)

@@ -2,7 +2,8 @@
 `exposure.alias_transfer`.
 
 Bounds over the photo decide, from the ranges of frequencies at a few of its points. CPU kernels
-choose by themselves, in `cpu.beat_terms`: for a single photo, this takes nine times as long.
+choose by themselves, in `cpu.beat_terms`: for a single photo, this takes nine times as long, and
+numba would compile for seconds where Triton needs none of it.
 """
 
 from __future__ import annotations
@@ -11,15 +12,49 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
-from moireaug.common.physics import bins, optics
-from moireaug.engine.gpu.host_view import Arrays, cameras_of, jacobian
+from moireaug.common.physics import aliases, bins, lens, optics
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
-from moireaug.engine.lower.exposure_records import Beats, Exposure
+from moireaug.engine.lower.exposure_records import Beats, Camera, Exposure
+from moireaug.scene.geometry.distortion import inverse_radial_factor
+
+Arrays = tuple[np.ndarray, ...]
 
 VIEW_SAMPLES = 5  # along each axis of the photo
 TRANSFER_SAMPLES = 2  # every how many of them the optics' transfer is taken
 MAX_FREQUENCY_RANGE = 16.0  # over the photo, cycles per sensor pixel; it has two aliases a cycle
+
+
+def cameras_of(cameras: np.ndarray) -> Any:
+    """Return the fields (B, fields) of a batch's cameras as one Camera of arrays (B, 1, 1), which
+    broadcast over points."""
+    return Camera(*cameras.T[:, :, None, None])
+
+
+def jacobian(u: np.ndarray, v: np.ndarray, c: Any) -> Arrays:
+    """Return `lens.panel_jacobian`, (B, h, w) each, at photo points about the centre; of rectified
+    cameras, at where the photos show image points. c: from `cameras_of`."""
+    if c.rectified.any():
+        u, v = to_photo(u, v, c)
+    return lens.panel_jacobian(u, v, c)
+
+
+def to_photo(x: np.ndarray, y: np.ndarray, c: Any) -> Arrays:
+    """Return where image points lie on the photos, both about the centre, (B, h, w) each."""
+    u, v = lens.project(x, y, forward(c).reshape(-1, 9).T[:, :, None, None])
+    if c.k1.any() or c.k2.any():
+        points = torch.from_numpy(np.stack([u, v], -1).reshape(len(u), -1, 2))
+        fields = (c.k1, c.k2, c.photo_height, c.photo_width)
+        k1, k2, height, width = (torch.from_numpy(field[:, 0, 0]) for field in fields)
+        factor = inverse_radial_factor(points, k1, k2, (height, width)).numpy().reshape(u.shape)
+        u, v = u * factor, v * factor
+    return u, v
+
+
+def forward(c: Any) -> np.ndarray:
+    """Return the homographies from image to ideal photo coordinates, (B, 3, 3)."""
+    return np.linalg.inv(np.stack(c[:9], -1).reshape(-1, 3, 3))
 
 
 class BeatTerms(NamedTuple):
@@ -129,8 +164,7 @@ def _aliases(frequency: np.ndarray, bayer: bool) -> _Aliases:
     count = int((np.floor(2 * high) - first).max(initial=0)) + 3
     m = first[:, None] + np.arange(count)
     below, above = low[:, None] - m / 2, high[:, None] - m / 2
-    nearest = _least_magnitude(below, above)
-    passed = np.maximum(1 - nearest * nearest, 0)
+    passed = aliases.max_hold_transfer(low[:, None], high[:, None], m)
     if not bayer:  # pixels lie one apart: every second alias is none
         return _Aliases(m, np.where(m % 2 == 0, passed, 0), np.ones_like(passed))
     ends = np.maximum(np.cos(math.pi * below) ** 2, np.cos(math.pi * above) ** 2)
@@ -147,17 +181,11 @@ def _max_mean(
         u, v: (H, samples), frequencies. side: (2, H, samples), see `_sides`.
         m_u: (H, M, 1). m_v: (H, 1, M).
     """
-    cycles = u * side[0] + v * side[1]
-    low, high = (end(1)[:, None, None] for end in (cycles.min, cycles.max))
-    for m, along in ((m_u, side[0]), (m_v, side[1])):
-        ends = [m / 2 * end(1)[:, None, None] for end in (along.min, along.max)]
-        low, high = low - np.maximum(*ends), high - np.minimum(*ends)
-    return 1 / np.maximum(math.pi * _least_magnitude(low, high), 1)
-
-
-def _least_magnitude(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the least magnitudes in ranges."""
-    return np.maximum(np.maximum(low, -high), 0)
+    ranges = []
+    for values in (u * side[0] + v * side[1], *side):
+        ranges.append([end(1)[:, None, None] for end in (values.min, values.max)])
+    cycles, side_u, side_v = ranges
+    return aliases.max_mean_transfer(cycles, side_u, side_v, m_u, m_v)
 
 
 def _starts(group: np.ndarray, count: int) -> np.ndarray:

@@ -10,14 +10,19 @@ import triton.language as tl
 from torch import Tensor
 
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS, NOTHING, camera_field, upload
-from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
+from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms, cameras_of, forward
 from moireaug.engine.gpu.beats import lost_pattern_variance_kernel, responses
-from moireaug.engine.gpu.bins import BinnedBatch, BinnedVariant, bins_at, patch_of
-from moireaug.engine.gpu.host_view import cameras_of, forward
+from moireaug.engine.gpu.bins import (
+    BinnedBatch,
+    BinnedVariant,
+    add_content_back,
+    bins_at,
+    channel_of,
+    content,
+    patch_of,
+)
 from moireaug.engine.gpu.panel import show, show_back
-from moireaug.engine.gpu.patch import add_content_back, channel_of, content
-from moireaug.engine.gpu.random_numbers import quantiles
-from moireaug.engine.gpu.sensor import clipped_mean, flicker, reading
+from moireaug.engine.gpu.sensor import clipped_mean, flicker, quantiles, reading
 from moireaug.engine.gpu.tile import add, black, block
 from moireaug.engine.gpu.view import CENTRE_U, CENTRE_V
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Exposure

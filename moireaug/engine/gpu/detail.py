@@ -9,16 +9,45 @@ past the border, so that what falls there is theirs.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
+import numpy as np
 import torch
 import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.gpu.develop_arrays import DetailArrays
-from moireaug.engine.gpu.tile import Pixels, black, launch, load, store, tile
-from moireaug.engine.gpu.tone import clip, clip_back
+from moireaug.camera.effects.detail import MIN_SIGMA
+from moireaug.engine.gpu.tile import Pixels, black, clip, clip_back, launch, load, store, tile
+from moireaug.engine.lower.development_records import Detail
 
 THIRD = tl.constexpr(1 / 3)
+
+
+class DetailArrays(NamedTuple):
+    """What filters codes, see `development_records.Detail`.
+
+    Args:
+        gaussians: (B, 2, taps) float32, the Gaussians of colour and of the unsharp mask, each of
+            sum 1. taps: of either.
+        amount: (B,) float32.
+    """
+
+    gaussians: Any
+    taps: int
+    amount: Any
+
+
+def detail_arrays(detail: Detail) -> DetailArrays:
+    """Return the DetailArrays of a Detail, not yet on a device."""
+    half = max(detail.chroma_size, detail.sharp_size) // 2
+    at = np.arange(-half, half + 1)
+    gaussians = []
+    for sigma, size in ((detail.chroma, detail.chroma_size), (detail.sharp, detail.sharp_size)):
+        sigma = np.maximum(sigma, MIN_SIGMA)[:, None]
+        weight = np.where(abs(at) <= size // 2, np.exp(-(at**2) / (2 * sigma**2)), 0.0)
+        gaussians.append(weight / weight.sum(1, keepdims=True))
+    return DetailArrays(np.stack(gaussians, 1), len(at), detail.amount)
 
 
 @triton.jit

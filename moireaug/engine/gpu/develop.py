@@ -7,16 +7,129 @@ computed again.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
+import numpy as np
 import torch
 import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.engine.gpu.detail import filter_detail, filter_detail_back
-from moireaug.engine.gpu.develop_arrays import CodesVariant, develop_arrays
-from moireaug.engine.gpu.tile import address, launch, load, store, tile
-from moireaug.engine.gpu.tone import codes, codes_back, tone_of
+from moireaug.engine.gpu.arrays import upload
+from moireaug.engine.gpu.detail import (
+    DetailArrays,
+    detail_arrays,
+    filter_detail,
+    filter_detail_back,
+)
+from moireaug.engine.gpu.physics import encoding
+from moireaug.engine.gpu.physics import tone as curve
+from moireaug.engine.gpu.tile import address, clip, clip_back, launch, load, store, tile
 from moireaug.engine.lower.development_records import Development
+
+
+class CodesVariant(NamedTuple):
+    """What kernels that make codes of readings are compiled with.
+
+    Args:
+        planes: of the readings.
+        saturates, coded, toned: see `development_records.Codes`.
+    """
+
+    planes: int
+    saturates: bool
+    coded: bool
+    toned: bool
+
+
+class DevelopArrays(NamedTuple):
+    """A batch's development.
+
+    Args:
+        tones: (B, 12) float32, of each image the colour matrix, row by row, shoulder, contrast and
+            brightness; see `development_records.Codes`.
+        detail: None if none is filtered.
+    """
+
+    tones: Any
+    detail: DetailArrays | None
+
+
+def develop_arrays(d: Development, device: torch.device) -> tuple[DevelopArrays, CodesVariant]:
+    """Return a Development on a device, and the CodesVariant of its codes."""
+    c, detail = d.codes, detail_arrays(d.detail) if d.filters_detail else None
+    tones = np.column_stack([c.matrix.reshape(-1, 9), c.shoulder, c.contrast, c.brighten])
+    variant = CodesVariant(c.planes, c.saturates, c.coded, c.toned)
+    return upload(DevelopArrays(tones, detail), device), variant
+
+
+class Tone(NamedTuple):
+    """An image's colours: what codes are made with besides its light; see
+    `development_records.Codes`.
+
+    Args:
+        matrix: three rows of three.
+    """
+
+    matrix: Any
+    shoulder: Any
+    contrast: Any
+    brighten: Any
+
+
+@triton.jit
+def tone_of(tones, image):
+    """Return an image's Tone, as laid out by `develop_arrays`."""
+    at = tones + image * 12
+    matrix = (
+        (tl.load(at), tl.load(at + 1), tl.load(at + 2)),
+        (tl.load(at + 3), tl.load(at + 4), tl.load(at + 5)),
+        (tl.load(at + 6), tl.load(at + 7), tl.load(at + 8)),
+    )
+    return Tone(matrix, tl.load(at + 9), tl.load(at + 10), tl.load(at + 11))
+
+
+@triton.jit
+def mix(colours, matrix):
+    """Return colours times a matrix."""
+    red, green, blue = colours
+    return [row[0] * red + row[1] * green + row[2] * blue for row in matrix]
+
+
+@triton.jit
+def code(light, tone, variant: tl.constexpr):
+    """Return the code of one colour's light, in [0, 1], and its derivative."""
+    x, slope = light, tl.full(light.shape, 1.0, tl.float32)
+    if variant.coded:
+        x, slope = encoding.code_of_light(light), encoding.code_slope(light)
+    if variant.toned:
+        slope = clip_back(slope, x)
+        x = clip(x)
+        x, steepness = curve.shoulder_and_slope(x, tone.shoulder)
+        slope *= steepness * curve.contrast_slope(x, tone.contrast)
+        x = curve.contrast_curve(x, tone.contrast)
+    x += tone.brighten
+    return clip(x), clip_back(slope, x)
+
+
+@triton.jit
+def codes(colours, tone, variant: tl.constexpr):
+    """Return the codes of a pixel's colours, as the sensor has them; variant: see
+    `CodesVariant`."""
+    return [code(light, tone, variant)[0] for light in mix(colours, tone.matrix)]
+
+
+@triton.jit
+def codes_back(grad, colours, tone, variant: tl.constexpr):
+    """Return the gradient in a pixel's colours, as the sensor has them, from that in its codes."""
+    slopes = [code(light, tone, variant)[1] for light in mix(colours, tone.matrix)]
+    red, green, blue = grad[0] * slopes[0], grad[1] * slopes[1], grad[2] * slopes[2]
+    matrix = tone.matrix
+    return (
+        matrix[0][0] * red + matrix[1][0] * green + matrix[2][0] * blue,
+        matrix[0][1] * red + matrix[1][1] * green + matrix[2][1] * blue,
+        matrix[0][2] * red + matrix[1][2] * green + matrix[2][2] * blue,
+    )
 
 
 @triton.jit

@@ -2,7 +2,7 @@
 and, on a panel of fewer pixels, shrunk; and the backward pass.
 
 A finer panel shows what lies between the picture's pixels: kernels look that up where they need it
-(see `patch`).
+(see `bins`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from moireaug.camera.exposure.displayed import EDGE_PIXELS
+from moireaug.camera.exposure.screen import EDGE_PIXELS
 from moireaug.engine.gpu.arrays import CAMERA_FIELDS, camera_field
 from moireaug.engine.gpu.physics import decoding
 from moireaug.engine.gpu.physics import panel as triangle
@@ -203,7 +203,7 @@ def shrink_kernel(
     LEAD_FIELD: tl.constexpr, BACK: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Fill `short`, n values, (lines, sizes.short, sizes.inner) from `long` (lines, sizes.long,
-    sizes.inner) as `displayed.shrink` does along one axis; or, BACK, add to long the gradient in it
+    sizes.inner) as `screen.shrink` does along one axis; or, BACK, add to long the gradient in it
     from that in short. A program for BLOCK values.
 
     LEAD_FIELD: place in a Camera of how far the panel begins before the picture along the axis.

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import contextlib
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from moireaug.engine.gpu import binned
 from moireaug.engine.gpu import develop as developing
+from moireaug.engine.gpu.binned import fits as fits
 from moireaug.engine.lower.development_records import Development
 from moireaug.engine.lower.exposure_records import BinnedView, Exposure
 
@@ -19,11 +19,6 @@ SUMS_IN_ORDER = False
 
 def prepare() -> None:
     """Do nothing: Triton compiles within seconds."""
-
-
-def fits(exposure: Exposure, view: BinnedView) -> np.ndarray:
-    """Return for each image whether kernels can follow its view, (B,) bool."""
-    return binned.fits(exposure, view)
 
 
 def launch_expose(

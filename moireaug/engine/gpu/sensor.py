@@ -1,20 +1,29 @@
-"""What glass, lens and sensor make of the light on a pixel, float32.
+"""What glass, lens and sensor make of the light on a pixel, float32, with the noise of
+`moireaug.camera.effects.random_numbers`, bit for bit.
 
 `camera` points to one image's Camera, float64; u, v is a photo point about the photo's centre.
 """
 
 from __future__ import annotations
 
+import functools
+
+import torch
 import triton
 import triton.language as tl
+from torch import Tensor
 
+from moireaug.camera.effects import random_numbers as numbers
 from moireaug.camera.effects import sensor
 from moireaug.engine.gpu.arrays import camera_field
 from moireaug.engine.gpu.optics import bell
-from moireaug.engine.gpu.physics import bind_for_triton
+from moireaug.engine.gpu.physics import bind_for_triton, random_numbers
 from moireaug.engine.gpu.physics import sensor as physics
-from moireaug.engine.gpu.random_numbers import normal
 from moireaug.engine.gpu.view import RADIUS_SCALE, load32
+
+INTERVAL_SHIFT = tl.constexpr(numbers.PLACES_PER_INTERVAL.bit_length() - 1)
+INTERVAL_MASK = tl.constexpr(numbers.INTERVALS - 1)
+PLACE_MASK = tl.constexpr(numbers.PLACES_PER_INTERVAL - 1)
 
 GAIN, FALLOFF = camera_field("gain"), camera_field("falloff")
 GLARE, GLARE_U, GLARE_V = camera_field("glare"), camera_field("glare_u"), camera_field("glare_v")
@@ -22,6 +31,29 @@ DARK_NOISE, PHOTON_NOISE = camera_field("dark_noise"), camera_field("photon_nois
 
 DARK_LEVEL = tl.constexpr(sensor.DARK_LEVEL)
 ROOT_HALF = tl.constexpr(0.5**0.5)
+
+
+@functools.lru_cache(maxsize=8)
+def quantiles(device: torch.device) -> Tensor:
+    """Return `random_numbers.quantiles` on a device, (2048, 2) float32: low, and step."""
+    return torch.stack(numbers.quantiles(), 1).contiguous().to(device)
+
+
+@triton.jit
+def normal(index, keys, quantiles):
+    """Return the standard normal numbers of these indices of an image, float32.
+
+    Args:
+        index: int32. keys: (2,) int32, of the image. quantiles: (2048, 2) float32, see there.
+    """
+    first = tl.load(keys).to(tl.uint32, bitcast=True)
+    second = tl.load(keys + 1).to(tl.uint32, bitcast=True)
+    bits = random_numbers.mix(random_numbers.mix(index.to(tl.uint32) + first) ^ second)
+    interval = (bits >> INTERVAL_SHIFT) & INTERVAL_MASK
+    place = (bits & PLACE_MASK).to(tl.float32)
+    low, step = tl.load(quantiles + 2 * interval), tl.load(quantiles + 2 * interval + 1)
+    # a product that is rounded by itself: the compiler would fuse another with the sum
+    return low + tl.fma(step, place, 0.0)
 
 
 @triton.jit
@@ -52,7 +84,7 @@ def attenuation(u, v, camera):
 @triton.jit
 def noise_of(light, index, keys, camera, quantiles):
     """Return the noise of a reading, and its derivative in the light; for quantiles, see
-    `random_numbers.normal`."""
+    `normal`."""
     read_noise, photons = load32(camera, DARK_NOISE), load32(camera, PHOTON_NOISE)
     variance = physics.noise_variance(light, read_noise, photons, DARK_LEVEL)
     some = variance > 0.0
@@ -70,7 +102,7 @@ def reading(light, pulse, u, v, white, camera, noise, NOISY: tl.constexpr):
     Args:
         light: of the panel, without flicker, through a plane's filter. pulse: of the flicker.
         white: what the plane reads of a white screen. noise: indices, keys and quantiles, see
-            `random_numbers.normal`. NOISY: whether there is any.
+            `normal`. NOISY: whether there is any.
     """
     u, v = u.to(tl.float32), v.to(tl.float32)
     factor = attenuation(u, v, camera)

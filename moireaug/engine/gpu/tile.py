@@ -98,6 +98,18 @@ def add(total, weight, colours):
     )
 
 
+@triton.jit
+def clip(x):
+    """Return x in [0, 1]."""
+    return tl.minimum(tl.maximum(x, 0.0), 1.0)
+
+
+@triton.jit
+def clip_back(grad, x):
+    """Return the gradient in x, from that in its clip: the same at the bounds, too, 0 beyond."""
+    return tl.where((x >= 0.0) & (x <= 1.0), grad, 0.0)
+
+
 def launch(kernel: Any, out: Tensor, *arguments: Any, **constants: Any) -> None:
     """Run a kernel, a program for each tile of out (B, C, H, W), which it fills.
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from moireaug.camera.effects.binned_statistics import pixels_per_value
+from moireaug.camera.effects.sensor import pixels_per_value
 from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
-from moireaug.camera.exposure.extreme_views import FLOAT64_ON_CPU
-from moireaug.camera.panel.fourier import amplitudes_of, mean_light_of
+from moireaug.camera.exposure.extremes import FLOAT64_ON_CPU
+from moireaug.camera.panel import amplitudes_of, mean_light_of
 from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
-from moireaug.engine.lower.cell import cell_of_whole_pixels
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, FullView
+from moireaug.engine.lower.full import cell_of_whole_pixels
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.frame import Frame
 from moireaug.scene.shot import ShotRecord

@@ -97,25 +97,19 @@ def _development_of(shot: ShotRecord, geometry: HostGeometry) -> Development:
         contrast=contrast,
         brighten=brighten,
     )
+    # bins lie in the image's frame already
+    registers = "register" in plan and not shot.scene.is_rectified and not denoises
+    registration = Registration(np.empty((0, 3, 3)), np.empty((0, 2)))
+    if registers:
+        registration = Registration(geometry.homography, np.stack(geometry.lens_distortion, 1))
     return Development(
         size=detail.size if denoises else shot.size,
         codes=codes,
         filters_detail=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
         detail=detail,
-        registers=_warps(shot) and not denoises,
-        registration=_registration_of(shot, geometry),
+        registers=registers,
+        registration=registration,
     )
-
-
-def _warps(shot: ShotRecord) -> bool:
-    """Return whether the photo is brought back to the image's frame, where bins lie already."""
-    return "register" in shot.plan and not shot.scene.is_rectified
-
-
-def _registration_of(shot: ShotRecord, geometry: HostGeometry) -> Registration:
-    if not _warps(shot):
-        return Registration(np.empty((0, 3, 3)), np.empty((0, 2)))
-    return Registration(geometry.homography, np.stack(geometry.lens_distortion, 1))
 
 
 def _detail_of(shot: ShotRecord, geometry: HostGeometry) -> Detail:
@@ -133,10 +127,11 @@ def _detail_of(shot: ShotRecord, geometry: HostGeometry) -> Detail:
         longest = max(shot.whole_size)
         both = np.minimum(np.stack([chroma, sharp]) / geometry.bin_scale, longest)
         chroma, sharp = kernel_sigma(torch.from_numpy(both)).numpy()
+    down, across = (lower_resize(p.count, p.size, p.count, how.resize) for p in (rows, cols))
     return Detail(
         (rows.count, cols.count),
-        _resize_of_photo(rows, how.resize),
-        _resize_of_photo(cols, how.resize),
+        down,
+        across,
         chroma,
         chroma_size,
         sharp,
@@ -163,10 +158,6 @@ def _resampling(
         _resize(rows, how.resize, reach, whole=whole),
         _resize(cols, how.resize, reach, whole=whole),
     )
-
-
-def _resize_of_photo(pixels: SampledPixels, how: str) -> Resize:
-    return lower_resize(pixels.count, pixels.size, pixels.count, how)
 
 
 def _resize(pixels: SampledPixels, how: str, reach: int, *, whole: bool) -> Resize:

@@ -10,8 +10,7 @@ import numpy as np
 import torch
 
 from moireaug.camera.effects import prefilter, random_numbers
-from moireaug.camera.effects.display import white_readings
-from moireaug.camera.effects.flicker import light_of_rows
+from moireaug.camera.effects.light import light_of_rows, white_readings
 from moireaug.camera.exposure.filters import filters_of
 from moireaug.engine.lower.binned import binned_view
 from moireaug.engine.lower.budget import ErrorBudget

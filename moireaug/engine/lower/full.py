@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 
-from moireaug.camera.panel.fourier import emitting_share, mean_light_of, own_orders
+from moireaug.camera.panel import emitting_share, mean_light_of, own_orders
 from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
-from moireaug.engine.lower.cell import (
-    cell_of_whole_pixels,
-    highest_orders,
-    lower_cell,
-)
 from moireaug.engine.lower.exposure_records import Cell, FullView, PointView
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.exposure_method import ExposureMethod
@@ -20,6 +16,57 @@ from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 from moireaug.scene.shot_geometry import HostGeometry
 from moireaug.scene.subpixel import Subpixel
+
+
+def lower_cell(
+    subpixels: Sequence[tuple[int, tuple[float, float], int]],
+    periods: Sequence[tuple[int, int]],
+    orders: Sequence[np.ndarray],
+    radius: int,
+) -> Cell:
+    """Return the Cell of (channel, centre, kind) subpixels, centres in panel pixels from their
+    cell's corner.
+
+    Args:
+        periods: of each kind. orders: of each kind, its harmonics' k and l, (2, n) int64.
+        radius: see `Cell`.
+    """
+    channels, centres, kinds = zip(*subpixels, strict=True)
+    kind, period = np.array(kinds, np.int64), np.array(periods, np.int64)
+    centre = np.array(centres, np.float64)
+    y_group = _numbered(period[kind, 1], centre[:, 1])
+    return Cell(
+        common_period=np.lcm.reduce(period),
+        period=period,
+        orders=np.array([highest_orders(o) for o in orders], np.int64),
+        channel=np.array(channels, np.int64),
+        subpixel_kind=kind,
+        y_group=y_group,
+        kind_y_group=_numbered(kind, y_group),
+        centre=centre,
+        pixel=np.floor(centre).astype(np.int64),
+        radius=radius,
+    )
+
+
+def _numbered(*columns: np.ndarray) -> np.ndarray:
+    """Return a number for each row of some columns, the same for equal ones."""
+    rows = np.stack(columns, 1)
+    return np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def highest_orders(orders: np.ndarray) -> np.ndarray:
+    """Return the highest k and the highest l of harmonics."""
+    return np.abs(orders).max(1, initial=0)
+
+
+@functools.lru_cache(maxsize=8)
+def cell_of_whole_pixels(taps: int) -> Cell:
+    """Return the Cell of a panel whose pixels emit all over, in each colour, of which `taps` are
+    looked at along each axis."""
+    subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
+    none = np.empty((2, 0), np.int64)
+    return lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, taps // 2)
 
 
 def cameras_and_cell(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarray, Cell]:
@@ -35,7 +82,7 @@ def cameras_and_cell(shot: ShotRecord, geometry: HostGeometry) -> tuple[np.ndarr
 def point_view(geometry: HostGeometry) -> PointView:
     """Return the PointView of a shot whose exposure is "point"."""
     scene, (width, height) = geometry.scene, emitting_share(geometry.panel)
-    rectangles = np.array([subpixel.box() for subpixel in _subpixels(scene)], np.float64)
+    rectangles = np.array([s.box() for _, s in _kinds(scene)[1]], np.float64)
     return PointView(rectangles, scene.panel.cell.raster, width * height)
 
 
@@ -47,7 +94,7 @@ def full_view(geometry: HostGeometry, cameras: np.ndarray) -> FullView:
         mean = mean_light_of(geometry)[:, :, None, None]
         return FullView(cameras, mean, widths, np.zeros_like(widths))
     width, height = emitting_share(geometry.panel)
-    kinds = _kinds(scene).values()
+    kinds, _ = _kinds(scene)
     shares = np.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
     periods = np.array([s.period for s in kinds], np.float64)
     edges = np.array([(s.across, s.down) for s in kinds]) * shares / periods[:, None]
@@ -78,26 +125,23 @@ def _coefficients(edges: np.ndarray, orders: list[np.ndarray]) -> np.ndarray:
 def _cell(scene: SceneRecord, method: ExposureMethod) -> Cell:
     if not scene.shows_pattern:
         return cell_of_whole_pixels(method.taps)
-    subpixels = [(s.channel, s.centre, _kind(scene, s)) for s in _subpixels(scene)]
-    periods = [s.period for s in _kinds(scene).values()]
+    kinds, every = _kinds(scene)
+    subpixels = [(s.channel, s.centre, kind) for kind, s in every]
+    periods = [s.period for s in kinds]
     return lower_cell(subpixels, periods, _orders(scene, method), method.taps // 2)
 
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
-def _kinds(scene: SceneRecord) -> dict[tuple, Subpixel]:
-    """Return the shapes and periods of a layout's subpixels, and one subpixel of each."""
-    kinds: dict[tuple, Subpixel] = {}
-    for subpixel in scene.panel.cell.all():
-        kinds.setdefault(_shape(subpixel), subpixel)
-    return kinds
-
-
-def _shape(subpixel: Subpixel) -> tuple:
-    return subpixel.across, subpixel.down, subpixel.period
-
-
-def _kind(scene: SceneRecord, subpixel: Subpixel) -> int:
-    return list(_kinds(scene)).index(_shape(subpixel))
+def _kinds(scene: SceneRecord) -> tuple[list[Subpixel], list[tuple[int, Subpixel]]]:
+    """Return a subpixel of each kind of a layout, and all of them with their kind, those of one
+    kind and height together: kernels compute once what neighbours in this order share."""
+    kinds: dict[tuple, tuple[int, Subpixel]] = {}
+    subpixels = []
+    for s in scene.panel.cell.all():
+        kind, _ = kinds.setdefault((s.across, s.down, s.period), (len(kinds), s))
+        subpixels.append((kind, s))
+    subpixels.sort(key=lambda one: (one[0], one[1].centre[1]))
+    return [s for _, s in kinds.values()], subpixels
 
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
@@ -105,14 +149,7 @@ def _orders(scene: SceneRecord, method: ExposureMethod) -> list[np.ndarray]:
     """Return the k and l of each kind of subpixel's harmonics, (2, n) int64."""
     layout, of_kinds = scene.panel.cell, []
     harmonics = np.array(method.harmonics, np.int64).reshape(-1, 2).T
-    for subpixel in _kinds(scene).values():
+    for subpixel in _kinds(scene)[0]:
         k, l, has = own_orders(subpixel, layout, *harmonics)
         of_kinds.append(np.stack([k, l])[:, has].astype(np.int64))
     return of_kinds
-
-
-def _subpixels(scene: SceneRecord) -> list[Subpixel]:
-    """Return a layout's subpixels, those of one kind and height together: kernels compute once what
-    neighbours in this order share."""
-    subpixels = scene.panel.cell.all()
-    return sorted(subpixels, key=lambda s: (_kind(scene, s), s.centre[1]))

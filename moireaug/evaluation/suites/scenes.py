@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
 from moireaug.evaluation.tables import SuiteConfig, Table, undefended_row
-from moireaug.mixtures import as_scenes, scenes_of
-from moireaug.scene.presets import PRESETS
-from moireaug.scenes import Scene, as_scene, preset_name
+from moireaug.mixtures import as_scenes, preset_name, scenes_of
+from moireaug.scenes import Scene
 
 OWN_SCENE_ROW = "own_scene"
 
@@ -20,9 +19,9 @@ def other_scenes(config: SuiteConfig) -> dict[str, Scene]:
 
 def _registered_presets(config: SuiteConfig) -> dict[str, Scene]:
     """Return the presets in the image's frame, of crops where the images are crops."""
-    presets = {}
-    for name in PRESETS:
-        preset = as_scene(name)
+    presets: dict[str, Scene] = {}
+    for name in Scene.presets():
+        preset = Scene.preset(name)
         if preset.develop.registered:
             (presets[name],) = scenes_of(as_scenes(preset, config.shrink))
     return presets

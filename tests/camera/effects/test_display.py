@@ -7,8 +7,8 @@ import torch
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.camera import pipeline
-from moireaug.camera.effects.display import glare_share
-from moireaug.camera.exposure.extreme_light import max_glare
+from moireaug.camera.effects.light import glare_share
+from moireaug.camera.exposure.extremes import max_glare
 from moireaug.scene.by_name import with_values
 from moireaug.scene.geometry.lattice import pack
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moireaug import Scene, expose
-from moireaug.camera.effects.flicker import flicker
+from moireaug.camera.effects.light import flicker
 from moireaug.scene.by_name import with_values
 
 FREQUENCIES, DUTIES, PHASES = (50.0, 240.0, 1000.0), (0.1, 0.5, 0.9, 1.0), (0.0, 0.35)

@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
-from moireaug.camera.effects.registration import Register
+from moireaug.camera.effects.resize import Register
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(0, 0), (2, 0), (-1, 1), (0, -3)])

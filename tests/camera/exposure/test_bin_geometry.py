@@ -5,7 +5,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
 from moireaug.camera.exposure.bin_geometry import middle_bins, pixels_on_photo
-from moireaug.camera.exposure.extreme_scales import least_bin_scale
+from moireaug.camera.exposure.extremes import least_bin_scale
 from moireaug.scene.geometry import grids
 from moireaug.scene.sized import scene_of_size
 

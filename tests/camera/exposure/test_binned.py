@@ -10,7 +10,7 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.camera import pipeline
 from moireaug.common import tensor_physics
-from moireaug.engine import switch
+from moireaug.engine import backends
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.synthesis import without_moire
@@ -103,7 +103,7 @@ def test_bins_in_the_images_frame_are_a_large_photo_registered_and_shrunk(case):
 def test_a_saturated_binned_photo_is_nearly_the_full_one(monkeypatch):
     """Sensor pixels saturate one by one: the mean of clipped pixels is not their mean clipped."""
     case = {"panel": Panel(scale=3.3), "sensor": {"scale": 8.0, "gain": 3.0}}
-    with switch.reference():
+    with backends.reference():
         full, _ = photo("full", **case)
         binned, _ = photo("binned", **case)
         clip = tensor_physics.clipping

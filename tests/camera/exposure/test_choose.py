@@ -8,7 +8,7 @@ import torch
 from benchmarks import problems
 from moireaug import Lens, Panel, Scene, Sensor, View, expose
 from moireaug.camera.exposure.choose import MAX_HARMONICS
-from moireaug.camera.exposure.extreme_harmonics import harmonics_in_bins
+from moireaug.camera.exposure.extreme_readings import harmonics_in_bins
 from moireaug.scene.by_name import with_values
 from moireaug.scene.sized import scene_of_size
 

@@ -10,8 +10,7 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.camera import pipeline
 from moireaug.camera.exposure.bin_content import content_of
-from moireaug.camera.exposure.displayed import DisplayedPicture
-from moireaug.camera.exposure.screen import on_panel
+from moireaug.camera.exposure.screen import DisplayedPicture, on_panel
 from moireaug.engine.cpu import expose_kernels, panel
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.engine.lower.exposure_records import Camera

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from moireaug.camera.exposure import footprint
-from moireaug.camera.exposure.footprint import Footprint
-from moireaug.camera.exposure.optics import Optics
+from moireaug.camera.exposure.footprint import Footprint, Optics
 
 CASES = [  # box, standard deviation, width of the subpixel; all in cells
     (1.0, 0.1, 1.0),

@@ -8,7 +8,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.camera import pipeline
-from moireaug.camera.exposure.closed_form import in_bands
+from moireaug.camera.exposure.full import in_bands
 from moireaug.camera.exposure.screen import Screen
 from moireaug.scene.layout import Layout
 

@@ -6,8 +6,7 @@ import pytest
 import torch
 
 from moireaug import Panel, Scene
-from moireaug.camera.panel.fourier import coefficient, emitting_share, mean_light, own_orders
-from moireaug.camera.panel.mask import emits
+from moireaug.camera.panel import coefficient, emits, emitting_share, mean_light, own_orders
 from moireaug.scene.layout import LAYOUTS, Layout
 
 OWN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1.75, 1.0)), (2, 1))

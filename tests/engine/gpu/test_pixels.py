@@ -11,13 +11,13 @@ import triton.language as tl
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
 from moireaug.camera import pipeline
 from moireaug.camera.effects import random_numbers
-from moireaug.camera.exposure.displayed import EDGE_PIXELS, shrink
+from moireaug.camera.exposure.screen import EDGE_PIXELS, shrink
 from moireaug.common.tensor_physics import clipping
-from moireaug.engine.exposing import DECODING
 from moireaug.engine.gpu import panel, sensor
-from moireaug.engine.gpu import random_numbers as gpu_random_numbers
+from moireaug.engine.gpu import sensor as gpu_random_numbers
 from moireaug.engine.gpu.arrays import NOTHING, upload
 from moireaug.engine.lower.exposure import lower_exposure
+from moireaug.engine.stages import DECODING
 
 CPU = torch.device("cpu")
 N = 64

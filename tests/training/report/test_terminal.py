@@ -5,23 +5,17 @@ import sys
 
 import pytest
 
-from training.report.terminal import Grid, show
+from training.report.terminal import aligned
 from training.system.messages import prepare_output
 
-GRID = Grid([["shown", "a [b]"], ["[bold]x[/bold]", "1.0"], ["y", "−20.5"]], "A title")
-PLAIN = """A sentence with [brackets].
-A title
-shown           a [b]
+ROWS = [["shown", "a [b]"], ["[bold]x[/bold]", "1.0"], ["y", "−20.5"]]
+PLAIN = """shown           a [b]
 [bold]x[/bold]    1.0
-y               −20.5
-
-The end.
-"""
+y               −20.5"""
 
 
-def test_columns_are_aligned(capsys):
-    show(["A sentence with [brackets].", GRID, "", "The end."])
-    assert capsys.readouterr().out == PLAIN
+def test_columns_are_aligned():
+    assert aligned(ROWS) == PLAIN
 
 
 @pytest.mark.parametrize(
@@ -32,7 +26,8 @@ def test_characters_that_an_output_lacks_are_replaced_legibly(encoding, accented
     monkeypatch.setattr(sys, "stdout", output)
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     prepare_output()
-    show(["Moiré, ε and 图", Grid([["", "gain"], ["n\udce9 × 2", "−20.5"]], "→ A title")])
+    table = aligned([["", "gain"], ["n\udce9 × 2", "−20.5"]])
+    print("Moiré, ε and 图", "→ A title", table, sep="\n")
     output.flush()
     said, title, head, row = output.buffer.getvalue().decode(encoding).splitlines()
     assert (said, title) == (f"{accented}, e and ?", "> A title")

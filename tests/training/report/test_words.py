@@ -7,10 +7,10 @@ import pytest
 
 from moireaug.evaluation import SuiteConfig, tables_of
 from training import report
+from training.report import run_parts
 from training.report.numbers import duration, moire_text, points, tied
 from training.report.page import environment, title_of
 from training.report.run_view import run_view
-from training.report.terminal import plain, run_parts
 
 
 def headline(metrics):
@@ -33,7 +33,7 @@ def test_headline_says_what_was_gained_and_paid(metrics):
 def test_times_on_two_machines_are_told_apart(metrics, threads):
     baseline = replace(metrics.baseline, environment={"threads": threads})
     metrics = replace(metrics, baseline=baseline)
-    for text in (headline(metrics)[1], plain(run_parts(metrics))):
+    for text in (headline(metrics)[1], "\n".join(run_parts(metrics))):
         assert (", on another machine" in text) == (threads != 2)
 
 
@@ -49,15 +49,15 @@ def test_headline_of_a_loss(metrics):
 
 def test_images_without_an_answer_are_told(metrics):
     metrics.reattack[0]["undecided"] = 3
-    last = plain(report.run_parts(metrics)).splitlines()[-1]
+    last = "\n".join(report.run_parts(metrics)).splitlines()[-1]
     assert "NaN or infinite" in last and "3 of 200 (moire_at, clean image)" in last
 
 
 def test_how_much_moire_photos_have_is_told(metrics, tmp_path):
-    before = plain(report.run_parts(metrics))
+    before = "\n".join(report.run_parts(metrics))
     metrics.reattack[2] |= {"moire": 7.123, "moire_seen": 0.943}
     told = "moiré, photo minus the same without: median 7.1 codes RMS, 94 % of photos above 2"
-    lines = plain(report.run_parts(metrics)).splitlines()
+    lines = "\n".join(report.run_parts(metrics)).splitlines()
     assert told in lines and "moiré, photo" not in before
     report.write_run(tmp_path / "report.html", metrics, [])
     assert "median 7.1 codes RMS" in (tmp_path / "report.html").read_text("utf-8")
@@ -65,7 +65,7 @@ def test_how_much_moire_photos_have_is_told(metrics, tmp_path):
     assert moire_text([*cells, {"moire": None}, {}]).startswith("median 0.04 to 12 codes RMS, 0 to")
     assert moire_text([{}]) == ""
     crops = replace(metrics, scene_name=f"{'dashcam_at_led_sign, ' * 2}, shrink 1 to 3")
-    assert ", dashcam_at_led_si…, shrink 1 to 3, n = 200" in plain(report.run_parts(crops))
+    assert ", dashcam_at_led_si…, shrink 1 to 3, n = 200" in "\n".join(report.run_parts(crops))
 
 
 @pytest.mark.parametrize("interval", [[-0.01, 0.05], [0.0, 0.04], [-0.03, 0.0]])
@@ -95,7 +95,7 @@ def test_headline_is_about_the_row_that_says_so_else_the_last(metrics):
 def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, alone, has_baseline):
     shown = metrics if has_baseline else alone
     shown = replace(shown, **dict.fromkeys(("data", "model", "scene_name", "recipe"), "x" * 80))
-    lines = plain(report.run_parts(shown)).splitlines()
+    lines = "\n".join(report.run_parts(shown)).splitlines()
     assert max(map(len, lines)) <= 100
     assert len({len(line) for line in lines[1 : 2 + len(shown.reattack)]}) == 1
     assert "n = 200" in lines[0]

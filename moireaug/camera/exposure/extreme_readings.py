@@ -1,4 +1,5 @@
-"""The harmonics that a scene's panel can show in a reading, in any view that its ranges allow."""
+"""What sensor pixels and bins see of a panel in the extreme views that a scene's ranges allow: how
+far they see, and which harmonics a reading can show."""
 
 from __future__ import annotations
 
@@ -9,14 +10,21 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.extreme_light import can_saturate
-from moireaug.camera.exposure.extreme_scales import (
+from moireaug.camera.exposure.axis_views import AxisView, axis_views, variance_beyond_taps
+from moireaug.camera.exposure.bin_content import gaussian_optics
+from moireaug.camera.exposure.extremes import (
+    FLOAT64_ON_CPU,
+    can_saturate,
+    extreme_jacobians,
     largest_panel_steps,
+    least_bin_scale,
     least_side,
     panel_scale_ratio,
+    range_points,
+    smallest_panel_steps,
 )
-from moireaug.camera.exposure.extreme_views import FLOAT64_ON_CPU, range_points
-from moireaug.camera.panel.fourier import coefficient, own_orders
+from moireaug.camera.exposure.footprint import Footprint, Optics, blur_variance
+from moireaug.camera.panel import coefficient, own_orders
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
@@ -24,22 +32,92 @@ from moireaug.scene.record import SceneRecord
 HIGHEST_ORDER = 32  # highest harmonic per panel pixel that is ever summed
 
 
-def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
-    """Return the harmonics whose contrast at the sensor can exceed the tolerance, strongest first;
-    see `_harmonics`."""
-    if scene.sensor.pitch:  # however large the picture is shown
-        scene = with_values(scene, {"panel.scale": 1.0})
-    return _harmonics(scene)
+def min_aperture_width(scene: SceneRecord) -> float:
+    """Return the smallest width of an aperture's shadow on the panel along an axis, in cells."""
+    widest = largest_panel_steps(scene).abs().amax(-1).amin(0)  # along x and y
+    period = widest.new_tensor(scene.panel.cell.period)
+    return bounds(scene.sensor.fill)[0] * float((widest / period).min())
+
+
+def max_reach(scene: SceneRecord) -> float:
+    """Return how many cells to each side a sensor pixel sees at most."""
+    most = 0.0
+    for alpha in range_points(scene.panel.scale, 1.0):
+        for view in widest_views(scene, alpha):
+            reach = float(view.footprint.reach().max()) + float(view.width) / 2
+            most = max(most, reach)
+    return most
+
+
+def max_lost_variance(scene: SceneRecord, taps: int) -> float:
+    """Return the most variance that a view loses when narrowed to `taps` cells, in squared image
+    pixels."""
+    most = 0.0
+    for alpha in range_points(scene.panel.scale, 1.0, points=3):
+        cells = min(alpha, 1.0) if scene.is_binned else alpha
+        lost = variance_beyond_taps(widest_views(scene, alpha), cells, taps)
+        most = max(most, float(lost.max()))
+    return most
+
+
+def widest_views(scene: SceneRecord, alpha: float) -> list[AxisView]:
+    """Return the views of sensor pixels, or of bins, for the widest spread that the optics allow,
+    on a panel of `alpha` pixels per image pixel."""
+    optics = _widest_optics(scene)
+    # a blur may be a little short at the far end of a strip
+    jacobians = extreme_jacobians(scene, bounds(scene.view.zoom)[0], with_strips=False)
+    image_views = jacobians[None, :, None]
+    if not scene.is_binned:
+        return axis_views(scene, image_views * (alpha / scene.sensor.scale), optics)
+    return _views_of_bins(scene, image_views, alpha, optics)
+
+
+def _widest_optics(scene: SceneRecord) -> Optics:
+    sensor, lens = scene.sensor, scene.lens
+    # as if the hand moved in every direction
+    motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
+    blur = math.hypot(bounds(lens.blur)[1], motion)
+    widest = (bounds(sensor.fill)[1], blur, bounds(lens.olpf)[1], 0.0, 0.0)
+    return Optics(*(torch.tensor([value], **FLOAT64_ON_CPU) for value in widest))
+
+
+def _views_of_bins(
+    scene: SceneRecord, image_views: Tensor, alpha: float, optics: Optics
+) -> list[AxisView]:
+    """Return the views of bins on a panel of at most the picture's pixels; `optics` of a sensor
+    pixel."""
+    cells = min(alpha, 1.0)
+    if scene.is_crop:
+        per_sensor_pixel = image_views * (cells / bounds(scene.sensor.shrink)[0])
+    else:
+        per_sensor_pixel = smallest_panel_steps(scene, alpha, with_strips=False)[None, :, None]
+        per_sensor_pixel = per_sensor_pixel * (cells / alpha)
+    per_bin = image_views * cells
+    if scene.is_rectified:
+        per_bin = torch.eye(2, **FLOAT64_ON_CPU)[None, None, None] * cells
+    zero = torch.zeros(1, **FLOAT64_ON_CPU)
+    enlarged = max(1.0, 1 / least_bin_scale(scene, alpha))
+    bin_optics = Optics(zero + enlarged, zero, zero, zero, zero)
+    pixel_optics = gaussian_optics(scene, optics)
+    bin_views = []
+    for axis in (0, 1):
+        box, variance = Footprint.of(per_bin[..., axis, :], bin_optics)
+        added = blur_variance(per_sensor_pixel[..., axis, :], pixel_optics)
+        widest = Footprint(box.max(), variance.max() + added.max())
+        bin_views.append(AxisView(widest, torch.ones((), **FLOAT64_ON_CPU), 1))
+    return bin_views
 
 
 @functools.lru_cache(maxsize=64)
-def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
+def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return the harmonics whose contrast in the raw reading can exceed the tolerance, strongest
     first.
 
     The sinc of the aperture is bounded by its envelope, because its zeros move with the view; so is
     the cosine of a low-pass filter.
     """
+    if scene.sensor.pitch and scene.panel.scale != 1:  # the same however large the picture is shown
+        return harmonics(with_values(scene, {"panel.scale": 1.0}))
     px, py = scene.panel.cell.period
     k, l = _orders(px, py)
     amplitude = 2 * bounds(scene.sensor.gain)[1] * _strongest(scene, k, l)
@@ -47,10 +125,8 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
 
     # cycles per sensor pixel, at least, in any view; along one axis no less than this over sqrt 2
     least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)
-    most = (
-        amplitude * _through_aperture(scene, least / 2**0.5) * _through_lens(scene, least.square())
-    )
-    possible = most > scene.tolerance
+    most = amplitude * _through_aperture(scene, least / 2**0.5)
+    possible = most * _through_lens(scene, least.square()) > scene.tolerance
     k, l, amplitude = k[possible], l[possible], amplitude[possible]
     if not len(k):
         return []

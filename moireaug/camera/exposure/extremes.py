@@ -1,22 +1,24 @@
-"""The extremes of the views that a scene's ranges allow."""
+"""The extremes that a scene's ranges allow: of its views, of how many of the panel's pixels a
+sensor pixel sees, of how many sensor pixels a photo pixel takes, and of its light.
+
+Both scales follow from `Sensor.pitch` where it is given, which holds in the picture's middle
+whatever the zoom; else from `Panel.scale` and `Sensor.scale`, which are those of a view that shows
+the picture at the photo's size.
+"""
 
 from __future__ import annotations
 
 import functools
 import itertools
+import math
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from moireaug.scene.fields import Range, bounds
+from moireaug.scene.fields import Range, bounds, deviation
 from moireaug.scene.geometry.grids import image_to_photo, jacobian
-from moireaug.scene.geometry.homography import (
-    about_corners,
-    camera_pose,
-    focal_length,
-    pose_of,
-)
+from moireaug.scene.geometry.homography import about_corners, camera_pose, focal_length, pose_of
 from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SceneRecord
 
@@ -121,3 +123,91 @@ def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:
     centre = points.new_tensor([size[1] / 2, size[0] / 2])
     radius = (points - centre).norm(dim=-1, keepdim=True) / centre.norm()
     return torch.where(radius > 1, centre + (points - centre) / radius, points)
+
+
+def largest_panel_steps(scene: SceneRecord) -> Tensor:
+    """Return panel pixels per sensor pixel, d(x, y) / d(u, v), in the views that show the panel at
+    its largest, where its harmonics have their lowest frequencies: (N, 2, 2) float64."""
+    return _panel_steps(scene, 1, bounds(scene.panel.scale)[0], with_strips=True)
+
+
+def smallest_panel_steps(scene: SceneRecord, alpha: float, *, with_strips: bool) -> Tensor:
+    """Return the same in the views that show the panel at its smallest, for `alpha` panel pixels
+    per image pixel; with_strips: as in `extreme_jacobians`."""
+    return _panel_steps(scene, 0, alpha, with_strips=with_strips)
+
+
+def _panel_steps(scene: SceneRecord, end: int, alpha: float, *, with_strips: bool) -> Tensor:
+    """Return panel pixels per sensor pixel at an end, 0 or 1, of the ranges of zoom and pitch."""
+    zoom, pitch = bounds(scene.view.zoom)[end], bounds(scene.sensor.pitch)[end]
+    if pitch:
+        return extreme_jacobians(scene, zoom, with_strips=with_strips, magnified=True) / pitch
+    return extreme_jacobians(scene, zoom, with_strips=with_strips) * (alpha / scene.sensor.scale)
+
+
+def panel_scale_ratio(scene: SceneRecord) -> float:
+    """Return the most over the least panel pixels per sensor pixel, in a view of the same
+    angles."""
+    pitch = bounds(scene.sensor.pitch)
+    if pitch[0]:
+        return pitch[1] / pitch[0]
+    scale, zoom = bounds(scene.panel.scale), bounds(scene.view.zoom)
+    return scale[1] / scale[0] * zoom[1] / zoom[0]
+
+
+def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
+    """Return the least of `shot.bin_scale`, for `alpha` panel pixels per image pixel, which a
+    crop's does not depend on."""
+    view, zoom, pitch = scene.view, bounds(scene.view.zoom), bounds(scene.sensor.pitch)[0]
+    shrink = bounds(scene.sensor.shrink)[0]
+    if not scene.is_rectified:
+        if shrink:
+            return shrink
+        if not pitch:
+            return scene.sensor.scale
+        return pitch * alpha / magnifications(view, scene.lens, zoom[1])[1]
+    # torch.compile follows this where a pitch is given, and could not follow a view's magnification
+    per_image_pixel = shrink * zoom[0] if shrink else pitch * alpha
+    if not pitch and not shrink:
+        per_image_pixel = scene.sensor.scale * magnifications(view, scene.lens, zoom[0])[0]
+    yaw, tilt = (math.radians(max(map(abs, bounds(axis)))) for axis in (view.yaw, view.pitch))
+    return per_image_pixel * math.sqrt(math.cos(yaw) * math.cos(tilt))
+
+
+def least_side(scene: SceneRecord, alpha: float) -> float:
+    """Return the least side of a bin in any view, in sensor pixels, for `alpha` panel pixels per
+    image pixel."""
+    if not scene.is_rectified:
+        return least_bin_scale(scene, alpha)
+    if scene.develop.resize == "point":
+        return 1.0
+    shrink, zoom = bounds(scene.sensor.shrink)[0], bounds(scene.view.zoom)[0]
+    if shrink:
+        steps = extreme_jacobians(scene, zoom, with_strips=True)
+    else:
+        steps = smallest_panel_steps(scene, alpha, with_strips=True)
+    return (shrink or alpha) / float(torch.linalg.svdvals(steps)[:, 0].max())
+
+
+def modulation_depth(scene: SceneRecord) -> float:
+    """Return the most by which a row's light can differ from the mean, as a share of it."""
+    panel, (short, long) = scene.panel, bounds(scene.sensor.shutter)
+    (slow, fast), duty = bounds(panel.pwm), bounds(panel.duty)[0]
+    if not fast or not long or duty == 1:
+        return 0.0
+    cycles = slow * short  # the fewest in an exposure
+    brighter = (1 - duty) / max(duty, cycles)
+    darker = 1.0 if cycles <= 1 - duty else (1 - duty) / cycles
+    return max(brighter, darker)
+
+
+def max_glare(scene: SceneRecord) -> float:
+    """Return the most light that the glass can reflect, which it does in a corner of the photo."""
+    panel = scene.panel
+    return bounds(panel.glare)[1] * (1 + deviation(panel.glare_x, 0) + deviation(panel.glare_y, 0))
+
+
+def can_saturate(scene: SceneRecord) -> bool:
+    """Return whether the reading of a white screen can exceed a full well."""
+    brightest = 1 + modulation_depth(scene) + max_glare(scene)
+    return bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance
