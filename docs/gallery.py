@@ -51,7 +51,7 @@ domain).
 """
 
 USES = {
-    "paper": "The paper's text, section 3.3",
+    "paper": "The paper's text",
     "paper_code": "The paper's released code",
     "screen_photo": "A phone in front of an LCD, the default",
     "phone_at_monitor": "A phone half a metre from a monitor",

@@ -23,7 +23,7 @@ from training.detection import fit, score
 PAGE = Path(__file__).with_suffix(".md")
 INTRODUCTION = """# Settings
 
-Pass `key=value` after a command; its `--help` also prints the ranges. `null` is no value.
+Pass `key=value` after a command; its `--help` also prints the ranges. `null` means unset.
 """
 COMMANDS = (
     ("Training classifiers", "training/fit.py", Config),
