@@ -11,7 +11,6 @@ import numpy as np
 import torch
 
 from moireaug.attacks import MoireAttack
-from moireaug.attacks.search import Search
 from moireaug.common.networks import device_of
 from moireaug.scenes import Shot
 from moireaug.transforms._arrays import check_same, planes
@@ -41,15 +40,23 @@ def attack_pictures(
     example = max(images, key=lambda image: image.shape[1])  # a colour picture, if there is one
     attack = replace(attack, model=model_of_photos(model, example.to(rgb.device)))
 
-    def last_noise(search: Search) -> torch.Tensor:
-        return search.problem.noise_of(attack.last_point(search))
-
-    taken = as_model_takes(rgb, model)
-    labels = torch.full((len(rgb),), label, device="cpu")
+    taken, labels = as_model_takes(rgb, model), torch.full((len(rgb),), label, device="cpu")
     shots = shot_of_frames(shot.repeat(len(counts)), counts)
-    noises = attack.attack_batch(last_noise, taken, labels, None, shots, generator)
-    rows = (noise.tolist() for noise in noises)
+    rows = iter(last_noise(attack, taken, labels, shots, generator).tolist())
     return {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
+
+
+def last_noise(
+    attack: MoireAttack,
+    images: torch.Tensor,
+    labels: torch.Tensor,
+    shot: Shot,
+    generator: torch.Generator,
+) -> torch.Tensor:
+    """Return the noise (B, ...) of the images of `Attack.last`; arguments as there."""
+    with attack.prepared(images, labels, None, shot, generator) as batch:
+        (search,) = attack.searches(batch)
+        return search.problem.noise_of(attack.run(search, keeps=False))
 
 
 def noise_of(
