@@ -143,8 +143,7 @@ def _median(x: Tensor, size: int) -> Tensor:
         low, high = torch.minimum(a, b), torch.maximum(a, b)
         mid = torch.maximum(low, torch.minimum(high, c))
         low, high = torch.minimum(low, c), torch.maximum(high, c)
-        # the median of nine is that of the greatest low, the middle mid and the least high of its
-        # three columns
+        # the median of nine: of its columns' greatest low, middle mid and least high
         low = torch.maximum(torch.maximum(low[..., :-2], low[..., 1:-1]), low[..., 2:])
         high = torch.minimum(torch.minimum(high[..., :-2], high[..., 1:-1]), high[..., 2:])
         return _middle(low, _middle(mid[..., :-2], mid[..., 1:-1], mid[..., 2:]), high)

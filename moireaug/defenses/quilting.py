@@ -99,8 +99,7 @@ class Quilting(Defence):
 
     @cached_property
     def _search_vectors(self) -> tuple[Tensor, Tensor]:
-        """Return the patches minus their mean in float32, each with minus half its squared length,
-        (N, D + 1); and the mean."""
+        """Return the centred patches, each with minus half its squared length, and their mean."""
         flat = self.bank.detach().flatten(1).float()
         mean = flat.mean(0)
         flat = flat - mean  # distances of nearly equal patches would drown in rounding

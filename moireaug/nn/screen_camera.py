@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from kornia.geometry.transform import get_perspective_transform, warp_perspective
@@ -131,6 +131,15 @@ class ScreenCamera(nn.Module):
 
     def extra_repr(self) -> str:
         return f"{describe(self.scene)}, jitter={self.jitter:g}"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Keep the generator as numbers: torch's own pickle of it fails in spawned processes."""
+        return vars(self) | {"_generator": self._generator.get_state()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        generator = torch.Generator()
+        generator.set_state(state["_generator"])
+        super().__setstate__(state | {"_generator": generator})
 
 
 def _check_draw(draw: object) -> None:

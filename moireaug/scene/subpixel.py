@@ -83,8 +83,8 @@ def _has_shared_area(a: Subpixel, b: Subpixel) -> bool:
 
 
 def in_smallest_cell(subpixels: Sequence[Subpixel]) -> list[Subpixel]:
-    """Return subpixels of one channel and one period as fewer ones, of the smallest period of whole
-    panel pixels with which they repeat: in PenTile, green does so from pixel to pixel."""
+    """Return subpixels of one channel and period as fewer ones, of the smallest whole period with
+    which they repeat: in PenTile, green does so from pixel to pixel."""
     found = list(subpixels)
     for axis in (0, 1):
         whole = found[0].period[axis] if found else 1
@@ -118,8 +118,7 @@ def _shape(subpixel: Subpixel) -> tuple[float, ...]:
 
 
 def _in_cell(subpixels: Sequence[Subpixel], axis: int, period: int) -> list[Subpixel]:
-    """Return the subpixels in the first `period` panel pixels along an axis, which stand for the
-    others."""
+    """Return the subpixels in the first `period` panel pixels along an axis."""
     kept = []
     for subpixel in subpixels:
         if _shape(subpixel)[axis] >= period:

@@ -105,8 +105,7 @@ def jacobian(
 def image_to_photo(
     points: Tensor, matrix: Tensor, size: FrameSize, lens: RadialCoefficients | None
 ) -> Tensor:
-    """Return where image points (B, ..., 2) lie in the photo, through homography (B, 3, 3) and
-    lens. Differentiable."""
+    """Return where image points (B, ..., 2) lie in the photo, differentiably."""
     photo = apply_homography(matrix, points.flatten(1, -2))
     if lens is not None:
         centre = _centre(photo, size)
@@ -147,8 +146,7 @@ def _centre(like: Tensor, size: FrameSize) -> Tensor:
 
 
 def _entries(inverse: Tensor, size: FrameSize) -> list[list[Tensor]]:
-    """Return the entries, (B, 1, 1) each, of the homography (B, 3, 3) from ideal points, measured
-    from the centre."""
+    """Return the entries, (B, 1, 1) each, of the homography from points about the centre."""
     m = (inverse @ translation(size[1] / 2, size[0] / 2, inverse))[:, None, None]
     return [[m[..., i, j] for j in range(3)] for i in range(3)]
 
