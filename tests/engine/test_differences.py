@@ -109,7 +109,7 @@ def test_a_step_that_is_far_too_small_or_too_large_is_found(shift, monkeypatch):
     """The negative control: the panel moves by `shift` sensor pixels."""
     monkeypatch.setattr(stages.Exposing, "max_shift", shift)
     monkeypatch.setattr(differences, "MAX_RELATIVE_STEP", 1e3 * shift)
-    preset, size, changes = CASES["LEDs"]
+    preset, size, changes = CASES["stripes"]
     shot = scene_of(preset, size, changes).sample(1, (size, size), torch.Generator().manual_seed(0))
     assert worst_error(expose, picture((size, size)), shot)[0] > MAX_ERROR
 
