@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Scene, capture, develop, engine, expose
-from moireaug.engine import differences, execution, kernel_check, stages
+from moireaug.engine import differences, execution, kernel_stage, stages
 from moireaug.mixtures import as_scenes
 from moireaug.scene.by_name import values_of, with_values
 from moireaug.scene.fields import bounds
@@ -134,7 +134,7 @@ def test_a_number_at_its_limit_has_a_one_sided_difference(field, limit):
 
 def test_numbers_that_do_not_vary_cost_nothing(monkeypatch):
     launched, images, shot = [], picture((12, 12), 2), small_shot()
-    kernels = kernel_check.kernels_of(execution.call_of(shot, None, images).execution.backend)
+    kernels = kernel_stage.kernels_of(execution.call_of(shot, None, images).execution.backend)
     for name in ("launch_expose", "launch_develop"):
         launch = getattr(kernels, name)
 
