@@ -36,16 +36,15 @@ BANNER_CROP = (1.0, 3.0)
 
 INTRODUCTION = f"""# Gallery
 
-One photograph of {SIDE} px in every preset. First row: whole photos; of {CANDIDATES} samples, those
-with the strongest, middle and weakest moiré. Second row: the first three
+One photograph of {SIDE} px in every preset. First row: whole photos, the strongest, middle and
+weakest moiré of {CANDIDATES} samples. Second row: the first three
 [crops](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's own resolution
-(`shrink={CROP:g}`). Last, the middle of the first photo, magnified, and its moiré's spectrum. The
-paper's presets have no crops, and an LED sign is always one.
+(`shrink={CROP:g}`). Last, the middle of the first photo, magnified, and its moiré's spectrum.
 
 Moiré is the RMS difference of 8-bit values from the same photo without it, the median of the
 {CANDIDATES} samples. Milliseconds are CPU time per photo of 224 px, in batches of {TIMED_BATCH}, on
-one thread of {{machine}}. `python docs/gallery.py` draws this page (seed {SEED}); the portrait of
-Grace Hopper is in the public domain.
+one thread of {{machine}} (`python docs/gallery.py`; the portrait of Grace Hopper is in the public
+domain).
 
 | preset | | whole: moiré | ms | crop: moiré | ms |
 |---|---|---|---|---|---|
@@ -55,19 +54,19 @@ USES = {
     "paper": "The paper's text, section 3.3",
     "paper_code": "The paper's released code",
     "screen_photo": "A phone in front of an LCD, the default",
-    "phone_at_monitor": "A phone in the hand, half a metre from a desk monitor",
+    "phone_at_monitor": "A phone half a metre from a monitor",
     "phone_at_laptop": "A phone looking down at a laptop",
     "phone_at_phone": "A phone over another phone",
     "phone_at_television": "A phone near an OLED television",
     "phone_at_led_wall": "A phone in front of an LED wall",
-    "webcam_at_phone": "A phone held in front of a webcam, as in an identity check",
+    "webcam_at_phone": "A phone held up to a webcam",
     "document_camera_at_tablet": "A tablet under a document camera",
-    "dashcam_at_led_sign": "A car drives up to a full-colour LED sign",
-    "phone_close_to_lcd": "A phone close to an LCD, whose pixels are seen",
-    "phone_at_whole_screen": "A laptop or monitor seen whole, in a room",
-    "phone_at_tablet_by_window": "A tablet at an angle, reflecting a window",
-    "phone_at_dimmed_phone": "An OLED phone turned down in the dark",
-    "phone_across_room_at_television": "An LCD television from across a room",
+    "dashcam_at_led_sign": "A car at an LED sign",
+    "phone_close_to_lcd": "A phone so close that an LCD's pixels show",
+    "phone_at_whole_screen": "A laptop or monitor seen whole",
+    "phone_at_tablet_by_window": "A tablet reflecting a window",
+    "phone_at_dimmed_phone": "A dimmed OLED phone",
+    "phone_across_room_at_television": "An LCD television across a room",
 }
 
 

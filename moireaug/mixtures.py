@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.scene.draws import check_size, numbers_needed, random_numbers
-from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.mixed_shot import MixedShot, rows_by_scene
 from moireaug.scene.plan import Plan
 from moireaug.scene.preset_names import MixtureName, PresetName
 from moireaug.scene.presets import MIXTURES
@@ -40,20 +40,16 @@ class Mixture:
         return self.draw(self.random_numbers(n, generator), size)
 
     def random_numbers(self, n: int, generator: torch.Generator | None = None) -> Tensor:
-        """Return the random numbers of `n` images, from which `draw` does: one that chooses the
-        scene, and those of the scene that takes most."""
+        """Return the random numbers of `n` images: one that chooses the scene, and those of the
+        scene that takes most."""
         return random_numbers(n, 1 + max(map(numbers_needed, self.scenes)), generator)
 
     def draw(self, u: Tensor, size: tuple[int, int]) -> MixedShot[Shot]:
         """Return the draw that `random_numbers` give of images of `size` (height, width)."""
         self.plan_effects(size)  # refuses a scene that cannot be photographed, drawn or not
         scene_index = (u[:, 0] * len(self.scenes)).long()
-        shots = []
-        for k in range(len(self.scenes)):
-            rows = (scene_index == k).nonzero().flatten()
-            if len(rows):
-                shots.append((rows, self.draw_in(k, u[rows], size)))
-        shots = shots or [(scene_index, self.draw_in(0, u, size))]
+        parts = rows_by_scene(scene_index, len(self.scenes))
+        shots = [(rows, self.draw_in(k, u[rows], size)) for k, rows in parts]
         return MixedShot.from_shots(self.scenes, scene_index, shots)
 
     def draw_in(self, k: int, u: Tensor, size: tuple[int, int]) -> Shot:
@@ -113,9 +109,8 @@ def as_scenes(
     shrink: float | Sequence[float] | None = None,
 ) -> Scene | Mixture:
     """Return a Scene from a Scene, a preset's name or a mapping, such as a dict, and a Mixture from
-    a list or tuple of these, or from the name of one, as every public `scene=` argument does.
-    A list of one is that scene. "anywhere" is the mixture of every screen in
-    `moireaug.scene.presets.MIXTURES`, for whoever does not know which will be photographed.
+    a list or tuple of two or more of these, or from the name of one in
+    `moireaug.scene.presets.MIXTURES`, as every public `scene=` argument does.
 
     shrink: as of `Scene.with_shrink`, of every scene; None leaves the scenes as they are.
 
@@ -132,7 +127,13 @@ def as_scenes(
     if isinstance(scene, (list, tuple)):
         if not scene:
             raise ValueError("scene names no scene, []: name one, or several to draw from.")
-        found = tuple(as_scene(_single(one)) for one in scene)
+        for one in scene:  # a mixture within a mixture could be drawn in two ways
+            if isinstance(one, (list, tuple, Mixture)):
+                raise TypeError(
+                    "a list of scenes must hold Scenes, presets' names or dicts; got a "
+                    f"{type(one).__name__} in it. Put all scenes into one list."
+                )
+        found = tuple(map(as_scene, scene))
         return found[0] if len(found) == 1 else Mixture(found)
     if not isinstance(scene, (Scene, str, Mapping)):
         raise TypeError(
@@ -140,16 +141,6 @@ def as_scenes(
             f"{type(scene).__name__}."
         )
     return as_scene(scene)
-
-
-def _single(one: Any) -> Any:
-    """Refuse a mixture within a mixture, which could be drawn in two ways."""
-    if isinstance(one, (list, tuple, Mixture)):
-        raise TypeError(
-            "a list of scenes must hold Scenes, presets' names or dicts; got a "
-            f"{type(one).__name__} in it. Put all scenes into one list."
-        )
-    return one
 
 
 def preset_name(scene: Scene) -> str:

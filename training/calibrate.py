@@ -69,13 +69,13 @@ class Config:
 
     pairs: str | None = setting(None, "a CSV file or a folder")
     photos: str | None = setting(None, "a folder of photos of one picture, or of unknown ones")
-    picture: str | None = setting(None, "the file that was on the screen in all of the photos")
-    scene: str = setting("screen_photo", "a preset's name, or a YAML file of a scene")
+    picture: str | None = setting(None, "the file that the screen showed in all photos")
+    scene: str = setting("screen_photo", "a preset, or a YAML file of a scene")
     out: str | None = setting(None, "the folder of the results; null: one in runs/calibrate/")
     size: int = setting(384, "side of the crops, in pixels", bounds=(MIN_CROP_SIDE, None))
     crops: int = setting(6, "crops of each picture", bounds=(1, None))
     seed: int = setting(0, "of the photos and the search", bounds=(0, None))
-    fit: bool = setting(False, "whether to search the scene's ranges")
+    fit: bool = setting(False, "search the scene's ranges")
     evaluations: int = setting(400, "of the fit, at most", bounds=(1, None))
     seconds: float = setting(900.0, "of the fit, at most", bounds=(0, None))
 

@@ -13,9 +13,8 @@ from moireaug.attacks.losses import LOSSES, margin
 from moireaug.attacks.model import Normalized, evaluating
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.multitargeted import MultiTargeted
-from moireaug.attacks.patch import Patch
 from moireaug.attacks.photographed import Photographed
-from moireaug.attacks.pixel import BIM, MIFGSM, PGD
+from moireaug.attacks.pixel import BIM, MIFGSM, PGD, Patch
 from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES
 from moireaug.attacks.square import SquareMoire

@@ -70,13 +70,10 @@ class CameraProblem(Problem):
         self.unit, self.box = self.bound.unit, self.bound.box(self.clean)
 
     def render(self, point: Point) -> Tensor:
-        shot, clean, box = self.shot, self.clean, self.box
         if "pose" in point:
-            shot = shot_at_pose(shot, self.fields, point["pose"])
-            clean = self.before_noise(self.images, shot)
-            box = self.bound.box(clean)
-        noise = box.noise(point["noise"])
-        return self.after_noise(clean + noise, shot).to(self.images.dtype)
+            return self._photos(self.images, self.shot_of(point), point["noise"])
+        photos = self.after_noise(self.clean + self.box.noise(point["noise"]), self.shot)
+        return photos.to(self.images.dtype)
 
     def forward_views(self, point: Point) -> Tensor:
         """Return the photos of the shot itself or, for an expectation, of `eot` fresh draws of its
@@ -86,9 +83,14 @@ class CameraProblem(Problem):
         shots = self._fresh_shots(self.eot * len(self.images))
         if "pose" in point:
             shots = shot_at_pose(shots, self.fields, point["pose"].repeat(self.eot, 1))
-        clean = self.before_noise(self.images.repeat(self.eot, 1, 1, 1), shots)
-        noise = self.bound.box(clean).noise(point["noise"].repeat(self.eot, 1, 1, 1))
-        return self.after_noise(clean + noise, shots).to(self.images.dtype)
+        repeats = (self.eot, 1, 1, 1)
+        return self._photos(self.images.repeat(repeats), shots, point["noise"].repeat(repeats))
+
+    def _photos(self, images: Tensor, shot: Shot, noise: Tensor) -> Tensor:
+        """Return the photos of images by a shot, with noise given by the variable of a search."""
+        clean = self.before_noise(images, shot)
+        reading = clean + self.bound.box(clean).noise(noise)
+        return self.after_noise(reading, shot).to(images.dtype)
 
     def subset(self, rows: Tensor) -> CameraProblem:
         shot = self.shot[rows.to(self.shot.device)]

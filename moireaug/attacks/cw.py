@@ -12,9 +12,13 @@ from torch import Tensor, nn
 from moireaug.attacks.answers import has_prediction, is_success
 from moireaug.attacks.checks import check_goals
 from moireaug.attacks.foreign import NamesForeignArguments
-from moireaug.attacks.gradient_checks import check_differentiable
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
-from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
+from moireaug.attacks.model import (
+    attacked_logits,
+    check_differentiable,
+    evaluating,
+    require_gradient,
+)
 from moireaug.attacks.pixel import PixelProblem, refuse_shot
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
@@ -84,7 +88,7 @@ class CW(NamesForeignArguments):
             labels, targets = check_goals(images, labels, targets)
             problem = PixelProblem(images)
             search = Search(self.model, problem, labels, targets, generator)
-            pixels, losses = self._nearest(search, problem.base)
+            pixels = self._nearest(search, problem.base)
             photo = pixels.to(images.dtype)
             with torch.no_grad():
                 logits = attacked_logits(self.model, photo, labels)
@@ -93,18 +97,16 @@ class CW(NamesForeignArguments):
             correct = search.is_right(photo, logits)
         noise = pixels - problem.base
         eps = noise.abs().max().item() if noise.numel() else 0.0
-        success = is_success(logits, labels, targets)
-        return Result(photo, success, noise, loss_curve(losses), eps, None, clean_correct, correct)
+        success, losses = is_success(logits, labels, targets), loss_curve(search.losses)
+        return Result(photo, success, noise, losses, eps, None, clean_correct, correct)
 
-    def _nearest(self, search: Search, x: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """Return the nearest image to x (B, 3, H, W) that reaches each goal, or x itself, and the
-        loss before each step of the last run."""
+    def _nearest(self, search: Search, x: Tensor) -> Tensor:
+        """Return the nearest image to x (B, 3, H, W) that reaches each goal, or x itself."""
         c = torch.full_like(x[:, 0, 0, 0], self.c)
         failed, reached = torch.zeros_like(c), torch.full_like(c, math.inf)
         nearest, nearest_distance = x, torch.full_like(c, math.inf)
-        losses: list[Tensor] = []
         for _ in range(self.binary_search_steps):
-            image, distance, losses = self._descend(search, x, c)
+            image, distance = self._descend(search, x, c)
             is_nearer = distance < nearest_distance
             nearest = select_rows(is_nearer, image, nearest)
             nearest_distance = torch.minimum(distance, nearest_distance)
@@ -112,16 +114,16 @@ class CW(NamesForeignArguments):
             reached = torch.where(success, torch.minimum(reached, c), reached)
             failed = torch.where(success, failed, torch.maximum(failed, c))
             c = torch.where(reached.isfinite(), (failed + reached) / 2, 10 * c)
-        return nearest, losses
+        return nearest
 
-    def _descend(self, search: Search, x: Tensor, c: Tensor) -> tuple[Tensor, Tensor, list[Tensor]]:
+    def _descend(self, search: Search, x: Tensor, c: Tensor) -> tuple[Tensor, Tensor]:
         """Run Adam from x with the weights c (B,); return the nearest image that reaches each goal,
-        its squared distance (B,), infinity where none does, and the loss before each step."""
+        and its squared distance (B,), infinity where none does."""
         labels, targets = search.labels, search.targets
+        search.losses = []
         w = torch.atanh((x * 2 - 1).clamp(-TANH_LIMIT, TANH_LIMIT)).requires_grad_(True)
         adam = torch.optim.Adam([w], lr=self.lr)
         nearest, nearest_distance = x, torch.full_like(c, math.inf)
-        losses: list[Tensor] = []
         for k in range(self.steps):
             candidate = (torch.tanh(w) + 1) / 2
             photo = candidate.to(search.problem.images.dtype)
@@ -138,10 +140,10 @@ class CW(NamesForeignArguments):
             (gradient,) = torch.autograd.grad((distance + c * shortfall).sum(), w)
             w.grad = gradient.nan_to_num()
             adam.step()
-            losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
+            search.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
             is_enough = (lead >= self.confidence) | ~has_prediction(logits)
             success = is_success(logits, labels, targets) & is_enough
             is_nearer = success & (distance < nearest_distance)
             nearest_distance = torch.where(is_nearer, distance, nearest_distance).detach()
             nearest = select_rows(is_nearer, candidate.detach(), nearest)
-        return nearest, nearest_distance, losses
+        return nearest, nearest_distance

@@ -1,13 +1,14 @@
-"""The loop of every gradient attack: one search that yields points, of which an attack keeps each
-image's best, and adversarial training the last."""
+"""The loop of every gradient attack: each step gives logits, by which the search keeps each image's
+best point, from which the result is made."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -15,20 +16,22 @@ from torch import Tensor, nn
 from moireaug.attacks.answers import is_success
 from moireaug.attacks.checks import check_eps, check_goals, check_sizes
 from moireaug.attacks.foreign import NamesForeignArguments
-from moireaug.attacks.gradient_checks import check_differentiable
 from moireaug.attacks.losses import LOSSES, loss_curve
-from moireaug.attacks.model import attacked_logits, evaluating, require_gradient
+from moireaug.attacks.model import (
+    attacked_logits,
+    check_differentiable,
+    evaluating,
+    require_gradient,
+)
 from moireaug.attacks.problem import Point, Problem
-from moireaug.attacks.result import Result
+from moireaug.attacks.result import Batch, Result, join_images
 from moireaug.attacks.rules import RULES, Ball, Rule
-from moireaug.attacks.search import Search, Step
+from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_callable, check_whole, one_of
 from moireaug.common.image_checks import check_images
 from moireaug.common.numeric import widen_half
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
-
-R = TypeVar("R")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,10 +89,14 @@ class Attack(NamesForeignArguments, ABC):
         one_of("loss", self.loss, LOSSES)
 
     @abstractmethod
-    def problem(
+    def problem(self, images: Tensor, shot: Any, generator: torch.Generator | None) -> Problem:
+        """Return the problem of images in one scene: how noise becomes its images."""
+
+    def draw(
         self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
-    ) -> Problem:
-        """Return the problem of one batch: how noise becomes its images."""
+    ) -> Shot | MixedShot | None:
+        """Return the shot of a batch, given or drawn; None without a camera."""
+        return shot
 
     def __call__(
         self,
@@ -114,7 +121,12 @@ class Attack(NamesForeignArguments, ABC):
                 targets that equal their labels; a model without a gradient, or whose logits are not
                 finite for any of the images.
         """
-        return self.attack_batch(self._best_result, images, labels, targets, shot, generator)
+        with self.prepared(images, labels, targets, shot, generator) as batch:
+            results = []
+            for search in self.searches(batch):
+                self.run_restarts(search)
+                results.append(self.result(search))
+            return self.join_results(batch.shot, results)
 
     def last(
         self,
@@ -127,87 +139,90 @@ class Attack(NamesForeignArguments, ABC):
         """Return the images after the last step, (B, 3, H, W), even if an earlier one was better,
         for adversarial training: one forward and backward pass per step, and every step for every
         image. Arguments as in a call."""
-        return self.attack_batch(self._last_images, images, labels, None, shot, generator)
+        with self.prepared(images, labels, None, shot, generator) as batch:
+            parts = []
+            for search in self.searches(batch):
+                point = self.run(search, keeps=False)
+                with torch.no_grad():
+                    parts.append(search.problem.render(point))
+            return join_images(batch.shot, parts)
 
-    def attack_batch(
+    @contextlib.contextmanager
+    def prepared(
         self,
-        reduce: Callable[[Search], R],
         images: Tensor,
         labels: Tensor,
         targets: Tensor | None,
         shot: Shot | MixedShot | None,
         generator: torch.Generator | None,
-    ) -> R:
-        """Return what `reduce` makes of the search on a batch; arguments as in a call."""
+    ) -> Iterator[Batch]:
+        """Check a batch, draw its shot, and prepare the model, see `evaluating`."""
         images = check_images(images)
         with evaluating(self.model, images):
             images = images.detach().clone()
-            labels, targets = check_goals(images, labels, targets)
+            goals = check_goals(images, labels, targets)
+            yield Batch(images, *goals, self.draw(images, shot, generator), generator)
+
+    def searches(self, batch: Batch) -> Iterator[Search]:
+        """Yield a search of the images in each scene of a batch; each begins where the one before
+        it has ended, as all draw from one generator."""
+        for images, labels, targets, shot, generator in batch.by_scene():
             problem = self.problem(images, shot, generator)
-            return reduce(Search(self.model, problem, labels, targets, generator))
+            yield Search(self.model, problem, labels, targets, generator)
 
-    def last_point(self, search: Search) -> Point:
-        """Take every step, and return the point after the last."""
-        for step in self._steps(search, self._start(search, restart=0)):
-            point = step.point
-        return point
-
-    def _last_images(self, search: Search) -> Tensor:
-        """Return the images at the last point."""
-        point = self.last_point(search)
-        with torch.no_grad():
-            return search.problem.render(point)
-
-    def _best_result(self, search: Search) -> Result:
-        return self.result(search, self.run_restarts(search))
-
-    def run_restarts(self, search: Search) -> Point:
-        """Run every restart, and return each image's point of the greatest margin."""
+    def run_restarts(self, search: Search) -> None:
+        """Run every restart; the search keeps each image's point of the greatest margin."""
         for restart in range(self.restarts):
             if search.is_over:
                 break
             search.losses = []
-            for point, logits in self._steps(search, self._start(search, restart)):
-                if logits is None:
-                    logits = search.active_logits(point)
-                elif self.until_fooled and not search.losses:
-                    search.drop_fooled_if_deterministic(point, logits)
-                search.keep(point, logits)
-        return search.best
+            point = self.run(search, restart)
+            if not search.is_over:
+                search.keep(point, search.active_logits(point))
 
-    def _steps(self, search: Search, point: Point) -> Iterator[Step]:
-        """Yield each point from which a step is taken, with the model's answer there, and the last
-        point. Between two steps, `Search.keep` may drop images."""
+    def run(self, search: Search, restart: int = 0, *, keeps: bool = True) -> Point:
+        """Take the steps of a run, and return the point after the last. With `keeps`, the search
+        keeps the best points, and may take fooled images out."""
         rules = self._rules(search.problem)
+        point = self._start(search, restart)
         # where an image is black or white, a random start would have no gradient
-        point = point | {name: rules[name].project(point[name]) for name in rules}
+        point = point | {name: rule.project(point[name]) for name, rule in rules.items()}
         for k in range(self.steps):
-            variables = {}
-            for name, x in search.active_point(point).items():
-                variables[name] = x.detach().requires_grad_(True)
-            images = search.active.forward_views(variables)
-            labels, targets = search.active_goals(search.loss_targets)
-            logits = attacked_logits(self.model, images, labels)
-            if k == 0:
-                search.check(logits)
-                check_differentiable(logits)
-            loss = LOSSES[self.loss](widen_half(logits), labels, targets)
-            # a scene may have ranges that no photo of it depends on
-            gradients = torch.autograd.grad(loss.sum(), list(variables.values()), allow_unused=True)
-            if k == 0:
-                require_gradient(self.model, images, labels, gradients)
-            image_loss = search.scatter(loss.detach().view(search.active.views, -1).mean(0))
-            ascent = {}
-            for name, gradient in zip(variables, gradients, strict=True):
-                if name in rules and gradient is not None:
-                    # a NaN would stay in the point, and with it in every later image
-                    ascent[name] = search.scatter(gradient.nan_to_num())
-            yield Step(point, logits.detach())
+            logits, loss, gradients = self._ascent(search, point, checks=k == 0)
+            if keeps:
+                search.keep(point, logits, may_drop=k == 0 and self.until_fooled)
             if search.is_over:
-                return
-            for name, gradient in ascent.items():
-                point = point | {name: rules[name](point[name], gradient, image_loss)}
-        yield Step(point)
+                break
+            for name, gradient in gradients.items():
+                if name in rules:
+                    point = point | {name: rules[name](point[name], gradient, loss)}
+        return point
+
+    def _ascent(
+        self, search: Search, point: Point, *, checks: bool
+    ) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
+        """Return the logits (views * b, K) of the active images at a point; and, 0 for the others,
+        the loss (n,), and its gradient in each variable of the point that it depends on."""
+        active = search.active_point(point)
+        variables = {name: x.detach().requires_grad_(True) for name, x in active.items()}
+        images = search.active.forward_views(variables)
+        labels, targets = search.active_goals(search.loss_targets)
+        logits = attacked_logits(self.model, images, labels)
+        if checks:
+            search.check(logits)
+            check_differentiable(logits)
+        loss = LOSSES[self.loss](widen_half(logits), labels, targets)
+        # a scene may have ranges that no photo of it depends on
+        slopes = torch.autograd.grad(loss.sum(), list(variables.values()), allow_unused=True)
+        if checks:
+            require_gradient(self.model, images, labels, slopes)
+        gradients = {}
+        for name, slope in zip(variables, slopes, strict=True):
+            if slope is not None:
+                # a NaN would stay in the point, and with it in every later image
+                gradients[name] = search.scatter(slope.nan_to_num())
+        image_loss = search.scatter(loss.detach().view(search.active.views, -1).mean(0))
+        return logits.detach(), image_loss, gradients
 
     def _start(self, search: Search, restart: int) -> Point:
         """Return the starting point: no noise and the drawn pose, or random ones."""
@@ -228,12 +243,22 @@ class Attack(NamesForeignArguments, ABC):
             rules["pose"] = RULES[self.rule](Ball(1.0, 1.0, *settings))
         return rules
 
-    def result(self, search: Search, point: Point) -> Result:
-        """Return the Result of a point."""
+    def result(self, search: Search) -> Result:
+        """Return the Result at each image's best point."""
+        problem, point = search.problem, search.best
         images, logits = search.images_and_logits(point)
-        success = is_success(logits, search.labels, search.targets)
-        shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
-        clean_correct = search.is_right_without_noise()
-        correct = search.is_right(images, logits)
-        noise, unit = search.problem.noise_of(point), search.problem.unit
-        return Result(images, success, noise, losses, self.eps, shot, clean_correct, correct, unit)
+        return Result(
+            images=images,
+            success=is_success(logits, search.labels, search.targets),
+            noise=problem.noise_of(point),
+            loss=loss_curve(search.losses[: self.steps]),
+            eps=self.eps,
+            shot=problem.shot_of(point),
+            clean_correct=search.is_right_without_noise(),
+            correct=search.is_right(images, logits),
+            bound=problem.unit,
+        )
+
+    def join_results(self, shot: Shot | MixedShot | None, results: Sequence[Result]) -> Result:
+        """Return the Results of the scenes of a shot as that of the whole shot."""
+        return results[0]

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, TypeVar, cast
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import cast
 
 import torch
 from torch import Tensor
 
 from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
-from moireaug.attacks.checks import check_goals
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import attack_margin
-from moireaug.attacks.mixed import join_results
-from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.pose import searched_fields
+from moireaug.attacks.result import Batch, Result, join_results
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_whole, one_of
-from moireaug.common.image_checks import check_images
-from moireaug.mixtures import Mixture, SceneLike, as_scenes, scenes_of
-from moireaug.scene.mixed_shot import MixedShot, join_rows, per_scene
+from moireaug.mixtures import SceneLike, as_scenes, scenes_of
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.shot_checks import check_batch
 from moireaug.scenes import Shot
-
-R = TypeVar("R")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,52 +110,18 @@ class MoireAttack(Attack):
                 f"= ('noise',); got eot = {self.eot} and optimise = {self.optimise!r}. Use 'sign'."
             )
 
-    def attack_batch(
-        self,
-        reduce: Callable[[Search], R],
-        images: Tensor,
-        labels: Tensor,
-        targets: Tensor | None,
-        shot: Shot | MixedShot | None,
-        generator: torch.Generator | None,
-    ) -> R:
-        """Search the images of each scene as a batch of their own, and join what `reduce` makes of
-        them; see `Attack`. A shot of one scene is attacked in that scene."""
-        search = super().attack_batch
-        if self.draws > 1:
-            reduce = functools.partial(_reduce_at_worst_draw, reduce, self.draws)
-        scene = as_scenes(self.scene)
-        if shot is None and isinstance(scene, Mixture):
-            check_images(images)
-            shot = scene.sample(len(images), (images.shape[-2], images.shape[-1]), generator)
-        if not isinstance(shot, MixedShot):
-            return search(reduce, images, labels, targets, shot, generator)
-        mixed_shot = shot
-        check_batch(check_images(images).shape, mixed_shot)
-        labels, targets = check_goals(images, labels, targets)
-
-        def search_scene(
-            scene_shot: Shot, images: Tensor, labels: Tensor, targets: Tensor | None
-        ) -> R:
-            return search(reduce, images, labels, targets, scene_shot, generator)
-
-        def join(rows: list[Tensor], parts: list[Any]) -> Any:
-            if isinstance(parts[0], Tensor):
-                return join_rows(rows, parts)
-            return join_results(mixed_shot, rows, parts, self.noise_at)
-
-        return per_scene(shot, search_scene, images, labels, targets, join=join)
-
-    def problem(
+    def draw(
         self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
-    ) -> CameraProblem:
+    ) -> Shot | MixedShot:
         if shot is None:
             size = images.shape[-2], images.shape[-1]
-            shot = as_scenes(self.scene).sample(len(images), size, generator)
-        if isinstance(shot, MixedShot):
-            raise ValueError(
-                "a mixture is attacked scene by scene: call the attack, or pass the shot of one."
-            )
+            return as_scenes(self.scene).sample(len(images), size, generator)
+        check_batch(images.shape, shot)
+        return shot
+
+    def problem(
+        self, images: Tensor, shot: Shot, generator: torch.Generator | None
+    ) -> CameraProblem:
         with torch.no_grad():
             clean = NOISE_AT[self.noise_at][0](images, shot)
         if searched_fields(shot.scene, self.optimise):
@@ -174,27 +134,28 @@ class MoireAttack(Attack):
             images, shot, clean, bound, self.noise_at, self.optimise, self.eot, generator
         )
 
+    def searches(self, batch: Batch) -> Iterator[Search]:
+        for search in super().searches(batch):
+            yield search if self.draws == 1 else _at_worst_draw(search, self.draws)
 
-def _reduce_at_worst_draw(reduce: Callable[[Search], R], draws: int, search: Search) -> R:
-    """Return what `reduce` makes of a search at each image's worst shot: that of the greatest
-    margin without noise, among its own and `draws` - 1 others."""
+    def join_results(self, shot: Shot | MixedShot | None, results: Sequence[Result]) -> Result:
+        if isinstance(shot, MixedShot):
+            return join_results(shot, results, self.noise_at)
+        return super().join_results(shot, results)
+
+
+def _at_worst_draw(search: Search, draws: int) -> Search:
+    """Return the search at each image's worst shot: that of the greatest margin without noise,
+    among its own and `draws` - 1 others."""
     worst = problem = cast(CameraProblem, search.problem)
     photos, logits = search.images_and_logits(problem.clean_point())
     search.check(logits)
-    search.clean_correct = search.is_right(photos, logits)
+    clean_correct = search.is_right(photos, logits)
     margins = attack_margin(logits, search.labels, search.targets)
     for _ in range(draws - 1):
         drawn = problem.drawn_again()
-        drawn_margins = _natural_margins(search, drawn)
+        _, logits = replace(search, problem=drawn).images_and_logits(drawn.clean_point())
+        drawn_margins = attack_margin(logits, search.labels, search.targets)
         worst = worst.where(drawn_margins > margins, drawn)
         margins = torch.maximum(margins, drawn_margins)
-    search.problem = search.active = worst
-    return reduce(search)
-
-
-@torch.no_grad()
-def _natural_margins(search: Search, problem: CameraProblem) -> Tensor:
-    """Return the margins (B,) of a problem's photos without noise."""
-    photos = problem.render(problem.clean_point())
-    logits = attacked_logits(search.model, photos, search.labels)
-    return attack_margin(logits, search.labels, search.targets)
+    return replace(search, problem=worst, clean_correct=clean_correct)

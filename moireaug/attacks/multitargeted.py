@@ -62,15 +62,20 @@ class MultiTargeted(NamesForeignArguments):
         Photos that a deterministic model gets wrong without an attack are returned unchanged.
         `loss` in the Result is of the last class that was tried, over the images that were left.
         """
-        return self.attack.attack_batch(self._best_result, images, labels, None, shot, generator)
+        attack = self.attack
+        with attack.prepared(images, labels, None, shot, generator) as batch:
+            results = []
+            for search in attack.searches(batch):
+                self._run_toward_classes(search)
+                results.append(attack.result(search))
+            return attack.join_results(batch.shot, results)
 
-    def _best_result(self, search: Search) -> Result:
-        """Return the result of a search toward each class in turn, of the images that are still
-        right."""
+    def _run_toward_classes(self, search: Search) -> None:
+        """Run the attack toward each class in turn, on the images that are still right."""
         point = search.problem.clean_point()
         _, logits = search.images_and_logits(point)
         check_classes(search.labels, logits)
-        check_answers(logits, self.attack.model, search.problem.images)
+        check_answers(logits, search.model, search.problem.images)
         _, second_logits = search.images_and_logits(point)
         repeats = bool(is_same_answer(logits, second_logits).all())
         search.keep(point, logits.repeat(search.problem.views, 1))
@@ -83,4 +88,3 @@ class MultiTargeted(NamesForeignArguments):
                 break
             search.loss_targets = targets
             self.attack.run_restarts(search)
-        return self.attack.result(search, search.best)

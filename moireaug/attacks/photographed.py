@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.bounds import BOUNDS
-from moireaug.attacks.gradient_checks import watched_copy
+from moireaug.attacks.model import watched_copy
 from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.capture import capture, develop, expose
 from moireaug.common.argument_checks import check_callable, one_of

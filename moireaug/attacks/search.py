@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -17,19 +17,7 @@ from moireaug.attacks.problem import Point, Problem
 from moireaug.common.numeric import select_rows
 
 
-class Step(NamedTuple):
-    """A point of a search, and the model's answer there.
-
-    Args:
-        point: point of all n images.
-        logits: (views * b, K) logits of the images that take the step; None at the last point, from
-            which no step is taken.
-    """
-
-    point: Point
-    logits: Tensor | None = None
-
-
+@dataclass(eq=False)
 class Search:
     """A search on a batch of n images, of which b still take steps.
 
@@ -39,6 +27,7 @@ class Search:
         labels: (n,) true classes.
         targets: (n,) classes to reach; None where any wrong class is a success.
         generator: CPU generator of random starts; None is torch's global one.
+        clean_correct: (n,) whether each image is right without noise; None until it is known.
 
     Attributes:
         loss_targets: (n,) classes that the loss steers toward, at first `targets`; None where it
@@ -49,30 +38,25 @@ class Search:
         margins: (n,) greatest margins.
         rounding: (n,) margins that rounding, which differs between batches, may bring about.
         losses: mean cross-entropy before each step of the last run.
-        clean_correct: (n,) whether each image is right without noise; None until it is known.
         drops_fooled: whether fooled images take no further steps.
-        rejects: whether the model can reject an image.
     """
 
-    def __init__(
-        self,
-        model: Callable[[Tensor], Tensor],
-        problem: Problem,
-        labels: Tensor,
-        targets: Tensor | None,
-        generator: torch.Generator | None,
-    ) -> None:
-        self.model = model
-        self.problem, self.labels, self.targets = problem, labels, targets
-        self.loss_targets, self.generator = targets, generator
-        self.rows, self.active = torch.arange(len(labels), device=labels.device), problem
-        self.best: Point = {}
-        self.margins = torch.full_like(labels, -math.inf, dtype=torch.float32)
+    model: Callable[[Tensor], Tensor]
+    problem: Problem
+    labels: Tensor
+    targets: Tensor | None
+    generator: torch.Generator | None
+    clean_correct: Tensor | None = None
+
+    def __post_init__(self) -> None:
+        self.loss_targets = self.targets
+        self.rows = torch.arange(len(self.labels), device=self.labels.device)
+        self.active, self.best = self.problem, Point()
+        self.margins = torch.full_like(self.labels, -math.inf, dtype=torch.float32)
         self.rounding = torch.zeros_like(self.margins)
         self.losses: list[Tensor] = []
-        self.clean_correct: Tensor | None = None
         self.drops_fooled = False
-        self.rejects = getattr(model, "rejects", False)
+        self.rejects = getattr(self.model, "rejects", False)
 
     @property
     def is_over(self) -> bool:
@@ -111,11 +95,6 @@ class Search:
         if len(self.rows) == len(self.labels):
             check_answers(logits, self.model, self.problem.images)
 
-    def drop_fooled_if_deterministic(self, point: Point, logits: Tensor) -> None:
-        """From now on, drop fooled images if the model, asked again, gives every active image the
-        same logits (b, K), see `is_same_answer`."""
-        self.drops_fooled = bool(is_same_answer(logits, self.active_logits(point)).all())
-
     @torch.no_grad()
     def active_logits(self, point: Point) -> Tensor:
         """Return the logits (views * b, K) of the active images at a point."""
@@ -148,9 +127,12 @@ class Search:
             self.clean_correct = self.is_right(*self.images_and_logits(self.problem.clean_point()))
         return self.clean_correct
 
-    def keep(self, point: Point, logits: Tensor) -> None:
+    def keep(self, point: Point, logits: Tensor, *, may_drop: bool = False) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
-        of the active images, and drop fooled images where `drops_fooled`."""
+        of the active images, and drop fooled images where `drops_fooled`: from now on with
+        `may_drop`, if the model, asked again, answers every active image alike."""
+        if may_drop:
+            self.drops_fooled = bool(is_same_answer(logits, self.active_logits(point)).all())
         labels, targets = self.active_goals(self.targets)
         views = self.active.views
         is_unasked = self.clean_correct is None and not self.rejects

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -12,7 +11,7 @@ from torch import Tensor
 from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point
-from moireaug.attacks.search import Search, Step
+from moireaug.attacks.search import Search
 from moireaug.common.numeric import select_rows, widen_half
 
 FIRST_WINDOW_SHARE = 0.8  # of the planes' area, as in AutoAttack
@@ -61,25 +60,25 @@ class SquareMoire(MoireAttack):
         return {"noise": self.eps * signs.expand(shape)}
 
     @torch.no_grad()
-    def _steps(self, search: Search, point: Point) -> Iterator[Step]:
-        best = point
+    def run(self, search: Search, restart: int = 0, *, keeps: bool = True) -> Point:
+        point = best = self._start(search, restart)
         highest = torch.full_like(search.labels, -math.inf, dtype=torch.float64)
         for query in range(self.steps):
             if search.is_over:
-                return
+                break
             logits = search.active_logits(point)
             labels, targets = search.active_goals(search.loss_targets)
             loss = LOSSES[self.loss](widen_half(logits), labels, targets)
             # no loss, of an image without an answer, is below any other
             loss = search.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
-            yield Step(point, logits)
+            if keeps:
+                search.keep(point, logits, may_drop=query == 0 and self.until_fooled)
             better = (loss > highest) if query else torch.ones_like(loss, dtype=torch.bool)
             highest = torch.where(better, loss.to(highest), highest)
             best = {"noise": select_rows(better, point["noise"], best["noise"])}
             size = window_side(query, self.steps, search.problem.shape)
             point = {"noise": _with_square(best["noise"], self.eps, size, search.generator)}
-        if not search.is_over:
-            yield Step(best)
+        return best
 
 
 def window_side(query: int, steps: int, shape: tuple[int, ...]) -> int:

@@ -36,6 +36,13 @@ def is_finite(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def check_probability(p: float) -> float:
+    """Return `p` if it is a number in [0, 1]; otherwise raise a ValueError."""
+    if not is_finite(p) or not 0 <= p <= 1:
+        raise ValueError(f"p must be a probability in [0, 1]; got {p!r}.")
+    return float(p)
+
+
 def check_whole(
     name: str, value: object, low: int, high: int | None = None, noun: str = ""
 ) -> None:
@@ -48,8 +55,7 @@ def check_whole(
         allowed += f", {noun}"
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")
-    whole = int(value)
-    if whole < low or (high is not None and whole > high):
+    if int(value) < low or (high is not None and int(value) > high):
         raise ValueError(f"{name} must be {allowed}; got {value!r}.")
 
 

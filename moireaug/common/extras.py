@@ -19,18 +19,13 @@ MODULES = {
 }
 # the extras that each extra needs to work at all
 INCLUDED = {"train": ("eval", "opencv")}
-# how an extra is installed: there is no published package yet
-INSTALL_ADVICE = "Install with, in a clone of the repository: pip install '.[{extra}]'"
 BACKEND = "MPLBACKEND"  # matplotlib's variable
 
 
 def drop_missing_backend() -> None:
     """Drop a backend of matplotlib that is unknown from the environment: with it, matplotlib cannot
-    be imported, nor what imports it where it is installed, such as torchmetrics.
-
-    A notebook's commands inherit the notebook's backend, which their own Python may not have.
-    Figures are drawn into files here, and need none.
-    """
+    be imported, nor what imports it where it is installed, such as torchmetrics. A notebook's
+    commands inherit the notebook's, which their own Python may not have."""
     if "matplotlib" in sys.modules or not os.environ.get(BACKEND):
         return
     if importlib.util.find_spec("matplotlib") is None:
@@ -44,24 +39,16 @@ def drop_missing_backend() -> None:
 
 
 def require(extra: str, subject: str) -> None:
-    """Raise if a module of an extra is not installed; import none of them.
+    """Raise a ModuleNotFoundError with the command that installs them if modules of an extra are
+    missing; import none of them.
 
-    Args:
-        extra: one of `MODULES`.
-        subject: of the message, the module or file that needs the extra: "moireaug.evaluation".
-
-    Raises:
-        ModuleNotFoundError: names the missing modules and the command that installs them.
+    extra: one of `MODULES`. subject: of the message, the module or file that needs the extra.
     """
-    missing = []
-    for name in (extra, *INCLUDED.get(extra, ())):
-        for module in MODULES[name]:
-            if importlib.util.find_spec(module) is None:
-                missing.append(module)
-    if not missing:
-        return
-    raise ModuleNotFoundError(
-        f"{subject} needs {', '.join(missing)}, not installed here. "
-        f"{INSTALL_ADVICE.format(extra=extra)}",
-        name=missing[0],
-    )
+    needed = [module for name in (extra, *INCLUDED.get(extra, ())) for module in MODULES[name]]
+    missing = [module for module in needed if importlib.util.find_spec(module) is None]
+    if missing:
+        raise ModuleNotFoundError(
+            f"{subject} needs {', '.join(missing)}, not installed here. Install with, in a clone "
+            f"of the repository: pip install '.[{extra}]'",
+            name=missing[0],
+        )

@@ -14,15 +14,7 @@ DISK_FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT)  # a disk, or a user's share of 
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8, whole or not at all.
-
-    Args:
-        path: its folder is made where it is missing.
-        text: of file names that are not UTF-8, what `shown` returns is written.
-
-    Raises:
-        OSError: as `write_bytes`.
-    """
+    """Write a text in UTF-8, as `shown` returns it; the rest as in `write_bytes`."""
     write_bytes(path, shown(text).encode())
 
 
@@ -36,16 +28,11 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file whole or not at all: beside the old one, synced to the disk, then in its place.
 
     However it is interrupted, and however many threads, processes and machines write it at once,
-    `path` holds either the old content or one of the new ones. A process that is killed while it
-    writes leaves a `.<name>.<random>.tmp` behind, and nothing else.
-
-    Args:
-        path: its folder is made where it is missing.
-        data: the new content.
+    `path`, whose folder is made where it is missing, holds either the old content or one of the new
+    ones. A process that is killed while it writes leaves a `.<name>.<random>.tmp` behind.
 
     Raises:
-        OSError: the disk is full or not writable; says how many MB are needed and how many are
-            free.
+        OSError: the disk is full or not writable; says how many MB are needed and free.
     """
     path = Path(path)
     try:
@@ -63,13 +50,12 @@ def atomic_replacement(path: Path, mark: str = "") -> Iterator[Path]:
     """Yield a hidden path beside `path`, for a file or a folder that takes its place when the block
     ends, and is removed if the block fails.
 
-    Args:
-        path: a file is replaced; a folder that exists by then is kept, and the new one dropped.
-        mark: part of the hidden name, by which those of a killed process can be found.
+    path: a file is replaced; a folder that exists by then is kept, and the new one dropped.
+    mark: part of the hidden name, by which those of a killed process can be found.
     """
-    # process ids are the same in many containers, and threads share one
+    # not a process id, which is the same in many containers; a name may have 255 bytes, of which a
+    # character takes up to four
     words = [path.name[:40], mark, uuid.uuid4().hex[:16]]
-    # a name may have 255 bytes, of which a character takes up to four
     beside = path.with_name(f".{'.'.join(filter(None, words))}.tmp")
     try:
         yield beside

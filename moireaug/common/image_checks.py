@@ -1,20 +1,17 @@
 """Checks of pictures: which are accepted.
 
-A float image may lie a little outside [0, 1]: resizing and blurring round white to 1.0000002,
-bicubic and Lanczos kernels overshoot at edges, noise is not always clipped. All of these
-leave most pixels and the mean nearly unchanged; normalisation changes both. So an image is
-accepted, and clipped, if
+A float image may lie a little outside [0, 1]: resizing overshoots at edges, noise is not always
+clipped. Both leave the mean nearly unchanged; normalisation does not. So an image is accepted, and
+clipped, if
 
 - clipping changes its values by at most `MAX_CLIPPED_RMS`, root mean square, and
 - the mean of each channel lies at most `MAX_MEAN_OUTSIDE` outside [0, 1],
 
 and refused otherwise, image by image. The largest changes measured on photographs, and on random
-black and white pixels of 9 x 12 to 64 x 64: rounding, 2e-7 on both; bicubic, 0.05 and 0.08;
-Lanczos, 0.04 and 0.145; Gaussian noise of standard deviation 0.1, 0.07 and 0.08, and of 0.2, 0.14
-and 0.16. Photographs normalised by the statistics of ImageNet or CIFAR-10 change by 0.8 (median),
-and 996 of 1000 are refused; those scaled to [-1, 1] change by 0.39, and 94 of 100 are refused. The
-others are bright, and one darker image is enough to have a batch of 16 refused. No rule can find a
-flat grey that still lies in [0, 1] after normalisation.
+black and white pixels: bicubic, 0.05 and 0.08; Lanczos, 0.04 and 0.145; Gaussian noise of standard
+deviation 0.2, 0.14 and 0.16. Photographs normalised by the statistics of ImageNet or CIFAR-10
+change by 0.8 (median), and 996 of 1000 are refused; of those scaled to [-1, 1], 94 of 100, and the
+others are bright.
 """
 
 from __future__ import annotations
@@ -26,16 +23,16 @@ from moireaug.common.numeric import clip, is_transformed
 
 MAX_CLIPPED_RMS = 0.18
 MAX_MEAN_OUTSIDE = 0.1
+GREY_HINT = (
+    " Show grey images as RGB, images.expand(-1, 3, -1, -1); give a model of one channel the "
+    "luma of photos, lambda images: model(rgb_to_grayscale(images)), with "
+    "torchvision.transforms.v2.functional.rgb_to_grayscale."
+)
 
 
 def check_images(image: Tensor) -> Tensor:
     """Return a float batch (B, 3, H, W) clipped to [0, 1], gradient as in `clip`; the same tensor
-    if it already lies there.
-
-    Raises:
-        TypeError: not a tensor, or not floating point.
-        ValueError: another shape, NaN, infinity, or an image that the rule above refuses.
-    """
+    if it already lies there. Others are refused: TypeError, ValueError."""
     check_shape(image)
     if not image.is_floating_point():
         raise TypeError(
@@ -53,38 +50,22 @@ def check_images(image: Tensor) -> Tensor:
 
 
 def check_shape(image: Tensor) -> None:
-    """Refuse what is not a batch (B, 3, H, W), of any dtype.
-
-    Raises:
-        TypeError: not a tensor.
-        ValueError: another shape.
-    """
+    """Refuse what is not a batch (B, 3, H, W), of any dtype: TypeError, ValueError."""
     if not isinstance(image, Tensor):
         raise TypeError(
             f"images must be a torch.Tensor; got {type(image).__name__}. Use moireaug.transforms "
             "for PIL and numpy."
         )
     if image.ndim != 4 or image.shape[1] != 3 or 0 in image.shape[-2:]:
+        grey_hint = GREY_HINT if image.ndim == 4 and image.shape[1] == 1 else ""
         raise ValueError(
             "images must have the shape (B, 3, H, W) with H, W >= 1; got "
-            f"{tuple(image.shape)}.{_grey_hint(image)}{channels_last_hint(image)}"
+            f"{tuple(image.shape)}.{grey_hint}{channels_last_hint(image)}"
         )
 
 
-def _grey_hint(image: Tensor) -> str:
-    """Return a sentence on what to do with a batch of grey images, else an empty string."""
-    if image.ndim != 4 or image.shape[1] != 1:
-        return ""
-    return (
-        " Show grey images as RGB, images.expand(-1, 3, -1, -1); give a model of one channel the "
-        "luma of photos, lambda images: model(rgb_to_grayscale(images)), with "
-        "torchvision.transforms.v2.functional.rgb_to_grayscale."
-    )
-
-
 def channels_last_hint(image: Tensor) -> str:
-    """Return a sentence on how to put the channels first if they seem to be last, else an empty
-    string."""
+    """Return how to put the channels first if they seem to be last, else an empty string."""
     orders = {3: "permute(2, 0, 1)", 4: "permute(0, 3, 1, 2)"}
     if image.shape[-1:] not in ((1,), (3,), (4,)) or image.ndim not in orders:
         return ""

@@ -32,47 +32,31 @@ def read_picture(path: str | Path) -> Image.Image:
     orientation; damaged EXIF data are ignored.
 
     Raises:
-        ValueError: the file is missing, damaged, not an image, too large
-            (`PIL.Image.MAX_IMAGE_PIXELS`), or of a mode whose black and white are not known, such
-            as 32-bit numbers.
+        ValueError: the file is missing, damaged, not an image, above `PIL.Image.MAX_IMAGE_PIXELS`,
+            or of a mode whose black and white are not known, such as 32-bit numbers.
     """
     with _opened(path) as image:
         image.load()
-        _turn_upright(image)
+        try:
+            ImageOps.exif_transpose(image, in_place=True)
+        except DAMAGED_EXIF:
+            image.info.pop("exif", None)
         picture = _rgb(image)
-        for name in KEPT_INFO_KEYS:
-            if name in image.info:
-                picture.info[name] = image.info[name]
+        picture.info |= {key: image.info[key] for key in KEPT_INFO_KEYS if key in image.info}
         return picture
 
 
 def size_of(path: str | Path) -> tuple[int, int]:
-    """Return width and height of the picture that `read_picture` returns, without decoding it.
-
-    Raises:
-        ValueError: as `read_picture`, as far as the head of the file tells.
-    """
+    """Return width and height of the picture that `read_picture` returns, without decoding it;
+    errors as there, as far as the head of the file tells."""
     with _opened(path) as image:
         width, height = image.size
-        return (height, width) if _is_transposed(image) else (width, height)
-
-
-def _is_transposed(image: Image.Image) -> bool:
-    """Return whether an image's width and height are exchanged when it is turned upright."""
-    if image.format == "TIFF":  # PIL gives its size upright
-        return False
-    try:
-        return image.getexif().get(ORIENTATION) in TRANSPOSED_ORIENTATIONS
-    except DAMAGED_EXIF:
-        return False
-
-
-def _turn_upright(image: Image.Image) -> None:
-    """Rotate or mirror an image as its EXIF data say, and take the orientation out of them."""
-    try:
-        ImageOps.exif_transpose(image, in_place=True)
-    except DAMAGED_EXIF:
-        image.info.pop("exif", None)
+        if image.format == "TIFF":  # PIL gives its size upright
+            return width, height
+        with contextlib.suppress(*DAMAGED_EXIF):
+            if image.getexif().get(ORIENTATION) in TRANSPOSED_ORIENTATIONS:
+                return height, width
+        return width, height
 
 
 @contextlib.contextmanager
@@ -83,8 +67,7 @@ def _opened(path: str | Path) -> Iterator[Image.Image]:
             # PIL only warns of a suspicious size, and opens the file all the same
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             yield Image.open(file)
-    # depending on the damaged byte: OSError, SyntaxError, struct.error, EOFError, ...
-    except Exception as error:
+    except Exception as error:  # which one depends on the damaged byte
         raise ValueError(
             f"The image {path} could not be read ({_why(error)}). Check the path, and "
             "replace or remove a damaged file."
@@ -94,26 +77,17 @@ def _opened(path: str | Path) -> Iterator[Image.Image]:
 def _rgb(image: Image.Image) -> Image.Image:
     # PIL opens 16-bit PGM files as 32-bit numbers, stretched to 65535; old ones also 16-bit PNG
     if image.mode in DEEP_GREY_MODES or (image.mode == "I" and image.format in ("PPM", "PNG")):
-        return _high_byte(image)
+        high_byte = np.asarray(image).astype(np.int64) >> 8
+        return Image.fromarray(high_byte.astype(np.uint8)).convert("RGB")
     if image.has_transparency_data:
-        return _on_white(image)
+        page = Image.new("RGBA", image.size, "white")
+        return Image.alpha_composite(page, image.convert("RGBA")).convert("RGB")
     if image.mode not in RGB_CONVERTIBLE_MODES:
         raise ValueError(
             f"its mode is {image.mode!r}, whose black and white are not known; save it with 8 or "
-            f"16 bits"
+            "16 bits"
         )
     return image.convert("RGB")
-
-
-def _high_byte(image: Image.Image) -> Image.Image:
-    values = np.asarray(image).astype(np.int64)
-    return Image.fromarray((values >> 8).astype(np.uint8)).convert("RGB")
-
-
-def _on_white(image: Image.Image) -> Image.Image:
-    shown = image.convert("RGBA")
-    page = Image.new("RGBA", shown.size, "white")
-    return Image.alpha_composite(page, shown).convert("RGB")
 
 
 def _why(error: Exception) -> str:

@@ -20,10 +20,9 @@ SETTING_TYPES = (bool, int, float, str, type(None))
 class ModuleState:
     """The state of one module, without that of the modules in it.
 
-    Args:
-        buffers: name to buffer and a copy of its values, of modules that may write into them.
-        settings: name to attribute, of the same modules: numbers, texts and None.
-        versions: weight, or buffer without a copy, and torch's count of what was written into it.
+    buffers: name to buffer and a copy of its values, of modules that may write into them.
+    settings: name to attribute, of the same modules: numbers, texts and None.
+    versions: weight, or buffer without a copy, and torch's count of what was written into it.
     """
 
     buffers: dict[str, tuple[Tensor | None, Tensor | None]]

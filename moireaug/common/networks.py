@@ -8,6 +8,7 @@ import inspect
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
@@ -18,11 +19,17 @@ from moireaug.common.module_state import MODULE_TABLES, ModuleState, restore_sta
 
 MAX_COLLECTION_LENGTH = 1000  # of a list or dict; a longer one holds data
 
-# modules that are lent: how many blocks hold each, and the mode and state that the last of them
-# restores
-_borrowers: weakref.WeakKeyDictionary[nn.Module, int] = weakref.WeakKeyDictionary()
-_modes: weakref.WeakKeyDictionary[nn.Module, bool] = weakref.WeakKeyDictionary()
-_states: weakref.WeakKeyDictionary[nn.Module, ModuleState] = weakref.WeakKeyDictionary()
+
+@dataclass
+class _Loan:
+    """The mode and state that the last of the blocks that hold a module restores."""
+
+    training: bool
+    blocks: int = 0
+    state: ModuleState | None = None
+
+
+_loans: weakref.WeakKeyDictionary[nn.Module, _Loan] = weakref.WeakKeyDictionary()
 _lock = threading.RLock()
 
 
@@ -32,32 +39,26 @@ def in_evaluation_mode(model: object) -> Iterator[None]:
     state on exit, also after an error. Where blocks overlap, in threads or nested, the last one
     does.
 
-    BatchNorm would otherwise update its statistics from images that are not the user's. Modes are
-    entered and left through `eval` and `train`, so that a module that does more there than set a
-    flag, such as one that merges its low-rank weights, ends as it began. Buffers that forward
-    passes write in evaluation mode, too, are put back, see `ModuleState`: observers of a
-    quantisation, queues, counters. Weights that they write are not, and warned about; other
-    attributes stay as they are.
+    Modes are entered and left through `eval` and `train`, so that a module that does more there
+    than set a flag, such as one that merges its low-rank weights, ends as it began. Buffers that
+    forward passes write in evaluation mode, too, are put back, see `ModuleState`: observers of a
+    quantisation, queues, counters. Weights that they write are not, and warned about.
 
     Args:
         model: a module, or any callable. The modes that change are those of its networks as
-            `networks_of` finds them. Others keep theirs, such as a network in a slot, in a class,
-            in an object that cannot be called, in a function that another calls by its name, or one
-            that is loaded when the code runs: call its `eval()` yourself. A module that refuses a
+            `networks_of` finds them: call the `eval()` of others yourself. A module that refuses a
             change of mode, as exported graphs do, and a `forward` that changes modes itself cannot
             be protected.
     """
     modules = _parents_first(networks_of(model))
     with _lock:
         for module in modules:
-            _modes.setdefault(module, module.training)
-            _borrowers[module] = _borrowers.get(module, 0) + 1
+            _loans.setdefault(module, _Loan(module.training)).blocks += 1
     try:
         with _lock:
             _enter_evaluation(modules)
             for module in modules:
-                if module not in _states:
-                    _states[module] = ModuleState.of(module)
+                _loans[module].state = _loans[module].state or ModuleState.of(module)
         yield
     finally:
         with _lock:
@@ -65,29 +66,25 @@ def in_evaluation_mode(model: object) -> Iterator[None]:
 
 
 def _parents_first(networks: Sequence[nn.Module]) -> list[nn.Module]:
-    """Return the modules of some networks that have a mode, every parent before its children, also
-    where several parents share a child."""
-    modules: dict[nn.Module, None] = {}
+    """Return the modules of networks that have a mode, every parent before its children."""
+    children_first: list[nn.Module] = []
+    visited: set[nn.Module] = set()
+
+    def visit(module: nn.Module) -> None:
+        if module not in visited:
+            visited.add(module)
+            for child in module.children():
+                visit(child)
+            children_first.append(module)
+
     for network in networks:
-        # the module itself: a proxy of it cannot be hashed
-        _add_children_first(next(network.modules()), modules, set())
+        visit(next(network.modules()))  # the module itself: a proxy of it cannot be hashed
     # TorchScript's frozen modules have no mode
-    return [module for module in reversed(modules) if hasattr(module, "training")]
-
-
-def _add_children_first(
-    module: nn.Module, modules: dict[nn.Module, None], visited: set[nn.Module]
-) -> None:
-    visited.add(module)
-    for child in module.children():
-        if child not in visited and child not in modules:
-            _add_children_first(child, modules, visited)
-    modules.setdefault(module)
+    return [module for module in reversed(children_first) if hasattr(module, "training")]
 
 
 def _enter_evaluation(modules: Sequence[nn.Module]) -> None:
-    """Put modules, parents first, into evaluation mode; `eval()` of the outermost one in training
-    also sets those inside it."""
+    """Put modules, parents first, into evaluation mode; `eval()` also sets those inside."""
     in_evaluation: set[nn.Module] = set()
     for module in modules:
         if not module.training or module in in_evaluation:
@@ -101,30 +98,23 @@ def _enter_evaluation(modules: Sequence[nn.Module]) -> None:
 
 
 def _restore(modules: Sequence[nn.Module]) -> None:
-    """Release modules, and restore state and mode of each that no other block holds. Parents come
-    first, because `train()` of a parent also sets its children, whose own modes are then
-    restored."""
+    """Release modules, and restore state and mode of each that no other block holds: of parents
+    first, whose `train()` also sets their children."""
+    returned: dict[nn.Module, _Loan] = {}
     for module in modules:
-        _borrowers[module] -= 1
-        if not _borrowers[module]:
-            del _borrowers[module]
-    returned = [module for module in modules if module not in _borrowers]
+        _loans[module].blocks -= 1
+        if not _loans[module].blocks:
+            returned[module] = _loans.pop(module)
     try:
-        restore_states((module, _states.pop(module)) for module in returned if module in _states)
+        restore_states((module, loan.state) for module, loan in returned.items() if loan.state)
     finally:
-        for module in returned:
-            _restore_mode(module)
-
-
-def _restore_mode(module: nn.Module) -> None:
-    """Restore the mode of a module that no block holds."""
-    training = _modes.pop(module)
-    if module.training == training:
-        return
-    if not any(inner in _borrowers for inner in module.modules()):
-        with contextlib.suppress(Exception):  # of one that refuses
-            module.train(training)
-    module.training = training  # where its own `train` would keep it in another mode
+        for module, loan in returned.items():
+            if module.training == loan.training:
+                continue
+            if not any(inner in _loans for inner in module.modules()):
+                with contextlib.suppress(Exception):  # of one that refuses
+                    module.train(loan.training)
+            module.training = loan.training  # where its own `train` would keep it in another mode
 
 
 def networks_of(model: object) -> list[nn.Module]:
@@ -132,7 +122,7 @@ def networks_of(model: object) -> list[nn.Module]:
     that `reachable` finds in what can be called, and in lists, tuples and dicts."""
     networks: list[nn.Module] = []
     inner: set[int] = set()
-    for part in reachable(model, _can_hold_networks):
+    for part in reachable(model, lambda p: callable(p) or isinstance(p, (list, tuple, dict))):
         with contextlib.suppress(Exception):  # of proxies, and of mocks, which have no modules
             if isinstance(part, nn.Module) and id(part) not in inner:
                 inner.update(map(id, part.modules()))
@@ -140,21 +130,14 @@ def networks_of(model: object) -> list[nn.Module]:
     return networks
 
 
-def _can_hold_networks(part: Any) -> bool:
-    return callable(part) or isinstance(part, (list, tuple, dict))
-
-
 def reachable(root: object, is_searched: Callable[[Any], bool]) -> Iterator[Any]:
     """Yield an object and what it leads to, each part once, always in the same order: the
     attributes of an object and the submodules of a module, the entries of lists, tuples and dicts
     of at most 1,000, the object of a bound method, the function and arguments of a partial one,
-    and the closure, the defaults and the globals that a function's own code names.
+    and the closure, the defaults and the globals that a function's own code names; not what a slot,
+    a class, a set or a call holds, nor what functions name that a function calls.
 
-    What a slot, a class, a set or a call holds is not seen, nor what only functions name that a
-    function calls, or, before Python 3.12, its comprehensions.
-
-    Args:
-        is_searched: function of a part that returns whether to search it, too.
+    is_searched: function of a part that returns whether to search it, too.
     """
     parts = [root]
     visited: set[int] = set()
@@ -178,22 +161,16 @@ def _parts_of(owner: Any) -> list[Any]:
     if isinstance(owner, MethodType):
         return [owner.__self__, *_attributes_of(owner.__self__)]
     if isinstance(owner, FunctionType):
-        return _variables_of(owner)
+        variables = inspect.getclosurevars(owner)
+        values = [*variables.nonlocals.values(), *(owner.__defaults__ or ())]
+        values += (owner.__kwdefaults__ or {}).values()
+        # functions lead everywhere
+        return values + [v for v in variables.globals.values() if not isinstance(v, FunctionType)]
     return _attributes_of(owner)
 
 
-def _variables_of(function: FunctionType) -> list[Any]:
-    """Return the closure and the defaults of a function, and its globals but for functions, which
-    lead everywhere."""
-    variables = inspect.getclosurevars(function)
-    values = [*variables.nonlocals.values(), *(function.__defaults__ or ())]
-    values += (function.__kwdefaults__ or {}).values()
-    return values + [v for v in variables.globals.values() if not isinstance(v, FunctionType)]
-
-
 def _attributes_of(owner: Any) -> list[Any]:
-    """Return an object's attributes; a module's submodules, too, but neither parameters nor
-    hooks."""
+    """Return an object's attributes; of a module its submodules, too, but no parameters, hooks."""
     if isinstance(owner, (type, ModuleType)):
         return []
     attributes = getattr(owner, "__dict__", {})
@@ -204,23 +181,16 @@ def _attributes_of(owner: Any) -> list[Any]:
 
 
 def device_of(model: object) -> torch.device | None:
-    """Return the device of a module's first weight; None where there is none, and for any other
-    model.
-
-    Weights are also those of the networks that `networks_of` finds, as in the closure of a function
-    that a module calls. A model without weights is where its buffers are, but for those of modules
-    that move them to the images, which say so by an attribute `buffers_follow_images = True`.
-    """
+    """Return the device of the first weight of a module, and of the networks that `networks_of`
+    finds in it, or else of a buffer, but for those of modules that move them to the images, which
+    say so by an attribute `buffers_follow_images = True`; None of any other model."""
     networks = networks_of(model) if isinstance(model, nn.Module) else []
-    for network in networks:
-        for weight in network.parameters():
-            return weight.device
+    tensors: list[torch.Tensor] = [w for network in networks for w in network.parameters()]
     for network in networks:
         for module in network.modules():
             if not getattr(module, "buffers_follow_images", False):
-                for buffer in module.buffers(recurse=False):
-                    return buffer.device
-    return None
+                tensors += module.buffers(recurse=False)
+    return tensors[0].device if tensors else None
 
 
 def first_weight(*networks: nn.Module) -> torch.Tensor | None:

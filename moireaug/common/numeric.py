@@ -25,11 +25,8 @@ def array_like(values: Any, like: Any) -> Any:
 
 
 def clip(x: Tensor) -> Tensor:
-    """Clip to [0, 1] with gradient 1 on both bounds and 0 outside.
-
-    Since torch 2.14, `torch.clamp` passes no gradient at its bounds, which would hide black and
-    white pixels from an attack.
-    """
+    """Clip to [0, 1] with gradient 1 on both bounds, where `torch.clamp` passes none since torch
+    2.14 and would hide black and white pixels from an attack, and 0 outside."""
     if not _has_gradient(x):
         return x.clamp(0, 1)
     return torch.where((x < 0) | (x > 1), x.detach().clamp(min=0, max=1), x)
@@ -86,10 +83,8 @@ def select_rows(mask: Tensor, a: Tensor, b: Tensor) -> Tensor:
 
 
 def mix_colours(matrix: Tensor, light: Tensor) -> Tensor:
-    """Return colours (B, 3, h, w) of light of the same shape by matrices (B, 3, 3).
-
-    Not a matrix product, for which a GPU may round to ten bits.
-    """
+    """Return colours (B, 3, h, w) of light of the same shape by matrices (B, 3, 3); not as a matrix
+    product, for which a GPU may round to ten bits."""
     return (matrix.to(light.dtype)[..., None, None] * light[:, None]).sum(2)
 
 
@@ -99,10 +94,8 @@ def luma(images: Tensor) -> Tensor:
 
 
 def repeat_edges(planes: Tensor, left: int, right: int, top: int, bottom: int) -> Tensor:
-    """Return planes (B, C, h, w) with the pixels of their edges repeated past them.
-
-    F.pad does the same, but torch.compile fails on its gradient in a layout that it chooses itself.
-    """
+    """Return planes (B, C, h, w) with the pixels of their edges repeated past them: as F.pad, on
+    whose gradient torch.compile fails in a layout that it chooses itself."""
     for axis, before, after in ((2, top, bottom), (3, left, right)):
         first, last = planes.narrow(axis, 0, 1), planes.narrow(axis, planes.shape[axis] - 1, 1)
         planes = torch.cat([*[first] * before, planes, *[last] * after], axis)
@@ -111,11 +104,7 @@ def repeat_edges(planes: Tensor, left: int, right: int, top: int, bottom: int) -
 
 def mirrored_indices(size: int, before: int, after: int, device: torch.device) -> Tensor:
     """Return indices (before + size + after,) that extend an axis by its mirror image, edge pixels
-    twice: c b a | a b c | c b.
-
-    scipy's "reflect", numpy's "symmetric"; the mirrored axis repeats, so that any size can be
-    extended by any amount.
-    """
+    twice, c b a | a b c | c b, by any amount: scipy's "reflect", numpy's "symmetric"."""
     index = torch.arange(-before, size + after, device=device) % (2 * size)
     return torch.where(index < size, index, 2 * size - 1 - index)
 

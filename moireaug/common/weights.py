@@ -23,11 +23,8 @@ WRAPPER_PREFIXES = ("module.", "model.", "_orig_mod.")
 
 def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Tensor]:
     """Return the state_dict that a file holds, alone or in a checkpoint, with the names of the bare
-    model.
-
-    A wrapper's prefix is taken off the names, and the wrapper's own tensors, such as a counter or
-    the buffers of metrics, are left out: a model with layers called "module" or "model" next to
-    others cannot be read.
+    model: a wrapper's prefix is taken off, and the wrapper's own tensors, such as a counter, are
+    left out. So a model with layers called "module" or "model" next to others cannot be read.
 
     Args, Raises: as `read_weights`; ValueError also for a file without a state_dict.
     """
@@ -36,8 +33,9 @@ def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Te
     if isinstance(content, Mapping):
         candidates += [content.get(name) for name in STATE_DICT_KEYS]
     for candidate in candidates:
-        if _is_state_dict(candidate):
-            return _without_wrappers(dict(candidate))
+        items = candidate.items() if isinstance(candidate, Mapping) else ()
+        if items and all(isinstance(k, str) and isinstance(v, Tensor) for k, v in items):
+            return _without_wrappers(dict(items))
     names = ", ".join(map(repr, STATE_DICT_KEYS))
     raise ValueError(
         f"{subject}: the weights file {str(path)!r} holds something other than a state_dict (a "
@@ -77,17 +75,9 @@ def _content(path: str | Path) -> Any:
         from safetensors.torch import load_file
 
         return load_file(path)
-    # the settings that torchvision's own training scripts keep beside the weights: a record without
-    # code
+    # the settings that torchvision's training scripts keep beside the weights, without code
     with torch.serialization.safe_globals([argparse.Namespace]):
         return torch.load(path, map_location="cpu", weights_only=True)
-
-
-def _is_state_dict(content: Any) -> bool:
-    """Return whether a content is a mapping of names to tensors, one or more."""
-    if not isinstance(content, Mapping) or not content:
-        return False
-    return all(isinstance(name, str) and isinstance(content[name], Tensor) for name in content)
 
 
 def _without_wrappers(state: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -95,11 +85,8 @@ def _without_wrappers(state: dict[str, Tensor]) -> dict[str, Tensor]:
     while prefix := next(
         (p for p in WRAPPER_PREFIXES if any(name.startswith(p) for name in state)), None
     ):
-        wrapped = {}
-        for name, value in state.items():
-            if name.startswith(prefix):
-                wrapped[name.removeprefix(prefix)] = value
-        state = wrapped
+        wrapped = [name for name in state if name.startswith(prefix)]
+        state = {name.removeprefix(prefix): state[name] for name in wrapped}
     return state
 
 

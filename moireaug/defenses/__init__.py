@@ -2,8 +2,7 @@
 them.
 
 Each is a frozen dataclass, called on images (B, 3, H, W) in [0, 1], that says whether it is
-`randomised`. Demoiréing networks, and the defence made of one, are in `defenses.demoire`; a model
-that rejects what a detector flags is `Rejecting`.
+`randomised`. `defenses.demoire` has demoiréing networks, and the defence made of one.
 """
 
 # ruff: noqa: E402  # a missing extra is named before it is imported

@@ -47,12 +47,9 @@ def draw_bank(
         patch: side in pixels.
         seed: of the draw's own generator. The same images in the same order give the same bank,
             however batched.
-        cache: a file to keep the bank in (.npz), written whole or not at all. Its bank is returned
-            without a new draw if it was drawn with the same settings: patches, patch, seed, and the
-            images' content if they are one tensor, otherwise the type and length of the iterable
-            and of its `dataset`. Otherwise, or if the file cannot be read, the bank is drawn again.
-            Iterables of equal type and length are not told apart: give each data set a file of its
-            own.
+        cache: a file (.npz) of its own for each data set, whose bank is returned without a new draw
+            if it was drawn with the same settings: patches, patch, seed, and the images' content if
+            they are one tensor, otherwise the type and length of the iterable and its `dataset`.
         progress: show a bar.
 
     Returns:
@@ -72,20 +69,23 @@ def draw_bank(
         raise ValueError(
             f"cache must be a file; {cache} is a folder. Name a file in it, such as bank.npz."
         )
+    if cache is None:
+        return _draw(images, patches, patch, seed, progress)
     settings = {"patches": patches, "patch": patch, "seed": seed, "images": _content(images)}
     key = json.dumps(settings, sort_keys=True)
-    bank = _read(Path(cache), key) if cache is not None else None
+    bank = _read(Path(cache), key)
     if bank is None:
         bank = _draw(images, patches, patch, seed, progress)
-        if cache is not None:
-            _write(Path(cache), key, bank)
+        content = io.BytesIO()
+        np.savez(content, key=key, bank=bank.numpy())
+        write_bytes(Path(cache), content.getbuffer())
     return bank
 
 
 def _draw(
     images: Tensor | Iterable[Tensor], patches: int, patch: int, seed: int, progress: bool
 ) -> Tensor:
-    # every patch of every image draws a number, and those with the smallest are the bank
+    """Return a bank: every patch draws a number, and those with the smallest are in it."""
     generator = torch.Generator("cpu").manual_seed(seed)
     keys = torch.empty(0, dtype=torch.float64, device="cpu")
     bank = torch.empty(0, 3, patch, patch, dtype=torch.float32, device="cpu")
@@ -100,12 +100,10 @@ def _draw(
                 "smaller patch."
             )
         windows = batch.detach().unfold(2, patch, 1).unfold(3, patch, 1).permute(0, 2, 3, 1, 4, 5)
-        drawn = torch.rand(
-            windows.shape[:3], generator=generator, dtype=torch.float64, device="cpu"
-        )
-        is_full = len(keys) == patches
-        is_small = drawn < keys.max() if is_full else torch.ones_like(drawn, dtype=torch.bool)
-        chosen = is_small.nonzero()
+        shape = windows.shape[:3]
+        drawn = torch.rand(shape, generator=generator, dtype=torch.float64, device="cpu")
+        limit = keys.max() if len(keys) == patches else 1.0  # which no number reaches
+        chosen = (drawn < limit).nonzero()
         if len(chosen) > patches:
             chosen = chosen[drawn[tuple(chosen.T)].topk(patches, largest=False).indices]
         new = windows[tuple(chosen.to(batch.device).T)].float().cpu()
@@ -140,9 +138,3 @@ def _read(file: Path, key: str) -> Tensor | None:
             return torch.from_numpy(content["bank"]) if str(content["key"]) == key else None
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         return None
-
-
-def _write(file: Path, key: str, bank: Tensor) -> None:
-    content = io.BytesIO()
-    np.savez(content, key=key, bank=bank.numpy())
-    write_bytes(file, content.getbuffer())

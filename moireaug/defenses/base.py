@@ -16,9 +16,8 @@ class Defence(ABC):
     with `apply`.
 
     Forward is the real operation. Backward is its own gradient where that is useful, otherwise the
-    approximation that it documents (BPDA; Athalye, Carlini and Wagner 2018), so that an attack can
-    go through it. Attribute: `randomised`, whether it draws random numbers, which are from torch's
-    global CPU generator, so that `torch.manual_seed` replays them on any device.
+    approximation that it documents (BPDA; Athalye, Carlini and Wagner 2018). Attribute:
+    `randomised`, whether it draws random numbers, from torch's global CPU generator.
     """
 
     randomised = False
@@ -73,11 +72,8 @@ def straight_through(images: Tensor, values: Tensor) -> Tensor:
 
 def output_of(part: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
     """Return the images that a network or another callable makes of images (B, 3, H, W), clipped to
-    [0, 1], in their dtype; the gradient is that of the unclipped ones.
-
-    Raises:
-        ValueError: a callable that changes the images' shape.
-    """
+    [0, 1], in their dtype; the gradient is that of the unclipped ones. A callable that changes the
+    images' shape is refused: ValueError."""
     out = part(images.clone())  # it may work in place
     if out.shape != images.shape:
         name = getattr(part, "__name__", type(part).__name__)

@@ -31,8 +31,7 @@ class Compose(Defence):
     Backward: through each in turn; where an output is clipped, that of the unclipped one.
 
     Raises:
-        TypeError: anything but a tuple of callables.
-        ValueError: in a call, a callable that changes the images' shape.
+        TypeError, ValueError: anything but a tuple of callables, which keep the images' shape.
     """
 
     defences: tuple[Callable[[Tensor], Tensor], ...]
@@ -45,8 +44,8 @@ class Compose(Defence):
         for defence in self.defences:
             check_callable("a defence", defence, "images", " Is it DEFENSES[name]()?")
         object.__setattr__(self, "defences", tuple(self.defences))
-        randomised = [d for d in self.defences if getattr(d, "randomised", False)]
-        object.__setattr__(self, "randomised", bool(randomised))
+        randomised = any(getattr(defence, "randomised", False) for defence in self.defences)
+        object.__setattr__(self, "randomised", randomised)
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:
@@ -85,9 +84,8 @@ class Defended(nn.Module):
         draws: number of draws of a random defence or model, one of which says so by an attribute
             `randomised = True` and draws for each image of a batch. With more than one, the logits
             are the logarithm of the predicted probabilities' mean: its gradient is the expectation
-            over the draws that an attack needs (EOT; Athalye, Carlini and Wagner 2018). AutoAttack
-            takes 20 for random models. Time and, with gradients, memory grow with it. For a random
-            model without a defence, pass `Compose(())`.
+            over the draws that an attack needs (EOT; Athalye, Carlini and Wagner 2018). Time and,
+            with gradients, memory grow with it. For a random model alone, pass `Compose(())`.
 
     Raises:
         TypeError, ValueError: a part that is not callable, draws below 1, or more than one of parts

@@ -15,21 +15,18 @@ from moireaug.defenses.base import Defence, straight_through
 
 @dataclass(frozen=True)
 class PixelDeflection(Defence):
-    """Pixel deflection with wavelet denoising (Prakash et al. 2018), without the map that steers it
-    (R-CAM).
+    """Pixel deflection with wavelet denoising (Prakash et al. 2018), by default with the paper's
+    numbers, without the map that steers it (R-CAM).
 
     As the paper's algorithm 1: one after the other, `deflections` pixels drawn uniformly each take
-    the colour of a pixel drawn uniformly from those within `window` pixels along each axis, inside
-    the image. All three channels move at once and count once (the authors' code counts channels).
-    Then soft thresholding by BayesShrink in YCbCr: scikit-image's `denoise_wavelet` with its
-    default wavelet, db1.
+    the colour of a pixel drawn uniformly from those within `window` pixels along each axis. All
+    three channels move at once and count once (the authors' code counts channels). Then soft
+    thresholding by BayesShrink in YCbCr: scikit-image's `denoise_wavelet`, db1.
 
     Args:
-        deflections: number of deflected pixels of each image, at least 0. The paper takes 200.
+        deflections: number of deflected pixels of each image, at least 0.
         window: largest distance that a colour comes from along each axis, in pixels, at least 1.
-            The paper takes 10.
-        sigma: standard deviation of the noise, in units of [0, 1] images, above 0. The paper takes
-            0.04.
+        sigma: standard deviation of the noise, in units of [0, 1] images, above 0.
 
     Backward: a deflected pixel's gradient goes to where its colour came from; the denoising is the
     identity.
@@ -76,11 +73,8 @@ class PixelDeflection(Defence):
 
 
 def denoise(images: Tensor, sigma: float) -> Tensor:
-    """Denoise by soft wavelet thresholding in YCbCr (BayesShrink; Chang, Yu and Vetterli 2000),
-    with scikit-image, image by image.
-
-    (B, 3, H, W) float32 or float64 in [0, 1] to the same, no gradient; sigma in the images' units.
-    """
+    """Denoise images (B, 3, H, W) float32 or float64 in [0, 1] by soft wavelet thresholding in
+    YCbCr (BayesShrink; Chang, Yu and Vetterli 2000), one by one; sigma in their units."""
     from skimage.restoration import denoise_wavelet  # imported here, as it takes a while
 
     out = torch.empty(images.shape, dtype=images.dtype, device="cpu")
@@ -88,13 +82,7 @@ def denoise(images: Tensor, sigma: float) -> Tensor:
         h, w, _ = image.shape
         # one level of the wavelet takes two pixels
         image = np.pad(image, ((0, int(h == 1)), (0, int(w == 1)), (0, 0)), "edge")
-        clean = denoise_wavelet(
-            image,
-            sigma=sigma,
-            mode="soft",
-            method="BayesShrink",
-            convert2ycbcr=True,
-            channel_axis=-1,
-        )
+        # by BayesShrink, soft
+        clean = denoise_wavelet(image, sigma=sigma, convert2ycbcr=True, channel_axis=-1)
         row.copy_(torch.from_numpy(clean[:h, :w]).permute(2, 0, 1))
     return out.clamp(0, 1).to(images.device)

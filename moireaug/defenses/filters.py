@@ -91,14 +91,13 @@ class Median(Defence):
 
 
 class _Median(torch.autograd.Function):
-    # image by image: the many passes over one image stay in the cache, and memory is that of one
-    # image
-
+    # image by image: the many passes over one image stay in the cache
     @staticmethod
     def forward(ctx, images, size):
         out = torch.empty_like(images)
+        rows, cols = _window_indices(images, size)
         for row, image in zip(out, images, strict=True):
-            row.copy_(_median(_extended(image, size), size))
+            row.copy_(_median(image[:, rows][:, :, cols], size))
         ctx.save_for_backward(images, out)
         ctx.size = size
         ctx.set_materialize_grads(False)  # no gradient is not one of zeros
@@ -111,9 +110,9 @@ class _Median(torch.autograd.Function):
         images, out = ctx.saved_tensors
         size, image_gradients = ctx.size, torch.empty_like(images)
         h, w = images.shape[-2:]
-        rows, cols = (_window_indices(n, size, images.device) for n in (h, w))
+        rows, cols = _window_indices(images, size)
         for row, image, median, g in zip(image_gradients, images, out, gradient, strict=True):
-            extended = _extended(image, size)
+            extended = image[:, rows][:, :, cols]
             extended_gradient, remaining = torch.zeros_like(extended), g.clone()
             for i in range(size):
                 for j in range(size):
@@ -121,21 +120,15 @@ class _Median(torch.autograd.Function):
                     share = torch.where(extended[window] == median, remaining, 0)
                     extended_gradient[window] += share
                     remaining -= share  # a gradient goes to one pixel only
-            folded = image.new_zeros(3, h, extended.shape[-1]).index_add_(
-                1, rows, extended_gradient
-            )
+            folded = image.new_zeros(3, h, len(cols)).index_add_(1, rows, extended_gradient)
             row.copy_(image.new_zeros(3, h, w).index_add_(2, cols, folded))
         return image_gradients, None
 
 
-def _window_indices(n: int, size: int, device: torch.device) -> Tensor:
-    return mirrored_indices(n, size // 2, size - 1 - size // 2, device)
-
-
-def _extended(image: Tensor, size: int) -> Tensor:
-    """Return (3, H, W) with the border that the windows reach: (3, H + size - 1, W + size - 1)."""
-    rows, cols = (_window_indices(n, size, image.device) for n in image.shape[-2:])
-    return image[:, rows][:, :, cols]
+def _window_indices(images: Tensor, size: int) -> list[Tensor]:
+    """Return the rows and columns of images that windows see, mirrored past the border."""
+    before, after = size // 2, size - 1 - size // 2
+    return [mirrored_indices(n, before, after, images.device) for n in images.shape[-2:]]
 
 
 def _median(x: Tensor, size: int) -> Tensor:
@@ -148,11 +141,8 @@ def _median(x: Tensor, size: int) -> Tensor:
     if size == 3:
         a, b, c = x[:, :-2], x[:, 1:-1], x[:, 2:]
         low, high = torch.minimum(a, b), torch.maximum(a, b)
-        low, mid, high = (
-            torch.minimum(low, c),
-            torch.maximum(low, torch.minimum(high, c)),
-            torch.maximum(high, c),
-        )
+        mid = torch.maximum(low, torch.minimum(high, c))
+        low, high = torch.minimum(low, c), torch.maximum(high, c)
         # the median of nine is that of the greatest low, the middle mid and the least high of its
         # three columns
         low = torch.maximum(torch.maximum(low[..., :-2], low[..., 1:-1]), low[..., 2:])
@@ -178,8 +168,7 @@ class Gain(Defence):
     Args:
         mean: above 0, at most 1, in units of sRGB codes; by default near that of natural images.
 
-    Backward: exact before the clipping, whose own gradient, 0 in clipped highlights, would hide
-    them from an attack: it is the identity's.
+    Backward: exact but for the clipping, whose gradient is the identity's.
 
     Raises:
         TypeError, ValueError: another mean.
@@ -197,10 +186,8 @@ class Gain(Defence):
 
 
 def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
-    """Compute the paper's mean normalisation: x - (mean(x) - mean(clean)), clipped to [0, 1].
-
-    It needs the clean image, which no deployed system has: an upper bound for `Gain`, not a
-    defence.
+    """Compute the paper's mean normalisation: x - (mean(x) - mean(clean)), clipped to [0, 1]. It
+    needs the clean image, which no deployed system has: an upper bound for `Gain`, not a defence.
 
     Args:
         images: (B, 3, H, W) float in [0, 1], attacked or photographed. Not modified.
@@ -215,8 +202,7 @@ def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
         TypeError, ValueError: images that are not a float batch of three channels in [0, 1], or
             batches of different shapes.
     """
-    images = check_images(images)
-    clean = check_images(clean)
+    images, clean = check_images(images), check_images(clean)
     if images.shape != clean.shape:
         raise ValueError(
             f"clean must have the images' shape {tuple(images.shape)}; got {tuple(clean.shape)}. "

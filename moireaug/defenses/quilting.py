@@ -25,16 +25,14 @@ class Quilting(Defence):
     they agree.
 
     The image is read in patches on a grid of stride patch - overlap, mirrored where the last goes
-    past the border. Each is replaced by the bank's patch at the least L2 distance, searched
-    exhaustively in float32 (the paper's K = 1). They are laid left to right, top to bottom; where
-    one overlaps patches laid before, it starts behind the minimum-error boundary cut (Efros and
-    Freeman 2001) down its left and along its upper overlap, found by dynamic programming rather
-    than by the paper's graph cut.
+    past the border. Each is replaced by the bank's patch at the least L2 distance (the paper's
+    K = 1). They are laid left to right, top to bottom; where one overlaps patches laid before, it
+    starts behind the minimum-error boundary cut (Efros and Freeman 2001) down its left and along
+    its upper overlap, found by dynamic programming rather than by the paper's graph cut.
 
     Args:
         bank: (N, 3, patch, patch) floating point in [0, 1], N >= 1; see `from_images`. The paper
-            takes up to a million patches of 5 x 5. Searched on the images' device; put it there to
-            save the copy at each call.
+            takes up to a million patches of 5 x 5. Searched on the images' device.
         patch: side of a patch in pixels. overlap: of neighbouring patches in pixels, at most half a
             patch.
 
@@ -118,8 +116,8 @@ class Quilting(Defence):
 
 
 def _nearest_indices(queries: Tensor, bank: Tensor) -> Tensor:
-    """Return the index (M,) of the greatest entry of each row of queries @ bank.T, which is that of
-    the nearest patch, without ever holding all of the product."""
+    """Return the index (M,) of the greatest entry of each row of queries @ bank.T, that of the
+    nearest patch, without ever holding all of the product."""
     tops = torch.stack([(queries @ block.T).amax(1) for block in bank.split(PATCHES_PER_BLOCK)], 1)
     winner, nearest = tops.argmax(1), queries.new_empty(len(queries), dtype=torch.long)
     # amax alone is many times faster than argmax
@@ -131,17 +129,12 @@ def _nearest_indices(queries: Tensor, bank: Tensor) -> Tensor:
 
 
 def stitch(bank: Tensor, chosen: Tensor, overlap: int) -> Tensor:
-    """Lay the chosen patches with minimum-error boundary cuts.
+    """Lay the patches (B, rows, cols) chosen from a bank (N, C, side, side) with minimum-error
+    boundary cuts: (B, C, side + (rows - 1) stride, side + (cols - 1) stride), of the bank's dtype,
+    stride = side - overlap.
 
     A patch meets those to its left, above and above to the right; so all patches whose column plus
     twice their row is the same are laid at once, in all images.
-
-    Args:
-        bank: (N, C, side, side). chosen: (B, rows, cols), indices into it.
-
-    Returns:
-        (B, C, side + (rows - 1) stride, side + (cols - 1) stride), of the bank's dtype;
-        stride = side - overlap.
     """
     b, rows, cols = chosen.shape
     channels, side = bank.shape[1:3]
@@ -175,16 +168,10 @@ def stitch(bank: Tensor, chosen: Tensor, overlap: int) -> Tensor:
 
 
 def cut(error: Tensor) -> Tensor:
-    """Return the minimum-error boundary cut down an overlap.
-
-    Args:
-        error: (..., length, overlap), squared difference of the old and the new pixel; old ones lie
-            to the left.
-
-    Returns:
-        bool of the same shape: the new pixel is taken, on the cut and to its right. The cut has one
-        pixel a row, from each row to the next at most one column aside, and the least total error.
-    """
+    """Return the minimum-error boundary cut down an overlap, bool: whether the new pixel is taken,
+    on the cut and to its right. The cut has one pixel a row, from each row to the next at most one
+    column aside, and the least total error (..., length, overlap), the squared difference of the
+    old pixel, to the left, and the new one."""
     overlap, far = error.shape[-1], float("inf")
     total, steps = error[..., 0, :], []
     for row in error.unbind(-2)[1:]:

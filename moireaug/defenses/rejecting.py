@@ -15,11 +15,10 @@ class Rejecting(nn.Module):
     """A model with a detector beside it: images whose score is above a threshold are rejected.
 
     Its logits have one more column than the model's, the last: the greatest of the model's logits
-    plus the score's excess over the threshold. It is the greatest where, and only where, the score
-    is above the threshold, as in Carlini and Wagner's attack on detectors ("Adversarial examples
-    are not easily detected", 2017, section 3). The attribute `rejects` tells attacks and
-    evaluations what that column means: an attack succeeds where another class than the label wins
-    and the image is let through, and its loss goes through model and detector together.
+    plus the score's excess over the threshold, as in Carlini and Wagner's attack on detectors
+    ("Adversarial examples are not easily detected", 2017, section 3). The attribute `rejects` tells
+    attacks and evaluations what that column means: an attack succeeds where another class than the
+    label wins and the image is let through; its loss goes through model and detector together.
 
     Args:
         model: [0, 1] images (B, 3, H, W) to logits (B, K); a module becomes a submodule.

@@ -27,16 +27,13 @@ class TotalVariation(Defence):
         1/2 sum m (z - x)^2 + weight sum sqrt((D_down z)^2 + (D_right z)^2)
 
     with forward differences, 0 across the border, every channel by itself. With keep = 1 that is
-    scikit-image's `denoise_tv_chambolle(x, weight)`. (Its `denoise_tv_bregman` at
-    1 / weight means the same, but shrinks by another formula and ends elsewhere. The paper prints
-    both norms unsquared, TV by rows and columns.)
+    scikit-image's `denoise_tv_chambolle(x, weight)`.
 
     Solved by split Bregman (Goldstein and Osher 2009) with the mask: `iterations` rounds of a
     Gauss-Seidel sweep over z in chequerboard order, the shrinkage of d = grad z and the update of
-    its multiplier. The first z fills each hole with the mean of kept pixels near it, so that
-    nothing remains of a dropped pixel, however few the rounds. At 224 x 224 and the paper's
-    parameters, 100 rounds bring the objective to within 1 % of its minimum and z to within two
-    codes of 255, a tenth of a code on average.
+    its multiplier. The first z fills each hole with the mean of kept pixels near it. At 224 x 224
+    and the paper's parameters, 100 rounds bring the objective to within 1 % of its minimum and z to
+    within two codes of 255, a tenth of a code on average.
 
     Args:
         keep: probability, above 0, at most 1. The paper takes 0.5.
@@ -70,20 +67,13 @@ class TotalVariation(Defence):
 
 @torch.no_grad()
 def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
-    """Compute the z of `TotalVariation` by split Bregman.
-
-    Args:
-        x: (B, C, H, W). mask: the same shape, 1 where x is kept and 0 elsewhere.
-
-    Returns:
-        (B, C, H, W), a new tensor.
-    """
+    """Return the z of `TotalVariation`, by split Bregman: of x and a mask, 1 where x is kept and 0
+    elsewhere, (B, C, H, W) each, a new tensor of that shape."""
     h, w = x.shape[-2:]
     z = fill(x, mask)
     if h * w == 1:
         return z
-    # one frame of zeros around every field: the differences across the border stay 0, and borders
-    # need no special case
+    # a frame of zeros, so that borders need no special case
     z = F.pad(z, (1, 1, 1, 1))
     inside = F.pad(torch.ones_like(x), (1, 1, 1, 1))
     # (B, C, H + 1, W): a difference lies inside
@@ -117,12 +107,8 @@ def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
 
 def fill(x: Tensor, mask: Tensor) -> Tensor:
     """Return `x` where the mask is 1; elsewhere the mean of the smallest aligned block, of side 2,
-    4, 8 ..., that holds a kept pixel. The mean of a block is that of its quarters' means, without
-    quarters that hold none.
-
-    Both are (B, C, H, W), and so is the new tensor. A channel that keeps nothing at all becomes a
-    middle grey.
-    """
+    4, 8 ..., that holds a kept pixel: of its quarters' means, without quarters that hold none. Both
+    are (B, C, H, W). A channel that keeps nothing at all becomes a middle grey."""
     if mask.all():
         return x.clone()
     if x.shape[-2:] == (1, 1):

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from moireaug.camera import pipeline
-from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
+from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE, is_blurred
 from moireaug.common.numeric import as_float
 from moireaug.engine import kernel_stage
 from moireaug.engine.execution import Call
@@ -105,8 +105,12 @@ def exposing(call: Call) -> Callable[[Tensor], Tensor]:
     kernels = kernel_stage.kernels_of(call.execution.backend)
     if kernels is None:
         return reference
-    is_decoded = shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
-    effects = shot.plan.exposing
+    effects, is_decoded = shot.plan.exposing, False
+    if shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE:
+        blurred = is_blurred(shot).cpu()
+        is_decoded = bool(blurred.all())
+        if blurred.any() and not is_decoded:
+            return _split(blurred, exposing(call.part(blurred)), exposing(call.part(~blurred)))
     if is_decoded:
         effects = tuple(name for name in effects if name not in DECODING)
     stage = Exposing(call, kernels, effects, shot.plan.exposure, is_decoded)

@@ -17,8 +17,8 @@ from moireaug.evaluation.evaluate import evaluate
 from moireaug.evaluation.frame import images_frame, rates
 from moireaug.evaluation.statistics import paired_gain, wilson
 from moireaug.evaluation.suites import GROUPS, SUITES, tables_of
+from moireaug.evaluation.suites.trust import checks
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
-from moireaug.evaluation.trust_checks import checks
 
 __all__ = [
     "GROUPS",

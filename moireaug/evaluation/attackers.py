@@ -20,6 +20,7 @@ from moireaug.evaluation.conditions import Condition, EvalBatch, in_255ths
 from moireaug.evaluation.visibility import visibility
 
 PIXEL_ATTACKS = ("pgd", "bim", "mifgsm", "cw", "patch")  # keys of `attacks.ATTACKS`
+MOIRE_SETTINGS = ("rule", "loss", "restarts", "noise_at", "optimise", "draws", "until_fooled")
 EVERY_STEP = "in_every_step"  # in the name of an attacker that goes on once an image is fooled
 
 
@@ -58,23 +59,34 @@ class Attacker(Condition):
 
     @property
     def base_name(self) -> str:
-        words = self.name_words()
+        words = [self.attack_name]
+        if self.attack_name != "cw":  # which has no bound, and takes every step
+            words += [in_255ths(self.eps), "targeted" if self.targeted else ""]
+            words += [getattr(self, "variant", "")]
+            words += [] if getattr(self, "until_fooled", True) else [EVERY_STEP]
         if self.known_classifier.defence is not None:
             words += ["through", self.known_classifier.name]
-        return "_".join(words)
+        return "_".join(filter(None, words))
 
-    def name_words(self) -> list[str]:
-        """Return the words of its name, without the defence."""
-        words = [self.kind, in_255ths(self.eps)]
-        return [*words, "targeted"] if self.targeted else words
+    @property
+    def attack_name(self) -> str:
+        """The name of the attack, with which its own begins."""
+        return self.kind
 
     @abstractmethod
+    def attack_on(self, batch: EvalBatch) -> Callable[..., Result]:
+        """Return the attack on the batch's model."""
+
     def perturb(self, batch: EvalBatch) -> Tensor:
         """Return the adversarial images, (B, 3, H, W), for the batch's model.
 
         Raises:
             NoAnswerError: the model has no answer to any of the images.
         """
+        attack = self.attack_on(batch)
+        goals = (batch.labels, batch.targets) if self.targeted else (batch.labels,)
+        shot = batch.shot if self.on_screen else None
+        return attack(batch.images, *goals, shot=shot, generator=batch.generator).images
 
     @property
     def n_splits(self) -> int:
@@ -109,10 +121,6 @@ class Attacker(Condition):
         settings |= {"scene": batch.shot.scene, "bound": batch.bound}
         return kind(batch.model, eps=self.eps, steps=self.steps, **settings)
 
-    def goals(self, batch: EvalBatch) -> tuple[Tensor, Tensor | None]:
-        """Return the labels, and the targets of a targeted attack."""
-        return batch.labels, batch.targets if self.targeted else None
-
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
         return visibility(images, self.unattacked(batch), batch.lpips)
 
@@ -138,26 +146,9 @@ class MoireAttacker(Attacker):
     draws: int = 1
     until_fooled: bool = True
 
-    def name_words(self) -> list[str]:
-        words = super().name_words()
-        if self.variant:
-            words.append(self.variant)
-        if not self.until_fooled:
-            words.append(EVERY_STEP)
-        return words
-
-    def perturb(self, batch: EvalBatch) -> Tensor:
-        attack = self.moire_attack(
-            batch,
-            rule=self.rule,
-            loss=self.loss,
-            restarts=self.restarts,
-            noise_at=self.noise_at,
-            optimise=self.optimise,
-            draws=self.draws,
-            until_fooled=self.until_fooled,
-        )
-        return attack_shot(attack, batch, *self.goals(batch)).images
+    def attack_on(self, batch: EvalBatch) -> MoireAttack:
+        settings = {name: getattr(self, name) for name in MOIRE_SETTINGS}
+        return self.moire_attack(batch, **settings)
 
     def eps_unit(self, bound: str) -> str:
         return bound if self.noise_at == "raw" else "codes"  # a photo is codes
@@ -185,9 +176,8 @@ class PoseUnknownAttacker(Attacker):
     def n_splits(self) -> int:
         return self.shots * self.known_classifier.draws
 
-    def perturb(self, batch: EvalBatch) -> Tensor:
-        attack = self.moire_attack(batch, eot=self.shots)
-        return attack_shot(attack, batch, *self.goals(batch)).images
+    def attack_on(self, batch: EvalBatch) -> MoireAttack:
+        return self.moire_attack(batch, eot=self.shots)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,23 +206,12 @@ class PixelAttacker(Attacker):
                 "Pass eps=0, or another attack."
             )
 
-    def name_words(self) -> list[str]:
-        if self.attack == "cw":
-            return [self.attack]
-        words = [self.attack, *super().name_words()[1:]]
-        if not self.until_fooled:
-            words.append(EVERY_STEP)
-        return words
+    @property
+    def attack_name(self) -> str:
+        return self.attack
 
-    def perturb(self, batch: EvalBatch) -> Tensor:
+    def attack_on(self, batch: EvalBatch) -> Callable[..., Result]:
         settings: dict[str, Any] = {"steps": self.steps}
         if self.attack != "cw":
             settings |= {"eps": self.eps, "until_fooled": self.until_fooled}
-        attack = ATTACKS[self.attack](model=batch.model, **settings)
-        goals = self.goals(batch)
-        return attack(batch.images, *goals, generator=batch.generator).images
-
-
-def attack_shot(attack: Callable[..., Result], batch: EvalBatch, *goals: Tensor | None) -> Result:
-    """Return the result of an attack on the batch's own shot."""
-    return attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
+        return ATTACKS[self.attack](model=batch.model, **settings)

@@ -7,16 +7,18 @@ starts at random. At 100 steps the budgets are AutoAttack's.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from moireaug.attacks import MultiTargeted, SquareMoire
+from moireaug.attacks import MoireAttack, MultiTargeted, SquareMoire
 from moireaug.attacks.losses import attack_margin
 from moireaug.attacks.model import attacked_logits, class_count, evaluating, repeats_answers
+from moireaug.attacks.result import Result
 from moireaug.common.numeric import select_rows
-from moireaug.evaluation.attackers import Attacker, attack_shot
+from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import EvalBatch
 
 QUERIES_PER_STEP = 50  # of Square, for each step of the others: AutoAttack takes 5,000 and 100
@@ -45,12 +47,14 @@ class APGDTAttacker(Attacker):
                 'targeted out, or use MoireAttacker(rule="apgd", targeted=True).'
             )
 
-    def perturb(self, batch: EvalBatch) -> Tensor:
-        classes = class_count(batch.model, batch.images, batch.labels)
-        loss = "dlr" if classes >= 4 else "margin"
-        attack = self.moire_attack(batch, rule="apgd", loss=loss, until_fooled=True)
-        toward_classes = MultiTargeted(attack, targets=self.classes)
-        return attack_shot(toward_classes, batch, batch.labels).images
+    def attack_on(self, batch: EvalBatch) -> Callable[..., Result]:
+        return MultiTargeted(self.apgd(batch, "dlr", 4), targets=self.classes)
+
+    def apgd(self, batch: EvalBatch, loss: str, min_classes: int = 0) -> MoireAttack:
+        """Return APGD by a loss or, of a model with fewer classes, by the margin."""
+        if min_classes and class_count(batch.model, batch.images, batch.labels) < min_classes:
+            loss = "margin"
+        return self.moire_attack(batch, rule="apgd", loss=loss, until_fooled=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,19 +72,20 @@ class APGDAttacker(APGDTAttacker):
     kind = "apgd"
 
     def perturb(self, batch: EvalBatch) -> Tensor:
-        first = self.moire_attack(batch, rule="apgd", until_fooled=True)
-        result = attack_shot(first, batch, batch.labels)
+        result = attack_shot(self.apgd(batch, "ce"), batch)
         if not repeats_answers(batch.model, batch.images).all():
-            classes = class_count(batch.model, batch.images, batch.labels)
-            loss = "dlr" if classes >= 3 else "margin"
-            second = self.moire_attack(batch, rule="apgd", loss=loss, until_fooled=True)
-            images = attack_shot(second, batch, batch.labels).images
+            images = attack_shot(self.apgd(batch, "dlr", 3), batch).images
             is_better = _margins(batch, images) > _margins(batch, result.images)
             return select_rows(is_better, images, result.images)
         still_right = (~result.success).nonzero()[:, 0]
         if not len(still_right):
             return result.images
         return result.images.index_copy(0, still_right, super().perturb(batch[still_right]))
+
+
+def attack_shot(attack: MoireAttack, batch: EvalBatch) -> Result:
+    """Return the result of an attack on the batch's own shot."""
+    return attack(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
 
 
 def _margins(batch: EvalBatch, images: Tensor) -> Tensor:
@@ -95,6 +100,5 @@ class SquareAttacker(Attacker):
 
     kind = "square"
 
-    def perturb(self, batch: EvalBatch) -> Tensor:
-        attack = self.moire_attack(batch, SquareMoire, until_fooled=True)
-        return attack_shot(attack, batch, *self.goals(batch)).images
+    def attack_on(self, batch: EvalBatch) -> Callable[..., Result]:
+        return self.moire_attack(batch, SquareMoire, until_fooled=True)

@@ -7,6 +7,7 @@ import contextlib
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -30,47 +31,42 @@ def restored_generators(device: torch.device) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class BatchDraws:
-    """The random numbers of one batch.
+class SeededBatch:
+    """The images (B, 3, H, W) and labels (B,) of the batch of an index, and its random numbers.
 
     Args:
         seed: seed of the evaluation.
-        index: index of the batch.
+        classes: number of classes of the model.
     """
 
     seed: int
     index: int
+    images: Tensor
+    labels: Tensor
+    classes: int
 
-    def targets(self, labels: Tensor, classes: int) -> Tensor:
-        """Draw one of the other classes for each label, (B,)."""
-        generator = self._generator(TARGET_STREAM)
-        offset = torch.randint(1, classes, labels.shape, generator=generator, device="cpu")
-        return (labels + offset.to(labels)) % classes
+    @cached_property
+    def targets(self) -> Tensor:
+        """One of the other classes for each label, (B,)."""
+        generator, shape = self.generator(TARGET_STREAM), self.labels.shape
+        offset = torch.randint(1, self.classes, shape, generator=generator, device="cpu")
+        return (self.labels + offset.to(self.labels)) % self.classes
 
-    def shots(self, scene: Scene | Mixture, images: Tensor) -> list[tuple[Tensor, Shot]]:
+    def shots(self, scene: Scene | Mixture) -> list[tuple[Tensor, Shot]]:
         """Draw a shot for each image: for each scene of a mixture, the rows (b,) of its images, and
         their shot."""
-        size = (images.shape[-2], images.shape[-1])
-        shot = scene.sample(len(images), size, self._generator(SHOT_STREAM)).to(images.device)
+        size = (self.images.shape[-2], self.images.shape[-1])
+        shot = scene.sample(len(self.images), size, self.generator(SHOT_STREAM))
+        shot = shot.to(self.images.device)
         if isinstance(shot, MixedShot):
             return shot.by_scene()
-        return [(torch.arange(len(images), device=images.device), shot)]
+        return [(torch.arange(len(self.images), device=self.images.device), shot)]
 
-    def condition_generator(self, condition: str) -> torch.Generator:
-        """Return the generator that a condition draws from."""
-        return self._generator(CONDITION_STREAM, condition)
+    def generator(self, stream: int, *names: str) -> torch.Generator:
+        """Return the generator of a stream, and of the condition of that name."""
+        return torch.Generator().manual_seed(self.seed_of(stream, *names))
 
-    def seed_showing(self, condition: str) -> None:
-        """Seed torch's global generators for the images of a condition."""
-        torch.manual_seed(self._seed(SHOW_STREAM, condition))
-
-    def seed_answers(self, condition: str, classifier: str) -> None:
-        """Seed torch's global generators for a classifier's answers to them."""
-        torch.manual_seed(self._seed(ANSWER_STREAM, condition, classifier))
-
-    def _generator(self, stream: int, *names: str) -> torch.Generator:
-        return torch.Generator().manual_seed(self._seed(stream, *names))
-
-    def _seed(self, stream: int, *names: str) -> int:
+    def seed_of(self, stream: int, *names: str) -> int:
+        """Return the seed of a stream, and of condition and classifier of these names."""
         numbers = (zlib.crc32(name.encode()) for name in names)  # the same on every machine
         return mix_seeds(self.seed, self.index, stream, *numbers)

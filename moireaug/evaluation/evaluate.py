@@ -11,18 +11,16 @@ import pandas as pd
 import torch
 
 from moireaug.attacks.bounds import BOUNDS
-from moireaug.attacks.model import class_count
 from moireaug.common.argument_checks import check_callable, check_whole, one_of
 from moireaug.common.networks import device_of
 from moireaug.defenses import Defence
 from moireaug.evaluation.classifiers import UNDEFENDED
 from moireaug.evaluation.conditions import ImageTransform, Model
-from moireaug.evaluation.draws import restored_generators
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity_of, require_identity
 from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.loader import Batch, collect_batches
-from moireaug.evaluation.records import RecordFolder, Records
+from moireaug.evaluation.records import Record, RecordFolder, Records
 from moireaug.evaluation.runner import CLEAN, Runner, jobs_of, show_progress
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.suites import OPTION_SUITES, Suite, check_used, suite_name, tables_of
@@ -103,16 +101,7 @@ def evaluate(
             for; a part on another device than the model; a folder with a callable without an
             identity; an lpips file of another network.
     """
-    for option, given in (("targets", targets), ("defences", defences)):
-        if given is not None and not isinstance(given, Mapping):
-            raise TypeError(f"{option} must be a dict, by name; got {given!r}.")
-    models = {"model": model, **(targets or {})}
-    transforms = dict(defences or {})
-    for name, one in models.items():
-        check_callable(name, one)
-    for name, one in transforms.items():
-        check_callable(name, one, "images")
-    _check_devices(model, models | transforms)
+    _check_parts(model, targets=targets, defences=defences)
     if eps is not None:
         eps = tuple(np.atleast_1d(eps).tolist())
     one_of("bound", bound, BOUNDS)
@@ -125,43 +114,46 @@ def evaluate(
         eps=eps,
         steps=steps,
         targets=targets or {},
-        defences=paper_defences() | transforms,
+        defences=paper_defences() | dict(defences or {}),
     )
     batches = collect_batches(loader, n)
     tables = tables_of(suite, config)
-    _check_options(suite, eps=eps, targets=targets, defences=defences, lpips=lpips)
-    _check_defence_names(suite_name(suite), tables, config, transforms)
+    options = {"eps": eps, "targets": targets, "defences": defences, "lpips": lpips}
+    for option, given in options.items():
+        if given and isinstance(suite, str):
+            check_used(suite, option, OPTION_SUITES[option])
+    _check_defence_names(suite_name(suite), tables, config, defences or {})
     lpips_network = None
     if lpips is not None:
         lpips_network = LPIPS(lpips)
         lpips_network.require_side(min(min(images.shape[-2:]) for images, _ in batches))
     if folder is not None:
         _require_identities(model, identity, config)
-    labels = torch.cat([labels for _, labels in batches])
-    images = batches[0][0].to(device_of(model))
-    with restored_generators(images.device):
-        n_classes = class_count(model, images, labels)
     records = Records() if folder is None else RecordFolder(Path(folder))
     with records:
         setup = EvalSetup(config.scene, seed, bound, lpips_network)
         runner = Runner(model, batches, setup, records, identity_of(model, identity))
+        labels = torch.cat([labels for _, labels in batches])
+        n_classes = runner.class_count(batches[0][0], labels)
         jobs = jobs_of(tables)
         indices = range(len(batches))
         finished_jobs = runner.run(jobs, indices)
-        n_right, n_seen, n_batches, is_warned = 0, 0, 0, False
+        clean_records: list[Record] = []
+        is_told = False
         total = len(jobs) * len(batches)
         for job in show_progress(finished_jobs, total, suite_name(suite), enabled=progress):
-            if job.condition is CLEAN and n_seen < N_TO_TELL_CHANCE[1] and not is_warned:
-                record = runner.record(CLEAN, UNDEFENDED, n_batches)
-                n_right += int(np.equal(record["predicted"], record["labels"]).sum())
-                n_seen, n_batches = n_seen + len(record["labels"]), n_batches + 1
-                is_warned = _warn_of_chance(n_right, n_seen, n_classes)
+            if job.condition is CLEAN and not is_told:
+                clean_records.append(runner.record(CLEAN, UNDEFENDED, len(clean_records)))
+                is_told = _warn_of_chance(clean_records, n_classes)
         return images_frame(tables, runner, indices)
 
 
-def _warn_of_chance(n_right: int, n: int, n_classes: int) -> bool:
-    """Warn of a model that gets no more of n clean images right than guessing would; return whether
-    it does."""
+def _warn_of_chance(records: Sequence[Record], n_classes: int) -> bool:
+    """Warn of a model that gets no more of the clean images right than guessing would; return
+    whether the images are enough to tell."""
+    predicted = np.concatenate([record["predicted"] for record in records])
+    labels = np.concatenate([record["labels"] for record in records])
+    n, n_right = len(labels), int((predicted == labels).sum())
     few, many = N_TO_TELL_CHANCE
     rate = wilson(n_right, n)[0] if n >= many else n_right / max(1, n)
     is_chance = n >= few and rate <= 1 / n_classes
@@ -172,26 +164,26 @@ def _warn_of_chance(n_right: int, n: int, n_classes: int) -> bool:
             "pass attacks.Normalized(model, mean, std).",
             stacklevel=3,
         )
-    return is_chance
+    return is_chance or n >= many
 
 
-def _check_devices(model: Model, parts: Mapping[str, Model]) -> None:
-    """Refuse modules on another device than the model: ValueError."""
+def _check_parts(model: Model, **options: Mapping[str, Model] | None) -> None:
+    """Refuse a model, targets and defences that cannot be called, and those on another device than
+    the model: TypeError or ValueError."""
+    check_callable("model", model)
     device = device_of(model)
-    for name, part in parts.items():
-        for network in part.networks if isinstance(part, Defence) else (part,):
-            other = device_of(network)
-            if None not in (device, other) and other != device:
-                raise ValueError(
-                    f"{name} is on {other}, the model on {device}: pass {name}.to({str(device)!r})."
-                )
-
-
-def _check_options(suite: str | Suite[SuiteConfig], **options: object) -> None:
-    """Refuse options that a suite of the library has no use for: ValueError."""
-    for option, value in options.items():
-        if value and isinstance(suite, str):
-            check_used(suite, option, OPTION_SUITES[option])
+    for option, parts in options.items():
+        if parts is not None and not isinstance(parts, Mapping):
+            raise TypeError(f"{option} must be a dict, by name; got {parts!r}.")
+        for name, part in (parts or {}).items():
+            check_callable(name, part, "images" if option == "defences" else "logits (B, K)")
+            for network in part.networks if isinstance(part, Defence) else (part,):
+                other = device_of(network)
+                if None not in (device, other) and other != device:
+                    raise ValueError(
+                        f"{name} is on {other}, the model on {device}: pass "
+                        f"{name}.to({str(device)!r})."
+                    )
 
 
 def _check_defence_names(

@@ -68,14 +68,15 @@ def _condition_frame(
         record = runner.record(condition, classifier, index)
         clean = runner.record(CLEAN, classifier.base, index)
         n = len(record["labels"])
-        batch_frame = pd.DataFrame({name: record[f"{name}s"] for name in ("label", "target")})
-        batch_frame["predicted"] = record["predicted"]
-        batch_frame["counted"] = np.equal(clean["predicted"], clean["labels"])
-        batch_frame["image"] = range(start, start + n)
-        batch_frame["seconds"] = record["seconds"] / n
-        for name, values in record["measured"].items():
-            batch_frame[name] = values
-        batch_frames.append(batch_frame)
+        columns = {
+            "label": record["labels"],
+            "target": record["targets"],
+            "predicted": record["predicted"],
+            "counted": np.equal(clean["predicted"], clean["labels"]),
+            "image": range(start, start + n),
+            "seconds": record["seconds"] / n,
+        }
+        batch_frames.append(pd.DataFrame(columns | record["measured"]))
         start += n
     frame = pd.concat(batch_frames, ignore_index=True)
     frame["correct"] = frame["predicted"] == frame["label"]
@@ -84,16 +85,15 @@ def _condition_frame(
     is_wrong = ~frame["correct"] & ~frame["rejected"]
     frame["fooled"] = reaches_target if condition.targeted else is_wrong
     frame["undecided"] = frame["predicted"] == UNDECIDED
-    constants = {
-        "condition": condition.name,
-        "control": condition.control,
-        "eps": condition.eps,
-        "bound": condition.eps_unit(runner.setup.bound),
-        "steps": getattr(condition, "steps", 0),
-        "targeted": condition.targeted,
-        "judge": classifier.name,
-    }
-    return frame.assign(**constants)
+    return frame.assign(
+        condition=condition.name,
+        control=condition.control,
+        eps=condition.eps,
+        bound=condition.eps_unit(runner.setup.bound),
+        steps=getattr(condition, "steps", 0),
+        targeted=condition.targeted,
+        judge=classifier.name,
+    )
 
 
 def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -176,15 +176,7 @@ def rates(frame: pd.DataFrame) -> RatesFrame:
     photos with more than `SEEN_CODES`; `outcomes`, a 0 or 1 per image, for paired comparisons; and
     `paper`, empty, for published figures.
     """
-    lines = []
-    for (table, row, column), cell in frame.groupby(CELL_COLUMNS, sort=False):
-        line = {"table": table, "row": row, "column": column}
-        for name in CONDITION_COLUMNS:
-            line[name] = cell[name].iloc[0]
-        conditions = cell["condition"].nunique()
-        if conditions > 1:
-            line["condition"] = f"{conditions} pooled"
-        lines.append(line | _rates(cell))
+    lines = [_rates(cell) for _, cell in frame.groupby(CELL_COLUMNS, sort=False)]
     columns = [*CELL_COLUMNS, *CONDITION_COLUMNS, "accuracy", "accuracy_low", "accuracy_high"]
     columns += ["success", "low", "high", "n", "counted", "rejected"]
     columns += ["undecided", "seconds", *MEASURES, *MOIRE_MEASURES, "outcomes", "paper"]
@@ -192,7 +184,14 @@ def rates(frame: pd.DataFrame) -> RatesFrame:
 
 
 def _rates(cell: pd.DataFrame) -> dict[str, object]:
-    n = len(cell)
+    """Return the rates of a cell, and its means of measures over the images that got noise: an
+    image that is fooled without noise has nothing to measure, and its PSNR means nothing."""
+    n, conditions = len(cell), cell["condition"].nunique()
+    line: dict[str, object] = {}
+    for name in (*CELL_COLUMNS, *CONDITION_COLUMNS):
+        line[name] = cell[name].iloc[0]
+    if conditions > 1:
+        line["condition"] = f"{conditions} pooled"
     clean_correct = int(cell["counted"].sum())
     hits = int((cell["fooled"] & cell["counted"]).sum())
     correct = int(cell["correct"].sum())
@@ -200,7 +199,7 @@ def _rates(cell: pd.DataFrame) -> dict[str, object]:
     photos = n / max(1, cell["image"].nunique())
     low, high = wilson(hits / photos, clean_correct / photos)
     accuracy_low, accuracy_high = wilson(correct / photos, n / photos)
-    cell_rates: dict[str, object] = {
+    line |= {
         "accuracy": correct / n,
         "accuracy_low": accuracy_low,
         "accuracy_high": accuracy_high,
@@ -214,24 +213,11 @@ def _rates(cell: pd.DataFrame) -> dict[str, object]:
         "seconds": float(cell["seconds"].sum()),
         "outcomes": "".join("1" if right else "0" for right in cell["correct"]),
     }
-    return cell_rates | _measures(cell) | _moire(cell)
-
-
-def _moire(cell: pd.DataFrame) -> dict[str, float]:
-    """Return how much moiré photos have; nothing where none was measured."""
-    if "moire" not in cell or cell["moire"].isna().all():
-        return {}
-    moire = cell["moire"].dropna()
-    return {"moire": float(moire.median()), "moire_seen": float((moire > SEEN_CODES).mean())}
-
-
-def _measures(cell: pd.DataFrame) -> dict[str, float]:
-    """Return the means over the images that got noise; none where no image did. An image that is
-    fooled without noise has nothing to measure, and its PSNR means nothing."""
+    if "moire" in cell and (moire := cell["moire"].dropna()).size:
+        line |= {"moire": float(moire.median()), "moire_seen": float((moire > SEEN_CODES).mean())}
     if "largest" in cell:
         cell = cell[cell["largest"] > 0]
-    means = {}
     for name in MEASURES:
         if name in cell and cell[name].notna().any():
-            means[name] = float(cell[name].mean())
-    return means
+            line[name] = float(cell[name].mean())
+    return line

@@ -13,7 +13,7 @@ import functools
 import hashlib
 import types
 import uuid
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -138,19 +138,6 @@ def _mapping_text(value: Mapping[object, object]) -> str:
     return f"{{{', '.join(sorted(entries))}}}"
 
 
-def _sequence_text(value: Iterable[object]) -> str:
-    return f"({', '.join(map(_text, value))})"
-
-
-def _set_text(value: Iterable[object]) -> str:
-    """Return the members in a fixed order, as theirs differs from process to process."""
-    return f"{{{', '.join(sorted(map(_text, value)))}}}"
-
-
-def _partial_text(value: functools.partial) -> str:
-    return f"partial {_text((value.func, value.args, value.keywords))}"
-
-
 def _function_text(value: Any) -> str:
     package = (value.__module__ or "").partition(".")[0]
     if package not in LIBRARIES or "<" in value.__qualname__:
@@ -202,9 +189,10 @@ TEXTS: tuple[tuple[type | tuple[type, ...], Callable[[Any], str]], ...] = (
     (Tensor, _tensor_text),
     (np.ndarray, _array_text),
     (Mapping, _mapping_text),
-    ((list, tuple), _sequence_text),
-    ((set, frozenset), _set_text),
-    (functools.partial, _partial_text),
+    ((list, tuple), lambda value: f"({', '.join(map(_text, value))})"),
+    # in a fixed order, as theirs differs from process to process
+    ((set, frozenset), lambda value: f"{{{', '.join(sorted(map(_text, value)))}}}"),
+    (functools.partial, lambda value: f"partial {_text((value.func, value.args, value.keywords))}"),
     ((types.FunctionType, types.BuiltinFunctionType), _function_text),
     (type, _import_path),
 )

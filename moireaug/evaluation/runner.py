@@ -3,10 +3,12 @@ record."""
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
@@ -17,14 +19,22 @@ from moireaug.common.networks import device_of
 from moireaug.common.progress import progress_bar
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
-from moireaug.evaluation.draws import BatchDraws, restored_generators
+from moireaug.evaluation.draws import (
+    ANSWER_STREAM,
+    CONDITION_STREAM,
+    SHOW_STREAM,
+    SeededBatch,
+    restored_generators,
+)
 from moireaug.evaluation.identity import identity_of
-from moireaug.evaluation.keys import EvalSetup, RecordKeys
+from moireaug.evaluation.keys import EvalSetup, batch_digest, key_of
 from moireaug.evaluation.loader import Batches
+from moireaug.evaluation.memory import within_memory
 from moireaug.evaluation.records import Record, Records
-from moireaug.evaluation.scene_batches import SceneBatches
 from moireaug.evaluation.tables import Table
+from moireaug.scene.mixed_shot import join_rows
 
+T = TypeVar("T")
 CLEAN = Clean()
 
 
@@ -76,17 +86,7 @@ def _add_classifier(classifier: Classifier, classifiers: dict[str, Classifier]) 
         )
 
 
-@dataclass(frozen=True)
-class _Batch:
-    """Images (B, 3, H, W), their classes (B,), the classes (B,) that targeted attacks aim at, and
-    the random numbers of the batch."""
-
-    images: Tensor
-    labels: Tensor
-    targets: Tensor
-    draws: BatchDraws
-
-
+@dataclass(eq=False)
 class Runner:
     """Runs jobs on one model.
 
@@ -95,24 +95,19 @@ class Runner:
         batches: test images.
         setup: settings that all conditions share.
         records: finished records, looked up before anything is computed.
-        model_identity: identity of the model in records; None is its `identity_of`.
+        model_identity: identity of the model in records; by default its `identity_of`.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        batches: Batches,
-        setup: EvalSetup,
-        records: Records,
-        model_identity: str | None = None,
-    ) -> None:
-        self.model = model
-        self.batches = batches
-        self.setup = setup
-        self.records = records
-        self.model_identity = identity_of(model) if model_identity is None else model_identity
-        self.device = device_of(model)
-        self.keys = RecordKeys(self.model_identity, batches, setup)
+    model: Model
+    batches: Batches
+    setup: EvalSetup
+    records: Records
+    model_identity: str = ""
+
+    def __post_init__(self) -> None:
+        self.model_identity = self.model_identity or identity_of(self.model)
+        self.device = device_of(self.model)
+        self._digests: dict[int, str] = {}  # of batches
 
     def run(self, jobs: Sequence[Job], indices: Iterable[int]) -> Iterator[Job]:
         """Run jobs on the batches of these indices; yields each job when it is done on one batch.
@@ -122,14 +117,16 @@ class Runner:
         """
         for index in indices:
             images, labels = self.batches[index]
-            self.keys.hash_batch(index, images, labels)
+            self._digests[index] = batch_digest(images, labels)
             images = images.to(self.device)
             labels = check_labels(labels, len(images), "labels").to(images.device)
             batch = None
             for job in jobs:
                 classifiers = self._pending_classifiers(job, index)
                 if classifiers:
-                    batch = batch or self._batch(index, images, labels)
+                    if batch is None:
+                        classes = self.class_count(images, labels)
+                        batch = SeededBatch(self.setup.seed, index, images, labels, classes)
                     self.records.append(self._classify(job.condition, classifiers, batch))
                 yield job
 
@@ -143,7 +140,12 @@ class Runner:
 
     def key(self, condition: Condition, classifier: Classifier, index: int) -> str:
         """Return the key of that record."""
-        return self.keys.key(condition, classifier, index)
+        if index not in self._digests:  # a batch that another process has done
+            self._digests[index] = batch_digest(*self.batches[index])
+        fields = self.setup.key_fields(condition) | {"model": self.model_identity}
+        fields |= {"judge": classifier.identity}
+        fields |= {"batch": {"content": self._digests[index], "index": index}}
+        return key_of(fields)
 
     def picture_name(self, condition: Condition) -> str:
         """Return the name of the picture of a condition."""
@@ -157,68 +159,76 @@ class Runner:
                 pending.append(classifier)
         return pending
 
-    def _batch(self, index: int, images: Tensor, labels: Tensor) -> _Batch:
-        draws = BatchDraws(self.setup.seed, index)
+    def class_count(self, images: Tensor, labels: Tensor) -> int:
+        """Return the number of classes of the model, and refuse labels beyond them."""
+        images = images.to(self.device)
         with restored_generators(images.device):
-            classes = class_count(self.model, images, labels)
-        return _Batch(images, labels, draws.targets(labels, classes), draws)
+            return class_count(self.model, images, labels)
 
-    def _scene_batches(self, condition: Condition, batch: _Batch) -> SceneBatches:
-        """Return the images with their shots, a batch for each scene of a mixture."""
-        generator = batch.draws.condition_generator(condition.name)
-        all_rows, batches = [], []
-        scene = self.setup.scene_of(condition)
-        for rows, shot in batch.draws.shots(scene, batch.images):
-            goals = batch.labels[rows], batch.targets[rows]
-            batches.append(
-                EvalBatch(
-                    self.model,
-                    batch.images[rows],
-                    *goals,
-                    shot,
-                    generator,
-                    lpips=self.setup.lpips,
-                    bound=self.setup.bound,
-                )
-            )
-            all_rows.append(rows)
-        return SceneBatches(all_rows, batches)
+    def _by_scene(self, condition: Condition, batch: SeededBatch) -> list[tuple[Tensor, EvalBatch]]:
+        """Return a batch for each scene of a mixture, with its rows (b,) in the whole batch."""
+        generator = batch.generator(CONDITION_STREAM, condition.name)
+        settings: dict[str, Any] = {"lpips": self.setup.lpips, "bound": self.setup.bound}
+        batches = []
+        for rows, shot in batch.shots(self.setup.scene_of(condition)):
+            own = batch.images[rows], batch.labels[rows], batch.targets[rows]
+            batches.append((rows, EvalBatch(self.model, *own, shot, generator, **settings)))
+        return batches
 
     def _classify(
-        self, condition: Condition, classifiers: Sequence[Classifier], batch: _Batch
+        self, condition: Condition, classifiers: Sequence[Classifier], batch: SeededBatch
     ) -> list[Record]:
         """Show the images of a condition to classifiers; return a record of each."""
-        scene_batches, draws = self._scene_batches(condition, batch), batch.draws
+        parts = self._by_scene(condition, batch)
+        rows = [own for own, _ in parts]
         with restored_generators(batch.labels.device), torch.no_grad():
-            draws.seed_showing(condition.name)
+            torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
-            images = scene_batches.show(condition)
+            images = join_rows(rows, [within_memory(condition.show, one) for _, one in parts])
             seconds_shown = _seconds_since(start, images.device)
-            measures = scene_batches.measure(condition, images)
+            shown = [(one, images[own]) for own, one in parts]
+            measured = _by_name(rows, _in_scenes(condition.measure, shown))
             records = []
             for classifier in classifiers:
-                draws.seed_answers(condition.name, classifier.name)
+                torch.manual_seed(batch.seed_of(ANSWER_STREAM, condition.name, classifier.name))
                 start = time.perf_counter()
-                predictions = scene_batches.predictions(classifier, images)
+                predicted = join_rows(rows, _in_scenes(classifier.predictions, shown))
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
-                    "key": self.key(condition, classifier, draws.index),
+                    "key": self.key(condition, classifier, batch.index),
                     "model": self.model_identity,
                     "condition": condition.name,
                     "settings": condition.settings(),
                     "bound": condition.eps_unit(self.setup.bound),
                     "judge": classifier.name,
-                    "batch": draws.index,
+                    "batch": batch.index,
                     "labels": batch.labels.tolist(),
                     "targets": batch.targets.tolist(),
-                    "predicted": predictions.tolist(),
-                    "measured": measures,
+                    "predicted": predicted.tolist(),
+                    "measured": measured,
                     "seconds": seconds,
                 }
                 records.append(record)
-        if draws.index == 0:
+        if batch.index == 0:
             self.records.keep_picture(self.picture_name(condition), images)
         return records
+
+
+def _in_scenes(compute: Callable[..., T], shown: Iterable[tuple[EvalBatch, Tensor]]) -> list[T]:
+    """Return what `compute` makes of each scene's batch and its shown images."""
+    return [within_memory(partial(compute, images=images), batch) for batch, images in shown]
+
+
+def _by_name(
+    rows: Sequence[Tensor], parts: Sequence[Mapping[str, list[float]]]
+) -> dict[str, list[float]]:
+    """Return the figures of the images in each scene by name, in the order of the batch."""
+    order = torch.cat(list(rows)).argsort().tolist()
+    figures = {}
+    for name in parts[0]:
+        values = list(itertools.chain.from_iterable(part[name] for part in parts))
+        figures[name] = [values[place] for place in order]
+    return figures
 
 
 def _seconds_since(start: float, device: torch.device) -> float:

@@ -1,12 +1,10 @@
-"""The tables of an evaluation: the condition and the classifier of each cell. Titles are in the
-templates."""
+"""The tables of an evaluation: the condition and the classifier of each cell."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from moireaug.attacks.checks import check_eps
 from moireaug.defenses import DEFENSES
@@ -50,21 +48,15 @@ class Table:
     Args:
         name: name of its suite.
         cells: cells in the order of their rows and columns; a missing one stays empty.
-        pictures: (row, column) of each cell whose pictures a report shows.
-        empty: reason of each row without figures.
-        note_values: further values for its note.
     """
 
     name: str
     cells: tuple[Cell, ...]
-    pictures: tuple[tuple[str, str], ...] = ()
-    empty: Mapping[str, str] = field(default_factory=dict)
-    note_values: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def rows(self) -> list[str]:
         """Names of the rows, in order."""
-        return list(dict.fromkeys([cell.row for cell in self.cells] + list(self.empty)))
+        return list(dict.fromkeys(cell.row for cell in self.cells))
 
     @property
     def columns(self) -> list[str]:

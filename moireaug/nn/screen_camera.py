@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from kornia.geometry.transform import get_perspective_transform, warp_perspective
@@ -51,12 +51,10 @@ class ScreenCamera(nn.Module):
         seed: of the draws in evaluation mode.
 
     In training mode each call draws a shot for each image, from torch's global generator. In
-    evaluation mode draws come from a generator that `eval()` sets to `seed`: passes over the same
-    batches take the same photos, if each begins with `eval()`.
+    evaluation mode draws come from a generator that `eval()` sets to `seed`, for the same photos.
 
     It has no weights and no buffers, and computes where the images are. Gradients reach the images,
-    and a `noise` if given; cost and accuracy are those of `capture`. In a checkpointed or compiled
-    network it needs nothing of its own; torch.compile breaks the graph at a mixture of scenes.
+    and a `noise` if given. torch.compile breaks the graph at a mixture of scenes.
 
     Raises:
         TypeError, ValueError: a scene that cannot be photographed; a jitter or a seed below 0; a
@@ -85,8 +83,7 @@ class ScreenCamera(nn.Module):
         self._generator = torch.Generator().manual_seed(self.seed)
 
     def train(self, mode: bool = True) -> ScreenCamera:
-        """Set training mode, or evaluation mode with its draws from the beginning; see the
-        class."""
+        """Set training mode, or evaluation mode with its draws from the beginning."""
         if not mode:
             self._generator.manual_seed(self.seed)
         return super().train(mode)
@@ -98,9 +95,8 @@ class ScreenCamera(nn.Module):
 
         Args:
             images: (B, 3, H, W) float in [0, 1], sRGB codes; clamp what an encoder makes.
-            draw: a draw for this batch, which another call or `draw` has made; None makes one.
-            noise: an attacker's noise on the raw reading, of `draw.shot.raw_shape()`, as of
-                `capture`.
+            draw: a draw for this batch, which `draw` has made; None makes one.
+            noise: an attacker's noise on the raw reading, of `draw.shot.raw_shape()`.
 
         Returns:
             (B, 3, H, W) in [0, 1], of the images' dtype.
@@ -113,8 +109,7 @@ class ScreenCamera(nn.Module):
         return registered_by(capture(images, draw.shot, noise), draw.corner_errors)
 
     def twin(self, images: Tensor, draw: ScreenDraw) -> Tensor:
-        """Return the same photos without moiré: of the same draw, of a panel without subpixels;
-        arguments and errors as of a call."""
+        """Return the same photos of a panel without subpixels; arguments, errors: as of a call."""
         _check_draw(draw)
 
         def photograph(shot: Shot, images: Tensor) -> Tensor:
@@ -137,15 +132,6 @@ class ScreenCamera(nn.Module):
     def extra_repr(self) -> str:
         return f"{describe(self.scene)}, jitter={self.jitter:g}"
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Keep the generator as numbers: it is not copied otherwise."""
-        return vars(self) | {"_generator": self._generator.get_state()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        generator = torch.Generator()
-        generator.set_state(state["_generator"])
-        super().__setstate__(state | {"_generator": generator})
-
 
 def _check_draw(draw: object) -> None:
     if not isinstance(draw, ScreenDraw):
@@ -156,8 +142,7 @@ def _check_draw(draw: object) -> None:
 
 
 def registered_by(photos: Tensor, corner_errors: Tensor | None) -> Tensor:
-    """Return photos (B, 3, H, W) in the frame of corners that are misplaced by `corner_errors` (B,
-    4, 2) pixels."""
+    """Return photos (B, 3, H, W) in the frame of corners misplaced by (B, 4, 2) pixels."""
     if corner_errors is None or not len(photos):
         return photos
     height, width = photos.shape[-2:]

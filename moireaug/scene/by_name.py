@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,8 +16,7 @@ R = TypeVar("R", bound=Any)
 
 
 def values_of(record: Any) -> dict[str, Any]:
-    """Return the ranged fields of a scene or a shot by name, in the order in which they are
-    drawn."""
+    """Return the ranged fields of a scene or a shot by name, in the order of draws."""
     found = {}
     for name in PARTS:
         part = getattr(record, name)
@@ -27,8 +26,7 @@ def values_of(record: Any) -> dict[str, Any]:
 
 
 def parts_with(record: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the five parts of a scene or a shot with drawn numbers, (B,) each, in their ranged
-    fields; by name, as `dataclasses.replace` takes them."""
+    """Return the five parts of a scene or a shot, by name, with drawn numbers, (B,) each."""
     parts = {}
     for name in PARTS:
         part = getattr(record, name)
@@ -38,9 +36,8 @@ def parts_with(record: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
 
 @functools.cache
 def limits() -> np.ndarray:
-    """Return the least and the greatest value that each field may have, in the order of
-    `values_of`: (2, fields, 1) float64. An array: a cached tensor could belong to a fake mode of
-    torch.compile that has ended."""
+    """Return the least and the greatest value of each field, in the order of `values_of`: (2,
+    fields, 1) float64. Of numpy: a cached tensor could belong to a fake mode of torch.compile."""
     pairs = []
     for part in PARTS.values():
         for name in part.ranged:
@@ -68,26 +65,19 @@ def with_values(record: R, values: Mapping[str, Any]) -> R:
 
 
 def parts_from_dict(values: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
-    """Build the five parts of a scene from plain values by part, of which those of `base` are the
-    ones that are missing."""
+    """Build the five parts of a scene from plain values by part; others are those of `base`."""
     for key in values:
         one_of("a key of a scene", key, (*PARTS, "tolerance", "preset"))
     parts = {}
-    for name in PARTS:
+    for name, kind in PARTS.items():
         given = {} if values.get(name) is None else values[name]
         if not isinstance(given, Mapping):
             raise TypeError(f"Scene.{name} must be a mapping of its fields; got {given!r}.")
-        parts[name] = part_from_dict(name, base[name] | dict(given))
+        settings = _with_tuples(base[name] | dict(given))
+        for key in settings:
+            one_of(f"a field of Scene.{name}", key, sorted(kind.__dataclass_fields__))
+        parts[name] = kind(**settings)
     return parts
-
-
-def part_from_dict(name: str, values: dict[str, Any]) -> Any:
-    """Build one part from plain values; an unknown key is refused with the closest known one."""
-    values = _with_tuples(values)
-    known = {f.name for f in fields(PARTS[name])}
-    for key in values:
-        one_of(f"a field of Scene.{name}", key, sorted(known))
-    return PARTS[name](**values)
 
 
 def _with_tuples(value: Any) -> Any:

@@ -39,13 +39,12 @@ class Draws(ABC):
 
     def to(self, device: torch.device | str) -> Self:
         """Return the same draws on another device."""
-        return (
-            self if torch.device(device) == self.device else self.map_rows(lambda t: t.to(device))
-        )
+        if torch.device(device) == self.device:
+            return self
+        return self.map_rows(lambda t: t.to(device))
 
     def __getitem__(self, rows: Any) -> Self:
-        """Return some rows: of a slice, a mask, an index tensor or list, or one integer (a batch of
-        one)."""
+        """Return some rows: of a slice, a mask, an index tensor or list, or one integer."""
         if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
             rows = [int(rows)]
         return self.map_rows(lambda t: t[rows])
@@ -57,12 +56,7 @@ class Draws(ABC):
 
 def random_numbers(n: int, count: int, generator: torch.Generator | None) -> Tensor:
     """Return numbers in [0, 1) to draw from, `count` for each of `n` images: (n, count) float64, on
-    the CPU.
-
-    Raises:
-        ValueError: an n that is no integer >= 0, or a generator that is not on the CPU.
-        TypeError: a generator that is not a torch.Generator.
-    """
+    the CPU; errors as of `Scene.sample`."""
     if isinstance(n, bool) or not isinstance(n, Integral) or n < 0:
         raise ValueError(f"a shot needs a whole number n >= 0 of images; got n = {n!r}.")
     if not (generator is None or isinstance(generator, torch.Generator)):
@@ -81,11 +75,10 @@ def random_numbers(n: int, count: int, generator: torch.Generator | None) -> Ten
 class DrawTable(NamedTuple):
     """How the ranged fields of a scene are drawn.
 
-    Args:
-        names: names of the fields, such as "view.yaw", in the order in which they are drawn.
-        low: (fields, 1) float64, low ends of all fields.
-        ranges: (ranges,) int64, indices of the fields that are not fixed.
-        width: (ranges, 1) float64, widths of these.
+    names: names of the fields, such as "view.yaw", in the order in which they are drawn.
+    low: (fields, 1) float64, low ends of all fields.
+    ranges: (ranges,) int64, indices of the fields that are not fixed.
+    width: (ranges, 1) float64, widths of these.
     """
 
     names: tuple[str, ...]
@@ -98,15 +91,10 @@ class DrawTable(NamedTuple):
 def draw_table(scene: SceneRecord) -> DrawTable:
     """Return the DrawTable of a scene."""
     fields = values_of(scene)
-    lows, ranges, widths = [], [], []
-    for i, (name, value) in enumerate(fields.items()):
-        low, high = bounds(value)
-        lows.append(low)
-        if scene.is_drawn(name):
-            ranges.append(i)
-            widths.append(high - low)
-    low_column, width_column = (np.array(ends, np.float64)[:, None] for ends in (lows, widths))
-    return DrawTable(tuple(fields), low_column, np.array(ranges, np.int64), width_column)
+    low, high = np.array([bounds(value) for value in fields.values()], np.float64).T[..., None]
+    # torch.compile knows the length of a list, but not that of np.flatnonzero
+    ranges = np.array([i for i, name in enumerate(fields) if scene.is_drawn(name)], np.int64)
+    return DrawTable(tuple(fields), low, ranges, (high - low)[ranges])
 
 
 def numbers_needed(scene: SceneRecord) -> int:
@@ -134,27 +122,22 @@ def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tens
 
 
 def check_drawn(numbers: Mapping[str, Any], seed: Any) -> None:
-    """Refuse fields and seeds of a shot that are not tensors of one number per image, with a
-    ValueError."""
+    """Refuse fields and seeds that are not tensors of one number per image: ValueError."""
     if not isinstance(seed, Tensor) or seed.dtype != torch.int64 or seed.ndim != 1:
         got = f"{tuple(seed.shape)} {seed.dtype}" if isinstance(seed, Tensor) else repr(seed)
         raise ValueError(f"a shot's seed must be (B,) int64; got {got}.")
-    n = len(seed)
     for name, values in numbers.items():
-        if not isinstance(values, Tensor) or values.shape != (n,):
+        if not isinstance(values, Tensor) or values.shape != seed.shape:
             got = str(tuple(values.shape)) if isinstance(values, Tensor) else repr(values)
             raise ValueError(
                 "a shot's fields must be tensors of one number per image, here of shape "
-                f"({n},); got {got} as shot.{name}."
+                f"({len(seed)},); got {got} as shot.{name}."
             )
 
 
 def check_size(size: Any) -> tuple[int, int]:
-    """Return a size (height, width) in integers.
-
-    Raises:
-        ValueError: anything but two whole numbers of at least 1.
-    """
+    """Return a size (height, width) in integers; refuse anything but two whole numbers of at least
+    1 with a ValueError."""
     try:
         h, w = (operator.index(side) for side in size)
     except (TypeError, ValueError):  # no pair, or no integers

@@ -15,10 +15,9 @@ class ExposureMethod(ABC):
 
     `name` is its name in `Sensor.exposure`, `reason` its reason in the plan. `harmonics` are the
     (k, l) pairs that it sums, if any, and `taps` the panel pixels along each axis whose light it
-    adds up for one sensor pixel. `sums_harmonics` says whether it shows a panel's pattern by
-    harmonics alone, `has_aperture` whether it integrates at all, and `differentiable_in_shot`
-    whether the readings have a gradient in the shot's fields.
-    """
+    adds up for one sensor pixel. `sums_harmonics` says whether it shows a pattern by harmonics
+    alone, `has_aperture` whether it integrates at all, and `differentiable_in_shot` whether its
+    readings have a gradient in the shot's fields."""
 
     name: str
     reason: str

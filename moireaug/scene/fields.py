@@ -3,6 +3,7 @@ that give the bounds."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import Field, field, fields
 from numbers import Real
@@ -20,14 +21,13 @@ def ranged(default: Range, low: float, high: float, unit: str = "") -> Any:
 def check_number(
     name: str, value: object, low: float, high: float, unit: str, allowed: str = "a number"
 ) -> float:
-    """Return a finite number in [low, high] as a float.
-
-    Raises:
-        TypeError: not a number.
-        ValueError: outside [low, high], NaN or infinite.
-    """
+    """Return a finite number in [low, high] as a float; refuse others: TypeError, ValueError."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be {allowed}; got {value!r}.{_as_number(value)}")
+        hint = ""
+        with contextlib.suppress(ValueError):
+            if isinstance(value, str):  # as YAML takes 5e-1
+                hint = f" It is text: write {float(value)}."
+        raise TypeError(f"{name} must be {allowed}; got {value!r}.{hint}")
     try:
         number = float(value)
     except OverflowError:
@@ -39,20 +39,9 @@ def check_number(
     return number
 
 
-def _as_number(value: object) -> str:
-    """Return how to write a number that was given as text, as YAML takes 5e-1 for; "" otherwise."""
-    try:
-        return f" It is text: write {float(value)}." if isinstance(value, str) else ""
-    except ValueError:
-        return ""
-
-
 class Part:
-    """Checks every ranged and boolean field at construction; drawn fields (which have a shape) pass
-    unchecked.
-
-    `ranged` names the class's ranged fields, in the order in which they are drawn.
-    """
+    """Checks every ranged and boolean field at construction; drawn ones, which have a shape, pass.
+    `ranged` names the class's ranged fields, in the order in which they are drawn."""
 
     ranged: ClassVar[tuple[str, ...]] = ()
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]  # every part is a dataclass
@@ -111,12 +100,8 @@ def varies(value: Range, identity: float = 0.0) -> bool:
 
 
 def check_off_or_on(name: str, value: Range, least: float, off: str) -> None:
-    """Refuse a range that mixes 0, which means that something is off, with numbers that are not
-    near that: ValueError.
-
-    Args:
-        least: the least number that is not off. off: of the message, what 0 means.
-    """
+    """Refuse a range that mixes 0, which alone means `off`, with numbers, all of at least
+    `least`: ValueError."""
     if hasattr(value, "shape"):
         return
     low, high = bounds(value)
@@ -130,12 +115,8 @@ def check_off_or_on(name: str, value: Range, least: float, off: str) -> None:
 
 
 def check_stated_once(name: str, value: Range, least: float, other: str, given: Range) -> None:
-    """Check a field of which 0 means that another, 1 by default, is read instead.
-
-    Args:
-        name, value, least: the field, and the least that it may be if it is not 0.
-        other, given: the other field.
-    """
+    """Check a field, at least `least`, of which 0 means that the field `other`, 1 by default, is
+    read instead."""
     if hasattr(value, "shape") or hasattr(given, "shape"):
         return
     low, high = bounds(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -56,7 +57,12 @@ class Layout:
             )
         checked = tuple(_checked(numbers, period) for numbers in self.subpixels)
         object.__setattr__(self, "subpixels", checked)
-        _check_overlaps(self)
+        for first, second in itertools.combinations(checked, 2):
+            one, other = _subpixel(first, period), _subpixel(second, period)
+            if one.channel == other.channel and is_overlapping(other, one):
+                raise ValueError(
+                    f"subpixels of one channel must not overlap; got {first!r} and {second!r}."
+                )
 
     def of(self, channel: int) -> tuple[Subpixel, ...]:
         """Return the subpixels of one channel, in the smallest cell that its colour repeats with,
@@ -110,7 +116,6 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
         )
     # as they are in a file: not NumPy's, or fractions
     numbers = (int(numbers[0]), *(v if isinstance(v, int) else float(v) for v in numbers[1:]))
-    subpixel = _subpixel(numbers, period)
     if len(numbers) == 5:
         _, x0, y0, x1, y1 = numbers
         if not (0 <= x0 < x1 <= period[0] and 0 <= y0 < y1 <= period[1]):
@@ -119,16 +124,15 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
                 f"{period[1]} panel pixels; got {numbers!r}."
             )
         return numbers
+    subpixel = _subpixel(numbers, period)
+    box = subpixel.box()
     for axis, name in enumerate(("wide", "high")):
-        along = [corner[axis] for corner in subpixel.corners()]
-        if not (
-            0 <= numbers[1 + axis] <= period[axis]
-            and max(along) - min(along) <= period[axis] + 1e-9
-        ):
+        extent = box[axis + 2] - box[axis]
+        if not (0 <= numbers[1 + axis] <= period[axis] and extent <= period[axis] + 1e-9):
             raise ValueError(
                 "a parallelogram must have its centre in its cell and be no larger than it; got "
-                f"{numbers!r}, {max(along) - min(along):g} panel pixels {name} in a cell of "
-                f"{period[0]} x {period[1]}."
+                f"{numbers!r}, {extent:g} panel pixels {name} in a cell of {period[0]} x "
+                f"{period[1]}."
             )
     if subpixel.area == 0:
         raise ValueError(
@@ -148,14 +152,6 @@ def _subpixel(numbers: tuple[float, ...], period: tuple[int, int]) -> Subpixel:
     width, height = round(x1 - x0, 12), round(y1 - y0, 12)
     centre = ((x0 + x1) / 2, (y0 + y1) / 2)
     return Subpixel(int(channel), centre, (width, 0.0), (0.0, height), period)
-
-
-def _check_overlaps(layout: Layout) -> None:
-    for i, a in enumerate(layout.subpixels):
-        for b in layout.subpixels[:i]:
-            one, other = _subpixel(a, layout.period), _subpixel(b, layout.period)
-            if one.channel == other.channel and is_overlapping(one, other):
-                raise ValueError(f"subpixels of one channel must not overlap; got {b!r} and {a!r}.")
 
 
 def layout_from_dict(values: dict[str, Any]) -> Layout:
@@ -191,11 +187,10 @@ def diamonds(green: float, other: float) -> Layout:
     """Return diamond PenTile: a green diamond in each pixel, and red and blue ones alternating at
     the corners where four pixels meet. `green` and `other` are half diagonals in panel pixels."""
     subpixels = []
-    for row in (0, 1):
-        for column in (0, 1):
-            subpixels.append((GREEN, column + 0.5, row + 0.5, green, green, -green, green))
-            channel = RED if row == column else BLUE
-            subpixels.append((channel, float(column), float(row), other, other, -other, other))
+    for row, column in itertools.product((0, 1), repeat=2):
+        subpixels.append((GREEN, column + 0.5, row + 0.5, green, green, -green, green))
+        channel = RED if row == column else BLUE
+        subpixels.append((channel, float(column), float(row), other, other, -other, other))
     return Layout(tuple(subpixels), (2, 2))
 
 
@@ -204,16 +199,13 @@ LAYOUTS: dict[str, Layout] = {
     "bgr_stripe": stripes(BLUE, GREEN, RED),
     # a stripe panel turned on its side: each pixel is a column of three bars
     "rgb_column": Layout(tuple((c, 0.0, c / 3, 1.0, (c + 1) / 3) for c in (RED, GREEN, BLUE))),
-    # PenTile RGBG: two pixels share a red and a blue subpixel, twice as wide as each pixel's own
-    # green
+    # PenTile RGBG: two pixels share a red and a blue subpixel, twice as wide as their own greens
     "pentile": Layout(
         ((0, 0, 0, 2 / 3, 1), (1, 2 / 3, 0, 1, 1), (2, 1, 0, 5 / 3, 1), (1, 5 / 3, 0, 2, 1)), (2, 1)
     ),
-    # stripes of dual-domain LCDs (IPS, VA): rows lean right and left in turn, here by 11 degrees,
-    # so that colours hold from either side
+    # stripes of dual-domain LCDs (IPS, VA): rows lean right and left in turn, here by 11 degrees
     "chevron": chevrons(0.2),
-    # OLED phones: as many greens as pixels, half as many reds and blues, twice as large here so
-    # that white is white
+    # OLED phones: as many greens as pixels, half as many reds and blues, twice as large here
     "pentile_diamond": diamonds(0.45 / 2**0.5, 0.45),
     # OLED televisions: a white stripe beside red, blue and green ones
     "wrgb": Layout(
@@ -236,7 +228,6 @@ LAYOUTS: dict[str, Layout] = {
     "led_cob": Layout(
         tuple((c, 0.26 + 0.18 * c, 0.4, 0.38 + 0.18 * c, 0.6) for c in (RED, GREEN, BLUE))
     ),
-    # every pixel emits all colours over its whole area, as a print or a projection does: no moiré
-    # unless lit < 1
+    # as a print or a projection: no moiré unless lit < 1
     "even": Layout(tuple((c, 0.0, 0.0, 1.0, 1.0) for c in (RED, GREEN, BLUE))),
 }

@@ -14,16 +14,11 @@ from moireaug.scene.draws import Draws
 from moireaug.scene.shot import ShotRecord, check_tensor
 
 S = TypeVar("S", bound=ShotRecord)
-MIXED_COMPILE_MESSAGE = (
-    "torch.compile cannot follow which image is in which scene: call the transform outside of the "
-    "compiled function, or give it one scene."
-)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MixedShot(Draws, Generic[S]):
     """The draw of a `Mixture` for a batch: each image's scene, and its numbers in that scene.
-
     `capture` takes it as it takes a Shot. Index it like a batch; `by_scene` gives it as Shots.
 
     Args:
@@ -45,22 +40,18 @@ class MixedShot(Draws, Generic[S]):
     def from_shots(
         scenes: tuple[Any, ...], scene_index: Tensor, shots: Sequence[tuple[Tensor, S]]
     ) -> MixedShot[S]:
-        """Return the inverse of `by_scene`: one or more shots and the rows of each, which together
-        are all rows of `scene_index`."""
+        """Return the inverse of `by_scene`: one or more shots, and the rows of each."""
         numbers = [shot.numbers() for _, shot in shots]
         seed = torch.cat([shot.seed for _, shot in shots])
         order = torch.cat([rows for rows, _ in shots]).argsort().to(seed.device)
         drawn = {name: torch.cat([one[name] for one in numbers])[order] for name in numbers[0]}
-        scene_index, size = scene_index.to(seed.device), shots[0][1].size
-        return MixedShot(
-            scenes=scenes, scene_index=scene_index, size=size, drawn=drawn, seed=seed[order]
-        )
+        index, size = scene_index.to(seed.device), shots[0][1].size
+        return MixedShot(scenes=scenes, scene_index=index, size=size, drawn=drawn, seed=seed[order])
 
     def map_rows(self, f: Callable[[Tensor], Tensor]) -> Self:
         drawn = {name: f(values) for name, values in self.drawn.items()}
-        return dataclasses.replace(
-            self, scene_index=f(self.scene_index), drawn=drawn, seed=f(self.seed)
-        )
+        index, seed = f(self.scene_index), f(self.seed)
+        return dataclasses.replace(self, scene_index=index, drawn=drawn, seed=seed)
 
     def numbers(self) -> dict[str, Tensor]:
         """Return the drawn numbers, (B,) each, by name."""
@@ -75,19 +66,18 @@ class MixedShot(Draws, Generic[S]):
             RuntimeError: within torch.compile.
         """
         if torch.compiler.is_compiling():
-            raise RuntimeError(MIXED_COMPILE_MESSAGE)
-        parts = []
-        for k in range(len(self.scenes)):
-            rows = (self.scene_index == k).nonzero().flatten()
-            if len(rows):
-                parts.append((rows, self._shot_in(k, rows)))
-        if sum(len(rows) for rows, _ in parts) != len(self):
+            raise RuntimeError(
+                "torch.compile cannot follow which image is in which scene: call the transform "
+                "outside of the compiled function, or give it one scene."
+            )
+        parts = rows_by_scene(self.scene_index, len(self.scenes))
+        if sum(len(rows) for _, rows in parts) != len(self):
             raise ValueError(
                 f"a mixture of {len(self.scenes)} scenes numbers them from 0 to "
                 f"{len(self.scenes) - 1}; got {self.scene_index.tolist()}. Was it drawn by another "
                 "one?"
             )
-        return parts or [(self.scene_index, self._shot_in(0, self.scene_index))]
+        return [(rows, self._shot_in(k, rows)) for k, rows in parts]
 
     def _shot_in(self, k: int, rows: Tensor) -> S:
         """Return the shot of some rows in scene k."""
@@ -138,16 +128,21 @@ class MixedShot(Draws, Generic[S]):
         return len(self), *shapes.pop()
 
 
+def rows_by_scene(scene_index: Tensor, n: int) -> list[tuple[int, Tensor]]:
+    """Return the index of each of n scenes that has images and their rows (b,), ascending; of the
+    first, where there is no image at all."""
+    rows = [(k, (scene_index == k).nonzero().flatten()) for k in range(n)]
+    return [(k, found) for k, found in rows if len(found)] or rows[:1]
+
+
 def per_scene(
     shot: ShotRecord | MixedShot, f: Callable[..., Any], *tensors: Any, join: Any = None
 ) -> Any:
     """Return f(shot, *tensors) of the images in each scene, in the order of the batch.
 
-    Args:
-        shot: of one scene, for which f is called once, or of a mixture.
-        f: takes a shot of one scene, and its images' rows of the tensors; returns (b, ...).
-        tensors: (B, ...) each, or a list of B tensors, whose rows are stacked, or None.
-        join: makes one result of the rows (b,) and the results of each scene; default `join_rows`.
+    f: takes a shot of one scene, and its images' rows of the tensors; returns (b, ...).
+    tensors: (B, ...) each, or a list of B tensors, whose rows are stacked, or None.
+    join: makes one result of the rows (b,) and the results of each scene; default `join_rows`.
     """
     if not isinstance(shot, MixedShot):
         return f(shot, *tensors)
@@ -165,10 +160,7 @@ def _rows_of(values: Tensor | Sequence[Tensor] | None, rows: Tensor) -> Tensor |
 
 
 def join_rows(rows: Sequence[Tensor], parts: Sequence[Tensor]) -> Tensor:
-    """Return the rows of several tensors as one, each where it belongs.
-
-    Args:
-        rows: (b,) of each part, together every index from 0 once. parts: (b, ...) each.
-    """
+    """Return the rows (b,) of several tensors (b, ...), together every index from 0 once, as one
+    tensor."""
     order, joined = torch.cat(list(rows)).argsort(), torch.cat(list(parts))
     return joined[order.to(joined.device)]

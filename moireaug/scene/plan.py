@@ -38,11 +38,9 @@ class Plan:
 
     Args:
         steps: all effects but those that only clip, called for or not.
-        exposing, developing: names of the effects that are computed before and after the attacker's
-            noise.
+        exposing, developing: names of those that are computed before and after attacker's noise.
         method: exposure method, "auto" resolved.
-        prefilter_variance: largest variance of the blur of the picture before it is looked up, in
-            squared image pixels.
+        prefilter_variance: largest variance of the picture's blur, in squared image pixels.
         scales: how many panel and sensor pixels an image pixel gets, in words.
         moire: see `Scene.expected_moire`; None if it is not known.
     """
@@ -86,12 +84,10 @@ class Plan:
         width = max(len(step.name) for step in self.steps) + 2
         heading = f"{_counted(self.called)} computed, in this order"
         lines = [heading if self.called else "The photo is the image"]
-        for i, step in enumerate(self.called, 1):
-            lines.append(f"  {i:2d}  {step.name:{width}}{step.reason}")
+        lines += [f"  {i:2d}  {s.name:{width}}{s.reason}" for i, s in enumerate(self.called, 1)]
         if self.left_out:
             lines.append(f"{_counted(self.left_out)} left out")
-        for step in self.left_out:
-            lines.append(f"   -  {step.name:{width}}{step.reason}")
+        lines += [f"   -  {step.name:{width}}{step.reason}" for step in self.left_out]
         if self.called and self.scales:
             lines.append(self.scales)
         if self.moire:

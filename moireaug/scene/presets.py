@@ -3,14 +3,12 @@
 A scene is a screen, whatever the picture's size. `Sensor.pitch` is f * p / d: focal length f in
 sensor pixels, panel pixel p and distance d in mm. `Panel.width` is how much of the panel the
 picture takes, in a window or full screen: 400 to 1600 panel pixels on monitors, from 150 on other
-screens in the hand, 128 to 400 on LED walls. Width * pitch has to fit on the sensor: 4032, 1920
-(webcam) or 3264 px (document camera). In up to 3 % of a preset's draws it does not; in up to 8 %,
-once the camera has stepped back until a turned picture fits the photo.
+screens in the hand, 128 to 400 on LED walls. Width * pitch has to fit on the sensor; in up to 8 %
+of a preset's draws it does not, once the camera has stepped back from a turned picture.
 
 Screens:
-- Monitors: 27 inch 3840 x 2160 (AOC U27P1U, the paper's appendix C) 0.155 mm; 27 inch 2560 x 1440
-  0.233 mm; 24 inch 1920 x 1080 0.277 mm. The first at 400 mm, the others at up to 600 mm: pitch 1.2
-  to 2.1.
+- Monitors: 27 inch 3840 x 2160 (AOC U27P1U, the paper's appendix C) 0.155 mm; 24 inch 1920 x 1080
+  0.277 mm. The first at 400 mm, the second at up to 600 mm: pitch 1.2 to 2.1.
 - Laptops: 13.3 inch 2560 x 1600 (MacBook Air 2020, the paper's appendix C) 0.112 mm, 15.6 inch 1920
   x 1080 0.179 mm. The first at 200 to 300 mm, the second at 180 to 450 mm: pitch 1.1 to 3.
 - OLED phones: 460 pixels per inch (iPhone 12, Apple's specifications) 0.055 mm at 80 to 150 mm:
@@ -18,27 +16,24 @@ Screens:
 - Television: 55 inch 3840 x 2160, 0.317 mm, WRGB, at 450 to 900 mm: pitch 1.1 to 2.1.
 - LED walls: 1.5 to 2.5 mm between pixels, as indoor walls are sold, at 2.4 to 7.5 m: pitch 1 to
   1.9.
-- LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; three
-  dies on one package; a sign has 32 to 96 of them across. From whatever distance makes a sign as
-  large as its image: at 48 px and `shrink` 1, one of 48 LEDs is at pitch 1, of 10 mm at 12 m.
+- LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; 32 to 96
+  of them across a sign, from whatever distance makes it as large as its image: at 48 px and
+  `shrink` 1, one of 48 LEDs is at pitch 1, of 10 mm at 12 m.
 - Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm. Before a phone at 140 to
   180 mm: pitch 1.6 to 2.05.
-- LCDs from close: 0.179 and 0.277 mm at 150 to 300 mm, the first where a phone's main camera
-  focuses: pitch 1.8 to 5.6. A part of the screen, 80 to 400 panel pixels, fills a small photo or a
-  crop of a large one, and its pixels are seen.
+- LCDs from close: 0.179 and 0.277 mm at 150 to 300 mm: pitch 1.8 to 5.6. A part of the screen, 80
+  to 400 panel pixels, fills a small photo or a crop of a large one, and its pixels are seen.
 - Whole screens: 1366 to 1920 panel pixels across half to all of the camera's 4032: pitch 1.6 to
   2.1.
 - LCD televisions across a room: 43 inch 1920 x 1080, 0.496 mm, at 1.5 to 2.7 m, by a camera of two
-  to three times the main one's focal length: pitch 1.6 to 2.1. From farther away, shrinking
-  averages the moiré of a whole picture away.
-- Black matrix: LCDs of these sizes emit from about half to three quarters of a pixel. No data sheet
-  says how much along either axis; rows are the wider gaps, because transistors lie there.
+  to three times the main one's focal length: pitch 1.6 to 2.1.
+- Black matrix: LCDs of these sizes emit from about half to three quarters of a pixel; rows are the
+  wider gaps, because transistors lie there.
 - Light that is not the picture's: an LCD's black is 1/1000 of its white in a dark room, and 1/100
   at an angle. Glass reflects 4 %: of a room at 300 lx, 1 % of a screen of 200 cd/m2; of a window of
-  1500 cd/m2, 30 %, more of it above: windows are seen in a screen's upper part.
+  1500 cd/m2, 30 %, more of it in a screen's upper part.
 - OLED phones turned down: pulses of 240 Hz, as reviewers measure on most, to 480 Hz, on for 20 to
-  70 % of the time. A screen of 50 cd/m2 is exposed for 2 to 5 ms at ISO 130 to 320 and f/1.6:
-  half a cycle to two and a half, which leave bands.
+  70 % of the time. A screen of 50 cd/m2 is exposed for 2 to 5 ms at ISO 130 to 320 and f/1.6.
 
 Cameras:
 - Phone: iPhone 12 main camera, 4032 x 3024 pixels, 26 mm equivalent (Apple's specifications; the
@@ -53,20 +48,18 @@ Cameras:
   middle): 2560 / 2.09 = 1220 px focal length in the middle.
 
 What no data sheet says was chosen so that photos, whole and crops of 224 px, agree with photographs
-(docs/reality.md): the phone's blur (0.4 to 0.6 px), noise and motion, screen_photo's pitch (1.3 to
-2.2), crosstalk, exposure, white balance, tone, colour smoothing and sharpening. Its JPEG is of a
-larger picture and leaves no blocks in this one. It is shrunk by area, which leaves the weave of one
-to three pixels that photographs show. Its tone curve lifts the middle and rolls off the highlights,
-as the curves of photographs do. Elsewhere the camera may expose for the room, so that white
-saturates, and balance white for its lamps: a third of the way to 3000 K, a screen of 6500 K turns
-red to 0.78 and blue to 1.45 of green. A phone's local contrast is an unsharp mask of a few photo
-pixels, which photographs show hardly: details of two to four pixels have 0.7 to 1.0 times the
-contrast of coarse ones. A messenger saves the photo again, at a quality of 50 to 95.
+(docs/reality.md): the phone's blur, noise and motion, screen_photo's pitch, crosstalk, exposure,
+white balance, tone, colour smoothing and sharpening. It is shrunk by area, which leaves the weave
+of one to three pixels that photographs show; its JPEG is of a larger picture and leaves no blocks.
+Elsewhere the camera may balance white for a room's lamps: a third of the way to 3000 K, a screen of
+6500 K turns red to 0.78 and blue to 1.45 of green. A phone's local contrast is an unsharp mask of a
+few photo pixels. A messenger saves the photo again, at a quality of 50 to 95.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
 from moireaug.scene.record import SceneRecord
@@ -112,11 +105,11 @@ ROOM_PHOTO = replace(
 )
 SAVED_TWICE = replace(ROOM_PHOTO, jpeg=(50.0, 95.0))
 BY_HAND = View(yaw=(-20.0, 20.0), pitch=(-12.0, 12.0), roll=(-8.0, 8.0), fov=(20.0, 50.0))
+PHONE = SceneRecord(view=BY_HAND, lens=PHONE_LENS, sensor=PHONE_SENSOR, develop=ROOM_PHOTO)
+by_phone = partial(replace, PHONE)  # a phone's scene with some parts of its own
 
 PRESETS: dict[str, SceneRecord] = {
-    # Paper, section 3.3, steps 1 to 6: alpha 3, 3 x 3 subpixels, rotation by up to 45 degrees,
-    # radial distortion (its extent is not given there), one sensor pixel per subpixel. In
-    # the camera's frame, on sRGB codes.
+    # Paper, section 3.3, steps 1 to 6; the extent of radial distortion is not given there.
     "paper": SceneRecord(
         panel=Panel(scale=3.0),
         view=View(roll=(-45.0, 45.0), fit=False),
@@ -124,8 +117,7 @@ PRESETS: dict[str, SceneRecord] = {
         sensor=Sensor(scale=9.0, exposure="point"),
         develop=Develop(registered=False, resize="point"),
     ),
-    # What the paper's released code does: whole degrees from -20 to 19 about three axes, focal
-    # length tied to the roll.
+    # What the paper's released code does.
     "paper_code": SceneRecord(
         panel=Panel(scale=3.0),
         view=View(
@@ -135,50 +127,41 @@ PRESETS: dict[str, SceneRecord] = {
         develop=Develop(registered=False, resize="point"),
     ),
     # The broad default of RandomMoire: a phone in front of an LCD, compared with photographs.
-    "screen_photo": SceneRecord(
+    "screen_photo": by_phone(
         panel=replace(LCD, width=(400.0, 1600.0)),
-        view=BY_HAND,
         lens=replace(PHONE_LENS, k1=(-0.03, 0.05)),
         sensor=replace(PHONE_SENSOR, pitch=(1.3, 2.2), gain=(1.5, 5.0)),
         develop=PHONE_PHOTO,
     ),
     # A phone in the hand, half a metre from a desk monitor.
-    "phone_at_monitor": SceneRecord(
+    "phone_at_monitor": by_phone(
         panel=replace(LCD, width=(400.0, 1600.0)),
         view=replace(BY_HAND, roll=(-6.0, 6.0), fov=(30.0, 60.0)),
-        lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.2, 2.1)),
         develop=PHONE_PHOTO,
     ),
     # The same phone looking down at a laptop, whose rows lean right and left in turn.
-    "phone_at_laptop": SceneRecord(
+    "phone_at_laptop": by_phone(
         panel=replace(LIT_LCD, layout="chevron", width=(150.0, 1600.0)),
         view=replace(BY_HAND, yaw=(-15.0, 15.0), pitch=(0.0, 30.0), fov=(20.0, 45.0)),
-        lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.1, 3.0), gain=(1.5, 6.0)),
-        develop=ROOM_PHOTO,
     ),
     # A phone over another phone.
-    "phone_at_phone": SceneRecord(
+    "phone_at_phone": by_phone(
         panel=replace(DIAMONDS, width=(150.0, 1600.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
-        lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(2.0, 8.0)),
-        develop=ROOM_PHOTO,
     ),
     # A phone near an OLED television.
-    "phone_at_television": SceneRecord(
+    "phone_at_television": by_phone(
         panel=replace(OLED, layout="wrgb", width=(150.0, 1600.0)),
         view=replace(BY_HAND, fov=(30.0, 60.0)),
-        lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(1.0, 4.0)),
-        develop=ROOM_PHOTO,
     ),
     # A phone in front of an LED wall.
-    "phone_at_led_wall": SceneRecord(
+    "phone_at_led_wall": by_phone(
         panel=Panel(layout="led", width=(128.0, 400.0), lit=(0.4, 1.0)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0), fov=(20.0, 60.0)),
-        lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.0, 1.9), gain=(4.5, 9.0)),
         develop=PHONE_PHOTO,
     ),
@@ -207,8 +190,7 @@ PRESETS: dict[str, SceneRecord] = {
         ),
         develop=replace(PHONE_PHOTO, jpeg=(75.0, 98.0)),
     ),
-    # A car drives up to a full-colour LED sign, which is all of the image: the farther away, the
-    # more LEDs for each of its pixels.
+    # A car drives up to a full-colour LED sign, which is all of the image.
     "dashcam_at_led_sign": SceneRecord(
         panel=Panel(layout="led", width=(32.0, 96.0), lit=(0.6, 1.0)),
         view=View(yaw=(-20.0, 20.0), pitch=(-12.0, 0.0), roll=(-3.0, 3.0)),
@@ -224,23 +206,21 @@ PRESETS: dict[str, SceneRecord] = {
         develop=PHONE_PHOTO,
     ),
     # A phone close to an LCD, whose pixels are seen beside strong moiré.
-    "phone_close_to_lcd": SceneRecord(
+    "phone_close_to_lcd": by_phone(
         panel=replace(LIT_LCD, width=(80.0, 400.0)),
-        view=BY_HAND,
         lens=replace(PHONE_LENS, blur=(0.3, 0.8)),
         sensor=replace(PHONE_SENSOR, pitch=(1.8, 5.6)),
         develop=PHONE_PHOTO,
     ),
     # A laptop or monitor seen whole, in a room that the camera exposes for.
-    "phone_at_whole_screen": SceneRecord(
+    "phone_at_whole_screen": by_phone(
         panel=replace(LIT_LCD, width=(1366.0, 1920.0), black=(0.001, 0.01), glare=(0.0, 0.15)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0)),
-        lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.6, 2.1), gain=(1.5, 6.0)),
         develop=SAVED_TWICE,
     ),
     # A tablet held at an angle, in whose glass a window is reflected.
-    "phone_at_tablet_by_window": SceneRecord(
+    "phone_at_tablet_by_window": by_phone(
         panel=replace(
             LIT_LCD,
             layout="chevron",
@@ -251,25 +231,21 @@ PRESETS: dict[str, SceneRecord] = {
         view=replace(
             BY_HAND, yaw=(-30.0, 30.0), pitch=(-10.0, 30.0), roll=(-15.0, 15.0), fov=(20.0, 40.0)
         ),
-        lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.6, 2.05), gain=(1.5, 4.0)),
         develop=SAVED_TWICE,
     ),
     # An OLED phone turned down in the dark: bands, noise.
-    "phone_at_dimmed_phone": SceneRecord(
+    "phone_at_dimmed_phone": by_phone(
         panel=replace(DIAMONDS, width=(150.0, 1600.0), pwm=(240.0, 480.0), duty=(0.2, 0.7)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
-        lens=PHONE_LENS,
         sensor=replace(
             DARK_SENSOR, pitch=(1.1, 2.1), shutter=(0.002, 0.005), readout=(0.008, 0.02)
         ),
-        develop=ROOM_PHOTO,
     ),
     # An LCD television from across a room.
-    "phone_across_room_at_television": SceneRecord(
+    "phone_across_room_at_television": by_phone(
         panel=replace(LIT_LCD, layout="chevron", width=(640.0, 1920.0), black=(0.001, 0.01)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0), fov=(8.0, 40.0)),
-        lens=PHONE_LENS,
         sensor=replace(PHONE_SENSOR, pitch=(1.6, 2.1), focal=1.9, gain=(1.5, 4.5)),
         develop=SAVED_TWICE,
     ),

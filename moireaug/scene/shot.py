@@ -14,24 +14,12 @@ from torch import Tensor
 
 from moireaug.common.numeric import as_dtype
 from moireaug.scene.by_name import by_part, parts_with, values_of
-from moireaug.scene.drawn_parts import (
-    DrawnDevelop,
-    DrawnLens,
-    DrawnPanel,
-    DrawnSensor,
-    DrawnView,
-)
+from moireaug.scene.drawn_parts import DrawnDevelop, DrawnLens, DrawnPanel, DrawnSensor, DrawnView
 from moireaug.scene.draws import Draws, check_drawn
 from moireaug.scene.fields import bounds
+from moireaug.scene.geometry import lattice
+from moireaug.scene.geometry.grids import mask_in_photo, points_in_photo
 from moireaug.scene.geometry.homography import about_corners
-from moireaug.scene.geometry.lattice import (
-    CFA,
-    SampledPixels,
-    binned_pixels,
-    pattern_period,
-    sampled_pixels,
-)
-from moireaug.scene.geometry.moved import mask_in_photo, points_in_photo
 from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot_geometry import HostGeometry, ShotGeometry
@@ -52,18 +40,17 @@ def check_tensor(name: str, values: object) -> Tensor:
 
 def sampled_rows_and_columns(
     scene: SceneRecord, size: tuple[int, int]
-) -> tuple[SampledPixels, SampledPixels]:
+) -> tuple[lattice.SampledPixels, lattice.SampledPixels]:
     """Return which sensor rows and columns a photo of `size` (height, width) reads; of a binned
     reading, its cells."""
     if scene.is_binned:
-        rows, cols = (binned_pixels(n) for n in size)
-        return rows, cols
+        return lattice.binned_pixels(size[0]), lattice.binned_pixels(size[1])
     sensor, develop = scene.sensor, scene.develop
     reach = DEMOSAIC_REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
     # denoisers and filters need every pixel of the sensor
     filtered = any(any(bounds(value)) for value in (develop.chroma_blur, develop.sharpen))
     resize = "all" if develop.denoise or filtered else develop.resize
-    rows, cols = (sampled_pixels(n, sensor.scale, resize, reach) for n in size)
+    rows, cols = (lattice.sampled_pixels(n, sensor.scale, resize, reach) for n in size)
     return rows, cols
 
 
@@ -103,12 +90,8 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
             object.__setattr__(self, "view", self.view.drawn({"fit": False}))
         numbers = values_of(self)
         check_drawn(numbers, self.seed)
-        changed = {}
-        for name, values in numbers.items():
-            if values.dtype != torch.float64:
-                changed[name] = values.double()
-        if changed:
-            numbers |= changed
+        if any(values.dtype != torch.float64 for values in numbers.values()):
+            numbers = {name: values.double() for name, values in numbers.items()}
             for name, part in parts_with(self, numbers).items():
                 object.__setattr__(self, name, part)
         object.__setattr__(self, "_numbers", numbers)
@@ -168,8 +151,7 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
                 f"{given}. Divide by //."
             ) from None
         h, w = self.size
-        rows_fit = 0 <= top < top + height <= h
-        if not (rows_fit and 0 <= left < left + width <= w):
+        if not (0 <= top < top + height <= h and 0 <= left < left + width <= w):
             raise ValueError(
                 f"a part must lie within the image of {h} x {w} pixels; got {height} x {width} "
                 f"from row {top} and column {left} on."
@@ -194,7 +176,7 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
         Differentiable in every View field that the scene's pose reads."""
         return about_corners(self.homography, self.photo_size)
 
-    def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
+    def sampled_pixels(self) -> tuple[lattice.SampledPixels, lattice.SampledPixels]:
         """Return which sensor rows and columns this photo reads."""
         return sampled_rows_and_columns(self.scene, self.size)
 
@@ -203,8 +185,8 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
         (B, 4, h / 2, w / 2), or three colours (B, 3, h, w); of a binned reading, four planes or
         three colours of the photo's size."""
         rows, cols = self.sampled_pixels()
-        planes = sum(len(site.channels) for site in CFA[self.scene.filter_cell])
-        step = pattern_period(self.scene.filter_cell)
+        planes = sum(len(site.channels) for site in lattice.CFA[self.scene.filter_cell])
+        step = lattice.pattern_period(self.scene.filter_cell)
         return len(self), planes, len(rows.index) // step, len(cols.index) // step
 
     @property
@@ -214,10 +196,7 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
 
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image, x then y in pixels, lie in the photo's own
-        frame.
-
-        For a registered scene that frame is the image's, and points are returned unchanged.
-        Integer points are rounded.
+        frame, which is the image's for a registered scene. Integer points are rounded.
 
         Raises:
             TypeError: points that are not a tensor.
@@ -261,15 +240,13 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
 
     def to_dict(self) -> dict[str, Any]:
         """Return exact plain numbers and lists; `Shot.from_dict` is the inverse."""
+        part = {}
+        if self.part_of is not None:
+            part["part_of"] = {name: list(pair) for name, pair in self.part_of._asdict().items()}
         return {
             "scene": self.scene.to_dict(),
             "size": list(self.size),
-            **self._part_to_dict(),
+            **part,
             "seed": self.seed.tolist(),
             **by_part({name: values.tolist() for name, values in self.numbers().items()}),
         }
-
-    def _part_to_dict(self) -> dict[str, Any]:
-        if self.part_of is None:
-            return {}
-        return {"part_of": {"size": list(self.part_of.size), "corner": list(self.part_of.corner)}}

@@ -16,12 +16,8 @@ from moireaug.scene.shot import ShotRecord, check_tensor
 
 
 def check_batch(shape: Sequence[int], shot: ShotRecord | MixedShot) -> None:
-    """Refuse a batch of the shape (B, 3, H, W) that a shot was not drawn for.
-
-    Raises:
-        TypeError: not a shot.
-        ValueError: another number or size of images.
-    """
+    """Refuse a batch of the shape (B, 3, H, W) that a shot was not drawn for (ValueError), and
+    anything but a shot (TypeError)."""
     if not isinstance(shot, MixedShot):
         check_is_shot(shot)
     n, (count, _, h, w) = len(shot), shape
@@ -48,11 +44,8 @@ def check_is_shot(shot: object) -> None:
 
 
 def checked_numbers(shot: ShotRecord) -> np.ndarray | None:
-    """Return `shot.host_numbers()`, or None where torch.compile or torch.func hides them.
-
-    Raises:
-        ValueError: a number that no scene may have: kernels would look up out of bounds.
-    """
+    """Return `shot.host_numbers()`, or None where torch.compile or torch.func hides them; refuse a
+    number that no scene may have with a ValueError: kernels would look up out of bounds."""
     if is_transformed():
         return None
     table = shot.host_numbers()
@@ -60,7 +53,14 @@ def checked_numbers(shot: ShotRecord) -> np.ndarray | None:
     if not ((table >= low) & (table <= high)).all():  # nor does NaN lie between them
         _refuse_numbers(shot.numbers())
     k1, k2 = (table[list(shot.numbers()).index(name)] for name in ("lens.k1", "lens.k2"))
-    _check_lens(k1, k2)
+    if (abs(3 * k1) + abs(5 * k2) < 1 - MIN_LENS_SLOPE).all():
+        return table  # no slope can be as small
+    for a, b in zip(k1.tolist(), k2.tolist(), strict=True):
+        if least_lens_slope(a, b) <= MIN_LENS_SLOPE:
+            raise ValueError(
+                f"shot.lens.k1 = {a:g} and k2 = {b:g} fold the photo onto itself before its "
+                "corners. Bring them closer to 0."
+            )
     return table
 
 
@@ -75,24 +75,9 @@ def _refuse_numbers(numbers: dict[str, Tensor]) -> None:
             )
 
 
-def _check_lens(k1: np.ndarray, k2: np.ndarray) -> None:
-    """Refuse, as `Lens` does, a distortion that folds the photo onto itself."""
-    if (abs(3 * k1) + abs(5 * k2) < 1 - MIN_LENS_SLOPE).all():
-        return  # no slope can be as small
-    for a, b in zip(k1.tolist(), k2.tolist(), strict=True):
-        if least_lens_slope(a, b) <= MIN_LENS_SLOPE:
-            raise ValueError(
-                f"shot.lens.k1 = {a:g} and k2 = {b:g} fold the photo onto itself before its "
-                "corners. Bring them closer to 0."
-            )
-
-
 def check_rows_of_noise(noise: object, shot: MixedShot) -> None:
-    """Refuse noise of a mixture that is no tensor, nor a list of one tensor for each image.
-
-    Raises:
-        TypeError, ValueError: with what was got and what is allowed.
-    """
+    """Refuse noise of a mixture that is no tensor, nor a list of one tensor for each image:
+    TypeError, ValueError."""
     if isinstance(noise, Tensor):
         count = len(noise) if noise.ndim else 0
     elif isinstance(noise, (list, tuple)) and all(isinstance(row, Tensor) for row in noise):
@@ -112,12 +97,8 @@ def check_rows_of_noise(noise: object, shot: MixedShot) -> None:
 
 
 def check_noise(noise: object, shot: ShotRecord) -> None:
-    """Refuse noise that is no floating point tensor of the shape `shot.raw_shape()`, or not finite.
-
-    Raises:
-        TypeError: not a tensor, or not floating point.
-        ValueError: another shape, NaN or infinity.
-    """
+    """Refuse noise that is no floating point tensor of the shape `shot.raw_shape()`, or not finite:
+    TypeError, ValueError."""
     noise = check_tensor("noise", noise)
     if not noise.is_floating_point():
         raise TypeError(
@@ -140,12 +121,8 @@ def _check_noise_shape(name: str, noise: Tensor, shape: tuple[int, ...]) -> None
 
 
 def check_raw(raw: Tensor, shot: ShotRecord) -> None:
-    """Refuse a raw reading that is not floating point, or not of the shape `shot.raw_shape()`.
-
-    Raises:
-        TypeError: not a floating point tensor, or not a shot.
-        ValueError: another shape.
-    """
+    """Refuse a raw reading that is not floating point, or not of the shape `shot.raw_shape()`, and
+    anything but a shot: TypeError, ValueError."""
     check_is_shot(shot)
     if not isinstance(raw, Tensor) or not raw.is_floating_point():
         got = f"a tensor of {raw.dtype}" if isinstance(raw, Tensor) else f"a {type(raw).__name__}"

@@ -33,55 +33,37 @@ def check_shot_keys(values: Any) -> None:
 def numbers_from_dict(
     scene: SceneRecord, values: Mapping[str, Any]
 ) -> tuple[dict[str, Tensor], Tensor]:
-    """Return the fields and seeds of a shot, as `draws.draw_numbers` does, from its dict.
-
-    Raises:
-        ValueError, TypeError: an unknown field, fields of different lengths, a number that no scene
-            may have, or a seed that is not in whole numbers.
-    """
+    """Return the fields and seeds of a shot, as `draws.draw_numbers` does, from its dict, checked:
+    ValueError, TypeError."""
     seed = values["seed"]
-    _check_seed(seed)
-    numbers = {}
-    for part in PARTS:
-        for name, given in _numbers_of(part, values[part], scene, len(seed)).items():
-            numbers[f"{part}.{name}"] = torch.tensor(given, dtype=torch.float64, device="cpu")
-    return numbers, torch.tensor(seed, dtype=torch.int64, device="cpu")
-
-
-def _check_seed(seed: Any) -> None:
     if not isinstance(seed, list | tuple) or not all(
         isinstance(s, Integral) and not isinstance(s, bool) for s in seed
     ):
         raise ValueError(f"a shot's seed must be a list of whole numbers; got {seed!r}.")
     if not all(-(2**63) <= s < 2**63 for s in seed):
         raise ValueError(f"a shot's seed must lie in [-2**63, 2**63), 64 bits; got {seed!r}.")
-
-
-def _numbers_of(part: str, given: Any, scene: SceneRecord, n: int) -> dict[str, list[float]]:
-    """Return the drawn fields of one part of a shot's dict, checked."""
-    if not isinstance(given, Mapping):
-        raise TypeError(f"a shot's {part} must be a mapping of its fields; got {given!r}.")
-    wanted = getattr(scene, part).ranged
-    for name in given:
-        one_of(f"a field of a shot's {part}", name, wanted)
-    checked = {}
-    for name in wanted:
-        numbers, allowed = given.get(name), PARTS[part].__dataclass_fields__[name].metadata
-        if not isinstance(numbers, list | tuple) or len(numbers) != n:
-            raise ValueError(
-                f"a shot's {part}.{name} must hold {n} numbers, one per image of its seed list; "
-                f"got {numbers!r}."
-            )
-        checked[name] = [check_number(f"a shot's {part}.{name}", x, **allowed) for x in numbers]
-    return checked
+    numbers = {}
+    for part in PARTS:
+        given, fields = values[part], getattr(scene, part)
+        if not isinstance(given, Mapping):
+            raise TypeError(f"a shot's {part} must be a mapping of its fields; got {given!r}.")
+        for name in given:
+            one_of(f"a field of a shot's {part}", name, fields.ranged)
+        for name in fields.ranged:
+            row, allowed = given.get(name), fields.__dataclass_fields__[name].metadata
+            if not isinstance(row, list | tuple) or len(row) != len(seed):
+                raise ValueError(
+                    f"a shot's {part}.{name} must hold {len(seed)} numbers, one per image of its "
+                    f"seed list; got {row!r}."
+                )
+            checked = [check_number(f"a shot's {part}.{name}", x, **allowed) for x in row]
+            numbers[f"{part}.{name}"] = torch.tensor(checked, dtype=torch.float64, device="cpu")
+    return numbers, torch.tensor(seed, dtype=torch.int64, device="cpu")
 
 
 def whole_from_dict(whole: Any) -> WholeImage:
-    """Return the image of which a shot's is a part, from the plain values in its dict.
-
-    Raises:
-        ValueError: anything but two pairs of whole numbers.
-    """
+    """Return the image of which a shot's is a part, from the plain values in its dict; refuse
+    anything but two pairs of whole numbers with a ValueError."""
     try:
         top, left = map(operator.index, whole["corner"])
         return WholeImage(check_size(whole["size"]), (top, left))

@@ -13,13 +13,7 @@ import torch
 from torch import Tensor
 
 from moireaug.scene.by_name import parts_with
-from moireaug.scene.drawn_parts import (
-    DrawnDevelop,
-    DrawnLens,
-    DrawnPanel,
-    DrawnSensor,
-    DrawnView,
-)
+from moireaug.scene.drawn_parts import DrawnDevelop, DrawnLens, DrawnPanel, DrawnSensor, DrawnView
 from moireaug.scene.geometry.frame import Frame, FrameSize, frame_of_crop, size_of_crops_photo
 from moireaug.scene.geometry.homography import focal_length, pose_of
 from moireaug.scene.plan import Plan
@@ -30,15 +24,8 @@ Array = TypeVar("Array", Tensor, np.ndarray)
 
 class ShotGeometry(Generic[Array]):
     """The geometry of B images, of drawn numbers that are tensors or, which is faster for so few,
-    arrays, (B,) float64 each.
-
-    Attributes:
-        scene, plan: of the shot.
-        panel, view, lens, sensor, develop: the drawn parts.
-        whole_size: height and width of the image, or of the larger one of which it is a part.
-        corner: row and column at which it begins there.
-        xp: module of the numbers, torch or numpy.
-    """
+    arrays, (B,) float64 each, of the module `xp`. The image begins at the row and column `corner`
+    of one of the size `whole_size`."""
 
     scene: SceneRecord
     plan: Plan
@@ -58,8 +45,7 @@ class ShotGeometry(Generic[Array]):
 
     @property
     def panel_scale(self) -> Array:
-        """Panel pixels per image pixel, (B,): `Panel.scale`, or from `Panel.width`, or of a crop
-        from `Sensor.shrink` and `Sensor.pitch`."""
+        """Panel pixels per image pixel, (B,)."""
         n = self._numbers
         if self.scene.panel.width:
             return n["panel.width"] / max(self.whole_size)
@@ -69,8 +55,8 @@ class ShotGeometry(Generic[Array]):
 
     @property
     def sensor_scale(self) -> Array:
-        """Sensor pixels per photo pixel along each axis, (B,): `Sensor.shrink` or `scale`, or from
-        `Sensor.pitch`, which holds in the middle of the picture before it is turned."""
+        """Sensor pixels per photo pixel along each axis, (B,); `Sensor.pitch` holds in the middle
+        of the picture before it is turned."""
         n = self._numbers
         if self.scene.is_crop:
             return n["sensor.shrink"]
@@ -80,8 +66,8 @@ class ShotGeometry(Generic[Array]):
 
     @property
     def bin_scale(self) -> Array:
-        """Sensor pixels along each side of a binned reading's bins, (B,): `sensor_scale`, or of
-        bins in the image's frame the root of their area in the middle of the picture."""
+        """Sensor pixels along each side of a binned reading's bins, (B,); of bins in the image's
+        frame the root of their area in the middle of the picture."""
         scale, xp = self.sensor_scale, self.xp
         if not self.scene.is_rectified:
             return scale
@@ -91,13 +77,14 @@ class ShotGeometry(Generic[Array]):
     @property
     def magnification(self) -> Array:
         """Photo pixels that an image pixel takes along each axis before it is turned, (B,)."""
-        return self._numbers["view.zoom"] if self.scene.is_crop else self._pose()[1]
+        return self._numbers["view.zoom"] if self.scene.is_crop else self._pose[1]
 
     @property
     def homography(self) -> Array:
         """From image to ideal photo coordinates, both about their centres, (B, 3, 3)."""
-        return self._pose()[0]
+        return self._pose[0]
 
+    @property
     def _pose(self) -> tuple[Any, Any]:
         k1, k2, scale = self._numbers["lens.k1"], self._numbers["lens.k2"], self.scene.sensor.scale
         return pose_of(self.view, k1, k2, self.photo_size, self.focal, scale, self.xp)
@@ -147,10 +134,7 @@ class ShotGeometry(Generic[Array]):
 
 
 class HostGeometry(ShotGeometry[np.ndarray]):
-    """A shot's geometry in arrays, whose pose and frame are computed once.
-
-    table: the shot's numbers, from `ShotRecord.host_numbers`.
-    """
+    """A shot's geometry in arrays, of its `host_numbers`; pose and frame are computed once."""
 
     xp = np
 
@@ -165,8 +149,5 @@ class HostGeometry(ShotGeometry[np.ndarray]):
         return super().frame
 
     @functools.cached_property
-    def _host_pose(self) -> tuple[np.ndarray, np.ndarray]:
-        return super()._pose()
-
     def _pose(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._host_pose
+        return super()._pose

@@ -27,8 +27,8 @@ def size_octave(scene: SceneRecord, size: tuple[int, int]) -> int:
 
 
 def panel_scales(scene: SceneRecord, size: tuple[int, int]) -> tuple[float, float]:
-    """Return the least and the greatest panel pixels per image pixel, for pictures of `size`
-    (height, width), and of all sizes in the same octave."""
+    """Return the least and the greatest panel pixels per image pixel, for pictures of all sizes in
+    the octave of `size` (height, width)."""
     if not scene.panel.width:
         if scene.is_crop:
             return panel_scales_of_crop(scene.view, scene.sensor)
@@ -71,8 +71,7 @@ def scene_of_size(scene: SceneRecord, size: tuple[int, int] = NOMINAL_SIZE) -> S
 
 
 def parts_of_crops(scene: SceneRecord, shrink: Any) -> tuple[Panel, Sensor]:
-    """Return the panel and the sensor of a scene for images that are crops; shrink, errors: see
-    `Scene.with_shrink`."""
+    """Return the panel and the sensor of a scene for images that are crops, for `with_shrink`."""
     if not scene.is_binned:
         raise ValueError(
             "shrink is for scenes that state Panel.width, Sensor.pitch or Sensor.shrink; got "
@@ -97,8 +96,7 @@ def _extent_of_crops(scene: SceneRecord, place: Range, size: tuple[int, int]) ->
 def _pitches_of_thing(
     scene: SceneRecord, scales: tuple[float, float], size: tuple[int, int]
 ) -> tuple[float, float]:
-    """Return the least and the greatest sensor pixels per panel pixel of a crop that shows so many
-    panel pixels per image pixel."""
+    """Return the least and the greatest sensor pixels per panel pixel of a crop of `scales`."""
     shrink = shrink_of_image(scene.view, scene.sensor)
     low, high = shrink[0] / scales[1], shrink[1] / scales[0]
     most = Sensor.__dataclass_fields__["pitch"].metadata["high"]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 Vector = tuple[float, float]
@@ -15,11 +16,9 @@ class Subpixel:
     """A parallelogram that emits one channel, in panel pixels from the upper left corner of its
     cell, x right, y down.
 
-    Args:
-        channel: 0 red, 1 green, 2 blue.
-        centre: centre of the parallelogram.
-        across, down: its two edge vectors; (width, 0) and (0, height) make a rectangle.
-        period: from one copy of it to the next along x and y, whole panel pixels.
+    channel: 0 red, 1 green, 2 blue.
+    across, down: its two edge vectors; (width, 0) and (0, height) make a rectangle.
+    period: from one copy of it to the next along x and y, whole panel pixels.
     """
 
     channel: int
@@ -65,15 +64,8 @@ class Subpixel:
 
 def is_overlapping(a: Subpixel, b: Subpixel) -> bool:
     """Whether a subpixel and any copy of another share an area."""
-    return any(_has_shared_area(a, copy) for copy in _copies(b))
-
-
-def _copies(subpixel: Subpixel) -> Iterator[Subpixel]:
-    """Yield a subpixel and its copies in the eight cells around it."""
-    px, py = subpixel.period
-    for right in (-px, 0, px):
-        for down in (-py, 0, py):
-            yield subpixel.moved(right, down)
+    cells = itertools.product((-1, 0, 1), repeat=2)
+    return any(_has_shared_area(a, b.moved(i * b.period[0], j * b.period[1])) for i, j in cells)
 
 
 def _has_shared_area(a: Subpixel, b: Subpixel) -> bool:
@@ -97,29 +89,22 @@ def in_smallest_cell(subpixels: Sequence[Subpixel]) -> list[Subpixel]:
     for axis in (0, 1):
         whole = found[0].period[axis] if found else 1
         for period in range(1, whole):
-            if whole % period:
-                continue
-            if _is_short_enough(found, axis, period) and _is_periodic(found, axis, period):
+            if whole % period == 0 and _is_periodic(found, axis, period):
                 found = _in_cell(found, axis, period)
                 break
     return found
 
 
-def _is_short_enough(subpixels: Sequence[Subpixel], axis: int, period: int) -> bool:
-    """Whether no subpixel is longer along an axis than `period` panel pixels, and so would overlap
-    its own copies' cells."""
-    for subpixel in subpixels:
-        along = [corner[axis] for corner in subpixel.corners()]
-        if max(along) - min(along) > period:
-            return False
-    return True
-
-
 def _is_periodic(subpixels: Sequence[Subpixel], axis: int, period: int) -> bool:
-    """Whether every subpixel has a copy of itself `period` panel pixels along an axis."""
+    """Whether every subpixel has a copy of itself `period` panel pixels along an axis, and is no
+    longer than that: it would overlap its copies' cells."""
     step = (period, 0) if axis == 0 else (0, period)
     known = {_shape(subpixel) for subpixel in subpixels}
-    return all(_shape(subpixel.moved(*step)) in known for subpixel in subpixels)
+    for subpixel in subpixels:
+        box = subpixel.box()
+        if box[axis + 2] - box[axis] > period or _shape(subpixel.moved(*step)) not in known:
+            return False
+    return True
 
 
 def _shape(subpixel: Subpixel) -> tuple[float, ...]:

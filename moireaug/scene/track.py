@@ -17,7 +17,7 @@ from moireaug.common.argument_checks import check_real
 from moireaug.scene.by_name import limits, parts_with, values_of, with_values
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.fields import bounds
-from moireaug.scene.geometry.moved import points_in_photo
+from moireaug.scene.geometry.grids import points_in_photo
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
@@ -96,12 +96,11 @@ def track_of(shot: AnyShot, counts: Sequence[int], hand: Hand) -> AnyShot:
 
     Frame 0 is the row itself. Frame k has its seed + k, for sensor noise of its own; its pose,
     moved as the hand moves it in k / hand.rate seconds, which the row's seed alone decides; and the
-    phase of the panel's pulses then. Panel and image stay as they are to one another. The ranges of
-    its scene are wider by as much as a hand moves.
+    phase of the panel's pulses then. The scene's ranges are wider by as much as a hand moves.
     """
     rows = torch.from_numpy(np.repeat(np.arange(len(shot)), counts)).to(shot.device)
-    frames = torch.from_numpy(np.concatenate([np.zeros(0, np.int64), *map(np.arange, counts)]))
-    frames, chosen = frames.to(shot.device), shot[rows]
+    frames = torch.tensor([k for n in counts for k in range(n)], device=shot.device).long()
+    chosen = shot[rows]
     if isinstance(chosen, MixedShot):
         scenes = tuple(filmed_by(scene, hand) for scene in chosen.scenes)
         parts = [(rows, _filmed(part, frames[rows], hand)) for rows, part in chosen.by_scene()]
@@ -143,9 +142,8 @@ def _travelled(start: ShotRecord, moved: ShotRecord) -> tuple[Tensor, Tensor]:
     can, (n,) each."""
     height, width = start.whole_size
     centre = torch.tensor([width / 2, height / 2], dtype=torch.float64, device=start.device)
-    there = points_in_photo(
-        centre.expand(len(start), 1, 2), moved.matrix(), start.frame, start.distortion
-    )
+    points = centre.expand(len(start), 1, 2)
+    there = points_in_photo(points, moved.matrix(), start.frame, start.distortion)
     photo_height, photo_width = start.photo_size
     across, down = (there[:, 0] - centre).unbind(-1)
     return across / (photo_width - width).clamp(min=1.0), down / (photo_height - height).clamp(1.0)
@@ -153,11 +151,8 @@ def _travelled(start: ShotRecord, moved: ShotRecord) -> tuple[Tensor, Tensor]:
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def filmed_by(scene: SceneRecord, hand: Hand) -> SceneRecord:
-    """Return a scene whose ranges hold what a hand makes of its draws.
-
-    Raises:
-        ValueError: a scene with View.pose = "released".
-    """
+    """Return a scene whose ranges hold what a hand makes of its draws; one with View.pose =
+    "released" is refused: ValueError."""
     if not hand.amplitudes().any():
         return scene
     if scene.view.pose != "camera":
@@ -177,6 +172,5 @@ def filmed_by(scene: SceneRecord, hand: Hand) -> SceneRecord:
             least, most = least - reach[name], most + reach[name]
         wider[name] = max(least, low), min(most, high)
     if scene.is_crop:
-        for name in ("sensor.crop_x", "sensor.crop_y"):
-            wider[name] = 0.0, 1.0
+        wider["sensor.crop_x"] = wider["sensor.crop_y"] = 0.0, 1.0
     return with_values(scene, wider)

@@ -50,12 +50,9 @@ class View(Part):
         one_of("View.pose", self.pose, POSES)
         if self.pose == "released":
             for name in ("yaw", "pitch", "roll"):
-                self._check_whole(name)
-
-    def _check_whole(self, name: str) -> None:
-        value = getattr(self, name)
-        if not hasattr(value, "shape") and any(end % 1 for end in bounds(value)):
-            raise ValueError(
-                f"View.{name} must be in whole degrees where pose = 'released', which draws no "
-                f"others; got {value!r}. Round it, or use pose = 'camera'."
-            )
+                value = getattr(self, name)
+                if not hasattr(value, "shape") and any(end % 1 for end in bounds(value)):
+                    raise ValueError(
+                        f"View.{name} must be in whole degrees where pose = 'released', which "
+                        f"draws no others; got {value!r}. Round it, or use pose = 'camera'."
+                    )

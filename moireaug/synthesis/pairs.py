@@ -1,7 +1,7 @@
 """Pairs: a crop of a picture, its photo off a screen and, if asked, the photo's twin without moiré.
 
-Pair k takes its picture, its crop and its shot from a counter-based generator at (seed, k). So it
-is the same pair in any process, in any order, and by any number of processes.
+Pair k takes its picture, its crop and its shot from a counter-based generator at (seed, k): it is
+the same in any order, and by any number of processes.
 """
 
 from __future__ import annotations
@@ -57,9 +57,8 @@ class Pair:
         """Photo minus twin, in codes RMS, the mean over frames; None where there is no twin."""
         if self.twin is None:
             return None
-        photos, twins = (
-            taken.reshape(-1, *self.original.shape) for taken in (self.photo, self.twin)
-        )
+        shape = (-1, *self.original.shape)
+        photos, twins = self.photo.reshape(shape), self.twin.reshape(shape)
         return moire_codes(photos / 255, twins / 255).mean().item()
 
     def pictures(self) -> dict[str, Tensor]:
@@ -71,19 +70,10 @@ class Pair:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the pair's settings, and its `moire` where there is a twin, as plain values fit
-        for JSON.
-
-        `Shot.from_dict` of its `shot` takes the same photo of the same original again.
-        """
-        values = {
-            "index": self.index,
-            "picture": self.picture,
-            "top": self.top,
-            "left": self.left,
-            "shot": self.shot.to_dict(),
-        }
-        moire = self.moire
-        return values if moire is None else values | {"moire": moire}
+        for JSON; `Shot.from_dict` of its `shot` takes the same photo again."""
+        values = {name: getattr(self, name) for name in ("index", "picture", "top", "left")}
+        values["shot"] = self.shot.to_dict()
+        return values if self.twin is None else values | {"moire": self.moire}
 
 
 class Pairs(IterableDataset):
@@ -92,8 +82,7 @@ class Pairs(IterableDataset):
     Yields dicts of `photo`, `original` and, with `twin=True`, `twin`, (3, size, size) float32 in
     [0, 1], multiples of 1/255 as in a file; with `frames`, photo and twin are videos (frames, 3,
     size, size). And `index`, the pair's number: `make_pair` gives a pair by it, with the shot.
-    Workers of a DataLoader and ranks of torch.distributed share the numbers out, so that none makes
-    another's pairs.
+    Workers of a DataLoader and ranks of torch.distributed share the numbers out.
 
     Args:
         images: a folder of pictures, searched recursively. Those that are damaged or have a side
@@ -107,8 +96,8 @@ class Pairs(IterableDataset):
             iteration begins with pair 0: take another seed for other pairs.
         shrink: the crops are parts of larger photos, with so many sensor pixels per pixel; None
             leaves the scene as it is, in presets a whole photo of each. See `Scene.with_shrink`.
-        frames: frames of a video of each crop, filmed by hand as by `Scene.sample_track`; frame 0
-            is the photo that None, no video, takes.
+        frames: of a video of each crop, filmed by hand as by `Scene.sample_track`; frame 0 is the
+            photo that None, no video, takes.
 
     Raises:
         ValueError, TypeError: a folder without pictures, a scene in the camera's frame, a number
@@ -144,21 +133,13 @@ class Pairs(IterableDataset):
         """Return pair k >= 0. A pure function of k, the settings and the files.
 
         Raises:
-            TypeError: a k that is no whole number.
-            ValueError: a k outside [0, 2^63), no picture is usable, or one could not be read by the
-                system.
+            TypeError, ValueError: a k that is no whole number in [0, 2^63); no picture is usable,
+                or the system could not read one.
         """
         check_whole("k", k, 0, 2**63 - 1)
-        k = int(k)
-        return make_pair(
-            k,
-            self.pictures,
-            self.scene,
-            self.size,
-            twin=self.twin,
-            seed=self.seed,
-            frames=self.frames,
-        )
+        source, scene, size, seed = self.pictures, self.scene, self.size, self.seed
+        twin, frames = self.twin, self.frames
+        return make_pair(int(k), source, scene, size, twin=twin, seed=seed, frames=frames)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         first, step = _process_share()
@@ -166,11 +147,8 @@ class Pairs(IterableDataset):
         if self.n is not None:
             numbers = range(first, self.n, step)
         for k in numbers:
-            pair = self.make_pair(k)
-            item: dict[str, Any] = {"index": k}
-            for name, codes in pair.pictures().items():
-                item[name] = codes.float() / 255
-            yield item
+            pictures = self.make_pair(k).pictures()
+            yield {"index": k} | {name: codes.float() / 255 for name, codes in pictures.items()}
 
 
 def make_pair(
@@ -183,27 +161,16 @@ def make_pair(
     seed: int,
     frames: int | None = None,
 ) -> Pair:
-    """Return the pair of a number: a picture, a crop of it and a shot, all drawn from (seed, k).
-
-    Args:
-        k: number of the pair, at least 0.
-        pictures: source of its picture.
-        scene: scene, or mixture, that `check_aligned` accepts.
-        size: side of the crop, in pixels.
-        twin: whether to photograph the crop again without moiré.
-        seed, frames: as in `Pairs`.
-
-    Raises:
-        ValueError: as `pictures.draw`.
-    """
+    """Return the pair of a number k >= 0: a picture, a crop of it and a shot, all drawn from (seed,
+    k). Arguments as of `Pairs`; a scene, or mixture, that `check_aligned` accepts. Errors as of
+    `pictures.draw`."""
     rng = np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, k]))
     name, picture = pictures.draw(rng)
     top = int(rng.integers(picture.height - size + 1))
     left = int(rng.integers(picture.width - size + 1))
     crop = picture.crop((left, top, left + size, top + size))
     original = torch.from_numpy(np.array(crop)).permute(2, 0, 1).contiguous()
-    # torch's generator keeps 32 bits of a seed: about a hundred of a million shots come twice,
-    # of different crops
+    # of 32 bits, as torch keeps: about a hundred of a million shots come twice, of different crops
     generator = torch.Generator().manual_seed(int(rng.integers(2**32)))
     shot = sample_one(scene, (size, size), generator)
     if frames is not None:
@@ -233,8 +200,7 @@ def _process_share() -> tuple[int, int]:
 
 
 def check_aligned(scene: Scene | Mixture) -> None:
-    """Refuse a scene, or a mixture with one, whose photos do not lie on their originals, or cannot
-    be taken: ValueError."""
+    """Refuse scenes whose photos do not lie on their originals, or cannot be taken: ValueError."""
     for one in scenes_of(scene):
         if not one.develop.registered:
             raise ValueError(

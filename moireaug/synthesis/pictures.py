@@ -37,9 +37,7 @@ class Pictures:
     Names that begin with a dot are skipped. `others` holds the files without an image suffix, and
     `unusable` the reason for each picture that `draw` has skipped so far.
 
-    Args:
-        folder: folder of the pictures.
-        min_side: smallest side of a usable picture, in pixels.
+    min_side: smallest side of a usable picture, in pixels.
 
     Raises:
         ValueError: no folder, or no picture in it.
@@ -50,11 +48,9 @@ class Pictures:
         self.unusable: dict[int, str] = {}
         if not self.folder.is_dir():
             raise ValueError(f"{self.folder} is not a folder: pass one with pictures inside.")
-        self.names: list[str] = []
-        self.others: list[str] = []
-        for name in files_below(self.folder):
-            is_picture = name.lower().endswith(SUFFIXES)
-            (self.names if is_picture else self.others).append(name)
+        files = files_below(self.folder)
+        self.names = [name for name in files if name.lower().endswith(SUFFIXES)]
+        self.others = [name for name in files if not name.lower().endswith(SUFFIXES)]
         if not self.names:
             raise ValueError(
                 f"{self.folder} holds no pictures: none of its {len(self.others)} files ends with "
@@ -66,25 +62,19 @@ class Pictures:
 
     def draw(self, rng: np.random.Generator) -> tuple[str, Image.Image]:
         """Draw pictures, each with the same probability, until one is usable; return its name and
-        the picture.
-
-        The result depends on `rng` and the files alone, not on earlier draws.
+        the picture. The result depends on `rng` and the files alone, not on earlier draws.
 
         Raises:
-            NoPictureError: a ValueError, none is usable.
-            ValueError: the system could not read one.
+            ValueError: the system could not read one; a NoPictureError, none is usable.
         """
         while len(self.unusable) < len(self):
             index = int(rng.integers(len(self)))
-            if index in self.unusable:
-                continue
-            try:
-                return self.names[index], self._load(self.names[index])
-            except _UnusableError as error:
-                self.unusable[index] = str(error)
-        reasons = list(self.unusable.values())
+            picture = None if index in self.unusable else self._load(index)
+            if picture is not None:
+                return self.names[index], picture
+        first = next(iter(self.unusable.values()))
         raise NoPictureError(
-            f"none of the {len(self)} pictures in {self.folder} is usable. The first: {reasons[0]}"
+            f"none of the {len(self)} pictures in {self.folder} is usable. The first: {first}"
         )
 
     def subset(self, numbers: Sequence[int]) -> Pictures:
@@ -102,8 +92,9 @@ class Pictures:
             digest.update(name.encode("utf-8", "surrogateescape") + f"\0{size}\n".encode())
         return digest.hexdigest()
 
-    def _load(self, name: str) -> Image.Image:
-        path = self.folder / name
+    def _load(self, index: int) -> Image.Image | None:
+        """Return a picture, or None, and keep the reason in `unusable`."""
+        path = self.folder / self.names[index]
         try:
             picture = read_picture(path)
         except ValueError as error:
@@ -111,18 +102,16 @@ class Pictures:
             cause = error.__cause__
             if isinstance(cause, MemoryError) or (isinstance(cause, OSError) and cause.errno):
                 raise
-            raise _UnusableError(str(error)) from error
-        if min(picture.size) < self.min_side:
-            width, height = picture.size
-            raise _UnusableError(
-                f"The image {path} is too small: {width} x {height} pixels, and the crops have "
-                f"{self.min_side} x {self.min_side}."
-            )
-        return picture
-
-
-class _UnusableError(Exception):
-    """The reason why a picture is skipped."""
+            self.unusable[index] = str(error)
+            return None
+        if min(picture.size) >= self.min_side:
+            return picture
+        width, height = picture.size
+        self.unusable[index] = (
+            f"The image {path} is too small: {width} x {height} pixels, and the crops have "
+            f"{self.min_side} x {self.min_side}."
+        )
+        return None
 
 
 def _unreadable(error: OSError) -> None:
@@ -134,11 +123,8 @@ def _unreadable(error: OSError) -> None:
 
 def files_below(folder: Path) -> list[str]:
     """Return the names of all files below a folder, relative to it, in order, except hidden ones
-    and links to nothing. A folder that links lead back to is read once.
-
-    Raises:
-        ValueError: a folder that may not be read.
-    """
+    and links to nothing. A folder that links lead back to is read once; one that may not be read is
+    refused: ValueError."""
     names, visited = [], set()
     for parent, folders, files in os.walk(folder, onerror=_unreadable, followlinks=True):
         place = os.path.realpath(parent)

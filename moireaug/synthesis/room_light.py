@@ -39,11 +39,8 @@ def light_of_room(codes: Tensor, shot: Shot) -> Tensor:
 
 
 def read(light: Tensor, shot: Shot, inside: Tensor) -> Tensor:
-    """Return a shot's binned reading of light: with noise, and clipped as by `ClipReading`.
-
-    Args:
-        inside: (B, 1, H, W) share of each pixel that the screen takes, whose pattern saturates.
-    """
+    """Return a shot's binned reading of light: with noise, and clipped as by `ClipReading`; inside:
+    (B, 1, H, W) share of each pixel that the screen takes, whose pattern saturates."""
     shot = shot.to(light.device)
     if "noise" in shot.plan.exposing:
         light = Noise()(light, shot)

@@ -1,8 +1,7 @@
 """Screens in rooms: photos in which a whole screen is seen, with its bezel and what is around it.
 
-The screen's plane is photographed in the camera's frame by `expose`, and the room as it is seen
-without moiré, both without noise and saturation. Their light is joined by masks with antialiased
-edges, and then read and developed once: noise, tone and JPEG are those of one photo.
+The light of the screen's plane and that of the room, without noise and saturation, are joined by
+antialiased masks, and then read and developed once: noise, tone and JPEG are those of one photo.
 """
 
 from __future__ import annotations
@@ -97,9 +96,9 @@ def screen_in_room(
 ) -> RoomPhotos:
     """Return photos in which a screen that shows a picture is seen in a room.
 
-    A photo has the size of its surroundings, which its frame shows; the screen has the shape of its
-    picture, and its place and size are drawn by `room`, its pose and camera by `scene`, whose photo
-    is left in the camera's frame. Where the screen fills the photo, that is what `capture` returns.
+    A photo has the size of its surroundings; the screen has the shape of its picture, and its place
+    and size are drawn by `room`, its pose and camera by `scene`, whose photo is left in the
+    camera's frame. Where the screen fills the photo, that is what `capture` returns.
 
     Args:
         pictures: (B, 3, h, w) float in [0, 1], sRGB codes.
@@ -107,8 +106,7 @@ def screen_in_room(
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture. It is of the plane
             in which the screen lies: with `Sensor.pitch`, a larger screen has more panel pixels.
         room: see `Room`; None is `Room()`.
-        shrink: sensor pixels per photo pixel, see `Scene.with_shrink`; None leaves the scene as it
-            is, in presets with a whole photo of its panel.
+        shrink: sensor pixels per photo pixel, see `Scene.with_shrink`; None leaves scenes as is.
         generator: of the draws; None is torch's global one.
 
     Raises:
@@ -141,10 +139,8 @@ def screen_in_room(
         plane.copy_(on_plane(picture, box, size))
     rooms = _rooms(surroundings, drawn)
     numbers = torch.stack(list(drawn.values()), 1)
-    joined: tuple[Tensor, ...] = per_scene(
-        shot, _photograph, planes, rooms, boxes, numbers, join=_join
-    )
-    return RoomPhotos(joined[0].to(pictures.dtype), *joined[1:])
+    taken = per_scene(shot, _photograph, planes, rooms, boxes, numbers, join=_join)
+    return RoomPhotos(taken[0].to(pictures.dtype), *taken[1:])
 
 
 @functools.lru_cache(maxsize=64)
@@ -169,10 +165,8 @@ def _photograph(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return the `RoomPhotos` of one scene's images.
 
-    Args:
-        planes, rooms: (B, 3, H, W), codes of the screens' planes, and light of the rooms.
-        boxes: see `boxes_of`.
-        numbers: (B, fields) float64, of `Room.draw`.
+    planes, rooms: (B, 3, H, W), codes of the screens' planes, and light of the rooms.
+    boxes: see `boxes_of`. numbers: (B, fields) float64, of `Room.draw`.
     """
     drawn = dict(zip(Room.ranged, numbers.to(planes).unbind(1), strict=True))
     shorter = boxes[:, 2:].amin(1).to(planes)
@@ -195,11 +189,8 @@ def _photograph(
 
 
 def _mean_light(planes: Tensor, inside: Tensor) -> Tensor:
-    """Return the mean light (B, 3, 1, 1) of screens, from some of their planes' pixels.
-
-    Args:
-        inside: (B, 1, H, W) share of each pixel that the screen takes.
-    """
+    """Return the mean light (B, 3, 1, 1) of screens, from some of their planes' pixels, of which
+    they take the shares `inside` (B, 1, H, W)."""
     some = (..., slice(None, None, SPACING), slice(None, None, SPACING))
     mean = (light_of_codes(planes[some]) * inside[some]).mean((2, 3), keepdim=True)
     return mean / inside[some].mean((2, 3), keepdim=True).clamp(min=0.01)

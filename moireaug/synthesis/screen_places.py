@@ -14,21 +14,13 @@ SPACING = 8  # photo pixels between those whose view of the screen is computed
 
 def boxes_of(shape: tuple[int, int], size: tuple[int, int], drawn: dict[str, Tensor]) -> Tensor:
     """Return where the screens lie in their plane: left, top, width and height, in whole pixels of
-    the photo before it is turned, (B, 4) int64.
-
-    Args:
-        shape: height and width of the pictures. size: those of the photos.
+    the photo before it is turned, (B, 4) int64. shape, size: (height, width) of pictures, photos.
     """
     fitting = min(size[0] / shape[0], size[1] / shape[1])
-    sides = (drawn["extent"][:, None] * fitting * _sides(shape)).round().clamp(min=1)
-    spare = _sides(size) - sides
-    upper_left = (torch.stack((drawn["place_x"], drawn["place_y"]), 1) * spare).round()
-    return torch.cat((upper_left, sides), 1).long()
-
-
-def _sides(size: tuple[int, int]) -> Tensor:
-    """Return the width and the height of a size (height, width), on the CPU as what is drawn."""
-    return torch.tensor(size[::-1], device="cpu")
+    picture, photo = (torch.tensor(sides[::-1], device="cpu") for sides in (shape, size))
+    sides = (drawn["extent"][:, None] * fitting * picture).round().clamp(min=1)
+    upper_left = torch.stack((drawn["place_x"], drawn["place_y"]), 1) * (photo - sides)
+    return torch.cat((upper_left.round(), sides), 1).long()
 
 
 def on_plane(picture: Tensor, box: list[int], size: tuple[int, int]) -> Tensor:
@@ -53,11 +45,8 @@ def corners(boxes: Tensor) -> Tensor:
 
 def distances(shot: Shot, boxes: Tensor, radii: Tensor) -> tuple[Tensor, Tensor]:
     """Return how far outside of their screen photo pixels look, and the size of a photo pixel
-    there, both in pixels of the screen's plane: (B, 1, H, W) each.
-
-    Args:
-        radii: (B, 1, 1, 1) radii of the screens' corners, in the same pixels.
-    """
+    there, both in pixels of the screen's plane, (B, 1, H, W) each; radii: (B, 1, 1, 1) of the
+    screens' corners, in the same pixels."""
     frame, lens, dtype = shot.frame, shot.distortion, radii.dtype
     if lens is not None:
         lens = lens[0].to(dtype), lens[1].to(dtype)

@@ -21,10 +21,8 @@ AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot[Shot])
 
 def without_moire(shot: AnyShot, *, noise: bool = True) -> AnyShot:
     """Return the same shot of a panel without subpixels: camera and light stay, and the stripes
-    give way to their mean light.
-
-    `capture(images, without_moire(shot))` is a photo that no camera can take, and the target that
-    teaches a demoiréing network to remove the moiré alone.
+    give way to their mean light. `capture(images, without_moire(shot))` teaches a demoiréing
+    network to remove the moiré alone.
 
     Args:
         shot: shot of a photo, or the draw of a mixture.
@@ -41,12 +39,8 @@ def without_moire(shot: AnyShot, *, noise: bool = True) -> AnyShot:
 
 
 def moire_codes(photos: Tensor, twins: Tensor) -> Tensor:
-    """Return the strength of moiré in photos, (B,) float64: the root mean square of their
-    differences from their twins, in codes of 255.
-
-    Args:
-        photos, twins: (B, 3, H, W) in [0, 1], of shots and of `without_moire(shot)`.
-    """
+    """Return the strength of moiré in photos (B, 3, H, W) in [0, 1], (B,) float64: the root mean
+    square of their differences from their twins, of `without_moire(shot)`, in codes of 255."""
     return 255 * (photos.double() - twins.double()).square().mean((1, 2, 3)).sqrt()
 
 

@@ -15,7 +15,6 @@ if TYPE_CHECKING:  # at run time on first use, as each imports its library
     from moireaug.transforms.adversarial import AdversarialMoire
     from moireaug.transforms.torchvision import RandomMoire
 
-LIBRARIES = ("torchvision", "kornia", "albumentations")
 MODULE_OF_CLASS = {"RandomMoire": "torchvision", "AdversarialMoire": "adversarial"}
 
 __all__ = ["AdversarialMoire", "RandomMoire", "albumentations", "kornia", "torchvision"]
@@ -24,13 +23,12 @@ __all__ = ["AdversarialMoire", "RandomMoire", "albumentations", "kornia", "torch
 if not TYPE_CHECKING:  # which would hide that a name is unknown
 
     def __getattr__(name: str) -> Any:
-        if name in LIBRARIES:
-            return importlib.import_module(f".{name}", __name__)
-        if name in MODULE_OF_CLASS:
-            return getattr(importlib.import_module(f".{MODULE_OF_CLASS[name]}", __name__), name)
-        raise AttributeError(
-            f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}."
-        )
+        if name not in __all__:
+            raise AttributeError(
+                f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}."
+            )
+        module = importlib.import_module(f".{MODULE_OF_CLASS.get(name, name)}", __name__)
+        return getattr(module, name) if name in MODULE_OF_CLASS else module
 
 
 def __dir__() -> list[str]:

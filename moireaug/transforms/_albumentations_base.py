@@ -21,16 +21,13 @@ SampledParams = getattr(transforms_interface, "SampledParams", None)
 
 
 def torch_generator(random: np.random.Generator) -> torch.Generator:
-    """Return a generator of torch, seeded by one of NumPy with 32 bits: torch's on the CPU keeps no
-    more of a seed. Two of 77,000 pictures are as likely as not to be photographed alike."""
+    """Return a generator of torch, seeded by one of NumPy with 32 bits: torch's keeps no more."""
     return torch.Generator().manual_seed(int(random.integers(2**63)) % 2**32)
 
 
 class SampledTransform(DualTransform):
-    """A transform of numpy arrays that draws its parameters once a call, for all targets.
-
-    Subclasses define `draw`, the `apply` methods and `_moves`, whether masks move with the picture.
-    """
+    """A transform of numpy arrays that draws parameters once a call, for all targets. A subclass
+    defines `draw`, the `apply` methods and `_moves`, whether masks move with the picture."""
 
     _moves = False
 

@@ -11,7 +11,6 @@ import numpy as np
 import torch
 
 from moireaug.attacks import MoireAttack
-from moireaug.attacks.search import Search
 from moireaug.common.networks import device_of
 from moireaug.scenes import Shot
 from moireaug.transforms._arrays import check_same, planes
@@ -31,13 +30,8 @@ def attack_pictures(
     generator: torch.Generator,
 ) -> dict[str, list]:
     """Return the noise after the attack's last step, as `Attack.last` shows it, for each picture of
-    each target.
-
-    Args:
-        pictures: one or more pictures of one height and width, by target.
-        shot: one draw, which all pictures share but for sensor noise.
-        label: index of the pictures' class.
-    """
+    each target: one or more pictures of one height and width and of one class `label`, which share
+    a shot of one draw but for sensor noise."""
     counts = [len(of_target) for of_target in pictures.values()]
     images = [planes(picture) for picture in itertools.chain(*pictures.values())]
     check_same("height and width", (tuple(image.shape[-2:]) for image in images))
@@ -46,28 +40,30 @@ def attack_pictures(
     example = max(images, key=lambda image: image.shape[1])  # a colour picture, if there is one
     attack = replace(attack, model=model_of_photos(model, example.to(rgb.device)))
 
-    def last_noise(search: Search) -> torch.Tensor:
-        return search.problem.noise_of(attack.last_point(search))
-
     taken, labels = as_model_takes(rgb, model), torch.full((len(rgb),), label, device="cpu")
     shots = shot_of_frames(shot.repeat(len(counts)), counts)
-    noises = attack.attack_batch(last_noise, taken, labels, None, shots, generator)
-    rows = (noise.tolist() for noise in noises)
+    rows = iter(last_noise(attack, taken, labels, shots, generator).tolist())
     return {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
+
+
+def last_noise(
+    attack: MoireAttack,
+    images: torch.Tensor,
+    labels: torch.Tensor,
+    shot: Shot,
+    generator: torch.Generator,
+) -> torch.Tensor:
+    """Return the noise (B, ...) of the images of `Attack.last`; arguments as there."""
+    with attack.prepared(images, labels, None, shot, generator) as batch:
+        (search,) = attack.searches(batch)
+        return search.problem.noise_of(attack.run(search, keeps=False))
 
 
 def noise_of(
     target: str, n: int, noise: dict[str, list] | None = None, **params: Any
 ) -> torch.Tensor | None:
-    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:]), or
-    None where no attacker is at work.
-
-    Args:
-        noise: of each picture, as nested lists, by target.
-
-    Raises:
-        ValueError: there is no noise for as many pictures of this target.
-    """
+    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:]), from
+    nested lists by target, or None where no attacker is at work; ValueError if there are fewer."""
     if noise is None:
         return None
     if len(noise.get(target, [])) < n:
@@ -80,11 +76,8 @@ def noise_of(
 
 
 def label_of(data: dict[str, Any], key: str) -> int:
-    """Return the index of the image's class, which a call passes under a key.
-
-    Raises:
-        ValueError, TypeError: none, or one that is no integer.
-    """
+    """Return the index of the image's class, which a call passes under a key; refuse none, or one
+    that is no integer: ValueError, TypeError."""
     if key not in data:
         raise ValueError(
             "AdversarialMoire needs the image's class: call the Compose with "

@@ -23,15 +23,16 @@ def check_arrays(target: str, value: Any, depth: int) -> None:
     other_leaves = [leaf for leaf in leaves if not isinstance(leaf, np.ndarray)]
     if not other_leaves:
         return
+    advice = "Convert it with np.asarray first."
     if isinstance(other_leaves[0], torch.Tensor):
         advice = (
             "Put this transform before ToTensorV2, or use moireaug.transforms.RandomMoire or "
             "AdversarialMoire, which take tensors."
         )
-    else:
-        advice = "Convert it with np.asarray first."
     allowed = "a numpy array or a list of them" if depth else "a numpy array"
-    raise TypeError(f"{target} must be {allowed}; got {_type_name(other_leaves[0])}. {advice}")
+    kind = type(other_leaves[0])
+    got = f"{kind.__module__}.{kind.__name__}".removeprefix("builtins.")
+    raise TypeError(f"{target} must be {allowed}; got {got}. {advice}")
 
 
 def check_same(name: str, values: Iterable[Any]) -> None:
@@ -44,43 +45,32 @@ def check_same(name: str, values: Iterable[Any]) -> None:
         )
 
 
-def _type_name(value: Any) -> str:
-    kind = type(value)
-    return kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
-
-
 def apply_to_one(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
-    """Return the photo of one image, (H, W, 3), (H, W, 1) or (H, W), uint8 or float in [0, 1], in
-    its shape and dtype."""
+    """Return the photo of one image; see `apply_to_all`."""
     return apply_to_all([image], shot, noise)[0]
 
 
 def apply_to_all(
     images: Sequence[np.ndarray] | np.ndarray, shot: Shot, noise: torch.Tensor | None = None
 ) -> np.ndarray:
-    """Return the photos of N images by one shot of a single draw, stacked; each has sensor noise of
-    its own, see `shot_of_frames`, and its own attacker's noise."""
+    """Return the photos of N images, (H, W, 3), (H, W, 1) or (H, W), uint8 or float in [0, 1], by
+    one shot of a single draw, stacked, in their shape and dtype; each has sensor noise of its own,
+    see `shot_of_frames`, and its own attacker's noise."""
     if not len(images):
         return np.asarray(images)
     check_same("shape", (image.shape for image in images))
     check_same("dtype", (image.dtype for image in images))
     pictures = torch.cat([planes(image) for image in images])
     size = (pictures.shape[-2], pictures.shape[-1])
-    if noise is not None:
-        _check_size(shot, size)
-    frames = shot_of_frames(at_size(shot, size), [len(images)] * len(shot))
-    photos = photograph(pictures, frames, noise)
-    stacked = photos.permute(0, 2, 3, 1).reshape(len(images), *images[0].shape).numpy()
-    return stacked.astype(images[0].dtype, copy=False)
-
-
-def _check_size(shot: Shot, size: tuple[int, int]) -> None:
-    """Refuse to replay an attacker's noise on images of another size (height, width)."""
-    if shot.size != size:
+    if noise is not None and shot.size != size:
         raise ValueError(
             "a replayed AdversarialMoire holds noise for images of the size that it was recorded "
             f"at, {shot.size}; got {size}. Replay it at that size, or attack these images."
         )
+    frames = shot_of_frames(at_size(shot, size), [len(images)] * len(shot))
+    photos = photograph(pictures, frames, noise)
+    stacked = photos.permute(0, 2, 3, 1).reshape(len(images), *images[0].shape).numpy()
+    return stacked.astype(images[0].dtype, copy=False)
 
 
 def planes(image: np.ndarray) -> torch.Tensor:

@@ -30,9 +30,8 @@ def at_size(shot: AnyShot, size: tuple[int, int]) -> AnyShot:
 
 
 def shot_of_frames(shot: AnyShot, counts: Sequence[int]) -> AnyShot:
-    """Return row i of a shot for counts[i] frames of one scene, (sum of counts,): filmed by hand,
-    see `track_of`; in the camera's frame, where boxes and masks are moved once for all frames, by a
-    camera that stands still."""
+    """Return row i of a shot as counts[i] frames, see `track_of`, filmed by hand; in the camera's
+    frame, where boxes and masks move once for all frames, by a camera that stands still."""
     if list(counts) == [1] * len(shot):
         return shot
     return track_of(shot, counts, TRIPOD if shot.moves else DEFAULT_HAND)
@@ -58,8 +57,7 @@ def check_format(images: Tensor) -> None:
 
 
 def as_float_rgb(images: Tensor) -> Tensor:
-    """Return images of any accepted type as the capture's float RGB, (B, 3, H, W); see
-    `photograph`."""
+    """Return images that `photograph` accepts as the capture's float RGB, (B, 3, H, W)."""
     check_format(images)
     return as_float(images).expand(-1, 3, -1, -1)
 
@@ -76,13 +74,8 @@ def as_model_takes(images: Tensor, model: object) -> Tensor:
 def model_of_photos(
     model: Callable[[Tensor], Tensor], images: Tensor
 ) -> Callable[[Tensor], Tensor]:
-    """Return the model as a function of RGB photos (B, 3, H, W): where the images are grey and the
-    model takes one channel, it is given the photos' luma.
-
-    Args:
-        model: function of images that returns logits.
-        images: (B, C, H, W) of any accepted type; B >= 1.
-    """
+    """Return the model as a function of RGB photos (B, 3, H, W): where the images (B, C, H, W), one
+    or more of any accepted type, are grey and the model takes one channel, of the photos' luma."""
     if images.shape[-3] != 1:
         return model
     grey = as_model_takes(as_float(images[:1]), model)
@@ -111,29 +104,15 @@ def as_input(photo: Tensor, images: Tensor) -> Tensor:
     return photo
 
 
-def with_rows(images: Tensor, rows: Tensor, photos: Tensor) -> Tensor:
-    """Return a copy of images (B, C, H, W), in their memory layout, with the photos (b, C, H, W) in
-    place of the rows (b,)."""
-    return images.clone().index_copy_(0, rows, photos)
-
-
 def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = None) -> Tensor:
-    """Return the photos of images of any accepted type, in that type.
+    """Return the photos of images, in their dtype, computed in float32. Differentiable in
+    floating-point images.
 
-    Args:
-        images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned
-            as the photo's luma; uint8, or floating point in [0, 1], where values a little
-            outside are clipped, see `moireaug.common.image_checks`. Not modified.
-        shot: one draw for B images of this size, of a scene or a mixture.
-        noise: an attacker's, on the raw reading; see `capture`.
-
-    Returns:
-        (B, C, H, W) of the same dtype, computed in float32. Differentiable in floating-point
-        images.
-
-    Raises:
-        TypeError, ValueError: another dtype or number of channels; a float image that cannot be a
-            picture in [0, 1]; a shot or noise of another batch or size.
+    images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned as
+        the photo's luma; uint8, or floating point in [0, 1]. Not modified. Others are refused, as
+        in `moireaug.common.image_checks`.
+    shot: one draw for B images of this size, of a scene or a mixture.
+    noise: an attacker's, on the raw reading; see `capture`, also for errors.
     """
     check_format(images)
     rgb = images.expand(-1, 3, -1, -1)
@@ -148,10 +127,7 @@ def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = No
 
 def move_boxes(boxes: Tensor, shot: Shot | MixedShot) -> Tensor:
     """Return boxes (N, 4) of one image, x1, y1, x2, y2 in pixels, float, as those that enclose the
-    same things in its photo.
-
-    Edges may bend, so points all along them are moved. The result may reach out of the photo.
-    """
+    same things in its photo, and may reach out of it. Edges may bend: points along them move."""
     t = torch.linspace(0, 1, EDGE_POINTS, dtype=torch.float64, device=boxes.device)
     zero, one = torch.zeros_like(t), torch.ones_like(t)
     x = torch.cat([t, one, t, zero])

@@ -31,19 +31,20 @@ UPRIGHT_BOX_FORMATS = (BoundingBoxFormat.XYXY, BoundingBoxFormat.XYWH, BoundingB
 PIL_MODES = ("RGB", "L", "RGBA", "LA")
 
 
-def apply_shot(inpt: Any, shot: Shot | MixedShot) -> Any:
-    """Return one leaf of a sample, an image or its masks, boxes or key points, as in the shot's
-    photo.
-
-    Arguments and errors as in `RandomMoire`; `shot` holds one draw per image, of its size, and one
-    per video.
-    """
+def apply_shot(inpt: Any, shot: Shot | MixedShot, rows: Tensor | None = None) -> Any:
+    """Return one leaf of a sample, an image or its masks, boxes or key points, as in the photo by a
+    shot of one draw per image or video, of its size; of a batch, perhaps of some rows alone."""
     if isinstance(inpt, PIL.Image.Image):
         return _apply_to_pil(inpt, shot)
-    return wrap(apply_to_tensor(inpt.as_subclass(Tensor), inpt, shot), inpt)
+    plain = inpt.as_subclass(Tensor)
+    if rows is None:
+        return wrap(_apply_to_tensor(plain, inpt, shot), inpt)
+    rows = rows.to(plain.device)
+    photos = _apply_to_tensor(plain[rows], inpt, shot)
+    return wrap(plain.clone().index_copy_(0, rows, photos), inpt)
 
 
-def apply_to_tensor(plain: Tensor, leaf: Tensor, shot: Shot | MixedShot) -> Tensor:
+def _apply_to_tensor(plain: Tensor, leaf: Tensor, shot: Shot | MixedShot) -> Tensor:
     """Return plain values of a leaf's kind as in the shot's photo; see `apply_shot`."""
     if isinstance(leaf, BoundingBoxes):
         return _apply_to_boxes(plain, leaf, shot)
@@ -76,9 +77,8 @@ def _apply_to_boxes(plain: Tensor, boxes: BoundingBoxes, shot: Shot | MixedShot)
         moved = torch.minimum(moved.clamp(min=0), moved.new_tensor([w, h, w, h]))
     if not plain.is_floating_point():
         moved = moved.round()  # the corners: a rounded width could miss the rounded corner
-    return F.convert_bounding_box_format(moved, BoundingBoxFormat.XYXY, boxes.format).to(
-        plain.dtype
-    )
+    moved = F.convert_bounding_box_format(moved, BoundingBoxFormat.XYXY, boxes.format)
+    return moved.to(plain.dtype)
 
 
 def wrap(plain: Tensor, like: Tensor) -> Tensor:

@@ -11,7 +11,6 @@ from numbers import Real
 
 import torch
 
-from moireaug.common.argument_checks import is_finite
 from moireaug.mixtures import Mixture, SceneLike, as_scenes, preset_name, scenes_of
 from moireaug.scene.presets import MIXTURES
 from moireaug.scene.sized import size_octave
@@ -27,22 +26,11 @@ logger = logging.getLogger("moireaug")
 _checked_octaves: set[tuple[Scene | Mixture, tuple[int, ...]]] = set()
 
 
-def check_probability(p: float) -> float:
-    """Return `p` if it is a number in [0, 1]; otherwise raise a ValueError."""
-    if not is_finite(p) or not 0 <= p <= 1:
-        raise ValueError(f"p must be a probability in [0, 1]; got {p!r}.")
-    return float(p)
-
-
 def planned_scenes(
     scene: SceneLike, shrink: float | Sequence[float] | None = None
 ) -> Scene | Mixture:
     """Return `as_scenes(scene, shrink)`, planned: a scene that cannot be photographed is refused
-    when a transform is made.
-
-    Raises:
-        TypeError, ValueError: as of `as_scenes`; for a number, which is taken for a probability.
-    """
+    when a transform is made, as is a number, which is taken for a probability."""
     if isinstance(scene, Real) and not isinstance(scene, bool):
         raise TypeError(
             f"scene must be a Scene, a preset's name or a dict, or a list of these; got {scene!r}. "
@@ -82,12 +70,11 @@ def describe(scene: Scene | Mixture) -> str:
     shrink = f", shrink={shrinks.pop()}" if scenes[0].is_crop and len(shrinks) == 1 else ""
     if not (shrink and all(names)):
         names, shrink = tuple(map(preset_name, scenes)), ""
-    if not isinstance(scene, Mixture):
-        return _describe_one(scene, names[0]) + shrink
-    for name, presets in MIXTURES.items():
-        if names == presets:
-            return repr(name) + shrink
-    return f"[{', '.join(map(_describe_one, scenes, names))}]{shrink}"
+    described = ", ".join(map(_describe_one, scenes, names))
+    if isinstance(scene, Mixture):
+        mixtures = [repr(name) for name, presets in MIXTURES.items() if names == presets]
+        described = mixtures[0] if mixtures else f"[{described}]"
+    return described + shrink
 
 
 def _describe_one(scene: Scene, name: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 import torch
@@ -25,15 +24,13 @@ def seed_worker(worker_id: int) -> None:
     first. The seeds follow torch's: distinct per worker, epoch and transform, the same after
     `torch.manual_seed`.
 
-    A transform is found where the data set leads to it as `moireaug.common.networks.reachable`
-    says: by attributes, lists, tuples and dicts of at most 1,000 entries, bound methods, partial
-    functions, and the closures, defaults and globals of functions. It is not found in a slot, a
-    class, a set or a `collate_fn`, nor where a function makes it or calls another one by its name:
-    seed such a transform in a `worker_init_fn` of your own.
+    A transform is found where the data set leads to it: by attributes, lists, tuples and dicts of
+    at most 1,000 entries, bound methods, partial functions, and the closures, defaults and globals
+    of functions. It is not found in a slot, a class, a set or a `collate_fn`, nor where a function
+    makes it or calls another one by its name: seed such a one in a `worker_init_fn` of your own.
 
     Raises:
-        ValueError: no transform is found.
-        RuntimeError: it is called outside a worker.
+        ValueError, RuntimeError: no transform is found, or it is called outside a worker.
     """
     worker = torch.utils.data.get_worker_info()
     if worker is None:
@@ -55,13 +52,11 @@ def seed_worker(worker_id: int) -> None:
 
 
 def transforms_of(dataset: torch.utils.data.Dataset) -> list[BaseCompose | BasicTransform]:
-    """Return the transforms that a data set leads to, by the ways listed in `seed_worker`, each of
-    them once, always in the same order."""
-    parts = reachable(dataset, lambda part: not isinstance(part, (*DATA_TYPES, *TRANSFORM_TYPES)))
-    return [part for part in parts if _is_transform(part)]
-
-
-def _is_transform(part: Any) -> bool:
-    with suppress(Exception):  # of proxies
-        return isinstance(part, TRANSFORM_TYPES)
-    return False
+    """Return the transforms that a data set leads to, see `reachable`, each once, always in the
+    same order."""
+    found = []
+    for part in reachable(dataset, lambda p: not isinstance(p, (*DATA_TYPES, *TRANSFORM_TYPES))):
+        with suppress(Exception):  # of proxies
+            if isinstance(part, TRANSFORM_TYPES):
+                found.append(part)
+    return found

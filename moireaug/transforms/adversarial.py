@@ -17,21 +17,11 @@ from torchvision.tv_tensors import Video
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.checks import as_tensor, check_labels
+from moireaug.common.argument_checks import check_probability
 from moireaug.mixtures import SceneLike
-from moireaug.transforms._convert import (
-    as_float_rgb,
-    as_input,
-    as_model_takes,
-    model_of_photos,
-    with_rows,
-)
+from moireaug.transforms._convert import as_float_rgb, as_input, as_model_takes, model_of_photos
 from moireaug.transforms._leaves import ANNOTATION_TYPES, IMAGE_TYPES, wrap
-from moireaug.transforms._scenes import (
-    check_probability,
-    describe,
-    planned_scenes,
-    warn_without_moire,
-)
+from moireaug.transforms._scenes import describe, planned_scenes, warn_without_moire
 
 NO_BATCH_MESSAGE = (
     "a sample must hold one batch of images, a tensor (B, C, H, W), beside its labels; got {}."
@@ -47,8 +37,7 @@ class AdversarialMoire(v2.Transform):
         loader = DataLoader(data, collate_fn=lambda batch: adversarial(*default_collate(batch)))
 
     Args:
-        model: [0, 1] images to logits; never changed: its mode, buffers and gradients are kept.
-            Not a submodule.
+        model: [0, 1] images to logits; its mode, buffers and gradients are kept. Not a submodule.
         scene: a Scene, a preset's name or a dict, or a list of these, as in RandomMoire; one shot
             is drawn per image.
         eps, bound, steps, step_size, loss, random_start: as in `attacks.MoireAttack`.
@@ -63,12 +52,11 @@ class AdversarialMoire(v2.Transform):
     everything else in it passes through untouched. Images are one pure tensor or
     `tv_tensors.Image` (B, C, H, W), C = 3 or 1 (grey), uint8 or float in [0, 1]; type, dtype and
     memory layout are kept. Grey images are shown as grey RGB and returned as the photos' luma; a
-    model that takes one channel is given the luma, too, any other RGB. Labels are (B,) class
-    indices, as integers or whole floats, or (B, classes) weights, as `v2.MixUp`, `v2.CutMix` and
-    one-hot encodings give them, in tensors or NumPy arrays; the class of the greatest weight is
-    then attacked. They are returned unchanged. The photos are not differentiable in the images.
-
-    Call with `generator=` to draw from a CPU generator instead of torch's global one.
+    model that takes one channel is given the luma, too. Labels are (B,) class indices, as integers
+    or whole floats, or (B, classes) weights, as of `v2.MixUp`, `v2.CutMix` and one-hot encodings,
+    in tensors or NumPy arrays; the class of the greatest weight is then attacked. They are returned
+    unchanged. The photos are not differentiable in the images. Call with `generator=` to draw from
+    a CPU generator instead of torch's global one.
 
     Raises:
         TypeError, ValueError: a sample without one batch of images and its labels; masks, boxes or
@@ -128,8 +116,7 @@ class AdversarialMoire(v2.Transform):
 
     def _image_index(self, leaves: list[Any], labels: Any) -> int:
         """Return the index of the leaf that is the batch of images."""
-        has_annotations = any(isinstance(leaf, ANNOTATION_TYPES) for leaf in leaves)
-        if has_annotations and self.scene.moves:
+        if self.scene.moves and any(isinstance(leaf, ANNOTATION_TYPES) for leaf in leaves):
             raise ValueError(
                 "masks, boxes and key points would not move with the images, because this scene's "
                 "photo stays in the camera's frame (Develop(registered=False)). Set "
@@ -142,15 +129,12 @@ class AdversarialMoire(v2.Transform):
             raise ValueError(NO_BATCH_MESSAGE.format(f"{len(indices)} batches"))
         images = leaves[indices[0]]
         if isinstance(images, (PIL.Image.Image, Video)) or images.ndim != 4:
-            if isinstance(images, PIL.Image.Image):
-                description = "a PIL image"
-            elif isinstance(images, Video):
-                description = "a video"
-            else:
-                description = f"the shape {tuple(images.shape)}"
+            got = "a PIL image"
+            if isinstance(images, Tensor):
+                got = "a video" if isinstance(images, Video) else f"the shape {tuple(images.shape)}"
             raise ValueError(
-                f"images must be one batch (B, C, H, W); got {description}. Use AdversarialMoire "
-                "after batching, in the training step or a collate_fn."
+                f"images must be one batch (B, C, H, W); got {got}. Use AdversarialMoire after "
+                "batching, in the training step or a collate_fn."
             )
         return indices[0]
 
@@ -169,13 +153,14 @@ class AdversarialMoire(v2.Transform):
             model = _with_classes(model, labels.shape[1])
         attack = replace(self.attack, model=model)
         photos = attack.last(rgb, classes[rows], generator=generator)
-        return wrap(with_rows(plain, rows, as_input(photos, chosen)), images)
+        return wrap(plain.clone().index_copy_(0, rows, as_input(photos, chosen)), images)
 
     def extra_repr(self) -> str:
         a = self.attack
         return (
-            f"scene={describe(self.scene)}, eps={a.eps}, bound={a.bound!r}, steps={a.steps}, "
-            f"step_size={a.step_size}, loss={a.loss!r}, random_start={a.random_start}, p={self.p}"
+            f"scene={describe(self.scene)}, eps={a.eps}, bound={a.bound!r}, "
+            f"steps={a.steps}, step_size={a.step_size}, loss={a.loss!r}, "
+            f"random_start={a.random_start}, p={self.p}"
         )
 
 
@@ -201,11 +186,8 @@ def _with_classes(model: Callable[[Tensor], Tensor], n: int) -> Callable[[Tensor
 
 
 def classes_of(labels: Any, n: int) -> Tensor:
-    """Return the classes (n,) int64 of n labels: indices, whole floats, or (n, classes) weights.
-
-    Raises:
-        TypeError, ValueError: labels of another type, shape or range.
-    """
+    """Return the classes (n,) int64 of n labels: indices, whole floats, or (n, classes) weights;
+    others are refused: TypeError, ValueError."""
     if isinstance(labels, np.ndarray):
         labels = as_tensor(labels, "labels")
     if not isinstance(labels, Tensor):

@@ -22,6 +22,7 @@ import torch
 from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack
+from moireaug.common.argument_checks import check_probability
 from moireaug.mixtures import SceneLike, sample_one, scenes_of
 from moireaug.scenes import Shot
 from moireaug.transforms._albumentations_base import SampledTransform, torch_generator
@@ -36,12 +37,7 @@ from moireaug.transforms._arrays import (
     pictures_of,
 )
 from moireaug.transforms._convert import at_size
-from moireaug.transforms._scenes import (
-    check_probability,
-    describe,
-    planned_scenes,
-    warn_without_moire,
-)
+from moireaug.transforms._scenes import describe, planned_scenes, warn_without_moire
 from moireaug.transforms._workers import seed_worker as seed_worker
 
 
@@ -69,12 +65,11 @@ class RandomMoire(SampledTransform):
         1, 3
 
     Images are (H, W, 3), or (H, W) and (H, W, 1) for grey, which is shown as grey RGB and returned
-    as luma; uint8, or any float in [0, 1], so use it before `A.Normalize`. Values that resizing,
-    blur or noise left a little outside are clipped, see `moireaug.common.image_checks`. Shape and
-    dtype are kept; float64, which `image / 255.` is, is computed in float32. The pictures of
-    `images` and the slices of a volume are frames of one shot, filmed by hand at 30 a second as by
-    `Scene.sample_track`; in the camera's frame, by a camera that stands still. The first is the
-    photo that it would be as `image`.
+    as luma; uint8, or any float in [0, 1], so use it before `A.Normalize`. Values a little outside
+    are clipped, see `moireaug.common.image_checks`. Shape and dtype are kept; float64, which
+    `image / 255.` is, is computed in float32. The pictures of `images` and the slices of a volume
+    are frames of one shot, filmed by hand at 30 a second as by `Scene.sample_track`; in the
+    camera's frame, by a camera that stands still. The first is the photo of `image`.
 
     Masks, bboxes and keypoints stay untouched, unless the scene leaves the photo in the camera's
     frame (`Develop(registered=False)` with a pose or a lens); then they move with the picture:
@@ -100,7 +95,7 @@ class RandomMoire(SampledTransform):
         super().__init__(p=check_probability(p))
         self.scene = planned_scenes(scene, shrink)
         self._moves = self.scene.moves
-        # to know its own scenes by their plain numbers: building one again takes longer than a draw
+        # building a scene again from its plain numbers takes longer than a draw
         self._scene_values = [(one, one.to_dict()) for one in scenes_of(self.scene)]
 
     def get_transform_init_args(self) -> dict[str, Any]:
@@ -145,19 +140,18 @@ class RandomMoire(SampledTransform):
 
     apply_to_mask3d = apply_to_masks
 
-    def apply_to_bboxes(
-        self, bboxes: np.ndarray, shot: dict[str, Any], shape: tuple[int, ...], **params: Any
-    ) -> np.ndarray:
-        if not self._moves or not len(bboxes):
-            return bboxes
-        return move_bboxes(bboxes, at_size(self._shot(shot), (shape[0], shape[1])))
+    def apply_to_bboxes(self, bboxes: np.ndarray, **params: Any) -> np.ndarray:
+        return self._move_rows(bboxes, move_bboxes, **params)
 
-    def apply_to_keypoints(
-        self, keypoints: np.ndarray, shot: dict[str, Any], shape: tuple[int, ...], **params: Any
+    def apply_to_keypoints(self, keypoints: np.ndarray, **params: Any) -> np.ndarray:
+        return self._move_rows(keypoints, move_keypoints, **params)
+
+    def _move_rows(
+        self, rows: np.ndarray, move: Callable, shot: dict[str, Any], shape: Any, **params: Any
     ) -> np.ndarray:
-        if not self._moves or not len(keypoints):
-            return keypoints
-        return move_keypoints(keypoints, at_size(self._shot(shot), (shape[0], shape[1])))
+        if not self._moves or not len(rows):
+            return rows
+        return move(rows, at_size(self._shot(shot), (shape[0], shape[1])))
 
 
 class AdversarialMoire(RandomMoire):

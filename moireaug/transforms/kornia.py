@@ -9,17 +9,13 @@ import torch
 from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
+from moireaug.common.argument_checks import check_probability
 from moireaug.mixtures import Mixture, SceneLike, scenes_of
 from moireaug.scene.by_name import values_of
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Scene, Shot
-from moireaug.transforms._convert import check_format, photograph, with_rows
-from moireaug.transforms._scenes import (
-    check_probability,
-    describe,
-    planned_scenes,
-    warn_without_moire,
-)
+from moireaug.transforms._convert import check_format, photograph
+from moireaug.transforms._scenes import describe, planned_scenes, warn_without_moire
 
 
 class RandomMoire(IntensityAugmentationBase2D):
@@ -36,30 +32,27 @@ class RandomMoire(IntensityAugmentationBase2D):
         same_on_batch: all images share one draw, sensor noise included.
         keepdim: a (C, H, W) input comes back as (C, H, W), not as (1, C, H, W).
         images_only: take scenes that leave the photo in the camera's frame, too, as the paper's do,
-            for images and class labels alone: masks, boxes and key points are then refused on the
-            way forward. kornia does not ask for the way back: `inverse` leaves them as they are.
+            for images and class labels alone: masks, boxes and key points are then refused, but
+            `inverse` leaves them as they are.
         shrink: as in `moireaug.transforms.RandomMoire`: images are parts of larger photos.
 
     Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned
-    as luma; floating point in [0, 1], so use it before `Normalize`. Values that resizing, blur or
-    noise left a little outside are clipped, see `moireaug.common.image_checks`. Dtype and device
-    are kept; float64 is computed in float32. Differentiable in the images. Only the chosen images
-    are computed; the others are returned unchanged. `torch.compile(fullgraph=True)` computes all of
-    them, and checks no values.
+    as luma; floating point in [0, 1], so use it before `Normalize`. Values a little outside are
+    clipped, see `moireaug.common.image_checks`. Dtype and device are kept; float64 is computed in
+    float32. Differentiable in the images. Only the chosen images are computed; the others are
+    returned unchanged. `torch.compile(fullgraph=True)` computes all, and checks no values.
 
     Convention: an intensity augmentation: masks, boxes and key points stay as they are,
     `transform_matrix` is the identity, and `inverse` leaves it out. The parameters hold the whole
     shot, so `seq(x, params=seq._params)` replays bit for bit; those of one image replay on all rows
     of a batch. Draws come from torch's global generator. In a `VideoSequential` with
-    `same_on_frame=True`, frames share the sensor noise, too; `moireaug.transforms.RandomMoire`
-    draws it anew for each frame of a `tv_tensors.Video`.
+    `same_on_frame=True`, frames share the sensor noise, too.
 
     Raises:
-        TypeError: an `images_only` that is not a bool.
-        ValueError: a scene that leaves the photo in the camera's frame without `images_only`:
-            kornia moves boxes and key points by a matrix alone, and no matrix holds a lens. With
-            it, masks, boxes and key points. Also a p out of range, parameters of another number of
-            images, and images as in `moireaug.capture`.
+        TypeError, ValueError: a scene that leaves the photo in the camera's frame without
+            `images_only`, as no matrix, by which kornia moves boxes and key points, holds a lens;
+            with it, masks, boxes and key points. Also a p out of range, parameters of another
+            number of images, and images as in `moireaug.capture`.
     """
 
     def __init__(
@@ -71,7 +64,8 @@ class RandomMoire(IntensityAugmentationBase2D):
         images_only: bool = False,
         shrink: float | tuple[float, float] | None = None,
     ) -> None:
-        super().__init__(p=check_probability(p), same_on_batch=same_on_batch, keepdim=keepdim)
+        p = check_probability(p)
+        super().__init__(p=p, same_on_batch=same_on_batch, keepdim=keepdim)
         if not isinstance(images_only, bool):
             raise TypeError(f"images_only must be True or False; got {images_only!r}.")
         self.scene = planned_scenes(scene, shrink)
@@ -100,8 +94,8 @@ class RandomMoire(IntensityAugmentationBase2D):
     def __batch_prob_generator__(
         self, batch_shape: tuple[int, ...], p: float, p_batch: float, same_on_batch: bool
     ) -> Tensor:
-        """Draw which images are photographed, (B,) 0 or 1, as kornia does, but in float32 whatever
-        torch's default dtype is: another one draws other numbers."""
+        """Draw which images are photographed, (B,) 0 or 1, as kornia does, but in float32: another
+        default dtype would draw other numbers."""
         n = batch_shape[0]
         if p in (0, 1):
             return torch.full((n,), p, dtype=torch.float32, device=self.device)
@@ -134,7 +128,7 @@ class RandomMoire(IntensityAugmentationBase2D):
             return photograph(input, shot)
         rows = chosen.nonzero().flatten().to(input.device)
         photos = photograph(input[rows], shot[rows.to(shot.device)])
-        return with_rows(input, rows, photos)
+        return input.clone().index_copy_(0, rows, photos)
 
     def apply_transform_mask(self, input: Any, *args: Any, **kwargs: Any) -> Any:
         return self._unmoved(input, "masks")
@@ -156,9 +150,9 @@ class RandomMoire(IntensityAugmentationBase2D):
 
 
 def to_params(shot: Shot | MixedShot) -> dict[str, Tensor]:
-    """Return a shot as (B,) tensors named part_field, seed and, of a mixture, scene: kornia's
-    parameters of a draw."""
-    drawn = {_key(name): values for name, values in shot.numbers().items()}
+    """Return a shot as kornia's parameters of a draw: (B,) tensors such as view_yaw, seed and, of a
+    mixture, scene."""
+    drawn = {name.replace(".", "_"): values for name, values in shot.numbers().items()}
     if isinstance(shot, MixedShot):
         drawn["scene"] = shot.scene_index
     return {**drawn, "seed": shot.seed}
@@ -167,26 +161,17 @@ def to_params(shot: Shot | MixedShot) -> dict[str, Tensor]:
 def from_params(
     scene: Scene | Mixture, size: tuple[int, int], params: dict[str, Tensor]
 ) -> Shot | MixedShot:
-    """Return the inverse of `to_params`, for images of `size` (height, width).
-
-    Raises:
-        ValueError: parameters of a mixture for one scene, or of one scene for a mixture.
-    """
+    """Return the inverse of `to_params`, for images of `size` (height, width); parameters of a
+    mixture for one scene, or of one scene for a mixture, are refused: ValueError."""
     mixed = isinstance(scene, Mixture)
     if mixed != ("scene" in params):
+        drawn_by = "one scene" if mixed else "a list of scenes"
         raise ValueError(
-            "these parameters were drawn by a transform of "
-            f"{'one scene' if mixed else 'a list of scenes'}; got a transform of {describe(scene)}."
-            " Replay them by one with the same scene."
+            f"these parameters were drawn by a transform of {drawn_by}; got a transform of "
+            f"{describe(scene)}. Replay them by one with the same scene."
         )
-    drawn = {name: params[_key(name)] for name in values_of(scenes_of(scene)[0])}
-    seed = params["seed"]
-    if isinstance(scene, Mixture):
-        scene_index, scenes = params["scene"], scene.scenes
-        return MixedShot(scenes=scenes, scene_index=scene_index, size=size, drawn=drawn, seed=seed)
-    return scene.shot_from_numbers(size, drawn, seed)
-
-
-def _key(name: str) -> str:
-    """Return a number's name as kornia's parameters have it, such as "view_yaw"."""
-    return name.replace(".", "_")
+    drawn = {n: params[n.replace(".", "_")] for n in values_of(scenes_of(scene)[0])}
+    if isinstance(scene, Scene):
+        return scene.shot_from_numbers(size, drawn, params["seed"])
+    index, seed = params["scene"], params["seed"]
+    return MixedShot(scenes=scene.scenes, scene_index=index, size=size, drawn=drawn, seed=seed)

@@ -6,31 +6,23 @@ from __future__ import annotations
 from typing import Any
 
 import torch
-from torch import Tensor
 from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 
+from moireaug.common.argument_checks import check_probability
 from moireaug.mixtures import SceneLike, draw_one
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
-from moireaug.transforms._convert import with_rows
 from moireaug.transforms._leaves import (
     ANNOTATION_TYPES,
     IMAGE_TYPES,
     apply_shot,
-    apply_to_tensor,
     check_annotation,
     check_image,
     draw_count,
     refuse_arrays,
-    wrap,
 )
-from moireaug.transforms._scenes import (
-    check_probability,
-    describe,
-    planned_scenes,
-    warn_without_moire,
-)
+from moireaug.transforms._scenes import describe, planned_scenes, warn_without_moire
 
 
 class RandomMoire(v2.Transform):
@@ -53,14 +45,13 @@ class RandomMoire(v2.Transform):
     Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H,
     W) and PIL images of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB
     and returned as luma; uint8 or floating point in [0, 1], so use it before `v2.Normalize`. Values
-    that resizing, blur or noise left a little outside are clipped, see
-    `moireaug.common.image_checks`. Type, shape, dtype, device and memory layout are kept; float64
-    is computed in float32. Inputs are never modified.
+    a little outside are clipped, see `moireaug.common.image_checks`. Type, shape, dtype, device and
+    memory layout are kept; float64 is computed in float32. Inputs are never modified.
 
-    A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is
-    one shot, filmed by hand at 30 frames a second as by `Scene.sample_track`; in the camera's
-    frame, by a camera that stands still. Images of one sample share the draw. Images that are not
-    chosen are returned unchanged. Differentiable in floating-point images.
+    A batch (B, C, H, W) has one draw per image; images that are not chosen are returned unchanged.
+    A video is one shot, filmed by hand at 30 frames a second as by `Scene.sample_track`; in the
+    camera's frame, by a camera that stands still. Images of one sample share the draw.
+    Differentiable in floating-point images.
 
     Labels, masks, boxes and key points are returned as the same objects, unless the scene, or one
     of a list, leaves the photo in the camera's frame (`Develop(registered=False)` with a pose or a
@@ -105,7 +96,8 @@ class RandomMoire(v2.Transform):
             check_annotation(leaf, *counts)
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
-        n = next((draw_count(x) for x in flat_inputs if not isinstance(x, ANNOTATION_TYPES)), 1)
+        images = (x for x in flat_inputs if not isinstance(x, ANNOTATION_TYPES))
+        n = next(map(draw_count, images), 1)
         chosen = (torch.rand(n, dtype=torch.float32, device="cpu") < self.p).nonzero().flatten()
         return {"chosen": chosen, "u": self.scene.random_numbers(n)}
 
@@ -120,10 +112,7 @@ class RandomMoire(v2.Transform):
             shot = draw_one(self.scene, u[chosen], (height, width))
         else:
             shot = self.scene.draw(u[chosen], (height, width))
-        if len(chosen) == len(u):
-            return apply_shot(inpt, shot)
-        plain, rows = inpt.as_subclass(Tensor), chosen.to(inpt.device)
-        return wrap(with_rows(plain, rows, apply_to_tensor(plain[rows], inpt, shot)), inpt)
+        return apply_shot(inpt, shot, None if len(chosen) == len(u) else chosen)
 
     def extra_repr(self) -> str:
         return f"p={self.p}, scene={describe(self.scene)}"

@@ -237,7 +237,8 @@ def test_a_model_may_work_in_place(name, steps, model, batch):
 def test_a_subset_of_a_problem_renders_its_own_rows(name, model, batch):
     images, _ = batch
     rows = torch.tensor([4, 1])
-    problem = attack_by(name, model).problem(images, None, seeded())
+    attack = attack_by(name, model)
+    problem = attack.problem(images, attack.draw(images, None, seeded()), seeded())
     point = problem.start(0.1, seeded(1), random_pose=True)
     subset = problem.subset(rows)
     own_point = {name: x[rows] for name, x in point.items()}

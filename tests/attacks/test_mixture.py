@@ -138,7 +138,6 @@ REFUSED = [
     (lambda m, x, y: MoireAttack(m, scene=[SCENE, STILL], optimise=("view",)), "has no range in"),
     (lambda m, x, y: attacks.PGD(m)(x, y, shot=drawn(ALIKE, (x, y))), "shot"),
     (lambda m, x, y: MultiTargeted(attacks.PGD(m))(x, y, shot=drawn(ALIKE, (x, y))), "shot"),
-    (lambda m, x, y: MoireAttack(m, scene=ALIKE).problem(x, None, None), "scene by scene"),
 ]
 
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from moireaug.attacks import PGD, MultiTargeted, Patch
-from moireaug.attacks.patch import discs
+from moireaug.attacks.pixel import discs
 
 SQUARE, WIDE = (64, 64), (72, 96)
 

@@ -23,8 +23,6 @@ def test_keys_of_noise_on_a_reading_have_its_bound_and_others_are_shared(known):
     keys = {}
     for bound in ("codes", "light"):
         runner = Runner(model, batches, EvalSetup(SCENE, bound=bound), Records())
-        for index, batch in enumerate(batches):
-            runner.keys.hash_batch(index, *batch)
         keys[bound] = {name: runner.key(c, UNDEFENDED, 0) for name, c in CONDITIONS.items()}
     same = [name for name in CONDITIONS if keys["codes"][name] == keys["light"][name]]
     assert same == ["moire", "pgd"]

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 
 import pytest
 import torch
@@ -12,7 +13,6 @@ from moireaug.evaluation.autoattack import SquareAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
 from moireaug.evaluation.memory import within_memory
-from moireaug.evaluation.scene_batches import SceneBatches
 from tests.evaluation.haze import EPS, SCENE
 
 CONDITIONS = {
@@ -90,9 +90,9 @@ def test_nor_do_the_answers(part, batch):
             classifier = Classifier("target", model=limit(model))
         else:
             classifier = Classifier("noisy", noisy(limit), draws=2)
-        whole = SceneBatches([torch.arange(6)], [dataclasses.replace(batch, model=model)])
+        predict = functools.partial(classifier.predictions, images=batch.images)
         torch.manual_seed(0)
-        answers.append(whole.predictions(classifier, batch.images))
+        answers.append(within_memory(predict, dataclasses.replace(batch, model=model)))
     assert torch.equal(*answers)
 
 

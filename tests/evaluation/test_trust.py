@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from moireaug import Lens, Panel, Scene, Sensor, View
-from moireaug.evaluation import SUITES, SuiteConfig, rates, trust_checks
+from moireaug.evaluation import SUITES, SuiteConfig, checks, rates
 
 from .haze import frame_of
 
@@ -23,10 +23,10 @@ def verdicts(model, batch, eps=24 / 255, steps=10, scene=SCENE, targets=()):
     config = SuiteConfig(scene=scene, eps=(eps,), steps=steps, targets=dict(targets))
     table = SUITES["trust"](config)
     images = frame_of((model, [batch]), table, seed=1, scene=scene)
-    checks = trust_checks.checks(config, images, rates(images))
-    order = [("fail", "warning", "pass").index(check.verdict) for check in checks]
+    results = checks(config, images, rates(images))
+    order = [("fail", "warning", "pass").index(result.verdict) for result in results]
     assert order == sorted(order)
-    return {c.name: c for c in checks}
+    return {result.name: result for result in results}
 
 
 CONVERGED = "more steps and restarts change nothing"
@@ -148,7 +148,7 @@ def test_checks_of_another_config_are_refused():
     for change in ({"eps": (16 / 255,)}, {"steps": 2}):
         other = dataclasses.replace(config, **change)
         with pytest.raises(ValueError, match=r"; got \{'eps_4': 1, 'eps_8': 1, "):
-            trust_checks.checks(other, images, rates(images))
+            checks(other, images, rates(images))
     images = images.assign(table="ladder")
     with pytest.raises(ValueError, match=r"; got \{\}"):
-        trust_checks.checks(config, images, rates(images))
+        checks(config, images, rates(images))

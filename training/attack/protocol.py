@@ -15,8 +15,7 @@ from moireaug.evaluation.frame import images_frame, rates
 from moireaug.evaluation.keys import EvalSetup
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of, show_progress
-from moireaug.evaluation.suites.trust import trust
-from moireaug.evaluation.trust_checks import checks
+from moireaug.evaluation.suites.trust import checks, trust
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene

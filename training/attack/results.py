@@ -181,7 +181,7 @@ def publish_suite(cfg: ReattackConfig, subject: Subject, result: AttackResult) -
     examples = {}
     for table in result.tables:
         examples[table.name] = table_examples(
-            table, result.runner, subject.splits.classes, subject.name
+            table, result.runner, subject.splits.classes, subject.name, metrics.eps
         )
     summary = report.write_suite(out, metrics, result.tables, result.cells, examples)
     metrics.write(out)

@@ -13,16 +13,16 @@ TERMINAL_WIDTH = 100  # characters
 MAX_NAME_WIDTH = 26  # characters of a recipe's name in the terminal
 RATE_TITLES = {
     "clean": "clean",
-    "natural": "natural moiré",
-    "unseen_mean": "unseen scenes, mean",
-    "unseen_worst": "unseen scenes, worst",
+    "natural": "photo",
+    "unseen_mean": "unseen, mean",
+    "unseen_worst": "unseen, worst",
     "worst_4": "worst case 4/255",
     "worst_8": "worst case 8/255",
-    "pgd_4": "PGD 4/255, no camera",
+    "pgd_4": "PGD 4/255",
 }
 TERMINAL_HEADS = (
     "clean",
-    "moiré",
+    "photo",
     "unseen",
     "worst 4/255 [95 %]",
     "gain",

@@ -25,8 +25,8 @@ PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
 # not mps: it has no float64, which the geometry needs
 ACCELERATORS = ("auto", "cpu", "gpu", "cuda")
 SHRINK_HELP = (
-    "images are crops with this many sensor pixels per pixel, a number or [low, high]; null: whole "
-    "photos, or as the scene says"
+    "sensor pixels per image pixel of crops, a number or [low, high]; null: whole photos, or as "
+    "the scene says"
 )
 Settings = TypeVar("Settings", bound="RunConfig")
 
@@ -38,8 +38,8 @@ class Data:
     name: str = setting(MISSING, "the data set", choices=("signs", *TORCHVISION_SETS, "folder"))
     root: str | None = setting(
         None,
-        "the data's folder; of data=folder, one with train/ and test/, or class folders alone, all "
-        "test data; with train.target=answers, any pictures",
+        "the data's folder; of data=folder, with train/ and test/, or test classes alone; with "
+        "train.target=answers, any pictures",
         is_path=True,
         only_for=("folder", *TORCHVISION_SETS),
         may_differ=True,
@@ -47,32 +47,30 @@ class Data:
     size: int = setting(64, "side of the images, in pixels", bounds=(16, 8192))
     train: int | None = setting(
         None,
-        "training images; null is all there are; with train.target=answers, fewer are repeated",
+        "training images; null: all; with train.target=answers, fewer are repeated",
         bounds=(1, None),
     )
     val: int | None = setting(
-        None, "validation images; null is 10 % of the training images", bounds=(1, None)
+        None, "validation images; null: 10 % of the training images", bounds=(1, None)
     )
-    test: int | None = setting(
-        None, "test images; null is all there are", bounds=(1, None), tests=True
-    )
+    test: int | None = setting(None, "test images; null: all", bounds=(1, None), tests=True)
     class_index: str | None = setting(
         None,
-        "CSV of folder (or wnid) and class_index among the 1000 of published weights",
+        "CSV of folder (or wnid) and class_index of published weights",
         is_path=True,
         only_for=("folder",),
     )
     augment: str = setting(
         "none",
-        "of clean training images: none, shift (by up to 12.5 %), shift_flip, crop_flip (parts of "
-        "50 % or more), or affine (small changes of place, form and tone, and erased parts)",
+        "of clean training images: none, shift (12.5 %), shift_flip, crop_flip, or affine (place, "
+        "form, tone, erased parts)",
         choices=AUGMENTATIONS,
         trains=True,
     )
     workers: int = setting(0, "processes that read images", bounds=(0, 1024), changes_result=False)
     download: bool = setting(
         False,
-        "whether to fetch a published data set",
+        "fetch a published data set",
         changes_result=False,
         only_for=tuple(TORCHVISION_SETS),
     )
@@ -94,7 +92,7 @@ class Adversary:
 
     kind: str = setting(
         "none",
-        "noise on a photo's raw image (moire_attack) or on pixels (pgd), or none",
+        "noise on the raw image (moire_attack), on pixels (pgd), or none",
         choices=("none", "moire_attack", "pgd"),
     )
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
@@ -108,13 +106,13 @@ class Adversary:
     steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
     optimise: list[str] = setting(
         lambda: ["noise"],
-        "what a moire_attack changes: noise, and parts of the scene such as view and panel, at "
-        "three (large images) to ten times (small ones) the cost",
+        "what moire_attack changes: noise and, at three to ten times the cost, parts of the scene "
+        "such as view",
         example="[noise,view]",
     )
-    draws: int = setting(1, "photos, of which a moire_attack takes the worst", bounds=(1, 10_000))
+    draws: int = setting(1, "photos, of which moire_attack takes the worst", bounds=(1, 10_000))
     warmup: float = setting(0.0, "share of training over which eps rises from 0", bounds=(0, 1))
-    moire: bool = setting(True, "false photographs without moiré, as a control")
+    moire: bool = setting(True, "false: photos without moiré, as a control")
 
 
 @dataclass
@@ -123,30 +121,27 @@ class Train:
 
     target: str = setting(
         "labels",
-        "what is learnt: labels, or the answers of the network with weights= to the images before "
-        "they are photographed",
+        "labels, or the answers of the network with weights= to the clean images",
         choices=TARGETS,
     )
-    layers: float = setting(
-        1.0, "share of the layers that are trained, from the image on", bounds=(0, 1)
-    )
+    layers: float = setting(1.0, "share of layers trained, from the image on", bounds=(0, 1))
     kept: float = setting(
         0.97,
-        "with train.target=answers, share of validation images to be answered as before: new "
-        "weights are averaged with the old until they are",
+        "with train.target=answers, share of validation answers to keep, by averaging with the "
+        "old weights",
         bounds=(0, 1),
     )
     epochs: int = setting(30, "5 for signs", bounds=(1, None), may_differ=True)
     length: float = setting(
         1.0,
-        "share of the epochs that this recipe trains for",
+        "share of the epochs to train",
         bounds=(0.01, 1),
         may_differ=True,
     )
     batch_size: int = setting(64, "of all devices together", bounds=(1, None))
     lr: float | None = setting(
         None,
-        "peak learning rate; null is 0.02 (Muon), or with weights= 0.002 per 128 images of a batch "
+        "peak learning rate; null: 0.02 (Muon), or with weights= 0.002 per 128 images of a batch "
         "(SGD)",
         bounds=(1e-8, 10),
     )
@@ -154,7 +149,7 @@ class Train:
     weight_decay: float | None = setting(None, "null: 0.05; with weights=, 5e-4", bounds=(0, 1))
     init: str = setting(
         "random",
-        "random weights, or those of recipe clean",
+        "random, or weights of recipe clean",
         choices=("random", "clean"),
         may_differ=True,
     )
@@ -162,7 +157,7 @@ class Train:
         None, "decay per step of the averaged weights; null: 0.98", bounds=(0, 0.999999)
     )
     batch_statistics: bool | None = setting(
-        None, "whether batch normalisation uses those of a batch; null: without weights="
+        None, "whether batch normalisation uses a batch's; null: without weights="
     )
     compile: bool = setting(False, "torch.compile of the model")
 
@@ -176,14 +171,14 @@ class Trainer:
     )
     devices: Any = setting(1, "GPUs, or processes of a CPU; or auto")
     num_nodes: int = setting(1, "machines", bounds=(1, 100_000))
-    strategy: str = setting("auto", "how devices share the work, such as ddp")
+    strategy: str = setting("auto", "such as ddp")
     precision: Any = setting(
         None,
-        "null: for classifiers bf16-mixed where the hardware supports it, else 32-true",
+        "null: bf16-mixed for classifiers where supported, else 32-true",
         choices=PRECISIONS,
     )
     deterministic: Any = setting(
-        False, "CUDA's bilinear resampling refuses true; a CPU run is exact anyway"
+        False, "a CPU run is exact anyway; CUDA's bilinear resampling refuses true"
     )
 
 
@@ -192,10 +187,10 @@ class Reattack:
     """How a trained model is attacked again."""
 
     n: int = setting(480, "test images", bounds=(1, None))
-    batch_size: int | None = setting(None, "null is 96, or fewer large images", bounds=(1, None))
+    batch_size: int | None = setting(None, "null: 96, or fewer large images", bounds=(1, None))
     eps: list[float] | None = setting(
         None,
-        "bounds of the noise; null is the suite's own: 2, 4 and 8/255 for the ladder",
+        "bounds of the noise; null: the suite's, for the ladder 2, 4 and 8/255",
         example="[0.00784313725,0.0156862745]",
     )
     bound: str = setting("codes", "scale of eps: sRGB, or the raw image's light", choices=BOUNDS)
@@ -212,8 +207,8 @@ class RunConfig:
     runs: str = setting("runs", "the folder of all runs", is_path=True, changes_result=False)
     scene: Any = setting(
         "screen_photo",
-        "a preset, a mapping of Scene's fields with an optional `preset`, a YAML file, or a list "
-        "of these: a random one per image",
+        "a preset, a YAML file, a mapping of fields and `preset`, or a list of these, a random one "
+        "per image",
         example="'{preset: paper, ...}'",
     )
     shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
@@ -257,31 +252,30 @@ class ReattackConfig(Config):
     recipe: str = setting("pretrained", "of the run", trains=True)
     run: str | None = setting(
         None,
-        "a run's folder; its own settings hold, except for those on the command line",
+        "a run's folder; its settings hold unless given here",
         is_path=True,
     )
     suite: str = setting(
         "ladder",
-        "ladder, standard, …: docs/evaluation.md, Suites; the paper's are in training/suites",
+        "see docs/evaluation.md, Suites",
     )
     targets: Any = setting(
         None,
-        "suite=transfer, trust or paper: name to a file of weights or a run's folder",
+        "of transfer, trust and paper: names and files of weights, or runs",
         example="'{resnet18: FILE, ...}'",
     )
     networks: Any = setting(
         None,
-        "suite=demoireing or paper: the same, or a folder of weights FILE.pt",
+        "of demoireing and paper: the same, or a folder of weights",
         example="'{mopnet: FILE, ...}'",
     )
     demoire: str | None = setting(
         None,
-        "package.module:callable on (B, 3, H, W) in [0, 1], a further defence or demoiréing "
-        "network",
+        "package.module:callable on images in [0, 1], a further defence",
     )
     lpips: str | None = setting(
         None,
-        "a state_dict of torchvision's squeezenet1_1, alexnet or vgg16: LPIPS of every attack",
+        "weights of torchvision's squeezenet1_1, alexnet or vgg16, for LPIPS",
         is_path=True,
     )
 

@@ -52,11 +52,11 @@ class Config:
 
     in_: str = setting(MISSING, "a folder of photos")
     out: str = setting(MISSING, "the folder of the cleaned ones")
-    weights: str = setting("screen", "released weights, or a file of a network's weights")
+    weights: str = setting("screen", "the released weights, or a file")
     device: str = setting("auto", "or cpu, cuda, cuda:1, mps")
     tile: int = setting(
         TILE_SIDE,
-        "longest side cleaned at once, in pixels; less needs less memory",
+        "longest side cleaned at once, in pixels",
         bounds=(2 * TILE_OVERLAP, None),
     )
 

@@ -21,26 +21,23 @@ class Pictures:
 
     root: str | None = setting(
         None,
-        "a folder of pictures, 10 % for validation and 10 % for tests, or with train/ and test/; "
-        "null: drawn pictures",
+        "a folder of pictures, 10 % each for validation and tests, or with train/ and test/; null: "
+        "drawn pictures",
         is_path=True,
     )
     size: int = setting(128, "side of the training crops", bounds=SIZE_RANGE)
     subsample: int = setting(
         3,
-        "training photos are taken at one to this many times their size, and shrunk without a "
-        "filter",
+        "training photos are taken at up to this factor, and shrunk unfiltered",
         bounds=(1, 8),
     )
     jpeg: int | None = setting(
         60, "lowest JPEG quality of training photos; null: no JPEG", bounds=(1, 100)
     )
-    pairs: int = setting(
-        2000, "different training pairs, served turned and mirrored", bounds=(1, None)
-    )
+    pairs: int = setting(2000, "training pairs, also turned and mirrored", bounds=(1, None))
     candidates: int = setting(
         2,
-        "pairs, of which the one with the strongest coarse colour is trained on",
+        "pairs, of which the one with the strongest coarse colour is kept",
         bounds=(1, None),
     )
     val: int = setting(32, "validation pairs", bounds=(1, None))
@@ -59,14 +56,12 @@ class Demoire:
 
     target: str = setting(
         "clean",
-        "the photo without moiré (twin), without noise, too (clean), or what the screen showed "
+        "the photo without moiré (twin), or moiré and noise (clean), or what the screen showed "
         "(original)",
         choices=("clean", "twin", "original"),
     )
-    width: float = setting(0.25, "factor of the published numbers of channels")
-    vgg: str | None = setting(
-        None, "a state_dict of torchvision's vgg16, for a perceptual loss", is_path=True
-    )
+    width: float = setting(0.25, "factor on the published channels")
+    vgg: str | None = setting(None, "weights of vgg16, for a perceptual loss", is_path=True)
 
 
 @dataclass
@@ -100,21 +95,19 @@ class DemoireConfig(RunConfig):
     recipe: str = setting("demoire", "a name for the run's folder")
     scene: Any = setting(
         lambda: list(TRAINED_SCENES),
-        "as in training/fit.py; those of a list take turns",
+        "those of a list take turns",
         example="[screen_photo, phone_at_phone]",
     )
     shrink: Any = setting(lambda: [1.0, 3.0], SHRINK_HELP, example="[1,3]")
     model: str = setting("esdnet", "one of moireaug.defenses.demoire.NETWORKS")
-    weights: str | None = setting(
-        None, "a file of moireaug.defenses.demoire.save to start from", is_path=True
-    )
+    weights: str | None = setting(None, "a file of weights to start from", is_path=True)
     data: Pictures = section(Pictures)
     demoire: Demoire = section(Demoire)
     train: Train = section(Train)
     test: TestPairs = section(TestPairs, tests=True)
     pairs: str | None = setting(
         None,
-        "real photos and originals for the report, as training/calibrate.py takes them",
+        "real photos and originals for the report, as for calibrate.py",
         is_path=True,
         changes_result=False,
     )

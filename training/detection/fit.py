@@ -50,9 +50,9 @@ class Config:
 
     images: str | None = setting(None, "a folder of ordinary pictures; null: drawn ones")
     ordinary: str | None = setting(
-        None, "a folder of photos of no screen that set the threshold; null: a tenth of images"
+        None, "a folder of photos without screens, to set the threshold; null: a tenth of images"
     )
-    scene: str = setting("anywhere", "of the screens: a preset's name, or a YAML file")
+    scene: str = setting("anywhere", "of the screens: a preset, or a YAML file")
     weights: str | None = setting(MISSING, "of the backbone: a file, a name, or null for random")
     backbone: str = setting("resnet18", "a ResNet of torchvision")
     out: str = setting("runs/detect", "the folder of the results")
@@ -60,7 +60,7 @@ class Config:
     penalty: float = setting(0.5, "of the heads' squared weights", bounds=(0, None))
     false_alarms: float = setting(0.1, "share of ordinary photos called screens", bounds=(0, 1))
     seed: int = setting(0, "of the examples", bounds=(0, 2**31))
-    workers: int = setting(0, "processes that make examples; 0 is this one", bounds=(0, None))
+    workers: int = setting(0, "processes; 0: this one", bounds=(0, None))
 
 
 def train(cfg: Config) -> dict[str, Any]:

@@ -34,24 +34,22 @@ class Config:
 
     images: str = setting(MISSING, "a folder of pictures")
     out: str = setting(MISSING, "the folder of the pairs")
-    n: int = setting(MISSING, "pairs, of all commands together")
-    scene: str = setting(
-        "screen_photo", "a preset's name, or a YAML file of a scene or a list of them"
-    )
+    n: int = setting(MISSING, "pairs, over all shards")
+    scene: str = setting("screen_photo", "a preset, or a YAML file of a scene or a list")
     shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
     size: int = setting(512, "side of the crops, in pixels")
-    twin: bool = setting(False, "whether to add the same photo without moiré")
-    raw: bool = setting(False, "whether to add the raw image, as raw.npy in uint16")
+    twin: bool = setting(False, "add the same photo without moiré")
+    raw: bool = setting(False, "add the raw image, as raw.npy in uint16")
     format: str = setting("webdataset", "of the files", choices=tuple(FORMATS))
     encoding: str = setting("png", "of the pictures", choices=tuple(SUFFIXES))
     quality: int | None = setting(
-        None, "of webp and jpeg; null is lossless, and 95 for jpeg", bounds=(1, 100)
+        None, "of webp and jpeg; null: lossless, and 95 for jpeg", bounds=(1, 100)
     )
     seed: int = setting(0, "of the crops and photos")
     per_shard: int = setting(1000, "pairs a tar, or a folder", bounds=(1, None))
     shard: str = setting("0/1", "i/n: part i of n, from 0")
     workers: int | None = setting(
-        None, "processes; 0 is this one alone, null one per core", bounds=(0, 1024)
+        None, "processes; 0: this one, null: one per core", bounds=(0, 1024)
     )
 
 

@@ -9,8 +9,9 @@ from moireaug.attacks import REJECTED, UNDECIDED
 from moireaug.evaluation.classifiers import UNDEFENDED
 from moireaug.evaluation.conditions import Condition, Photo
 from moireaug.evaluation.runner import CLEAN, Runner
-from moireaug.evaluation.tables import Table
+from moireaug.evaluation.tables import Cell, Table
 from training.report.page import title_of
+from training.report.table_notes import pictured_cells
 
 CHANGE_GAIN = 4  # factor by which an attack's change of the photo is enlarged
 PHOTO = Photo()
@@ -46,24 +47,23 @@ def run_examples(
 
 
 def table_examples(
-    table: Table, runner: Runner, classes: Mapping[int, str], name: str
+    table: Table, runner: Runner, classes: Mapping[int, str], name: str, eps: float
 ) -> list[Example]:
     """Return a table's pictures of one image, the first that the model gets right, with its answer
-    to each."""
+    to each; arguments as of `pictured_cells`."""
     clean = runner.record(CLEAN, UNDEFENDED, 0)
     pictures = runner.records.picture(runner.picture_name(CLEAN))
-    if pictures is None or not table.pictures:
+    pictured = pictured_cells(table, eps)
+    if pictures is None or not pictured:
         return []
     row = 0
     for i in range(len(pictures) - 1, -1, -1):
         if clean["predicted"][i] == clean["labels"][i]:
             row = i
     cells = []
-    for place in table.pictures:
-        cell = table.cell(*place)
-        if cell is not None:
-            title = _title(table.pictures, place)
-            cells += _cell({name: runner}, runner, cell.conditions[0], row, title, classes)
+    for cell in pictured:
+        title = _title(pictured, cell)
+        cells += _cell({name: runner}, runner, cell.conditions[0], row, title, classes)
     label = clean["labels"][row]
     return [{"label": classes.get(label, str(label)), "cells": cells}]
 
@@ -102,11 +102,11 @@ def _change(runner: Runner, attack: Condition, row: int) -> list[dict[str, Any]]
     return [{"title": f"its change, × {CHANGE_GAIN}", "image": image, "predictions": []}]
 
 
-def _title(places: Sequence[tuple[str, str]], place: tuple[str, str]) -> str:
+def _title(cells: Sequence[Cell], cell: Cell) -> str:
     """Return a picture's title: its row, its column or both, as its neighbours need."""
-    row, column = title_of(place[0], "rows"), title_of(place[1], "columns")
-    if len({other for other, _ in places}) == 1:
+    row, column = title_of(cell.row, "rows"), title_of(cell.column, "columns")
+    if len({other.row for other in cells}) == 1:
         return column
-    if len({other for _, other in places}) == 1:
+    if len({other.column for other in cells}) == 1:
         return row
     return f"{row}, {column}"

@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from moireaug.evaluation.conditions import in_255ths
 from moireaug.evaluation.tables import Table
 from training.report.numbers import Rate, distinct, moire_text
 from training.report.page import name_of, render, title_of
+from training.report.table_notes import note_values
 from training.runs.metrics import SuiteMetrics
 
-ATTACK_COLUMNS = ("worst", "ma")  # columns of a table, the strongest first
 # columns with and without moiré of the tables without an attacker
 MOIRE_COLUMNS = {"threat": ("all", "all_no_moire"), "unseen": ("moire", "no_moire")}
 CONTROL_COLUMNS = ("clean", "rotated", "rotated_dim", "no_moire", "moire", "random")
@@ -29,7 +30,7 @@ def suite_view(
     first = None
     needs_note = True
     for table in tables:
-        view = _table_view(table, lines[lines["table"] == table.name])
+        view = _table_view(table, lines[lines["table"] == table.name], metrics)
         view["examples"] = examples.get(table.name, [])
         view["needs_note"] = needs_note
         needs_note = needs_note and not view["examples"]
@@ -55,7 +56,7 @@ def suite_view(
     }
 
 
-def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
+def _table_view(table: Table, lines: pd.DataFrame, metrics: SuiteMetrics) -> dict[str, Any]:
     finite = lines.replace([np.inf, -np.inf], np.nan).astype(object)
     cells: dict[tuple[str, str], dict[str, Any]] = {}
     for cell in finite.where(finite.notna(), None).to_dict("records"):
@@ -70,14 +71,14 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
         "name": table.name,
         "columns": table.columns,
         "rows": [_row(table, cells, name) for name in table.rows],
-        "note_values": table.note_values,
-        "empty": table.empty,
+        "note_values": note_values(table, metrics),
+        "empty": getattr(table, "empty", {}),
         "noise": noise,
         "moire": moire_text(cells.values()),
         "has_lpips": lines["lpips"].notna().any(),
         "has_paper": lines["paper"].notna().any(),
         "has_controls": lines["column"].isin(CONTROL_COLUMNS).any(),
-        "verdict": verdict(table, cells),
+        "verdict": verdict(table, cells, metrics.eps),
         "natural": moire_extremes(table, cells),
     }
 
@@ -99,16 +100,13 @@ def _success(cells: Cells, row: str, column: str) -> float | None:
     return cell["success"] if cell else None
 
 
-def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
+def verdict(table: Table, cells: Cells, eps: float) -> dict[str, Any] | None:
     """Return a table's success rates of the moiré and of the noise, in its row at eps 4, or its
-    first, for the attack that it names, or its strongest; None where it lacks the attack, the photo
-    or the random noise."""
+    first, for its strongest attack; None where it lacks the attack, the photo or the random
+    noise."""
     row = "eps_4" if "eps_4" in table.rows else table.rows[0]
-    named = table.note_values.get("attack")
-    columns = [column for column in (named, *ATTACK_COLUMNS) if column in table.columns]
-    if not columns:
-        return None
-    attack = columns[0]
+    attacks = ("worst", "ma", f"ma_{in_255ths(eps)}")  # the strongest first
+    attack = next((column for column in attacks if column in table.columns), "")
     photo = _success(cells, row, "moire")
     random = _success(cells, row, "random")
     fooled = _success(cells, row, attack)

@@ -6,41 +6,30 @@ from collections.abc import Callable
 from moireaug.common.argument_checks import one_of
 from moireaug.evaluation import suites as library
 from moireaug.evaluation.tables import Table
+from training.suites import paper
 from training.suites.config import PaperConfig
-from training.suites.demoireing import demoireing
-from training.suites.paper import (
-    appearance,
-    budget,
-    defences,
-    factors,
-    jpeg,
-    mean_normalised,
-    noise_position,
-    success,
-    transfer,
-)
 from training.suites.shifts import shifts
 from training.suites.threat_scenes import threat
 
 PAPER_SUITES: dict[str, Callable[[PaperConfig], Table]] = {
-    "success": success,
-    "mean_normalised": mean_normalised,
-    "jpeg": jpeg,
-    "defences": defences,
-    "demoireing": demoireing,
-    "transfer": transfer,
-    "budget": budget,
-    "factors": factors,
-    "noise_position": noise_position,
-    "appearance": appearance,
+    "success": paper.success,
+    "mean_normalised": paper.mean_normalised,
+    "jpeg": paper.jpeg,
+    "defences": paper.defences,
+    "demoireing": paper.demoireing,
+    "transfer": paper.transfer,
+    "budget": paper.budget,
+    "factors": paper.factors,
+    "noise_position": paper.noise_position,
+    "appearance": paper.appearance,
     "threat": threat,
 }
 SUITES = library.SUITES | PAPER_SUITES | {"shifts": shifts}
 GROUPS = library.GROUPS | {"paper": (*PAPER_SUITES, "adaptive")}
 ATTACKING_PAPER_SUITES = tuple(name for name in PAPER_SUITES if name != "threat")
-# settings that only some suites use, and those suites
+# options that only some suites use, and those suites
 OPTION_SUITES: dict[str, tuple[str, ...]] = {
-    "reattack.eps": (*library.OPTION_SUITES["eps"], *ATTACKING_PAPER_SUITES, "shifts", "paper"),
+    "eps": (*library.OPTION_SUITES["eps"], *ATTACKING_PAPER_SUITES, "shifts", "paper"),
     "lpips": (*library.OPTION_SUITES["lpips"], *ATTACKING_PAPER_SUITES, "shifts", "paper"),
     "targets": ("transfer", "trust", "paper"),
     "networks": ("demoireing", "paper"),

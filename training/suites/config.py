@@ -4,7 +4,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from moireaug.evaluation.conditions import ImageTransform
-from moireaug.evaluation.tables import SuiteConfig, check_names
+from moireaug.evaluation.tables import SuiteConfig, Table, check_names
+
+
+@dataclass(frozen=True)
+class PaperTable(Table):
+    """A table that has rows without figures.
+
+    Args:
+        empty: reason of each of them.
+    """
+
+    empty: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> list[str]:
+        return [*super().rows, *self.empty]
 
 
 @dataclass(frozen=True, kw_only=True)

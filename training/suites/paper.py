@@ -1,12 +1,13 @@
 """The paper's tables and figures, with the controls that they lack."""
 
-import dataclasses
-from collections.abc import Mapping
+from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
-from moireaug.attacks.patch import Patch
+from moireaug.attacks import Patch
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
-from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
+from moireaug.evaluation.autoattack import APGDAttacker
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, averaging_classifier
 from moireaug.evaluation.conditions import (
     BrightPhotoWithoutMoire,
     Condition,
@@ -16,30 +17,49 @@ from moireaug.evaluation.conditions import (
     controls,
     in_255ths,
 )
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, undefended_row
+from moireaug.evaluation.tables import (
+    Cell,
+    SuiteConfig,
+    Table,
+    cross,
+    eps_row,
+    undefended_row,
+    worst_of,
+)
 from moireaug.mixtures import map_scenes, scenes_of
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scenes import Scene
-from training.suites.config import PaperConfig
+from training.suites.config import PaperConfig, PaperTable
 
 PAPER_EPS = (2 / 255, 4 / 255, 6 / 255, 8 / 255)
 BUDGET_EPS = (4 / 255, 8 / 255, 16 / 255, 32 / 255)
 JPEG_QUALITIES = (20, 40, 60, 80)
+NETWORKS = ("mopnet", "mddm", "fhde2net", "amnet")
 DEFENCES_OF_OTHER_TABLES = (*(f"jpeg_{quality}" for quality in JPEG_QUALITIES), "gain")
 ROLL_ANGLES = (0, 5, 10, 15, 30, 45)  # degrees
 
 
+def moire_attacker(config: SuiteConfig, eps: float | None = None, **settings: Any) -> MoireAttacker:
+    """Return the paper's Moiré Attack, which takes every step."""
+    eps = config.middle if eps is None else eps
+    return MoireAttacker(eps=eps, steps=config.steps, until_fooled=False, **settings)
+
+
 def paper_attacks(config: SuiteConfig) -> dict[str, Condition]:
-    """Return the paper's attacks at one eps."""
+    """Return the paper's attacks at one eps, and their controls."""
     eps, steps = config.middle, config.steps
-    attackers: dict[str, Condition] = {
-        "ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False)
-    }
+    conditions = controls(eps) | {"ma": moire_attacker(config)}
     for name in ("bim", "pgd", "cw", "mifgsm"):
         bound = 0.0 if name == "cw" else eps
-        attackers[name] = PixelAttacker(attack=name, eps=bound, steps=steps, until_fooled=False)
-    return attackers
+        conditions[name] = PixelAttacker(attack=name, eps=bound, steps=steps, until_fooled=False)
+    return conditions
+
+
+def after_jpeg(config: SuiteConfig, qualities: Sequence[int]) -> dict[str, Classifier]:
+    """Return the model alone, and behind JPEG."""
+    names = [f"jpeg_{quality}" for quality in qualities]
+    return {"undefended": UNDEFENDED} | {name: config.behind(name) for name in names}
 
 
 def success(config: SuiteConfig) -> Table:
@@ -51,14 +71,11 @@ def success(config: SuiteConfig) -> Table:
             "rotated_dim": PhotoWithoutMoire(),
             "moire": Photo(),
             "random": RandomNoise(eps=eps),
-            "ma": MoireAttacker(eps=eps, steps=config.steps, until_fooled=False),
-            "ma_targeted": MoireAttacker(
-                eps=eps, steps=config.steps, targeted=True, until_fooled=False
-            ),
+            "ma": moire_attacker(config, eps),
+            "ma_targeted": moire_attacker(config, eps, targeted=True),
         }
         cells += undefended_row(eps_row(eps), columns)
-    pictures = [cell.place for cell in cells if cell.row == eps_row(config.middle)]
-    return Table("success", tuple(cells), pictures=tuple(pictures))
+    return Table("success", tuple(cells))
 
 
 def mean_normalised(config: SuiteConfig) -> Table:
@@ -71,33 +88,45 @@ def mean_normalised(config: SuiteConfig) -> Table:
     }
     columns = controls(config.middle)
     for eps in config.bounds(PAPER_EPS):
-        columns[f"ma_{in_255ths(eps)}"] = MoireAttacker(
-            eps=eps, steps=config.steps, until_fooled=False
-        )
-    note_values = {"codes": in_255ths(config.middle), "attack": f"ma_{in_255ths(config.middle)}"}
-    return Table("mean_normalised", tuple(cross(classifiers, columns)), note_values=note_values)
+        columns[f"ma_{in_255ths(eps)}"] = moire_attacker(config, eps)
+    return Table("mean_normalised", tuple(cross(classifiers, columns)))
 
 
 def jpeg(config: SuiteConfig) -> Table:
     """Paper, table 3: the attacks after JPEG."""
-    classifiers = {"undefended": UNDEFENDED}
-    for quality in JPEG_QUALITIES:
-        classifiers[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    table = _attacks_table("jpeg", config, classifiers, {})
-    pictures = tuple(("undefended", column) for column in table.columns)
-    return dataclasses.replace(table, pictures=pictures)
+    classifiers = after_jpeg(config, JPEG_QUALITIES)
+    return Table("jpeg", tuple(cross(classifiers, paper_attacks(config))))
 
 
-def defences(config: PaperConfig) -> Table:
+def defences(config: PaperConfig) -> PaperTable:
     """Paper, table 4: the attacks after other input transformations."""
     classifiers = {"undefended": UNDEFENDED}
     for name in config.defences:
         if name not in DEFENCES_OF_OTHER_TABLES:
             classifiers[name] = config.behind(name)
-    return _attacks_table("defences", config, classifiers, config.without)
+    cells = cross(classifiers, paper_attacks(config))
+    return PaperTable("defences", tuple(cells), empty=config.without)
 
 
-def transfer(config: SuiteConfig) -> Table:
+def demoireing(config: PaperConfig) -> PaperTable:
+    """Paper, table 5: the attacks after demoiréing networks. The attackers know of none of them,
+    except APGD, which goes through each network's own gradient."""
+    classifiers: dict[str, Classifier] = {"undefended": UNDEFENDED}
+    for name, network in config.networks.items():
+        classifiers[name] = averaging_classifier(name, network)
+    missing = {name: "no weights were given" for name in NETWORKS if name not in classifiers}
+    eps, steps = config.middle, config.steps
+    columns: dict[str, Condition] = paper_attacks(config)
+    columns["ma_8"] = moire_attacker(config, PAPER_EPS[-1])
+    cells = cross(classifiers, columns)
+    for name, classifier in classifiers.items():
+        apgd = APGDAttacker(eps=eps, steps=steps, known_classifier=classifier)
+        cells.append(Cell(name, "adaptive", (apgd,), classifier))
+        cells.append(worst_of([cell for cell in cells if cell.row == name], name, eps))
+    return PaperTable("demoireing", tuple(cells), empty=missing)
+
+
+def transfer(config: SuiteConfig) -> PaperTable:
     """Paper, table 6: the attacks on the model, classified by other models."""
     classifiers = {"attacked": UNDEFENDED}
     missing = {}
@@ -106,15 +135,7 @@ def transfer(config: SuiteConfig) -> Table:
             missing[name] = "weights not at hand"
         else:
             classifiers[name] = Classifier(name, model=model)
-    return _attacks_table("transfer", config, classifiers, missing)
-
-
-def _attacks_table(
-    name: str, config: SuiteConfig, classifiers: Mapping[str, Classifier], empty: Mapping[str, str]
-) -> Table:
-    """Lay out the paper's attacks, and their controls, before each classifier."""
-    cells = cross(classifiers, controls(config.middle) | paper_attacks(config))
-    return Table(name, tuple(cells), empty=empty)
+    return PaperTable("transfer", tuple(cross(classifiers, paper_attacks(config))), empty=missing)
 
 
 def budget(config: SuiteConfig) -> Table:
@@ -124,12 +145,11 @@ def budget(config: SuiteConfig) -> Table:
         columns: dict[str, Condition] = {
             "moire": Photo(),
             "random": RandomNoise(eps=eps),
-            "ma": MoireAttacker(eps=eps, steps=config.steps, until_fooled=False),
+            "ma": moire_attacker(config, eps),
             "bim": PixelAttacker(attack="bim", eps=eps, steps=config.steps, until_fooled=False),
         }
         cells += undefended_row(eps_row(eps), columns)
-    pictures = [cell.place for cell in cells if cell.column in ("ma", "bim")]
-    return Table("budget", tuple(cells), pictures=tuple(pictures))
+    return Table("budget", tuple(cells))
 
 
 def factors(config: SuiteConfig) -> Table:
@@ -153,7 +173,7 @@ def factors(config: SuiteConfig) -> Table:
     cells: list[Cell] = []
     for name, scene in scenes.items():
         cells += undefended_row(name, {key: c.at(name, scene) for key, c in columns.items()})
-    return Table("factors", tuple(cells), pictures=tuple((name, "moire") for name in scenes))
+    return Table("factors", tuple(cells))
 
 
 def _enlarged(scene: Scene, alpha: float) -> Scene:
@@ -179,31 +199,17 @@ def _enlarged(scene: Scene, alpha: float) -> Scene:
 def noise_position(config: SuiteConfig) -> Table:
     """Paper, appendix E: noise on the raw reading against noise on the developed photo ("Moiré +
     BIM")."""
-    eps, steps = config.middle, config.steps
-    columns = controls(eps)
-    columns["ma"] = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
-    columns["moire_bim"] = MoireAttacker(
-        eps=eps,
-        steps=steps,
-        variant="noise_on_the_photo",
-        noise_at="photo",
-        until_fooled=False,
-    )
-    classifiers = {"undefended": UNDEFENDED}
-    for quality in (20, 40):
-        classifiers[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    return Table("noise_position", tuple(cross(classifiers, columns)))
+    on_photo = moire_attacker(config, variant="noise_on_the_photo", noise_at="photo")
+    columns = controls(config.middle) | {"ma": moire_attacker(config), "moire_bim": on_photo}
+    return Table("noise_position", tuple(cross(after_jpeg(config, (20, 40)), columns)))
 
 
 def appearance(config: SuiteConfig) -> Table:
     """Paper, appendix B: the Moiré Attack beside BIM and an adversarial patch."""
-    eps, steps = config.middle, config.steps
-    columns: dict[str, Condition] = controls(eps) | {
-        "ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False),
-        "bim": PixelAttacker(attack="bim", eps=eps, steps=steps, until_fooled=False),
-        "patch": PixelAttacker(attack="patch", eps=Patch.eps, steps=steps, until_fooled=False),
+    every_step: dict[str, Any] = {"steps": config.steps, "until_fooled": False}
+    columns: dict[str, Condition] = controls(config.middle) | {
+        "ma": moire_attacker(config),
+        "bim": PixelAttacker(attack="bim", eps=config.middle, **every_step),
+        "patch": PixelAttacker(attack="patch", eps=Patch.eps, **every_step),
     }
-    cells = undefended_row(eps_row(eps), columns)
-    pictures = [cell.place for cell in cells]
-    note_values = {"area": Patch.area}
-    return Table("appearance", tuple(cells), pictures=tuple(pictures), note_values=note_values)
+    return Table("appearance", tuple(undefended_row(eps_row(config.middle), columns)))

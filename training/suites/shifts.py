@@ -4,7 +4,7 @@ noise on pixels, and corruptions that have nothing to do with screens."""
 from functools import partial
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
-from moireaug.evaluation.conditions import Clean, Condition, Photo, in_255ths
+from moireaug.evaluation.conditions import Clean, Condition, Photo
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 from moireaug.mixtures import Mixture, map_scenes
@@ -55,7 +55,4 @@ def shifts(config: SuiteConfig) -> Table:
         for amount in amounts:
             corrupted = Corrupted(corruption=corruption, amount=amount)
             cells.append(Cell(corrupted.name, UNATTACKED_COLUMN, (corrupted,)))
-    pictures = [cell.place for cell in cells if cell.column == UNATTACKED_COLUMN]
-    return Table(
-        "shifts", tuple(cells), pictures=tuple(pictures), note_values={"codes": in_255ths(eps)}
-    )
+    return Table("shifts", tuple(cells))

@@ -102,9 +102,4 @@ def threat(config: SuiteConfig) -> Table:
             cells.append(Cell(row, f"angle_{angle}", (photos[-1],)))
         cells.append(Cell(row, "all", tuple(photos)))
         cells.append(Cell(row, "all_no_moire", tuple(plain)))
-    pictures = []
-    for display in DISPLAYS:
-        pictures.append((f"{display}, {DISPLAY_CAMERA_PAIRS[0][1]}", "angle_90"))
-    for angle in ANGLES:
-        pictures.append((", ".join(DISPLAY_CAMERA_PAIRS[-1]), f"angle_{angle}"))
-    return Table("threat", tuple(cells), pictures=tuple(pictures))
+    return Table("threat", tuple(cells))

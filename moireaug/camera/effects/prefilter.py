@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Any
 
+import torch
 import torch.nn.functional as F
 from torch import Tensor
 
@@ -29,7 +31,7 @@ class Prefilter(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         variance = max_lost_variance(scene)
-        if 2 * bounds(scene.sensor.gain)[1] * variance <= scene.tolerance:
+        if not _is_seen(variance, scene):
             return left_out("a sensor pixel sees few of the panel's pixels")
         return called(
             f"the picture blurred by up to {variance**0.5:.2g} image pixels before it is looked up"
@@ -49,6 +51,22 @@ def max_lost_variance(scene: SceneRecord) -> float:
     """Return the largest variance that a scene's exposure leaves to the prefilter, in squared image
     pixels."""
     return method_of(scene).max_lost_variance(scene)
+
+
+def _is_seen(variance: Any, scene: SceneRecord) -> Any:
+    """Return whether leaving out a blur of a variance, in squared image pixels, would be seen."""
+    return 2 * bounds(scene.sensor.gain)[1] * variance > scene.tolerance
+
+
+@torch.no_grad()
+def is_blurred(shot: ShotRecord) -> Tensor:
+    """Return whether the prefilter blurs a picture anywhere, (B,) bool: views widen towards one of
+    its corners, so these, the middles of its sides and its own tell."""
+    h, w = shot.size
+    places = [(x, y) for y in (0.5, h / 2, h - 0.5) for x in (0.5, w / 2, w - 0.5)]
+    points = torch.tensor(places, dtype=torch.float64, device=shot.device).reshape(1, 3, 3, 2)
+    variance = shot.plan.method.lost_variance(points, shot)
+    return _is_seen(variance.amax((1, 2)), shot.scene)
 
 
 def neighbour_share(shot: ShotRecord) -> Tensor:

@@ -18,11 +18,10 @@ class AMNet(DemoireNet):
     output = (photo + additive) x multiplicative.
 
     Source: the two modules, the atrous spatial pyramid (ASPP) and the nearest-neighbour upsampling
-    (figure of the architecture); the generator alone, without the discriminator of its adversarial
-    training. The paper's layer counts were not available: chosen here, to agree with the published
-    1.41 million parameters, are an encoder and decoder of three levels around one pyramid of four
-    rates, and four multiplicative blocks at quarter size, each of two convolutions whose product
-    with a sigmoid of a third goes on.
+    (figure of the architecture); the generator alone. The paper's layer counts were not available:
+    chosen here, to agree with the published 1.41 million parameters, are an encoder and decoder of
+    three levels around one pyramid of four rates, and four multiplicative blocks at quarter size,
+    each of two convolutions whose product with a sigmoid of a third goes on.
     """
 
     name = "amnet"
@@ -63,9 +62,8 @@ class Pyramid(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.branches = nn.ModuleList(
-            [conv(channels, channels, rate=rate) for rate in PYRAMID_RATES]
-        )
+        branches = [conv(channels, channels, rate=rate) for rate in PYRAMID_RATES]
+        self.branches = nn.ModuleList(branches)
         self.fuse = conv(len(PYRAMID_RATES) * channels, channels)
 
     def forward(self, x: Tensor) -> Tensor:

@@ -1,29 +1,29 @@
-"""The base of every demoiréing network: images of any size in, images in [0, 1] out."""
+"""The base of every demoiréing network, and the defence made of one."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from moireaug.common.argument_checks import check_real
+from moireaug.common.argument_checks import check_callable, check_real
 from moireaug.common.image_checks import check_shape
+from moireaug.common.networks import first_weight
 from moireaug.common.numeric import mirrored_indices
-from moireaug.defenses.base import straight_through
+from moireaug.defenses.base import Defence, output_of, straight_through
 
 MAX_WIDTH = 4.0
 CHANNEL_MULTIPLE = 4  # to which numbers of channels are rounded
 
 
 class DemoireNet(nn.Module, ABC):
-    """A demoiréing network: a subclass sets `name` and `multiple`, and computes `predict`.
+    """A demoiréing network: a subclass sets its `name` in `demoire.NETWORKS`, the `multiple` of
+    which the sides of the images given to `predict` are, in pixels, and computes that.
 
     Args:
         width: factor on the published numbers of channels, in (0, 4].
-
-    Attributes:
-        name: of `demoire.NETWORKS`.
-        multiple: the sides of the images given to `predict` are multiples of this, in pixels.
 
     Raises:
         TypeError, ValueError: a width out of range.
@@ -39,8 +39,7 @@ class DemoireNet(nn.Module, ABC):
 
     @abstractmethod
     def predict(self, images: Tensor) -> tuple[Tensor, ...]:
-        """Predict from images whose sides are multiples of `multiple`: `outputs` without its
-        crop."""
+        """Return `outputs` of images whose sides are multiples of `multiple`."""
 
     def outputs(self, images: Tensor) -> tuple[Tensor, ...]:
         """Predict the images without moiré as the published loss takes them: not clipped.
@@ -58,9 +57,21 @@ class DemoireNet(nn.Module, ABC):
         Raises:
             TypeError, ValueError: images of another type or shape.
         """
-        _check_images(images)
+        check_shape(images)
+        if not len(images):
+            raise ValueError(f"images must be one or more; got {tuple(images.shape)}.")
+        if not images.is_floating_point():  # values stay unchecked: that would wait for a device
+            raise TypeError(
+                f"images must be floating point in [0, 1]; got {images.dtype}. Divide uint8 images "
+                "by 255."
+            )
         height, width = images.shape[-2:]
-        predictions = self.predict(self._extended(images))
+        extended, below, right = images, -height % self.multiple, -width % self.multiple
+        if below:
+            extended = extended[..., mirrored_indices(height, 0, below, images.device), :]
+        if right:
+            extended = extended[..., mirrored_indices(width, 0, right, images.device)]
+        predictions = self.predict(extended)
         finest = predictions[0].shape[-2]
         cropped = []
         for prediction in predictions:
@@ -77,8 +88,8 @@ class DemoireNet(nn.Module, ABC):
 
         Returns:
             (B, 3, H, W) in [0, 1]: the finest of `outputs`, clipped. The gradient is that of the
-            unclipped prediction: a network whose output goes beyond black or white would otherwise
-            have none there, and hide from an attack (BPDA; Athalye, Carlini and Wagner 2018).
+            unclipped prediction, which would otherwise hide from an attack beyond black and white
+            (BPDA; Athalye, Carlini and Wagner 2018).
 
         Raises:
             TypeError, ValueError: as `outputs`.
@@ -89,17 +100,6 @@ class DemoireNet(nn.Module, ABC):
     def extra_repr(self) -> str:
         return f"width={self.width:g}"
 
-    def _extended(self, images: Tensor) -> Tensor:
-        """Extend the right and lower edges to a multiple of `multiple`."""
-        height, width = images.shape[-2:]
-        if height % self.multiple:
-            rows = mirrored_indices(height, 0, -height % self.multiple, images.device)
-            images = images[..., rows, :]
-        if width % self.multiple:
-            columns = mirrored_indices(width, 0, -width % self.multiple, images.device)
-            images = images[..., columns]
-        return images
-
 
 def scaled(channels: int, width: float) -> int:
     """Return a published number of channels times `width`, rounded to a multiple of
@@ -109,14 +109,35 @@ def scaled(channels: int, width: float) -> int:
     return CHANNEL_MULTIPLE * max(1, round(channels * width / CHANNEL_MULTIPLE))
 
 
-def _check_images(images: Tensor) -> None:
-    """Refuse anything but a float batch of three channels; values are not checked, which would wait
-    for the device in every training step."""
-    check_shape(images)
-    if not len(images):
-        raise ValueError(f"images must be one or more; got {tuple(images.shape)}.")
-    if not images.is_floating_point():
-        raise TypeError(
-            f"images must be floating point in [0, 1]; got {images.dtype}. Divide uint8 images by "
-            "255."
-        )
+@dataclass(frozen=True)
+class Demoire(Defence):
+    """A demoiréing network before the model.
+
+    Args:
+        network: from `demoire.build` or `demoire.load`, or any callable from images (B, 3, H, W) in
+            [0, 1] to images of the same shape, clipped here. A module is called in the mode that it
+            is in; attacks and `evaluate` put it into evaluation, as they do the model. Images are
+            computed in the dtype of its parameters. A randomised one says so by an attribute
+            `randomised = True`.
+
+    Backward: the network's own gradient; where its output is clipped, that of the unclipped one.
+
+    Raises:
+        TypeError, ValueError: a network that cannot be called, or changes the images' shape.
+    """
+
+    network: Callable[[Tensor], Tensor]
+
+    def __post_init__(self) -> None:
+        check_callable("network", self.network, "images", " Is it demoire.load(FILE)?")
+        randomised = bool(getattr(self.network, "randomised", False))
+        object.__setattr__(self, "randomised", randomised)
+
+    @property
+    def networks(self) -> tuple[nn.Module, ...]:
+        return (self.network,) if isinstance(self.network, nn.Module) else ()
+
+    def apply(self, images: Tensor) -> Tensor:
+        weight = first_weight(*self.networks)
+        x = images if weight is None else images.to(weight.dtype)
+        return output_of(self.network, x).to(images.dtype)

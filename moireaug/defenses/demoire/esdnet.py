@@ -38,18 +38,12 @@ class ESDNet(DemoireNet):
         super().__init__(width)
         wide = [scaled(ENCODER_CHANNELS * 2**level, width) for level in range(3)]
         deep, growth = scaled(DECODER_CHANNELS, width), scaled(DENSE_GROWTH, width)
-        first = nn.Conv2d(12, wide[0], 5, padding=2)
-        self.head = nn.Sequential(nn.PixelUnshuffle(2), first, _relu())
+        self.head = nn.Sequential(nn.PixelUnshuffle(2), *_conv(12, wide[0], side=5))
         self.encoders = nn.ModuleList([_level(channels, growth) for channels in wide])
-        self.downs = nn.ModuleList()
-        for fine, coarse in itertools.pairwise(wide):
-            down = nn.Conv2d(fine, coarse, 3, stride=2, padding=1)
-            self.downs.append(nn.Sequential(down, _relu()))
-        self.merges = nn.ModuleList()
-        for level, channels in enumerate(wide):
-            coarser = deep if level < 2 else 0
-            merge = nn.Conv2d(channels + coarser, deep, 3, padding=1)
-            self.merges.append(nn.Sequential(merge, _relu()))
+        steps = itertools.pairwise(wide)
+        self.downs = nn.ModuleList([_conv(fine, coarse, stride=2) for fine, coarse in steps])
+        merged = [wide[0] + deep, wide[1] + deep, wide[2]]
+        self.merges = nn.ModuleList([_conv(channels, deep) for channels in merged])
         self.decoders = nn.ModuleList([_level(deep, growth) for _ in wide])
         self.tails = nn.ModuleList()
         for _ in wide:
@@ -82,9 +76,7 @@ class DenseBlock(nn.Module):
         super().__init__()
         self.layers = nn.ModuleList()
         for index, rate in enumerate(rates):
-            inputs = channels + index * growth
-            layer = nn.Conv2d(inputs, growth, 3, padding=rate, dilation=rate)
-            self.layers.append(nn.Sequential(layer, _relu()))
+            self.layers.append(_conv(channels + index * growth, growth, rate=rate))
         self.fuse = nn.Conv2d(channels + len(rates) * growth, channels, 1)
 
     def forward(self, x: Tensor) -> Tensor:
@@ -94,9 +86,8 @@ class DenseBlock(nn.Module):
 
 
 class ScaleAware(nn.Module):
-    """Semantic-aligned scale-aware module (section 4.2): the features at full, half and quarter
-    size pass a dense block each, and all three are added to the input, channel by channel, with
-    weights that a perceptron finds from their means."""
+    """Semantic-aligned scale-aware module (section 4.2): dense blocks of the features at full, half
+    and quarter size, added to the input with weights that a perceptron finds from their means."""
 
     def __init__(self, channels: int, growth: int) -> None:
         super().__init__()
@@ -104,10 +95,8 @@ class ScaleAware(nn.Module):
         self.branches = nn.ModuleList(branches)
         squeezed = max(8, 3 * channels // PERCEPTRON_REDUCTION)
         self.weigh = nn.Sequential(
-            nn.Conv2d(3 * channels, squeezed, 1),
-            _relu(),
-            nn.Conv2d(squeezed, squeezed, 1),
-            _relu(),
+            *_conv(3 * channels, squeezed, side=1),
+            *_conv(squeezed, squeezed, side=1),
             nn.Conv2d(squeezed, 3 * channels, 1),
             nn.Sigmoid(),
         )
@@ -130,5 +119,9 @@ def _level(channels: int, growth: int) -> nn.Sequential:
     return nn.Sequential(residual, ScaleAware(channels, growth))
 
 
-def _relu() -> nn.ReLU:
-    return nn.ReLU(inplace=True)
+def _conv(
+    inputs: int, outputs: int, side: int = 3, stride: int = 1, rate: int = 1
+) -> nn.Sequential:
+    padding = side // 2 * rate
+    layer = nn.Conv2d(inputs, outputs, side, stride=stride, padding=padding, dilation=rate)
+    return nn.Sequential(layer, nn.ReLU(inplace=True))

@@ -57,11 +57,8 @@ class FHDe2Net(DemoireNet):
 
 
 class Spectral(nn.Module):
-    """Convolutions on the coefficients of block cosine transforms of the luminance: images
-    (B, 3, H, W) to the luminance's content (B, 1, H, W); sides are multiples of 8.
-
-    A coefficient is a channel, so that a convolution sees all frequencies of nine blocks.
-    """
+    """Convolutions on the coefficients, one a channel, of block cosine transforms of the luminance:
+    images (B, 3, H, W) to the luminance's content (B, 1, H, W); sides are multiples of 8."""
 
     basis: Tensor
     luminance: Tensor

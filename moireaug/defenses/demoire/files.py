@@ -47,16 +47,13 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
     one_of("a demoiréing network", name, NETWORKS)
     if weights is None:
         return NETWORKS[name](width)
-    with float32_on_cpu():
-        network = NETWORKS[name](width)
-    content = _read(weights)
-    if (content["network"], content["width"]) != (name, network.width):
+    network = load(weights).train()
+    if (network.name, network.width) != (name, width):
         raise ValueError(
-            f"demoire: {str(weights)!r} holds {content['network']} of width {content['width']:g}; "
-            f"you asked for {name} of width {network.width:g}. Ask for what it holds, or use "
-            "demoire.load, which reads both from the file."
+            f"demoire: {str(weights)!r} holds {network.name} of width {network.width:g}; you asked "
+            f"for {name} of width {width}. Ask for what it holds, or use demoire.load, which reads "
+            "both from the file."
         )
-    _fill(network, content["state"], weights)
     return network
 
 
@@ -69,8 +66,15 @@ def load(path: str | Path) -> DemoireNet:
     """
     content = _read(path)
     with float32_on_cpu():
-        network = build(content["network"], width=content["width"])
-    _fill(network, content["state"], path)
+        network = NETWORKS[content["network"]](content["width"])
+    try:
+        network.load_state_dict(content["state"])
+    except (RuntimeError, TypeError, AttributeError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(
+            f"demoire: the weights in {str(path)!r} are not of {network.name} of width "
+            f"{network.width:g} ({reason[:200]}). {_advice()}"
+        ) from error
     return network.eval()
 
 
@@ -115,17 +119,6 @@ def _read(path: str | Path) -> dict[str, Any]:
             f"demoire: {str(path)!r} holds the width {width!r}, which is no number. {_advice()}"
         )
     return dict(content)
-
-
-def _fill(network: DemoireNet, state: Mapping[str, torch.Tensor], path: str | Path) -> None:
-    try:
-        network.load_state_dict(state)
-    except (RuntimeError, TypeError, AttributeError) as error:
-        reason = " ".join(str(error).split())
-        raise ValueError(
-            f"demoire: the weights in {str(path)!r} are not of {network.name} of width "
-            f"{network.width:g} ({reason[:200]}). {_advice()}"
-        ) from error
 
 
 def _advice() -> str:

@@ -57,12 +57,8 @@ class ChannelAttention(nn.Module):
 
 
 class RegionAttention(nn.Module):
-    """Non-local block (Wang et al., CVPR 2018, embedded Gaussian) within regions of 8 x 8 pixels,
-    as Dai et al. (CVPR 2019) look at one region at a time: time and memory grow with the number of
-    pixels, not with its square.
-
-    Takes (B, C, H, W), both sides multiples of 8.
-    """
+    """Non-local block (Wang et al., CVPR 2018, embedded Gaussian) within regions of 8 x 8 pixels
+    (Dai et al., CVPR 2019), of images (B, C, H, W) whose sides are multiples of 8."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -83,14 +79,11 @@ class RegionAttention(nn.Module):
 
 class UNet(nn.Module):
     """Encoder and decoder with skip connections (Ronneberger et al., 2015), two convolutions a
-    level.
+    level. Sides are multiples of 2^(levels - 1), with attention of 8 times that.
 
-    Args:
-        inputs, outputs: channels of the images.
-        channels: of each level, the finest first; from one to the next the sides halve.
-        attention: whether a `RegionAttention` follows each level of the decoder.
-
-    Takes sides that are multiples of 2^(levels - 1), with attention of 8 times that.
+    inputs, outputs: channels of the images.
+    channels: of each level, the finest first; from one to the next the sides halve.
+    attention: whether a `RegionAttention` follows each level of the decoder.
     """
 
     def __init__(
@@ -109,10 +102,6 @@ class UNet(nn.Module):
         self.tail = nn.Conv2d(channels[0], outputs, 3, padding=1)
 
     def forward(self, x: Tensor) -> Tensor:
-        return self.tail(self.features(x))
-
-    def features(self, x: Tensor) -> Tensor:
-        """Compute the features of the finest level, before the last convolution."""
         skips = [self.head(x)]
         for level in self.encoder:
             skips.append(level(skips[-1]))
@@ -120,4 +109,4 @@ class UNet(nn.Module):
         for level in reversed(self.decoder):
             skip = skips.pop()
             features = level(torch.cat([skip, resized(features, skip)], 1))
-        return features
+        return self.tail(features)

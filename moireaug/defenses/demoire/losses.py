@@ -1,8 +1,4 @@
-"""The published training losses, by a network's name.
-
-All take `DemoireNet.outputs` and the target at full size. Their perceptual parts compare features
-of VGG-16, whose weights the user gives as a file; without it these parts are left out.
-"""
+"""The published training losses, by a network's name."""
 
 from __future__ import annotations
 
@@ -30,15 +26,11 @@ Loss = Callable[[Sequence[Tensor], Tensor, nn.Module | None], Tensor]
 
 
 class VGGFeatures(nn.Module):
-    """VGG-16 up to the layer that a network's loss compares, frozen: (B, 3, H, W) in [0, 1] to
-    features, (B, 256, H/4, W/4) after conv3_3 or (B, 64, H, W) after MopNet's conv1_2.
+    """VGG-16 up to the layer that the loss of a network of this name compares, frozen: (B, 3, H, W)
+    in [0, 1] to features, (B, 256, H/4, W/4) after conv3_3 or (B, 64, H, W) after MopNet's conv1_2.
 
-    Args:
-        path: a state_dict of torchvision's vgg16, as published.
-        network: name of the network to train.
-
-    Raises:
-        ValueError: a file that is missing, damaged or of another network.
+    path: a state_dict of torchvision's vgg16; one that is missing, damaged or of another network is
+        refused: ValueError.
     """
 
     def __init__(self, path: str | Path, network: str) -> None:
@@ -65,15 +57,12 @@ class VGGFeatures(nn.Module):
 
 def esdnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
     """Compute ESDNet's loss (section 4.3): L1 and, with weight 1, the L1 distance of VGG-16's
-    features after conv3_3, summed over the three scales.
+    features after conv3_3, summed over the three scales; a scalar, differentiable in outputs.
 
     Args:
         outputs: of `DemoireNet.outputs`.
         target: (B, 3, H, W) in [0, 1]; brought to coarser scales bilinearly.
         features: a `VGGFeatures`; None leaves the perceptual part out.
-
-    Returns:
-        A scalar, differentiable in outputs.
     """
     total = target.new_zeros(())
     for output in outputs:
@@ -86,13 +75,13 @@ def esdnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None
 
 def mddm(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
     """Compute MDDM's loss: Charbonnier's, the mean of sqrt((output - target)^2 + 1e-6), an L1 that
-    is smooth at 0; `features` are not used. Args, Returns: as `esdnet`."""
+    is smooth at 0; `features` are not used. Args: as `esdnet`."""
     return ((outputs[0] - target).square() + CHARBONNIER_EPSILON**2).sqrt().mean()
 
 
 def mopnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
     """Compute MopNet's loss: mean square error of the image and of the edges, and of VGG-16's
-    features after conv1_2 with the paper's weight 0.1. Args, Returns: as `esdnet`."""
+    features after conv1_2 with the paper's weight 0.1. Args: as `esdnet`."""
     image, edges = outputs
     total = F.mse_loss(image, target) + F.mse_loss(edges, sobel(target))
     if features is not None:
@@ -102,10 +91,8 @@ def mopnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None
 
 def amnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
     """Compute ESDNet's loss, and the L1 distance of colours, R - G and B - G, and of image and
-    colours averaged over 2, 4 and 8 pixels, in which moiré is coarser than detail.
-
-    AMNet's own loss, which is adversarial, was not available. Args, Returns: as `esdnet`.
-    """
+    colours averaged over 2, 4 and 8 pixels, in which moiré is coarser than detail; AMNet's own,
+    adversarial loss was not available. Args: as `esdnet`."""
     error = outputs[0] - target
     colours = error[:, ::2] - error[:, 1:2]
     total = esdnet(outputs, target, features) + colours.abs().mean()

@@ -24,8 +24,7 @@ class MDDM(DemoireNet):
     of convolutions (dynamic feature encoding); a region-level non-local layer before each branch's
     own residual; PReLU. The paper's layer counts were not available. Chosen here, to agree with the
     published 8.01 million parameters: 64 channels, one convolution a block in the bypass, regions
-    of 8 x 8 pixels, and 6, 12, 18 and 27 blocks in four branches (more at coarse sizes, as in the
-    paper). The photo is added to the sum, so that the branches predict what to change.
+    of 8 x 8 pixels, and 6, 12, 18 and 27 blocks in four branches. The branches predict changes.
     """
 
     name = "mddm"
@@ -34,14 +33,13 @@ class MDDM(DemoireNet):
     def __init__(self, width: float = 1.0) -> None:
         super().__init__(width)
         channels = scaled(BRANCH_CHANNELS, width)
-        self.head = nn.Sequential(nn.Conv2d(3, channels, 3, padding=1), nn.PReLU())
+        self.head = _conv(3, channels)
         self.downs = nn.ModuleList()
         self.branches = nn.ModuleList()
         self.tails = nn.ModuleList()
         for level, blocks in enumerate(BRANCH_BLOCKS):
             if level:
-                down = nn.Conv2d(channels, channels, 3, stride=2, padding=1)
-                self.downs.append(nn.Sequential(down, nn.PReLU()))
+                self.downs.append(_conv(channels, channels, stride=2))
             self.branches.append(Branch(channels, blocks))
             self.tails.append(_tail(channels, level))
         self.factors = nn.Parameter(torch.full((len(BRANCH_BLOCKS),), 1 / len(BRANCH_BLOCKS)))
@@ -78,13 +76,9 @@ class DynamicResidual(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.encode = nn.Sequential(nn.Conv2d(channels, channels, 3, padding=1), nn.PReLU())
-        self.body = nn.Sequential(
-            nn.Conv2d(channels, channels, 3, padding=1),
-            nn.PReLU(),
-            nn.Conv2d(channels, channels, 3, padding=1),
-            ChannelAttention(channels),
-        )
+        self.encode = _conv(channels, channels)
+        first, last = _conv(channels, channels), nn.Conv2d(channels, channels, 3, padding=1)
+        self.body = nn.Sequential(*first, last, ChannelAttention(channels))
 
     def forward(self, x: Tensor, encoded: Tensor) -> tuple[Tensor, Tensor]:
         encoded = self.encode(encoded)
@@ -102,6 +96,10 @@ def adain(x: Tensor, like: Tensor) -> Tensor:
 def _statistics(x: Tensor) -> tuple[Tensor, Tensor]:
     variance, mean = torch.var_mean(x, (2, 3), correction=0, keepdim=True)
     return mean, (variance + VARIANCE_EPSILON).sqrt()
+
+
+def _conv(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1), nn.PReLU())
 
 
 def _tail(channels: int, level: int) -> nn.Sequential:

@@ -30,10 +30,8 @@ class MopNet(DemoireNet):
     dense layers each of growth 52, no batch normalisation, the channels of the edge predictor,
     non-local blocks within regions, and the classifiers' heads. They give 5.54 (generator), 6.99
     (edges), 15.9 (colour) and 31.8 (frequency and shape) million parameters where 5.45, 6.95, 15.9
-    and 31.9 are published.
-
-    The paper trains the classifiers on 12 000 photos labelled by hand. Pairs have no such labels:
-    without them the classifiers are trained with the rest, by the image's loss alone.
+    and 31.9 are published. The paper trains the classifiers on photos labelled by hand; here they
+    are trained with the rest, by the image's loss alone.
 
     `outputs` are the image and the edges of the clean image, as `sobel` computes them.
     """

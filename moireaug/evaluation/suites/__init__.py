@@ -10,8 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from moireaug.common.argument_checks import one_of
-from moireaug.evaluation.suites.adaptive import adaptive
-from moireaug.evaluation.suites.ensembles import standard, worst_case
+from moireaug.evaluation.suites.ensembles import adaptive, standard, worst_case
 from moireaug.evaluation.suites.ladder import full_ladder, ladder
 from moireaug.evaluation.suites.scenes import unseen
 from moireaug.evaluation.suites.trust import trust

@@ -28,26 +28,20 @@ FOOLED_COLUMN = "fooled"  # the one column of the full ladder
 def ladder_conditions(config: SuiteConfig) -> list[Condition]:
     """Return the conditions of the rows that have one: the controls first, then the Moiré Attack at
     each eps, targeted at the middle one, then PGD."""
-    eps = config.bounds(DEFAULT_EPS)
-    steps = config.steps
-    conditions: list[Condition] = [Clean(), Dimmed(), PhotoWithoutMoire(), Photo()]
-    conditions.append(RandomNoise(eps=eps[-1]))
-    for bound in eps:
-        conditions.append(MoireAttacker(eps=bound, steps=steps))
-    conditions.append(MoireAttacker(eps=config.middle, steps=steps, targeted=True))
-    conditions.append(PixelAttacker(attack="pgd", eps=config.middle, steps=steps))
-    return conditions
+    eps, middle, steps = config.bounds(DEFAULT_EPS), config.middle, config.steps
+    return [
+        *(Clean(), Dimmed(), PhotoWithoutMoire(), Photo(), RandomNoise(eps=eps[-1])),
+        *(MoireAttacker(eps=bound, steps=steps) for bound in eps),
+        MoireAttacker(eps=middle, steps=steps, targeted=True),
+        PixelAttacker(attack="pgd", eps=middle, steps=steps),
+    ]
 
 
 def main_attack(table: Table) -> Condition:
     """Return the ladder's main attack: the plain Moiré Attack at the middle eps."""
-    plain = []
-    for cell in table.cells:
-        condition = cell.conditions[0]
-        if condition.kind == "ma" and not condition.targeted:
-            plain.append(condition)
-    plain.sort(key=lambda condition: condition.eps)
-    return plain[len(plain) // 2]
+    conditions = [cell.conditions[0] for cell in table.cells]
+    plain = [one for one in conditions if one.kind == "ma" and not one.targeted]
+    return sorted(plain, key=lambda condition: condition.eps)[len(plain) // 2]
 
 
 def ladder(config: SuiteConfig) -> Table:
@@ -59,7 +53,7 @@ def ladder(config: SuiteConfig) -> Table:
     eps = config.middle
     apgd = Cell("apgd", ANSWER_COLUMN, (APGDAttacker(eps=eps, steps=config.steps),))
     cells.append(worst_of([*cells, apgd], f"worst_{in_255ths(eps)}", eps, ANSWER_COLUMN))
-    return Table("ladder", tuple(cells), pictures=_picture_places(eps, ANSWER_COLUMN))
+    return Table("ladder", tuple(cells))
 
 
 def full_ladder(config: SuiteConfig) -> Table:
@@ -78,10 +72,4 @@ def full_ladder(config: SuiteConfig) -> Table:
             cells.append(Cell("rotated", FOOLED_COLUMN, (BrightPhotoWithoutMoire(),)))
         cells.append(Cell(row, FOOLED_COLUMN, (condition,)))
     cells.append(worst_of(cells, f"worst_case_{size}", eps, FOOLED_COLUMN))
-    pictures = _picture_places(eps, FOOLED_COLUMN)
-    note_values = {"shots": PoseUnknownAttacker.shots}
-    return Table("full_ladder", tuple(cells), pictures=pictures, note_values=note_values)
-
-
-def _picture_places(eps: float, column: str) -> tuple[tuple[str, str], ...]:
-    return tuple((row, column) for row in ("clean", "moire", f"ma_{in_255ths(eps)}"))
+    return Table("full_ladder", tuple(cells))

@@ -23,11 +23,8 @@ def radial_factor(points: Tensor, k1: Tensor, k2: Tensor, size: FrameSize) -> Te
 
 def inverse_radial_factor(points: Tensor, k1: Tensor, k2: Tensor, size: FrameSize) -> Tensor:
     """Return the factor (B, N) that takes ideal points (B, N, 2), measured from the photo's centre,
-    to photo points: the inverse of the lens, by Newton steps.
-
-    Beyond the photo's corners (r > 1), where the polynomial may fold, its tangent at r = 1 is
-    followed instead.
-    """
+    to photo points: the inverse of the lens, by Newton steps; beyond the photo's corners, where the
+    polynomial may fold, by its tangent there."""
     half_diagonal = _per_point((size[0] ** 2 + size[1] ** 2) ** 0.5 / 2, points)
     k1, k2 = k1[:, None], k2[:, None]
     ideal = points.norm(dim=-1) / half_diagonal

@@ -19,11 +19,9 @@ class Frame(NamedTuple):
     """The photo that an image is, or is a part of, in photo pixels: numbers where the image is the
     whole photo or a given part of it, else (B,) float64 each.
 
-    Args:
-        height, width: of the photo, and of the picture's frame, whose centre it shows in its own
-            if the view does not shift it.
-        image_top, image_left: where the image lies in the picture's frame.
-        photo_top, photo_left: where its photo lies in the whole one.
+    height, width: of the photo, and of the picture's frame.
+    image_top, image_left: where the image lies in the picture's frame.
+    photo_top, photo_left: where its photo lies in the whole one.
     """
 
     height: Any
@@ -39,18 +37,11 @@ class Frame(NamedTuple):
 
     def part(self, top: int, left: int) -> Frame:
         """Return the Frame of a part, whose corner lies at a row and a column of the image."""
-        return Frame(
-            self.height,
-            self.width,
-            self.image_top + top,
-            self.image_left + left,
-            self.photo_top + top,
-            self.photo_left + left,
-        )
+        image = self.image_top + top, self.image_left + left
+        return Frame(*self.size, *image, self.photo_top + top, self.photo_left + left)
 
     def image_corner(self, like: Tensor) -> Tensor:
-        """Return x and y of the image's corner, to subtract from points of like's shape (...,
-        2)."""
+        """Return x and y of the image's corner, for points of like's shape (..., 2)."""
         return planar(self.image_left, self.image_top, like)
 
     def photo_corner(self, like: Tensor) -> Tensor:
@@ -59,8 +50,7 @@ class Frame(NamedTuple):
 
 
 def planar(x: Number, y: Number, like: Tensor) -> Tensor:
-    """Return a vector that broadcasts over points like (B, ..., 2): (2,), or of a batch of them (B,
-    1, ..., 2)."""
+    """Return a vector that broadcasts over points like (B, ..., 2): (2,), or (B, 1, ..., 2)."""
     if not isinstance(x, Tensor):
         return like.new_tensor([x, y])
     other = torch.as_tensor(y, dtype=x.dtype, device=x.device)
@@ -74,13 +64,9 @@ def per_pixel(number: Number, dtype: torch.dtype | None = None) -> Any:
 
 
 def size_of_crops_photo(pixels: float, shrink: Any, size: tuple[int, int]) -> FrameSize:
-    """Return height and width of the photo that a crop of `size` is a part of, (B,) each: the
-    sensor's, shrunk, or the crop's own if that is larger.
-
-    Args:
-        pixels: of the sensor's longer side. shrink: (B,) sensor pixels per photo pixel, of torch or
-            numpy.
-    """
+    """Return height and width of the photo that a crop of `size` is a part of, (B,) each: of the
+    sensor, of so many `pixels` along its longer side, shrunk by `shrink` (B,), of torch or numpy,
+    or the crop's own if that is larger."""
     longer = pixels / shrink
     return (longer * SHORTER_SIDE).clip(min=size[0]), longer.clip(min=size[1])
 
@@ -96,11 +82,9 @@ def frame_of_crop(
     """Return the Frame of a crop that lies at a place in its photo, and whose image is in the
     middle of it.
 
-    Args:
-        frame: from `size_of_crops_photo`. size: of the crop.
-        place: across and down, from 0 at the edges of the photo to 1 at the opposite ones, (B,).
-        pose: (B, 3, 3), from `homography.camera_pose`. lens: k1 and k2, (B,).
-        xp: module of the arrays, torch or numpy.
+    frame: from `size_of_crops_photo`. size: of the crop.
+    place: across and down, from 0 at the edges of the photo to 1 at the opposite ones, (B,).
+    pose, xp: see `homography.camera_pose`. lens: k1 and k2, (B,).
     """
     (height, width), (h, w), (k1, k2) = frame, size, lens
     spare_h, spare_w = height - h, width - w
@@ -113,11 +97,5 @@ def frame_of_crop(
         for i in range(3)
     )
     depth = depth.clip(min=MIN_RAY_DEPTH)
-    return Frame(
-        height,
-        width,
-        y / depth + spare_h / 2,
-        x / depth + spare_w / 2,
-        v + spare_h / 2,
-        u + spare_w / 2,
-    )
+    image = y / depth + spare_h / 2, x / depth + spare_w / 2
+    return Frame(height, width, *image, v + spare_h / 2, u + spare_w / 2)

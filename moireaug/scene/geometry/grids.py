@@ -1,5 +1,5 @@
-"""Sampling grids: where the points of a photo look on the screen, the Jacobian there, and the
-inverse mapping."""
+"""Sampling grids: where the points of a photo look on the screen, the Jacobian there, and where
+points and masks of the image lie in the photo."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from moireaug.common import tensor_physics
 from moireaug.common.numeric import may_be_dual
 from moireaug.common.physics.lens import MIN_RAY_DEPTH
 from moireaug.scene.geometry.distortion import inverse_radial_factor, radial_factor
-from moireaug.scene.geometry.frame import FrameSize, per_pixel, planar
+from moireaug.scene.geometry.frame import Frame, FrameSize, per_pixel, planar
 from moireaug.scene.geometry.homography import apply_homography, translation
 
 # image pixels per photo pixel, far more than any picture has, whose squares float32 can hold on the
@@ -21,8 +21,8 @@ RadialCoefficients = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
 
 
 def grid(rows: Tensor, cols: Tensor) -> Tensor:
-    """Return the points of `rows` x `cols`, x then y: (h,) and (w,), or (B, h) and (B, w), to (B or
-    1, h, w, 2)."""
+    """Return the points, x then y, of rows (h,) and columns (w,), or (B, h) and (B, w): (B or 1, h,
+    w, 2)."""
     points = _planar(*torch.broadcast_tensors(cols[..., None, :], rows[..., :, None]))
     return points if points.ndim == 4 else points[None]
 
@@ -65,19 +65,22 @@ def _gathered(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
 def photo_to_image(
     points: Tensor, inverse: Tensor, size: FrameSize, lens: RadialCoefficients | None
 ) -> Tensor:
-    """Return where photo points (B or 1, h, w, 2) look on the screen, in image coordinates:
-    (B, h, w, 2).
+    """Return where photo points (B or 1, h, w, 2) look on the screen, in image coordinates (B, h,
+    w, 2); far outside the picture at and past the horizon. Differentiable.
 
-    Rays at and past the horizon land far outside the picture. Differentiable.
-
-    Args:
-        inverse: (B, 3, 3), from ideal photo to image coordinates, scaled to depth 1 where the photo
-            shows the image's centre.
-        size: height and width of the whole photo, see `frame.Frame`.
-        lens: radial distortion, or None.
+    inverse: (B, 3, 3), from ideal photo to image coordinates, scaled to depth 1 where the photo
+        shows the image's centre.
+    size: height and width of the whole photo. lens: radial distortion, or None.
     """
-    ideal = _through_lens(points - _centre(points, size), size, lens)
-    x, y, depth = _lift(ideal, inverse, size)
+    ideal = points - _centre(points, size)
+    if lens is not None:
+        k1, k2 = lens
+        ideal = ideal.expand(len(k1), -1, -1, -1)
+        factor = radial_factor(ideal.flatten(1, 2), k1, k2, size)
+        ideal = ideal * factor.reshape(ideal.shape[:3])[..., None]
+    u, v = ideal.unbind(-1)
+    x, y, depth = (a * u + b * v + c for a, b, c in _entries(inverse, size))
+    depth = depth.clamp(min=MIN_RAY_DEPTH)
     return _planar(x / depth, y / depth)
 
 
@@ -112,25 +115,35 @@ def image_to_photo(
     return photo.reshape(points.shape)
 
 
+def points_in_photo(
+    points: Tensor, matrix: Tensor, frame: Frame, distortion: RadialCoefficients | None
+) -> Tensor:
+    """Return where points (B, N, 2) of the image lie in the photo, x then y in pixels, float64, by
+    the matrix, frame and distortion of a shot."""
+    image_points = points + frame.image_corner(points)
+    moved = image_to_photo(image_points, matrix, frame.size, distortion)
+    return moved - frame.photo_corner(moved)
+
+
+def mask_in_photo(
+    mask: Tensor, matrix: Tensor, frame: Frame, distortion: RadialCoefficients | None
+) -> Tensor:
+    """Return a mask (B, C, H, W) of the image as in the photo: nearest pixel, 0 off the image;
+    the rest as in `points_in_photo`."""
+    h, w = mask.shape[-2:]
+    centres = pixel_centres((h, w), mask.device)
+    photo_points = centres + frame.photo_corner(centres)
+    inverse = torch.linalg.inv(matrix)
+    image_points = photo_to_image(photo_points, inverse, frame.size, distortion)
+    x, y = (image_points - frame.image_corner(image_points)).unbind(-1)
+    on = (x >= 0) & (x < w) & (y >= 0) & (y < h)
+    flat = torch.where(on, y.floor() * w + x.floor(), 0).long()[:, None].flatten(2)
+    taken = mask.flatten(2).gather(2, flat.expand(-1, mask.shape[1], -1)).reshape(mask.shape)
+    return torch.where(on[:, None], taken, torch.zeros_like(taken))
+
+
 def _centre(like: Tensor, size: FrameSize) -> Tensor:
     return planar(size[1] / 2, size[0] / 2, like)
-
-
-def _through_lens(p: Tensor, size: FrameSize, lens: RadialCoefficients | None) -> Tensor:
-    """Photo points, measured from the centre, to ideal ones."""
-    if lens is None:
-        return p
-    k1, k2 = lens
-    p = p.expand(len(k1), -1, -1, -1)
-    return p * radial_factor(p.flatten(1, 2), k1, k2, size).reshape(p.shape[:3])[..., None]
-
-
-def _lift(ideal: Tensor, inverse: Tensor, size: FrameSize) -> tuple[Tensor, Tensor, Tensor]:
-    """Ideal points, measured from the centre, to homogeneous image coordinates x, y and depth,
-    (B, h, w) each; depth is clamped at the horizon."""
-    u, v = ideal.unbind(-1)
-    x, y, depth = (a * u + b * v + c for a, b, c in _entries(inverse, size))
-    return x, y, depth.clamp(min=MIN_RAY_DEPTH)
 
 
 def _entries(inverse: Tensor, size: FrameSize) -> list[list[Tensor]]:

@@ -60,12 +60,9 @@ def camera_pose(
     and how many photo pixels an image pixel in the middle of the picture takes along each axis
     before it is turned, (B,).
 
-    Args:
-        view: its fields are (B,) tensors, or arrays.
-        k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
-        size: height and width of the whole photo, see `frame.Frame`.
-        focal: (B,) focal length in photo pixels.
-        xp: module of the arrays, torch or numpy, which is faster for so few numbers.
+    view: its fields are (B,) tensors or arrays, of the module `xp`: numpy is faster for so few.
+    k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
+    size: height and width of the whole photo. focal: (B,) focal length in photo pixels.
     """
     h, w = size
     xx, xy, yx, yy, zx, zy = _rotation_columns(view.yaw, view.pitch, view.roll, xp)
@@ -85,8 +82,7 @@ def released_pose(view: DrawnView, size: tuple[int, int], scale: float) -> Tenso
     of the sensor's raster, about the centres of image and photo.
 
     The focal length is d / (2 sin gamma), and d where sin gamma = 0, d being the raster's diagonal;
-    a negative one is kept. There, gamma turns clockwise and theta moves the lower edge
-    away: gamma = -roll, theta = -pitch and phi = yaw.
+    a negative one is kept. gamma = -roll turns clockwise, theta = -pitch and phi = yaw.
     """
     theta, phi, gamma = (torch.deg2rad(a) for a in (-view.pitch, view.yaw, -view.roll))
     h, w = size[0] * scale, size[1] * scale
@@ -108,12 +104,10 @@ def released_pose(view: DrawnView, size: tuple[int, int], scale: float) -> Tenso
     m = a2 @ t @ turn(theta, 1, 2) @ turn(phi, 0, 2) @ turn(gamma, 0, 1) @ a1
     # index coordinates of the raster are scale * (x - centre) + scale * centre - 1/2 in centred
     # image coordinates
-    to_index = _matrix([[scale, 0, w / 2 - 0.5], [0, scale, h / 2 - 0.5], [0, 0, 1.0]], gamma)
-    to_index_inverse = _matrix(
-        [[1 / scale, 0, (0.5 - w / 2) / scale], [0, 1 / scale, (0.5 - h / 2) / scale], [0, 0, 1.0]],
-        gamma,
-    )
-    m = to_index_inverse @ m @ to_index
+    x, y = w / 2 - 0.5, h / 2 - 0.5
+    to_index = _matrix([[scale, 0, x], [0, scale, y], [0, 0, 1.0]], gamma)
+    back = _matrix([[1 / scale, 0, -x / scale], [0, 1 / scale, -y / scale], [0, 0, 1.0]], gamma)
+    m = back @ m @ to_index
     return m / m[:, 2:, 2:]  # depth positive in the centre, whatever the sign of the focal length
 
 
@@ -155,12 +149,8 @@ def _fitting_zoom(
     x: Any, y: Any, depth: Any, k1: Any, k2: Any, size: tuple[int, int], xp: ModuleType
 ) -> Any:
     """Return the greatest magnification at which the picture's border still lies inside the photo,
-    (B,).
-
-    Args:
-        x, y, depth: (2, B) each, coefficients of a point (x, y) of the picture in those of the
-            turned picture, whose depth is 1 in its middle.
-    """
+    (B,); x, y, depth: (2, B) each, coefficients of a point (x, y) of the picture in those of the
+    turned picture, whose depth is 1 in its middle."""
     h, w = size
     points = [(right * (w / 2), down * (h / 2)) for right, down in BORDER]
     border = array_like(points, x)
@@ -174,11 +164,8 @@ def _fitting_zoom(
 
 
 def apply_homography(m: Tensor, points: Tensor) -> Tensor:
-    """Map points (B, N, 2) by homographies (B, 3, 3). Points behind the camera land far away, never
-    on the photo.
-
-    kornia's `transform_points` mirrors them to the front.
-    """
+    """Map points (B, N, 2) by homographies (B, 3, 3). Points behind the camera land far away, where
+    kornia's `transform_points` mirrors them to the front."""
     lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
     ahead = lifted[..., 2:] > MIN_POINT_DEPTH
     depth = torch.where(ahead, lifted[..., 2:], 1.0)

@@ -50,12 +50,10 @@ def unpack(raw: Tensor) -> Tensor:
 class SampledPixels:
     """The sensor rows (or columns) that a photo reads, and how they map to its pixels.
 
-    Args:
-        index: the sensor pixels that are read; each has the parity of its place in the tuple.
-        step: pixels read per photo pixel; 0 where the resize interpolates over all pixels.
-        lead: pixels read before the first photo pixel's own.
-        size: photo pixels.
-        scale: sensor pixels per photo pixel.
+    index: the sensor pixels that are read; each has the parity of its place in the tuple.
+    step: pixels read per photo pixel; 0 where the resize interpolates over all pixels.
+    lead: pixels read before the first photo pixel's own.
+    size: photo pixels. scale: sensor pixels per photo pixel.
     """
 
     index: tuple[int, ...]
@@ -91,8 +89,7 @@ def sampled_pixels(size: int, scale: float, resize: str, reach: int) -> SampledP
 
     A point resize needs 1 (odd scale) or 2 (even scale) pixels in each photo pixel's centre, and
     demosaicing `reach` pixels to each side of them; a reach of 0 is a sensor without a filter cell.
-    At a whole scale above their number, no other pixel is exposed; otherwise, all are. `resize` is
-    a value of `Develop.resize`, or "all", which exposes every pixel for a filter on the sensor.
+    At a whole scale above their number, no other is read; else, or of the resize "all", all are.
     """
     whole, side = float(scale).is_integer(), 2 if reach else 1
     step = (1 if scale % 2 else 2) + 2 * reach

@@ -6,13 +6,15 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug import Lens, Panel, Scene, Sensor, View
+from moireaug import Lens, Panel, Scene, Sensor, View, capture
 from moireaug.camera.effects.prefilter import (
     blur_by_neighbours,
     blur_by_pyramid,
     half_size,
+    is_blurred,
     levels_of,
 )
+from moireaug.engine import reference
 from moireaug.scene.geometry import grids
 from moireaug.scene.presets import PRESETS
 
@@ -122,3 +124,30 @@ def test_the_plan_names_the_blur_that_a_shot_gets(layout):
 @pytest.mark.parametrize("size", [48, 256, 600])
 def test_no_preset_calls_for_it(size):
     assert not {name for name in PRESETS if "prefilter" in Scene.preset(name).plan((size, size))}
+
+
+TURNED = Scene(
+    panel=Panel(width=(60.0, 200.0)),
+    view=View(yaw=(0.0, 75.0), fov=60.0),
+    lens=Lens(blur=0.4, k1=(0.0, 0.1)),
+    sensor=Sensor(pitch=(0.1, 0.6)),
+)
+
+
+@pytest.mark.parametrize("size", [(40, 48), (48, 7)])
+def test_corners_and_sides_tell_whether_a_picture_is_blurred(size):
+    shot = TURNED.sample(64, size, torch.Generator().manual_seed(0))
+    every = shot.plan.method.lost_variance(grids.pixel_centres(size, "cpu"), shot)
+    blurred = 2 * every.amax((1, 2)) > TURNED.tolerance
+    assert torch.equal(is_blurred(shot), blurred) and 8 < blurred.sum() < 56
+
+
+def test_a_picture_is_blurred_or_not_whatever_is_photographed_with_it():
+    shot = TURNED.sample(6, (40, 48), torch.Generator().manual_seed(0))
+    assert 0 < is_blurred(shot).sum() < 6
+    images = torch.rand(6, 3, 40, 48, generator=torch.Generator().manual_seed(1))
+    photos = capture(images, shot)
+    for i in range(6):
+        assert torch.equal(photos[i : i + 1], capture(images[i : i + 1], shot[i : i + 1]))
+    with reference():
+        assert (photos - capture(images, shot)).abs().max() < 2 / 255

@@ -120,10 +120,7 @@ def suite_page(folder, metrics, pictures):
     tables, lines = [], []
     rows, columns = ["eps_4", "eps_8"], ["moire", "random", "ma"]
     for name in ("success", "standard"):
-        values = {"queries": 1000, "steps": 20}
-        tables.append(
-            SimpleNamespace(name=name, rows=rows, columns=columns, note_values=values, empty={})
-        )
+        tables.append(SimpleNamespace(name=name, rows=rows, columns=columns))
         for row in rows:
             for column in columns:
                 lines.append({"table": name, "row": row, "column": column})

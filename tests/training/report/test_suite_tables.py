@@ -18,9 +18,10 @@ from tests.evaluation.haze import cell_of, ran
 from tests.training.report.conftest import suite_metrics
 from training import report
 from training.attack.suite_config import PAPER_TARGETS
-from training.report.page import render
+from training.report.page import environment, render
 from training.report.published import read_published, with_paper
 from training.report.suite_view import suite_view
+from training.report.table_notes import PICTURES, note_values, pictured_cells
 from training.suites import tables_of
 from training.suites.config import PaperConfig
 
@@ -55,6 +56,25 @@ def test_every_published_figure_has_a_cell():
     assert not set(published[CELL_COLUMNS].itertuples(index=False, name=None)) - cells
 
 
+def test_every_pattern_of_pictures_names_cells_of_its_table():
+    shown = {}
+    for name in PICTURES:
+        (table,) = tables_of(name, CONFIG)
+        shown[name] = [cell.place for cell in pictured_cells(table, CONFIG.middle)]
+    assert len(shown["threat"]) == 4 + 8 and all(shown.values())
+    assert [row for row, _ in shown["ladder"]] == ["clean", "moire", "ma_4"]
+    assert {row for row, _ in shown["success"]} == {"eps_4"}
+    assert ("eps_4", "scene") in shown["standard"] and ("eps_4", "worst") not in shown["standard"]
+
+
+@pytest.mark.parametrize(("scene", "turns"), [("screen_photo", True), ("paper_code", False)])
+def test_a_note_says_where_no_attacker_turns_the_camera(scene, turns):
+    (table,) = tables_of("standard", PaperConfig(scene=scene))
+    view = {"name": "standard", "empty": {}, "note_values": note_values(table, suite_metrics())}
+    told = environment().get_template("notes.j2").module.note(view)
+    assert ("No attacker turns the camera" in told) != turns and "100 queries" in told
+
+
 def published_of(table, eps=CONFIG.middle):
     """The paper's figures beside a table that was not measured."""
     cells = [(table.name, cell.row, cell.column, None) for cell in table.cells]
@@ -80,7 +100,7 @@ def test_the_papers_figures_stand_beside_its_networks():
 
 def test_the_tables_say_what_they_show(measured):
     tables, lines = measured
-    metrics = suite_metrics()
+    metrics = suite_metrics(scene_name="screen_photo")
     view = suite_view(metrics, tables, lines, {})
     worst, unseen = view["tables"]
     assert worst["natural"] is None and unseen["verdict"] is None

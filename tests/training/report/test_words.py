@@ -106,7 +106,7 @@ def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, alone, has_
 
 
 def test_titles():
-    assert title_of("moire", "columns") == "moiré, δ = 0"  # by its name
+    assert title_of("moire", "columns") == "photo alone"  # by its name
     assert title_of("roll_15", "rows") == "roll 15°"  # by a pattern
     assert title_of("phone_at_laptop", "rows") == "phone_at_laptop"  # by none
 

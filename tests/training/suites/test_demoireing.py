@@ -10,7 +10,7 @@ from moireaug.evaluation import rates
 from tests.evaluation.haze import cell_of, frame_of
 from training.report.published import ONE_BOUND_TABLES, with_paper
 from training.suites.config import PaperConfig
-from training.suites.demoireing import demoireing
+from training.suites.paper import demoireing
 
 SCENE = Scene.preset("screen_photo")
 
