@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from moireaug.camera.effects.light import light_of_rows
-from moireaug.engine.stage import KernelStage
+from moireaug.engine.kernel_stage import KernelStage
 from moireaug.scene.by_name import limits, values_of, with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.geometry import grids

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 
 from moireaug.common.numeric import is_batched
-from moireaug.engine import differences, kernel_check
+from moireaug.engine import differences, kernel_stage
 from moireaug.engine.backends import BACKENDS, reference
-from moireaug.engine.stage import KernelStage, Stage
+from moireaug.engine.kernel_stage import KernelStage, Stage
 from moireaug.scene.by_name import values_of
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.shot import ShotRecord
@@ -78,7 +78,7 @@ def run_kernels(stage: KernelStage, values: Tensor) -> Tensor:
     """Return a stage's results, differentiable in the values and in the shot's numbers; by the
     reference where its kernels fail on the device of the values."""
     saves = torch.is_grad_enabled() and values.requires_grad
-    if not kernel_check.matches_reference(stage, values, back=saves):
+    if not kernel_stage.matches_reference(stage, values, back=saves):
         return stage.reference(values)
     if not (saves or stage.call.moved_numbers):
         return stage.forward(values, False)[0]

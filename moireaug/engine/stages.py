@@ -17,10 +17,10 @@ from torch import Tensor
 from moireaug.camera import pipeline
 from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE, is_blurred
 from moireaug.common.numeric import as_float
-from moireaug.engine import kernel_check
+from moireaug.engine import kernel_stage
 from moireaug.engine.execution import Call
+from moireaug.engine.kernel_stage import KernelStage
 from moireaug.engine.operators import OperatorStage, run_kernels
-from moireaug.engine.stage import KernelStage
 from moireaug.scene.mixed_shot import join_rows
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
@@ -102,7 +102,7 @@ def exposing(call: Call) -> Callable[[Tensor], Tensor]:
         return reference
     if torch.compiler.is_compiling():
         return OperatorStage("expose", shot, reference)
-    kernels = kernel_check.kernels_of(call.execution.backend)
+    kernels = kernel_stage.kernels_of(call.execution.backend)
     if kernels is None:
         return reference
     effects, is_decoded = shot.plan.exposing, False
@@ -206,7 +206,7 @@ def developing(call: Call, *, is_finite: bool = False) -> Callable[[Tensor], Ten
         return reference
     if torch.compiler.is_compiling():
         return OperatorStage("develop", shot, reference)
-    kernels = kernel_check.kernels_of(execution.backend)
+    kernels = kernel_stage.kernels_of(execution.backend)
     if kernels is None:
         return reference
     demosaic = shot.scene.develop.demosaic

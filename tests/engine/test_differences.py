@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Scene, capture, develop, engine, expose
-from moireaug.engine import differences, execution, kernel_check, stages
+from moireaug.engine import differences, execution, kernel_stage, stages
 from moireaug.mixtures import as_scenes
 from moireaug.scene.by_name import values_of, with_values
 from moireaug.scene.fields import bounds
@@ -109,7 +109,7 @@ def test_a_step_that_is_far_too_small_or_too_large_is_found(shift, monkeypatch):
     """The negative control: the panel moves by `shift` sensor pixels."""
     monkeypatch.setattr(stages.Exposing, "max_shift", shift)
     monkeypatch.setattr(differences, "MAX_RELATIVE_STEP", 1e3 * shift)
-    preset, size, changes = CASES["LEDs"]
+    preset, size, changes = CASES["stripes"]
     shot = scene_of(preset, size, changes).sample(1, (size, size), torch.Generator().manual_seed(0))
     assert worst_error(expose, picture((size, size)), shot)[0] > MAX_ERROR
 
@@ -134,7 +134,7 @@ def test_a_number_at_its_limit_has_a_one_sided_difference(field, limit):
 
 def test_numbers_that_do_not_vary_cost_nothing(monkeypatch):
     launched, images, shot = [], picture((12, 12), 2), small_shot()
-    kernels = kernel_check.kernels_of(execution.call_of(shot, None, images).execution.backend)
+    kernels = kernel_stage.kernels_of(execution.call_of(shot, None, images).execution.backend)
     for name in ("launch_expose", "launch_develop"):
         launch = getattr(kernels, name)
 

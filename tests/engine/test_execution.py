@@ -12,7 +12,7 @@ from torch.autograd import forward_ad
 from moireaug import Scene, Sensor, View, capture, develop, expose
 from moireaug.camera import pipeline
 from moireaug.camera.effects.base import Effect, called
-from moireaug.engine import backends, execution, explain, kernel_check, reference, stages
+from moireaug.engine import backends, execution, explain, kernel_stage, reference, stages
 from moireaug.engine.backends import BACKENDS
 from moireaug.scene.by_name import with_values
 
@@ -24,9 +24,9 @@ FULL = Scene(view=View(roll=3.0), sensor=Sensor(scale=2.0))
 def test_what_kernels_are_compiled_for_is_tried_apart(monkeypatch):
     variants = []
     kernels = Mock(fits=lambda exposure, view: np.ones(len(exposure.cameras), bool))
-    monkeypatch.setattr(kernel_check, "kernels_of", lambda backend: kernels)
+    monkeypatch.setattr(kernel_stage, "kernels_of", lambda backend: kernels)
     monkeypatch.setattr(
-        kernel_check,
+        kernel_stage,
         "matches_reference",
         lambda stage, light, back: variants.append(stage.variant()),
     )

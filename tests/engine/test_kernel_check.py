@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from moireaug import Scene, capture
-from moireaug.engine import backends, kernel_check
+from moireaug.engine import backends, kernel_stage
 from moireaug.engine.backends import reference
-from moireaug.engine.stage import Stage
+from moireaug.engine.kernel_stage import Stage
 
 
 def fails(*_):
@@ -75,10 +75,10 @@ def stage_of(name):
 @pytest.mark.parametrize("name", STAGES)
 def test_kernels_are_held_against_the_reference(name):
     message = STAGES[name][2]
-    failure = kernel_check.failure_of(stage_of(name), torch.rand(64, 3, 4, 5), back=True)
+    failure = kernel_stage.failure_of(stage_of(name), torch.rand(64, 3, 4, 5), back=True)
     assert re.match(message, failure) and bool(failure) == bool(message)
     if "gradient" in name:  # tried where one is asked for
-        assert not kernel_check.failure_of(stage_of(name), torch.rand(64, 3, 4, 5), back=False)
+        assert not kernel_stage.failure_of(stage_of(name), torch.rand(64, 3, 4, 5), back=False)
 
 
 @pytest.fixture
@@ -93,33 +93,33 @@ def test_a_batch_too_large_for_the_reference_is_not_compared(monkeypatch):
     def lacks_memory(values):
         raise torch.OutOfMemoryError("CUDA out of memory")
 
-    monkeypatch.setattr(kernel_check, "_agreements", {})
+    monkeypatch.setattr(kernel_stage, "_agreements", {})
     stage = Doubling(doubled, slope, lacks_memory)
-    assert kernel_check.failure_of(stage, torch.rand(2, 3, 4, 5), back=True) is None
-    monkeypatch.setattr(kernel_check, "failure_of", lambda *_, back: None)
+    assert kernel_stage.failure_of(stage, torch.rand(2, 3, 4, 5), back=True) is None
+    monkeypatch.setattr(kernel_stage, "failure_of", lambda *_, back: None)
     batch = torch.empty(1, 3, 2, 2, device="meta")
-    assert kernel_check.matches_reference(stage, batch, back=False)
-    assert not kernel_check._agreements
+    assert kernel_stage.matches_reference(stage, batch, back=False)
+    assert not kernel_stage._agreements
 
 
 def test_kernels_are_tried_for_each_dtype_and_a_failure_is_reported_once(said, monkeypatch):
     failures = {torch.float32: "", torch.uint8: "do not run"}
-    monkeypatch.setattr(kernel_check, "_agreements", {})
+    monkeypatch.setattr(kernel_stage, "_agreements", {})
     monkeypatch.setattr(
-        kernel_check, "failure_of", lambda stage, values, back: failures[values.dtype]
+        kernel_stage, "failure_of", lambda stage, values, back: failures[values.dtype]
     )
     # any device but the CPU
     batches = [torch.empty(1, 3, 2, 2, device="meta", dtype=dtype) for dtype in failures]
     verdicts = []
     for batch in 2 * batches:
-        verdicts.append(kernel_check.matches_reference(stage_of("equal"), batch, back=False))
+        verdicts.append(kernel_stage.matches_reference(stage_of("equal"), batch, back=False))
     assert verdicts == [True, False, True, False]
     assert len(said) == 1
 
 
 def test_kernels_of_the_cpu_are_not_tried():
     stage = Doubling(fails, fails, fails)
-    assert kernel_check.matches_reference(stage, torch.rand(1, 3, 2, 2), back=True)
+    assert kernel_stage.matches_reference(stage, torch.rand(1, 3, 2, 2), back=True)
 
 
 def test_kernels_that_cannot_be_imported_are_left_alone(said, monkeypatch):

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, View
-from moireaug.engine.lower.cameras import from_corner
+from moireaug.engine.lower.full import from_corner
 
 RANGES = {
     "yaw": (-60.0, 60.0),

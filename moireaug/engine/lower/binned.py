@@ -10,9 +10,13 @@ from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
 from moireaug.camera.exposure.extremes import FLOAT64_ON_CPU
 from moireaug.camera.panel import amplitudes_of, mean_light_of
-from moireaug.engine.lower.cameras import camera_fields, from_corner, lower_cameras
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, FullView
-from moireaug.engine.lower.full import cell_of_whole_pixels
+from moireaug.engine.lower.full import (
+    camera_fields,
+    cell_of_whole_pixels,
+    from_corner,
+    lower_cameras,
+)
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.frame import Frame
 from moireaug.scene.shot import ShotRecord
