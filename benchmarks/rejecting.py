@@ -34,6 +34,7 @@ from training.attack.protocol import protocol_of
 from training.data.load import load
 from training.models.small_resnet import SmallResNet
 from training.runs import trained
+from training.suites.paper import transfer
 
 FULL_SETTINGS: dict[str, Any] = {"n": 480, "steps": 20, "batches": 400}
 QUICK_SETTINGS: dict[str, Any] = {"n": 4, "steps": 1, "batches": 2}
@@ -117,7 +118,7 @@ def measure_run(folder: Path, sizes: dict[str, Any]) -> list[dict[str, Any]]:
     aware = aware[aware["row"] == eps_row(EPS)]
     targets = {"rejecting": rejecting}
     unaware = evaluation.evaluate(
-        model, batches, "transfer", scene, eps=EPS, steps=steps, targets=targets
+        model, batches, transfer, scene, eps=EPS, steps=steps, targets=targets
     )
     unaware = unaware[(unaware["row"] == "rejecting") & ~unaware["control"]]
     return outcome_rows(aware, "knows the detector") + outcome_rows(unaware, "does not know it")
