@@ -90,10 +90,13 @@ def _split(
     return of_both
 
 
-def exposing(call: Call) -> Callable[[Tensor], Tensor]:
+def exposing(call: Call, batch: int = 0) -> Callable[[Tensor], Tensor]:
     """Return the function from a call's images (B, 3, H, W) to their readings; differentiable in
-    float images."""
-    shot = call.shot
+    float images.
+
+    batch: how many images there are, if the call's are only some of them.
+    """
+    shot, batch = call.shot, batch or len(call.shot)
 
     def reference(light: Tensor) -> Tensor:
         return pipeline.expose(as_float(light), shot)
@@ -110,14 +113,15 @@ def exposing(call: Call) -> Callable[[Tensor], Tensor]:
         blurred = is_blurred(shot).cpu()
         is_decoded = bool(blurred.all())
         if blurred.any() and not is_decoded:
-            return _split(blurred, exposing(call.part(blurred)), exposing(call.part(~blurred)))
+            first, second = call.part(blurred), call.part(~blurred)
+            return _split(blurred, exposing(first, batch), exposing(second, batch))
     if is_decoded:
         effects = tuple(name for name in effects if name not in DECODING)
     stage = Exposing(call, kernels, effects, shot.plan.exposure, is_decoded)
     followed = torch.from_numpy(stage.can_follow(stage.records))
     if followed.all():
         return stage
-    _report_unfollowed(shot.scene, int((~followed).sum()), len(followed))
+    _report_unfollowed(shot.scene, int((~followed).sum()), batch)
     if not followed.any():
         return reference
     # each image by itself, so that its reading does not depend on the rest of the batch
