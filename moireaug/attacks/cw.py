@@ -14,7 +14,6 @@ from moireaug.attacks.checks import check_goals
 from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import (
-    attacked_logits,
     check_differentiable,
     evaluating,
     require_gradient,
@@ -91,7 +90,7 @@ class CW(NamesForeignArguments):
             pixels = self._nearest(search, problem.base)
             photo = pixels.to(images.dtype)
             with torch.no_grad():
-                logits = attacked_logits(self.model, photo, labels)
+                logits = search.logits(photo, labels)
             search.check(logits)  # without steps, nothing was checked yet
             clean_correct = search.is_right_without_noise()
             correct = search.is_right(photo, logits)
@@ -127,12 +126,12 @@ class CW(NamesForeignArguments):
         for k in range(self.steps):
             candidate = (torch.tanh(w) + 1) / 2
             photo = candidate.to(search.problem.images.dtype)
-            logits = attacked_logits(self.model, photo, labels)
+            logits = search.logits(photo, labels)
             if k == 0:
                 search.check(logits)
                 check_differentiable(logits)
                 slopes = torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)
-                require_gradient(self.model, photo, labels, slopes)
+                require_gradient(self.model, photo, labels, slopes, rejects=search.rejects)
             distance = (candidate - x).square().sum((1, 2, 3))
             lead = margin(logits, labels, targets)
             # torch.clamp would pass no gradient where both classes tie

@@ -18,7 +18,6 @@ from moireaug.attacks.checks import check_eps, check_goals, check_sizes
 from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.losses import LOSSES, loss_curve
 from moireaug.attacks.model import (
-    attacked_logits,
     check_differentiable,
     evaluating,
     require_gradient,
@@ -207,7 +206,7 @@ class Attack(NamesForeignArguments, ABC):
         variables = {name: x.detach().requires_grad_(True) for name, x in active.items()}
         images = search.active.forward_views(variables)
         labels, targets = search.active_goals(search.loss_targets)
-        logits = attacked_logits(self.model, images, labels)
+        logits = search.logits(images, labels)
         if checks:
             search.check(logits)
             check_differentiable(logits)
@@ -215,7 +214,7 @@ class Attack(NamesForeignArguments, ABC):
         # a scene may have ranges that no photo of it depends on
         slopes = torch.autograd.grad(loss.sum(), list(variables.values()), allow_unused=True)
         if checks:
-            require_gradient(self.model, images, labels, slopes)
+            require_gradient(self.model, images, labels, slopes, rejects=search.rejects)
         gradients = {}
         for name, slope in zip(variables, slopes, strict=True):
             if slope is not None:

@@ -14,6 +14,7 @@ from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.losses import attack_margin, mean_cross_entropy
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.problem import Point, Problem
+from moireaug.common.networks import rejects_of
 from moireaug.common.numeric import select_rows
 
 
@@ -39,6 +40,7 @@ class Search:
         rounding: (n,) margins that rounding, which differs between batches, may bring about.
         losses: mean cross-entropy before each step of the last run.
         drops_fooled: whether fooled images take no further steps.
+        rejects: whether the model rejects images, see `networks.rejects_of`.
     """
 
     model: Callable[[Tensor], Tensor]
@@ -56,7 +58,7 @@ class Search:
         self.rounding = torch.zeros_like(self.margins)
         self.losses: list[Tensor] = []
         self.drops_fooled = False
-        self.rejects = getattr(self.model, "rejects", False)
+        self.rejects = rejects_of(self.model)
 
     @property
     def is_over(self) -> bool:
@@ -95,11 +97,15 @@ class Search:
         if len(self.rows) == len(self.labels):
             check_answers(logits, self.model, self.problem.images)
 
+    def logits(self, images: Tensor, labels: Tensor) -> Tensor:
+        """Return the model's logits (N, K) of images (N, 3, H, W), see `attacked_logits`."""
+        return attacked_logits(self.model, images, labels, rejects=self.rejects)
+
     @torch.no_grad()
     def active_logits(self, point: Point) -> Tensor:
         """Return the logits (views * b, K) of the active images at a point."""
         images = self.active.forward_views(self.active_point(point))
-        logits = attacked_logits(self.model, images, self.active_goals(None)[0])
+        logits = self.logits(images, self.active_goals(None)[0])
         if not self.losses:
             self.check(logits)
         return logits
@@ -108,7 +114,7 @@ class Search:
     def images_and_logits(self, point: Point) -> tuple[Tensor, Tensor]:
         """Return the n images that are judged at a point, (n, 3, H, W), and their logits (n, K)."""
         images = self.problem.render(point)
-        return images, attacked_logits(self.model, images, self.labels)
+        return images, self.logits(images, self.labels)
 
     @torch.no_grad()
     def is_right(self, images: Tensor, logits: Tensor) -> Tensor:
