@@ -73,12 +73,14 @@ class Classifier:
 
     @cached_property
     def identity(self) -> str:
-        """The identity in records: the name, those of defence and model, and the number of
-        draws."""
+        """The identity in records: the name, those of defence and model, whether the mean is
+        restored, and the number of draws."""
         parts = [self.name]
         for name, part in (("defence", self.defence), ("model", self.model)):
             if part is not None:
                 parts.append(f"{name} {identity_of(part)}")
+        if self.restores_mean:
+            parts.append("restores mean")
         if self.draws > 1:
             parts.append(f"draws {self.draws}")
         return "#".join(parts)
