@@ -40,6 +40,7 @@ class Search:
         rounding: (n,) margins that rounding, which differs between batches, may bring about.
         losses: mean cross-entropy before each step of the last run.
         drops_fooled: whether fooled images take no further steps.
+        is_checked: whether logits have been checked, see `check`.
         rejects: whether the model rejects images, see `networks.rejects_of`.
     """
 
@@ -58,6 +59,7 @@ class Search:
         self.rounding = torch.zeros_like(self.margins)
         self.losses: list[Tensor] = []
         self.drops_fooled = False
+        self.is_checked = False
         self.rejects = rejects_of(self.model)
 
     @property
@@ -96,6 +98,7 @@ class Search:
         # in a later run, the images that go on may well be those without an answer
         if len(self.rows) == len(self.labels):
             check_answers(logits, self.model, self.problem.images)
+        self.is_checked = True
 
     def logits(self, images: Tensor, labels: Tensor) -> Tensor:
         """Return the model's logits (N, K) of images (N, 3, H, W), see `attacked_logits`."""
@@ -106,7 +109,7 @@ class Search:
         """Return the logits (views * b, K) of the active images at a point."""
         images = self.active.forward_views(self.active_point(point))
         logits = self.logits(images, self.active_goals(None)[0])
-        if not self.losses:
+        if not self.is_checked:
             self.check(logits)
         return logits
 
