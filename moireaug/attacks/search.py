@@ -139,8 +139,9 @@ class Search:
     def keep(self, point: Point, logits: Tensor, *, may_drop: bool = False) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
         of the active images, and drop fooled images where `drops_fooled`: from now on with
-        `may_drop`, if the model, asked again, answers every active image alike."""
-        if may_drop:
+        `may_drop`, if the model, asked again, answers every active image alike; a model that does
+        is asked so no more."""
+        if may_drop and not self.drops_fooled:
             self.drops_fooled = bool(is_same_answer(logits, self.active_logits(point)).all())
         labels, targets = self.active_goals(self.targets)
         views = self.active.views
