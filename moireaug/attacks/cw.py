@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -53,6 +54,8 @@ class CW(NamesForeignArguments):
     Raises:
         TypeError, ValueError: settings of the wrong type or out of range.
     """
+
+    has_bound: ClassVar[bool] = False
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     c: float = 1.0

@@ -8,7 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -66,6 +66,8 @@ class Attack(NamesForeignArguments, ABC):
     A model that rejects images says so by an attribute `rejects = True`, see `defenses.Rejecting`:
     its last logit is then not that of a class, and a success is an image that is let through.
     """
+
+    has_bound: ClassVar[bool] = True  # eps
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     eps: float = 4 / 255
