@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 import torch
+from torch import Tensor
 from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 
@@ -99,20 +100,24 @@ class RandomMoire(v2.Transform):
         images = (x for x in flat_inputs if not isinstance(x, ANNOTATION_TYPES))
         n = next(map(draw_count, images), 1)
         chosen = (torch.rand(n, dtype=torch.float32, device="cpu") < self.p).nonzero().flatten()
-        return {"chosen": chosen, "u": self.scene.random_numbers(n)}
+        u = self.scene.random_numbers(n)
+        shots = {}
+        if len(chosen):  # one for each size, of all leaves
+            sizes = dict.fromkeys(tuple(F.get_size(leaf)) for leaf in flat_inputs)
+            shots = {size: self._shot(u[chosen], size) for size in sizes}
+        return {"rows": None if len(chosen) == n else chosen, "shots": shots}
+
+    def _shot(self, u: Tensor, size: tuple[int, int]) -> Shot | MixedShot:
+        """Return the shot that random numbers give, of images of `size` (height, width)."""
+        warn_without_moire(self.scene, size)
+        if len(u) == 1:  # of one scene: a mixture's takes three times as long
+            return draw_one(self.scene, u, size)
+        return self.scene.draw(u, size)
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
-        chosen, u = params["chosen"], params["u"]
-        if not len(chosen):
+        if not params["shots"]:
             return inpt
-        height, width = F.get_size(inpt)
-        warn_without_moire(self.scene, (height, width))
-        shot: Shot | MixedShot
-        if len(chosen) == 1:  # of one scene: a mixture's takes three times as long
-            shot = draw_one(self.scene, u[chosen], (height, width))
-        else:
-            shot = self.scene.draw(u[chosen], (height, width))
-        return apply_shot(inpt, shot, None if len(chosen) == len(u) else chosen)
+        return apply_shot(inpt, params["shots"][tuple(F.get_size(inpt))], params["rows"])
 
     def extra_repr(self) -> str:
         return f"p={self.p}, scene={describe(self.scene)}"

@@ -5,7 +5,7 @@ import torch
 from torchvision import tv_tensors
 from torchvision.transforms.v2 import functional as F
 
-from moireaug import Develop, Lens, Scene, View
+from moireaug import Develop, Lens, Scene, View, transforms
 from moireaug.transforms import RandomMoire
 from moireaug.transforms._leaves import apply_shot
 from tests.transforms.common import CAMERA, CLEAR, SQUARE, sample_of_leaves, values
@@ -113,3 +113,18 @@ def test_batch_masks_and_points_follow_their_own_image():
     assert [bool((m == 1).all()) for m in mask] == kept
     assert [p.tolist() == [[3.0, 3.0]] for p in point] == kept
     assert isinstance(mask, tv_tensors.Mask) and point.canvas_size == (12, 12)
+
+
+def test_the_leaves_of_a_sample_share_one_shot(monkeypatch):
+    """Drawn once for each size, not for each leaf."""
+    drawn = []
+
+    def counted(scene, u, size):
+        drawn.append(size)
+        return scene.draw(u, size)
+
+    monkeypatch.setattr(transforms.torchvision, "draw_one", counted)
+    image = tv_tensors.Image(values((3, 9, 12), torch.uint8))
+    sample = sample_of_leaves(image) | {"small": tv_tensors.Image(image[:, :6, :8])}
+    RandomMoire(CAMERA, p=1)(sample)
+    assert drawn == [(9, 12), (6, 8)]
