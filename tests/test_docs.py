@@ -89,6 +89,22 @@ def test_links_lead_to_files_and_figures_have_theirs():
             assert (ROOT / name).is_file(), (page, name)
 
 
+def missing_sources(text):
+    """The paths of sources that a page names and that do not exist."""
+    paths = set(re.findall(r"\b(?:moireaug|training)/[\w/]+\.py\b", text))
+    return {path for path in paths if not (ROOT / path).is_file()}
+
+
+@pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md"])
+def test_sources_that_pages_name_exist(page):
+    assert not missing_sources((ROOT / page).read_text(encoding="utf-8"))
+
+
+def test_a_source_that_does_not_exist_is_noticed():
+    named = "`moireaug/attacks/patch.py`, `moireaug/attacks/pixel.py`"
+    assert missing_sources(named) == {"moireaug/attacks/patch.py"}
+
+
 def test_every_page_is_in_the_navigation():
     listed = set(re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
     assert {f"docs/{name}" for name in listed} == set(PAGES) - {"README.md"}
