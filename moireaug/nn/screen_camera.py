@@ -51,7 +51,9 @@ class ScreenCamera(nn.Module):
         seed: of the draws in evaluation mode.
 
     In training mode each call draws a shot for each image, from torch's global generator. In
-    evaluation mode draws come from a generator that `eval()` sets to `seed`, for the same photos.
+    evaluation mode draws come from a generator that `eval()` sets to `seed`: a pass over a data set
+    that begins with `eval()` takes the same photos each time, though two calls in it do not. So in
+    both modes it says `randomised = True` to defences and evaluations.
 
     It has no weights and no buffers, and computes where the images are. Gradients reach the images,
     and a `noise` if given. torch.compile breaks the graph at a mixture of scenes.
@@ -60,6 +62,8 @@ class ScreenCamera(nn.Module):
         TypeError, ValueError: a scene that cannot be photographed; a jitter or a seed below 0; a
             jitter of a scene whose photos stay in the camera's frame.
     """
+
+    randomised = True
 
     def __init__(
         self,

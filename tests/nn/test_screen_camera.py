@@ -10,6 +10,9 @@ from torch import nn
 from torch.utils.checkpoint import checkpoint
 
 from moireaug import Scene, View, capture
+from moireaug.attacks.model import repeats_answers
+from moireaug.defenses import Compose, Defended
+from moireaug.evaluation.classifiers import averaging_classifier
 from moireaug.nn import ScreenCamera
 from moireaug.synthesis.twins import moire_codes
 
@@ -47,6 +50,13 @@ def test_evaluation_takes_the_same_photos_in_each_pass(camera, images):
     assert not torch.equal(passes[0][0], passes[0][1])
     other = ScreenCamera("screen_photo", shrink=(1, 3), jitter=camera.jitter, seed=1).eval()
     assert not torch.equal(other(images), passes[0][0])
+
+
+def test_before_a_model_it_is_a_random_defence_in_evaluation_too(camera, images):
+    camera.eval()
+    assert Compose((camera,)).randomised and averaging_classifier("camera", camera).draws == 20
+    model = Defended(nn.Flatten(), camera).eval()
+    assert model.randomised and not repeats_answers(model, images).any()
 
 
 def test_a_draw_replays_and_has_a_twin(camera, images):
