@@ -19,6 +19,9 @@ from training.config.settings import check, settings_of, value_of, with_values
 from training.suites import OPTION_SUITES
 from training.system.files import has_parts
 
+# that a run chooses for the ladder that it ends with: other suites would be weak with few steps
+LADDER_SETTINGS = ("reattack.eps", "reattack.steps", "reattack.n")
+
 
 def check_classifier(cfg: Config) -> None:
     """Refuse invalid settings of a classifier's data, scene and attack."""
@@ -204,16 +207,16 @@ def merge_run_settings(
 ) -> ReattackConfig:
     """Return a re-attack's settings: those of the run, except for those of the command line.
 
-    Options that make a command import, fetch or start something come from the command line alone.
+    Options that make a command import, fetch or start something come from the command line alone,
+    and so does the size of an attack by another suite than the ladder, which the run's is of.
     """
     given_keys = keys_of(overrides)
     values: dict[str, Any] = {}
     for key, declared in settings_of(Config).items():
         is_given = any(key == name or key.startswith(f"{name}.") for name in given_keys)
-        if declared.from_run and declared.changes_result and not is_given:
+        is_of_ladder = key in LADDER_SETTINGS and cfg.suite != "ladder"
+        if declared.from_run and declared.changes_result and not is_given and not is_of_ladder:
             values[key] = copy.deepcopy(value_of(run_cfg, key))
     if "data.size" not in given_keys:
         values["data.size"] = run_cfg.data.size  # what the model was trained on, whatever the data
-    if cfg.suite not in OPTION_SUITES["reattack.eps"]:
-        values["reattack.eps"] = None  # a run's own is of its ladder
     return with_values(cfg, values)

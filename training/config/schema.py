@@ -252,7 +252,8 @@ class ReattackConfig(Config):
     recipe: str = setting("pretrained", "of the run", trains=True)
     run: str | None = setting(
         None,
-        "a run's folder; its settings hold unless given here",
+        "a run's folder; its settings hold unless given here, reattack.n, eps and steps for the "
+        "ladder",
         is_path=True,
     )
     suite: str = setting(
