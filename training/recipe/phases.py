@@ -79,16 +79,15 @@ def plain_run(
 
 
 def _in_scene_of(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
-    """Return the metrics of a plain run; where its scene was another, which its training does not
-    see, they are written anew, without an attack there and the report of it."""
+    """Return the metrics of a plain run; of one that was never attacked, and whose training has
+    seen no scene, written anew for that of the runs that it is compared with."""
     wanted = run_metrics(run.config, metrics.train, metrics.start)
-    if metrics.scene == wanted.scene or not is_first():
+    if metrics.reattack is not None or metrics.scene == wanted.scene or not is_first():
         return metrics
     metrics = replace(
         wanted, environment=metrics.environment, time=metrics.time, command=metrics.command
     )
     run.write_settings()
-    (run.folder / "report.html").unlink(missing_ok=True)
     metrics.write(run.folder)
     return metrics
 
