@@ -14,8 +14,17 @@ from moireaug.attacks import MoireAttack
 from moireaug.evaluation.suites import check_used
 from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
 from training.config.scenes import scene_of
-from training.config.schema import DATA, Adversary, Config, Data, ReattackConfig, RunConfig, Trainer
-from training.config.settings import check, settings_of, value_of, with_values
+from training.config.schema import (
+    DATA,
+    Adversary,
+    Config,
+    Data,
+    ReattackConfig,
+    RunConfig,
+    Train,
+    Trainer,
+)
+from training.config.settings import as_argument, check, settings_of, value_of, with_values
 from training.suites import OPTION_SUITES
 from training.system.files import has_parts
 
@@ -26,7 +35,7 @@ LADDER_SETTINGS = ("reattack.eps", "reattack.steps", "reattack.n")
 def check_classifier(cfg: Config) -> None:
     """Refuse invalid settings of a classifier's data, scene and attack."""
     check_run(cfg)
-    require_used(cfg.data)
+    require_used(cfg, "data")
     check_adversary(cfg.adversary)
     eps = DEFAULT_EPS if cfg.reattack.eps is None else cfg.reattack.eps
     if len(set(eps)) < len(eps):
@@ -35,16 +44,25 @@ def check_classifier(cfg: Config) -> None:
     scene_of(cfg)  # raises where it is none
 
 
-def require_used(cfg: Data) -> None:
-    """Refuse settings that the data set would not use."""
-    for key, declared in settings_of(Data).items():
-        value = getattr(cfg, key)
-        is_used = not declared.only_for or cfg.name in declared.only_for
-        if not is_used and value != getattr(DATA[cfg.name], key):
-            raise ValueError(
-                f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "
-                "the data set that it is for, such as data=folder."
-            )
+def require_used(cfg: Config, *sections: str) -> None:
+    """Refuse settings of these sections that the data set, the adversary or the target of training
+    would not use."""
+    choices = {
+        "data": ("data", cfg.data.name, DATA[cfg.data.name]),
+        "adversary": ("adversary.kind", cfg.adversary.kind, Adversary()),
+        "train": ("train.target", cfg.train.target, Train()),
+    }
+    natural = {"natural"} if cfg.adversary.natural else set()
+    for section in sections:
+        choice, chosen, default = choices[section]
+        for name, declared in settings_of(type(default)).items():
+            value = as_argument(getattr(getattr(cfg, section), name))
+            is_used = not declared.only_for or {chosen, *natural} & set(declared.only_for)
+            if not is_used and value != as_argument(getattr(default, name)):
+                raise ValueError(
+                    f"{section}.{name}={value} has no effect on {choice}={chosen}: leave it out; "
+                    f"it is for {' or '.join(declared.only_for)}."
+                )
 
 
 def check_search(cfg: Config) -> None:
@@ -108,13 +126,6 @@ def check_adversary(cfg: Adversary) -> None:
         raise ValueError(
             f"adversary.kind={cfg.kind} needs a share, steps and eps above 0; got "
             f"{cfg.share}, {cfg.steps} and {cfg.eps}. Without an attack, the kind is none."
-        )
-    default = Adversary()
-    searches = (cfg.optimise, cfg.draws) != (default.optimise, default.draws)
-    if cfg.kind != "moire_attack" and searches:
-        raise ValueError(
-            "adversary.optimise and adversary.draws are for adversary.kind=moire_attack; got "
-            f"{list(cfg.optimise)}, {cfg.draws} and the kind {cfg.kind}."
         )
     if cfg.share + cfg.natural > 1:
         raise ValueError(
