@@ -58,7 +58,7 @@ def plain_run(
         role: "start" or "baseline", for the messages.
     """
     with run.locked():
-        origin = Origin.of(run.config.weights, splits)
+        origin = Origin.of(run.config.weights, splits.files, splits.classes)
         if reason := damage(run) or origin_difference(run, origin):
             print_once(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
@@ -132,7 +132,7 @@ def complete(run: Run[Config]) -> RunMetrics | None:
     start_time = time.perf_counter()
     splits = load_data(run.config)
     if run.config.resume is not False:
-        require_same_origin(run, Origin.of(run.config.weights, splits))
+        require_same_origin(run, Origin.of(run.config.weights, splits.files, splits.classes))
     try_out(run, splits)
     data_seconds = time.perf_counter() - start_time
     return train_and_report(run, splits, *plain_runs(run, splits), data_seconds)
