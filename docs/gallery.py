@@ -31,7 +31,7 @@ SEED = 3  # of all draws
 CANDIDATES = 9  # draws of each preset, of which three are shown
 CROP = 1.0  # sensor pixels per pixel of the crops
 TIMED_BATCH, TIMED_RUNS = 16, 9
-BANNER = ("screen_photo", "phone_at_monitor", "phone_at_phone", "phone_at_led_wall", "paper_code")
+BANNER = ("screen_photo", "phone_at_laptop", "phone_at_phone", "phone_at_led_wall", "paper_code")
 BANNER_CROP = (1.0, 3.0)
 
 INTRODUCTION = f"""# Gallery
