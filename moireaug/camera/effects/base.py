@@ -35,6 +35,7 @@ class Effect(ABC):
 
     name: str
     is_listed = True  # in a plan; effects that only clip are not
+    needs_every_pixel = False  # of the sensor, though a photo of `resize="point"` keeps a few
 
     @abstractmethod
     def verdict(self, scene: SceneRecord) -> Verdict:

@@ -62,8 +62,7 @@ def lower_development(shot: ShotRecord, geometry: HostGeometry | None = None) ->
 
 def _development_of(shot: ShotRecord, geometry: HostGeometry) -> Development:
     plan, sensor, drawn = shot.plan, shot.scene.sensor, geometry.numbers()
-    whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
-    demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
+    demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=plan.needs_every_pixel)
     if "colour_matrix" in plan:
         matrix = colour_matrix(drawn["sensor.crosstalk"], drawn["develop.saturation"])
     else:
@@ -149,7 +148,7 @@ def _resampling(
     whole: effects that need every sensor pixel come before the resize.
     """
     how, mosaic = scene.develop, scene.filter_cell == "rggb"
-    rows, cols = sampled_rows_and_columns(scene, size)
+    rows, cols = sampled_rows_and_columns(scene, size, needs_every_pixel=whole)
     demosaic, reach = np.zeros((4, 3, 4, 3, 3), np.float32), 0
     if mosaic:
         demosaic, reach = demosaic_weights(DEMOSAICS[how.demosaic]), DEMOSAIC_REACH[how.demosaic]
