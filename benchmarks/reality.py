@@ -50,7 +50,6 @@ from training.calibration.compare import (
 from training.config import scenes
 from training.data.real_pairs import find_pairs, read_pairs
 from training.photographs.tone import ColourMap
-from training.report.terminal import plain
 
 FULL_SETTINGS: dict[str, Any] = {
     "side": 384,
@@ -90,7 +89,7 @@ def statistics(crops: Crops, photos: dict[str, Tensor]) -> dict[str, Any]:
     found = {}
     for name, shots in photos.items():
         table = compare_statistics(real, measure_crops(shots[0], crops.originals))
-        told = plain(terminal_parts(table, name))
+        told = "\n".join(terminal_parts(table, name))
         print(f"Statistics of {name}, {len(real)} crops\n{told}\n", flush=True)
         rows = [line.to_dict() for line in table]
         found[name] = {"distance": mean_distance(table), "rows": rows}

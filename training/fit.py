@@ -33,6 +33,7 @@ from training.config.checks import (
     check_classifier,
     check_search,
     require_training_images,
+    require_used,
 )
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import RECIPES, Adversary, Config, as_config
@@ -89,6 +90,7 @@ def check(cfg: Config) -> None:
         raise ValueError(
             "train.init=clean starts from recipe clean, which has no such start itself: use random."
         )
+    require_used(cfg, "adversary", "train")
 
 
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="fit")

@@ -92,7 +92,7 @@ def resized_first(effects):
 
 
 CAMERA = "moireaug.camera"
-TRANSFER = f"{CAMERA}.exposure.optics.Optics.transfer"
+TRANSFER = f"{CAMERA}.exposure.footprint.Optics.transfer"
 COEFFICIENT = f"{CAMERA}.exposure.full.coefficient"
 INVERSE_LENS = "moireaug.scene.geometry.grids.inverse_radial_factor"
 RESIZE, GAIN = (
@@ -106,10 +106,10 @@ SHARES = f"{CAMERA}.exposure.axis_views.tap_weights"
 PREFILTER = f"{CAMERA}.effects.prefilter.blur_by_pyramid"
 DEMOSAICS, FLICKER = (
     f"{CAMERA}.effects.demosaic.DEMOSAICS",
-    f"{CAMERA}.effects.flicker.flicker",
+    f"{CAMERA}.effects.light.flicker",
 )
 FALLOFF, NOISE = (
-    f"{CAMERA}.effects.vignetting.falloff",
+    f"{CAMERA}.effects.light.falloff",
     f"{CAMERA}.effects.sensor.add_noise",
 )
 BROKEN = [  # check, where the effect is looked up, how it is spoilt
@@ -122,7 +122,7 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_whole_pitches, FOOTPRINT, argument("optics", optics("fill", 0.99))),
     (
         screen.check_mean_light,
-        f"{CAMERA}.panel.fourier.mean_light",
+        f"{CAMERA}.panel.mean_light",
         argument("width", torch.sqrt),
     ),
     (screen.check_mean_light, COEFFICIENT, argument("width", torch.sqrt)),

@@ -6,6 +6,7 @@ from torch import nn
 
 from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
+from training import fit
 from training.classifier.adversaries import TrainingAdversary, passes
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of
@@ -119,11 +120,34 @@ def test_adversaries_that_cannot_be_get_a_sentence():
         ({"share": 0.5}, "the kind none attacks none: use moire_attack or pgd"),
         (pgd | {"share": 0.75, "natural": 0.5}, "must not add up to"),
         (pgd, "needs a share, steps and eps above 0; got 0.0, 2"),
-        (pgd | {"share": 0.5, "draws": 3}, "are for adversary.kind=moire_attack"),
-        (pgd | {"share": 0.5, "optimise": ["view"]}, "are for adversary.kind=moire_attack"),
     ):
         with pytest.raises(ValueError, match=sentence):
             check_adversary(Adversary(**settings))
+
+
+NO_EFFECT = {
+    "recipe=pgd_at adversary.bound=light": "on adversary.kind=pgd: leave it out; it is for moire_",
+    "recipe=pgd_at adversary.draws=3": "on adversary.kind=pgd",
+    "recipe=pgd_at adversary.optimise=[view]": "on adversary.kind=pgd",
+    "recipe=pgd_at adversary.moire=false": "on adversary.kind=pgd",
+    "recipe=moire_aug adversary.eps=0.1": "on adversary.kind=none",
+    "recipe=moire_aug adversary.steps=2": "on adversary.kind=none",
+    "recipe=moire_aug adversary.warmup=0.5": "on adversary.kind=none",
+    "recipe=moire_at train.kept=0.5": "on train.target=labels",
+}
+AN_EFFECT = (
+    "recipe=pgd_at adversary.share=0.5 adversary.natural=0.5 adversary.moire=false",
+    "recipe=moire_aug adversary.moire=false",
+    "recipe=moire_at adversary.natural=0 adversary.moire=false adversary.bound=light",
+)
+
+
+def test_settings_that_a_training_would_not_use_are_refused():
+    for given, sentence in NO_EFFECT.items():
+        with pytest.raises(ValueError, match=f"{given.split()[1].partition('=')[0]}=.*{sentence}"):
+            fit.check(configured(*given.split()))
+    for given in AN_EFFECT:
+        fit.check(configured(*given.split()))
 
 
 def test_the_page_of_recipes_has_their_bounds():

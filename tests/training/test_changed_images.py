@@ -59,7 +59,9 @@ def test_no_run_goes_on_with_other_weights_classes_or_files(tmp_path, settings, 
     run, _ = train(cfg)
 
     def difference():
-        return resume.origin_difference(run, Origin.of(cfg.weights, load(cfg.data)))
+        splits = load(cfg.data)
+        origin = Origin.of(cfg.weights, splits.files, splits.classes)
+        return resume.origin_difference(run, origin)
 
     def refused(message):
         with pytest.raises(ValueError, match=message):

@@ -1,6 +1,7 @@
 """Settings of a demoiréing run that cannot be used get a sentence, before any time is spent."""
 
 import functools
+from dataclasses import asdict
 
 import pytest
 import torch
@@ -14,6 +15,8 @@ from tests.training.small import configured
 from training.demoireing import fit as demoireing
 from training.runs.run import Run
 from training.system import machine
+from training.trainer import ranks
+from training.trainer.make import OriginRecord
 
 FEW = ["train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
 
@@ -88,6 +91,27 @@ def test_a_finished_run_is_shown_without_its_start_file(tmp_path, monkeypatch):
     monkeypatch.setattr(demoireing, "report_finished", lambda run: "shown")
     given = ["weights=gone.pt", "demoire.vgg=gone.pth", f"runs={tmp_path}"]
     assert demoireing.fit(configured(*FEW, *given, name="demoire")) == "shown"
+
+
+def test_a_run_does_not_go_on_and_is_not_shown_with_other_first_weights(tmp_path, monkeypatch):
+    start, seen = tmp_path / "start.pt", []
+    demoire.save(demoire.build("amnet", width=0.25), start)
+    cfg = configured(*FEW, f"weights={start}", f"runs={tmp_path}", "model=amnet", name="demoire")
+    monkeypatch.setattr(ranks, "fit", lambda trainer, *_: seen.append(trainer) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        demoireing.fit(cfg)
+    (record,) = (one for one in seen[0].callbacks if isinstance(one, OriginRecord))
+    state = demoire.build("amnet", width=0.25).state_dict()
+    checkpoint = {"state_dict": state, "epoch": 0} | asdict(record.origin)
+    torch.save(checkpoint, Run(cfg).folder / "best.ckpt")
+    monkeypatch.setattr(demoireing, "report_finished", lambda run: "shown")
+    monkeypatch.setattr(Run, "stage", lambda run: "finished")
+    assert demoireing.fit(cfg) == "shown"
+    demoire.save(demoire.build("amnet", width=0.25), start)
+    for pairs in (False, True):
+        monkeypatch.setattr(demoireing, "has_other_pairs", lambda run, pairs=pairs: pairs)
+        with pytest.raises(ValueError, match=r"start\.pt no longer holds the weights"):
+            demoireing.fit(cfg)
 
 
 def test_settings_of_classifiers_are_refused():

@@ -1,6 +1,7 @@
 """detect.py: simulated photos in, a detector out, and scores of photos that it has not seen."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -68,6 +69,33 @@ def test_a_trained_detector_scores_a_folder(trained, capsys):
     with Image.open(out / "roc.png") as plot:
         assert plot.width > 300
     assert (out / "mistakes.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({"a.png": False, "b.png": False}, "none of the 2 photos in .* could be scored"),
+        ({"one/real/a.png": True, "two/screen/b.png": True}, "none of one, two does: put both"),
+        (
+            {"one/real/a.png": True, "one/screen/a.png": False, "two/screen/b.png": True},
+            "none of one, two does",
+        ),
+    ],
+)
+def test_photos_that_cannot_be_judged_overwrite_nothing(files, message, tmp_path, monkeypatch):
+    monkeypatch.setattr(Detector, "load", lambda file: SimpleNamespace(threshold=torch.zeros(1)))
+    monkeypatch.setattr(score, "score_of", lambda *_: 0.5)
+    for name, is_whole in files.items():
+        path = tmp_path / "photos" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("RGB", (40, 30)).save(path)
+        if not is_whole:
+            path.write_bytes(path.read_bytes()[:40])
+    scores = tmp_path / "scores.csv"
+    scores.write_text("of before")
+    with pytest.raises(SystemExit, match=message):
+        detect.main(["score", f"in={tmp_path / 'photos'}", "detector=FILE", f"out={tmp_path}"])
+    assert scores.read_text() == "of before" and len(list(tmp_path.iterdir())) == 2
 
 
 def test_a_detector_replays_from_its_file_and_rejects_photos(trained):

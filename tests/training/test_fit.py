@@ -16,6 +16,7 @@ from training.data import signs
 from training.data.load import load
 from training.recipe import phases
 from training.runs import trained
+from training.runs.metrics import RunMetrics
 from training.runs.run import Run, baseline_of, start_of
 from training.system import machine
 from training.system.files import read_metrics
@@ -197,8 +198,6 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
 
 def test_plain_runs_are_reused_in_any_scene(copied, capsys):
     """They never look at one; their metrics then are of the scene that they are compared in."""
-    report = copied / "baseline/seed0/report.html"
-    report.write_text("of another scene")
     for _ in range(2):
         cfg = configured("recipe=moire_aug", *TINY, f"runs={copied}", "scene=phone_at_laptop")
         plain = phases.plain_runs(Run(cfg), load(cfg.data))
@@ -206,12 +205,24 @@ def test_plain_runs_are_reused_in_any_scene(copied, capsys):
         for metrics in plain:
             written = read_metrics(copied / metrics.recipe / "seed0")
             assert metrics.to_dict() == written and metrics.scene_name == "phone_at_laptop"
-        assert not report.exists()
     run = trained.read(copied / "moire_at/seed0")
     assert trained.read_baseline_of(run).cfg.recipe == "baseline"
     assert Run(replace(run.cfg, scene="phone_at_laptop")).training_fingerprint != (
         Run(run.cfg).training_fingerprint
     )
+
+
+def test_a_baseline_that_was_attacked_keeps_its_results_in_another_scene(copied):
+    folder = copied / "baseline/seed0"
+    metrics = RunMetrics.read(folder)
+    replace(metrics, reattack=[], correct={}, clean_accuracy=0.5).write(folder)
+    (folder / "report.html").write_text("of its own attack")
+    files = [folder / name for name in ("metrics.json", "config.yaml", "report.html")]
+    before = [path.read_bytes() for path in files]
+    cfg = configured("recipe=moire_aug", *TINY, f"runs={copied}", "scene=phone_at_laptop")
+    _, baseline = phases.plain_runs(Run(cfg), load(cfg.data))
+    assert baseline.plain() == metrics.plain()
+    assert [path.read_bytes() for path in files] == before
 
 
 def test_a_baseline_of_other_settings_is_not_attacked(copied, capsys):

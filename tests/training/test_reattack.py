@@ -7,6 +7,9 @@ import torch
 from tests.training.small import BRIEF, configured
 from tests.training.strangers import attack, images, put
 from training import reattack
+from training.config.checks import merge_run_settings
+from training.config.schema import Reattack
+from training.runs import trained
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -40,6 +43,7 @@ REFUSED = [
     (["targets={resnet18: FILE}"], "targets= is for suite=transfer or trust or paper;"),
     (["demoire=torch:relu", "suite=jpeg"], "demoire= is for suite=defences or demoireing or"),
     (["reattack.eps=[0.01]", "suite=recipes"], "reattack.eps= is for suite=ladder or full_ladder"),
+    (["reattack.eps=[0.01]", "suite=worst_case"], "suite=worst_case has no use for it"),
     (["networks=DIR", "suite=jpeg"], "networks= is for suite=demoireing or paper; suite=jpeg"),
     (["trainer.devices=2"], "trainer.devices= has no effect here"),
     (["reattack.steps=-1"], r"reattack.steps must be in \[0, 100000\]; got -1"),
@@ -71,6 +75,17 @@ def test_the_scene_need_not_allow_what_the_training_searched(tmp_path, monkeypat
     folder = put(tmp_path, *attacked, "adversary.steps=1", "adversary.optimise=[noise,view]")
     monkeypatch.setattr(reattack, "attack_by_suite", lambda cfg, subject: None)
     assert attack(folder, "scene=paper_code", "suite=jpeg") == {}
+
+
+def test_another_suite_than_the_ladder_is_not_made_weak_by_its_run(tmp_path):
+    run = trained.read(put(tmp_path, *BRIEF))
+    sizes = {}
+    for suite in ("ladder", "standard", "worst_case"):
+        given = [f"run={run.folder}", f"suite={suite}", "reattack.n=3"]
+        cfg = merge_run_settings(run.cfg, configured(*given, name="reattack"), given)
+        sizes[suite] = (cfg.reattack.n, cfg.reattack.steps, cfg.reattack.eps)
+    default = (3, Reattack().steps, None)
+    assert sizes == {"ladder": (3, 1, [0.02]), "standard": default, "worst_case": default}
 
 
 def test_weights_are_attacked_without_settings_of_training(nothing_attacked):

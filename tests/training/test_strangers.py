@@ -85,7 +85,7 @@ def test_options_that_act_come_from_the_command_line_alone(tmp_path):
     assert (cfg.demoire, cfg.suite, cfg.targets) == ("torch:relu", "defences", None)
     assert (cfg.trainer.devices, cfg.trainer.strategy) == (1, "auto")
     assert (cfg.data.download, cfg.data.workers, cfg.reattack.n) == (False, 0, 3)
-    assert cfg.data.size == 24 and cfg.reattack.steps == 2, "these are the run's own"
+    assert cfg.data.size == 24 and cfg.reattack.batch_size == 4, "these are the run's own"
 
 
 class Bomb:

@@ -41,7 +41,7 @@ def try_out(run: Run[Config], splits: Splits) -> None:
         )
     classifier = classifier_of(cfg, splits.num_classes)
     check_side(classifier.model, cfg.model, cfg.data.size)
-    origin = Origin.of(cfg.weights, splits)
+    origin = Origin.of(cfg.weights, splits.files, splits.classes)
     trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, origin)
     require_even(cfg.train.batch_size, trainer.world_size)
     for part in (splits.train, splits.val, splits.test):
@@ -93,7 +93,7 @@ def train_model(
         seed=seed_of_draws(cfg),
         first_epoch=len(history),
     )
-    origin = Origin.of(cfg.weights, splits)
+    origin = Origin.of(cfg.weights, splits.files, splits.classes)
     trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin)
     best_checkpoint, wall_seconds = ranks.fit(trainer, classifier, batches, out)
     blend = None

@@ -14,16 +14,28 @@ from moireaug.attacks import MoireAttack
 from moireaug.evaluation.suites import check_used
 from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
 from training.config.scenes import scene_of
-from training.config.schema import DATA, Adversary, Config, Data, ReattackConfig, RunConfig, Trainer
-from training.config.settings import check, settings_of, value_of, with_values
+from training.config.schema import (
+    DATA,
+    Adversary,
+    Config,
+    Data,
+    ReattackConfig,
+    RunConfig,
+    Train,
+    Trainer,
+)
+from training.config.settings import as_argument, check, settings_of, value_of, with_values
 from training.suites import OPTION_SUITES
 from training.system.files import has_parts
+
+# that a run chooses for the ladder that it ends with: other suites would be weak with few steps
+LADDER_SETTINGS = ("reattack.eps", "reattack.steps", "reattack.n")
 
 
 def check_classifier(cfg: Config) -> None:
     """Refuse invalid settings of a classifier's data, scene and attack."""
     check_run(cfg)
-    require_used(cfg.data)
+    require_used(cfg, "data")
     check_adversary(cfg.adversary)
     eps = DEFAULT_EPS if cfg.reattack.eps is None else cfg.reattack.eps
     if len(set(eps)) < len(eps):
@@ -32,16 +44,25 @@ def check_classifier(cfg: Config) -> None:
     scene_of(cfg)  # raises where it is none
 
 
-def require_used(cfg: Data) -> None:
-    """Refuse settings that the data set would not use."""
-    for key, declared in settings_of(Data).items():
-        value = getattr(cfg, key)
-        is_used = not declared.only_for or cfg.name in declared.only_for
-        if not is_used and value != getattr(DATA[cfg.name], key):
-            raise ValueError(
-                f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "
-                "the data set that it is for, such as data=folder."
-            )
+def require_used(cfg: Config, *sections: str) -> None:
+    """Refuse settings of these sections that the data set, the adversary or the target of training
+    would not use."""
+    choices = {
+        "data": ("data", cfg.data.name, DATA[cfg.data.name]),
+        "adversary": ("adversary.kind", cfg.adversary.kind, Adversary()),
+        "train": ("train.target", cfg.train.target, Train()),
+    }
+    natural = {"natural"} if cfg.adversary.natural else set()
+    for section in sections:
+        choice, chosen, default = choices[section]
+        for name, declared in settings_of(type(default)).items():
+            value = as_argument(getattr(getattr(cfg, section), name))
+            is_used = not declared.only_for or {chosen, *natural} & set(declared.only_for)
+            if not is_used and value != as_argument(getattr(default, name)):
+                raise ValueError(
+                    f"{section}.{name}={value} has no effect on {choice}={chosen}: leave it out; "
+                    f"it is for {' or '.join(declared.only_for)}."
+                )
 
 
 def check_search(cfg: Config) -> None:
@@ -105,13 +126,6 @@ def check_adversary(cfg: Adversary) -> None:
         raise ValueError(
             f"adversary.kind={cfg.kind} needs a share, steps and eps above 0; got "
             f"{cfg.share}, {cfg.steps} and {cfg.eps}. Without an attack, the kind is none."
-        )
-    default = Adversary()
-    searches = (cfg.optimise, cfg.draws) != (default.optimise, default.draws)
-    if cfg.kind != "moire_attack" and searches:
-        raise ValueError(
-            "adversary.optimise and adversary.draws are for adversary.kind=moire_attack; got "
-            f"{list(cfg.optimise)}, {cfg.draws} and the kind {cfg.kind}."
         )
     if cfg.share + cfg.natural > 1:
         raise ValueError(
@@ -204,16 +218,16 @@ def merge_run_settings(
 ) -> ReattackConfig:
     """Return a re-attack's settings: those of the run, except for those of the command line.
 
-    Options that make a command import, fetch or start something come from the command line alone.
+    Options that make a command import, fetch or start something come from the command line alone,
+    and so does the size of an attack by another suite than the ladder, which the run's is of.
     """
     given_keys = keys_of(overrides)
     values: dict[str, Any] = {}
     for key, declared in settings_of(Config).items():
         is_given = any(key == name or key.startswith(f"{name}.") for name in given_keys)
-        if declared.from_run and declared.changes_result and not is_given:
+        is_of_ladder = key in LADDER_SETTINGS and cfg.suite != "ladder"
+        if declared.from_run and declared.changes_result and not is_given and not is_of_ladder:
             values[key] = copy.deepcopy(value_of(run_cfg, key))
     if "data.size" not in given_keys:
         values["data.size"] = run_cfg.data.size  # what the model was trained on, whatever the data
-    if cfg.suite not in OPTION_SUITES["reattack.eps"]:
-        values["reattack.eps"] = None  # a run's own is of its ladder
     return with_values(cfg, values)

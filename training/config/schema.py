@@ -15,6 +15,7 @@ from training.config.settings import section, setting
 from training.config.torchvision_sets import TORCHVISION_SETS
 
 AUGMENTATIONS = ("none", "shift", "shift_flip", "crop_flip", "affine")
+ATTACKS = ("moire_attack", "pgd")  # of training
 TARGETS = ("labels", "answers")
 DEFAULT_DATA = "signs"
 EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
@@ -93,26 +94,39 @@ class Adversary:
     kind: str = setting(
         "none",
         "noise on the raw image (moire_attack), on pixels (pgd), or none",
-        choices=("none", "moire_attack", "pgd"),
+        choices=("none", *ATTACKS),
     )
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
     natural: float = setting(0.0, "share that is only photographed", bounds=(0, 1))
-    eps: float = setting(0.0, "bound of the noise, in [0, 1] units", bounds=(0, 1))
+    eps: float = setting(
+        0.0, "bound of the noise, in [0, 1] units", bounds=(0, 1), only_for=ATTACKS
+    )
     bound: str = setting(
         "codes",
         "scale of eps: sRGB, or the raw image's light",
         choices=BOUNDS,
+        only_for=("moire_attack",),
     )
-    steps: int = setting(0, "steps of the attack", bounds=(0, 10_000))
+    steps: int = setting(0, "steps of the attack", bounds=(0, 10_000), only_for=ATTACKS)
     optimise: list[str] = setting(
         lambda: ["noise"],
         "what moire_attack changes: noise and, at three to ten times the cost, parts of the scene "
         "such as view",
         example="[noise,view]",
+        only_for=("moire_attack",),
     )
-    draws: int = setting(1, "photos, of which moire_attack takes the worst", bounds=(1, 10_000))
-    warmup: float = setting(0.0, "share of training over which eps rises from 0", bounds=(0, 1))
-    moire: bool = setting(True, "false: photos without moiré, as a control")
+    draws: int = setting(
+        1,
+        "photos, of which moire_attack takes the worst",
+        bounds=(1, 10_000),
+        only_for=("moire_attack",),
+    )
+    warmup: float = setting(
+        0.0, "share of training over which eps rises from 0", bounds=(0, 1), only_for=ATTACKS
+    )
+    moire: bool = setting(
+        True, "false: photos without moiré, as a control", only_for=("moire_attack", "natural")
+    )
 
 
 @dataclass
@@ -130,6 +144,7 @@ class Train:
         "with train.target=answers, share of validation answers to keep, by averaging with the "
         "old weights",
         bounds=(0, 1),
+        only_for=("answers",),
     )
     epochs: int = setting(30, "5 for signs", bounds=(1, None), may_differ=True)
     length: float = setting(
@@ -252,7 +267,8 @@ class ReattackConfig(Config):
     recipe: str = setting("pretrained", "of the run", trains=True)
     run: str | None = setting(
         None,
-        "a run's folder; its settings hold unless given here",
+        "a run's folder; its settings hold unless given here, reattack.n, eps and steps for the "
+        "ladder",
         is_path=True,
     )
     suite: str = setting(

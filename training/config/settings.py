@@ -28,7 +28,8 @@ class Setting:
         example: a value on a command line, for the error messages of a list or a mapping.
         is_path: whether it is a file or a folder: taken literally on a command line, and absolute
             in a run's settings. An identifier in place of a path of weights is a name of weights.
-        only_for: data sets that it has an effect on; empty for all.
+        only_for: data sets, adversary.kind, train.target or "natural", for photographed images,
+            that it has an effect on; empty for all.
         changes_result: whether a run's result depends on it, so that a run with another value is
             another run. Compared runs may differ in the others, and a run's own say nothing to an
             attack on it.

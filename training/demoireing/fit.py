@@ -56,8 +56,10 @@ def fit(cfg: DemoireConfig) -> Metrics:
     cfg = scenes.with_files(cfg)
     check(cfg)
     run = Run(cfg)
-    if cfg.resume is not False and run.stage() == "finished" and not has_other_pairs(run):
-        return report_finished(run)  # only read, and where nothing can be written too
+    if cfg.resume is not False:
+        require_same_origin(run, Origin.of(cfg.weights))
+        if run.stage() == "finished" and not has_other_pairs(run):
+            return report_finished(run)  # only read, and where nothing can be written too
     with run.locked():
         if cfg.resume and is_first():
             require_resumable(run)
@@ -117,7 +119,7 @@ def complete(run: Run[DemoireConfig]) -> Metrics:
     splits = pictures.load(run.config)
     pictures.require_usable(splits)
     if run.config.resume is not False:
-        require_same_origin(run, Origin(splits.files))
+        require_same_origin(run, Origin.of(run.config.weights, splits.files))
     if is_first():
         run.prepare()
     network, train = train_network(run, splits)

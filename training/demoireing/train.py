@@ -41,7 +41,7 @@ def module_of(cfg: DemoireConfig) -> Demoireing:
 def try_out(run: Run[DemoireConfig]) -> None:
     """Make the network and the trainer once, before any run is moved or any time is spent."""
     module_of(run.config)
-    trainer = trainer_of(run.config, run.folder, "")
+    trainer = trainer_of(run.config, run.folder, Origin())
     require_even(run.config.train.batch_size, trainer.world_size)
 
 
@@ -77,7 +77,7 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     if history:
         print_once(f"Resuming from {last} after {history[-1]['steps']:.0f} steps.")
     batches = PairBatches(cfg, splits, first_epoch=len(history))
-    trainer = trainer_of(cfg, out, splits.files)
+    trainer = trainer_of(cfg, out, Origin.of(cfg.weights, splits.files))
     best_checkpoint, wall_seconds = ranks.fit(trainer, module, batches, out)
     train = cost(module.history, cfg.train.batch_size) | {
         "wall_seconds": wall_seconds,
@@ -89,14 +89,14 @@ def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, 
     return network.eval(), train
 
 
-def trainer_of(cfg: DemoireConfig, out: Path, files: str) -> L.Trainer:
-    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder, with the
-    fingerprint of its files."""
+def trainer_of(cfg: DemoireConfig, out: Path, origin: Origin) -> L.Trainer:
+    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder, with its
+    origin."""
     callbacks = [
         EMAWeightAveraging(decay=cfg.train.ema),
         RunCheckpoint(out, "best", monitor="val_psnr", mode="max"),
         RunCheckpoint(out, "last"),
-        OriginRecord(Origin(files)),
+        OriginRecord(origin),
     ]
     epochs = cfg.train.steps // cfg.train.check_every
     return make_trainer(cfg.trainer, epochs, callbacks, MAX_GRADIENT_NORM)

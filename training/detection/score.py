@@ -9,7 +9,7 @@ written with a plot of the ROC curves and a sheet of the mistakes (screens that 
 other photos called screens)."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -58,14 +58,33 @@ def collection_of(name: str) -> str:
     return parts[0] if truth_of(f"{parts[0]}/photo") is None and len(parts) > 1 else ""
 
 
+def require_judgeable(names: Iterable[str]) -> None:
+    """Refuse photos whose truth is known where no collection holds both kinds, so that the detector
+    could not be judged."""
+    kinds: dict[str, set[bool]] = {}
+    for name in names:
+        if (is_screen := truth_of(name)) is not None:
+            kinds.setdefault(collection_of(name), set()).add(is_screen)
+    is_split = all(len(of_collection) == 1 for of_collection in kinds.values())
+    if is_split and len(set().union(*kinds.values())) == 2:
+        collections = ", ".join(name or "." for name in sorted(kinds))
+        raise ValueError(
+            "a detector is judged on collections that hold both real photos and screens, and none "
+            f"of {collections} does: put both kinds into one folder, as in "
+            "DIR/all/real and DIR/all/screen, or give their folders other names."
+        )
+
+
 def score(cfg: Config) -> pd.DataFrame:
     """Score, measure, write and print; return the table of scores.
 
     Raises:
-        ValueError: no photos, or a file that holds no detector.
+        ValueError: no photos that can be read, a file that holds no detector, or labels of one kind
+            in each collection.
         OSError: the disk is full or not writable.
     """
     detector, pictures = Detector.load(cfg.detector), Pictures(cfg.in_, 1)
+    require_judgeable(pictures.names)
     out = Path(cfg.out)
     make_folder(out, "out=DIR")
     rows: list[dict[str, Any]] = []
@@ -76,7 +95,13 @@ def score(cfg: Config) -> pd.DataFrame:
             print(f"not scored: {error}")
             continue
         rows.append({"photo": name, "score": found, "screen": found > detector.threshold.item()})
+    if not rows:
+        raise ValueError(
+            f"none of the {len(pictures)} photos in {pictures.folder} could be scored, see above: "
+            "pass a folder of others."
+        )
     table = pd.DataFrame(rows)
+    require_judgeable(table.photo)
     write_text(out / "scores.csv", table.to_csv(index=False))
     print(
         f"Screens: {int(table.screen.sum())} of {len(table)} photos. Written: {out / 'scores.csv'}"

@@ -58,7 +58,7 @@ def plain_run(
         role: "start" or "baseline", for the messages.
     """
     with run.locked():
-        origin = Origin.of(run.config.weights, splits)
+        origin = Origin.of(run.config.weights, splits.files, splits.classes)
         if reason := damage(run) or origin_difference(run, origin):
             print_once(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
@@ -79,16 +79,15 @@ def plain_run(
 
 
 def _in_scene_of(run: Run[Config], metrics: RunMetrics) -> RunMetrics:
-    """Return the metrics of a plain run; where its scene was another, which its training does not
-    see, they are written anew, without an attack there and the report of it."""
+    """Return the metrics of a plain run; of one that was never attacked, and whose training has
+    seen no scene, written anew for that of the runs that it is compared with."""
     wanted = run_metrics(run.config, metrics.train, metrics.start)
-    if metrics.scene == wanted.scene or not is_first():
+    if metrics.reattack is not None or metrics.scene == wanted.scene or not is_first():
         return metrics
     metrics = replace(
         wanted, environment=metrics.environment, time=metrics.time, command=metrics.command
     )
     run.write_settings()
-    (run.folder / "report.html").unlink(missing_ok=True)
     metrics.write(run.folder)
     return metrics
 
@@ -133,7 +132,7 @@ def complete(run: Run[Config]) -> RunMetrics | None:
     start_time = time.perf_counter()
     splits = load_data(run.config)
     if run.config.resume is not False:
-        require_same_origin(run, Origin.of(run.config.weights, splits))
+        require_same_origin(run, Origin.of(run.config.weights, splits.files, splits.classes))
     try_out(run, splits)
     data_seconds = time.perf_counter() - start_time
     return train_and_report(run, splits, *plain_runs(run, splits), data_seconds)

@@ -15,7 +15,6 @@ from omegaconf import OmegaConf
 from training.config.schema import DEFAULT_DATA, Config, RunConfig
 from training.config.settings import settings_of
 from training.config.torchvision_sets import TORCHVISION_SETS
-from training.data.splits import Splits
 from training.system.files import digest
 
 
@@ -34,13 +33,16 @@ class Origin:
     weights: str = ""
 
     @classmethod
-    def of(cls, weights: str | None, splits: Splits | None = None) -> Self:
-        """Return the origin of a classifier; without its data as long as they are not loaded."""
+    def of(
+        cls,
+        weights: str | None,
+        files: str | None = None,
+        classes: Mapping[int, str] | None = None,
+    ) -> Self:
+        """Return the origin of a training with this `weights=`; without its data as long as they
+        are not loaded."""
         has_file = weights is not None and Path(weights).is_file()  # not published by a name
-        weights_digest = digest(str(weights)) if has_file else ""
-        if splits is None:
-            return cls(weights=weights_digest)
-        return cls(splits.files, splits.classes, weights_digest)
+        return cls(files, classes or {}, digest(str(weights)) if has_file else "")
 
 
 def group_of(data: Any, model: str) -> str:

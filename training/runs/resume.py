@@ -63,7 +63,8 @@ def origin_difference(run: Run[Any], origin: Origin) -> str | None:
     trained on, as a clause; None where they do not, are not known, or where there is no such run.
     """
     for checkpoint in _checkpoints(run):
-        if origin.weights and checkpoint.get("weights") not in (None, origin.weights):
+        # demoiréing networks of earlier versions have none
+        if origin.weights and (checkpoint.get("weights") or origin.weights) != origin.weights:
             return _weights_difference(run)
         classes = stored_class_names(checkpoint.get("classes"))
         if origin.classes and classes not in (None, origin.classes):

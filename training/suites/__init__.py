@@ -29,7 +29,7 @@ GROUPS = library.GROUPS | {"paper": (*PAPER_SUITES, "adaptive")}
 ATTACKING_PAPER_SUITES = tuple(name for name in PAPER_SUITES if name != "threat")
 # options that only some suites use, and those suites
 OPTION_SUITES: dict[str, tuple[str, ...]] = {
-    "eps": (*library.OPTION_SUITES["eps"], *ATTACKING_PAPER_SUITES, "shifts", "paper"),
+    "reattack.eps": (*library.OPTION_SUITES["eps"], *ATTACKING_PAPER_SUITES, "shifts", "paper"),
     "lpips": (*library.OPTION_SUITES["lpips"], *ATTACKING_PAPER_SUITES, "shifts", "paper"),
     "targets": ("transfer", "trust", "paper"),
     "networks": ("demoireing", "paper"),
