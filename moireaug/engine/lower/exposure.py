@@ -56,6 +56,8 @@ def lower_exposure(
     if "prefilter" in plan and not decoded:
         share[:] = prefilter.neighbour_share(shot).detach().float().numpy()
     budget = ErrorBudget.of(shot.scene.tolerance, exactness)
+    if not shot.scene.is_binned:  # full readings err less, and take longer
+        budget = budget._replace(weight_log_scale=2 * budget.weight_log_scale)
     exposure = Exposure(
         size=shot.size,
         cameras=cameras,
