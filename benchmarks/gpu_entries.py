@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from moireaug import Scene
+from moireaug.engine.execution import execution_of
 from moireaug.engine.gpu.beat_terms import BeatTerms, beat_terms
 from moireaug.engine.lower.development import lower_development
 from moireaug.engine.lower.development_records import Development
@@ -71,13 +72,14 @@ def prepare_on_host(batch: int, side: int) -> None:
     exposure, view = lower_exposure(shot, decoded=False)
     assert isinstance(view, BinnedView)
     beat_terms(exposure, view.beats)
-    lower_development(shot)
+    lower_development(shot, execution_of(shot.scene, shot.plan).engine_effects)
 
 
 def _case(name: str, scene: Scene, batch: int, side: int) -> Case:
     shot = scene.sample(batch, (side, side), torch.Generator().manual_seed(0))
     images, raw = torch.zeros(batch, 3, side, side), torch.zeros(shot.raw_shape())
-    development = lower_development(shot)
+    effects = execution_of(shot.scene, shot.plan).engine_effects
+    development = lower_development(shot, effects)
     exposure, view = lower_exposure(shot, decoded=False)
     assert isinstance(view, BinnedView)
     lengths = loop_lengths(development) | beat_loop_lengths(beat_terms(exposure, view.beats))

@@ -112,6 +112,7 @@ def _make_plan(scene: SceneRecord, expose: tuple[Effect, ...], develop: tuple[Ef
         developing=tuple(effect.name for effect in develop if verdicts[effect.name].called),
         method=method_of(scene),
         prefilter_variance=max_lost_variance(scene),
+        needs_every_pixel=any(e.needs_every_pixel and verdicts[e.name].called for e in develop),
         scales=_scales_of(scene),
     )
 

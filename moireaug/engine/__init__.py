@@ -13,8 +13,8 @@ A call is decided by `execution`, from the table in `backends`, before its pictu
 first photo does.
 
 From a batch to a row, exposing goes through a backend's `launch_expose`, and on the CPU
-`show_kernel` and `full_grid_kernel` for one image, `expose_full_kernel` and `_expose_rows` for some
-of its rows; developing, through `develop_kernel` for some images or some rows.
+`show_kernel` and `full_grid_kernel` for one image, `expose_full_kernel` and `full.expose_rows` for
+some of its rows; developing, through `develop_kernel` for some images or some rows.
 """
 
 import moireaug.engine.cpu.threads  # noqa: F401  one thread in forked processes, before any is forked

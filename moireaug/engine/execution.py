@@ -23,8 +23,7 @@ from moireaug.scene.sized import scene_of_size
 
 ENGINE_EXPOSURES = ("spectral", "mean", "point")
 ENGINE_DTYPES = (torch.float32, torch.uint8)
-# effects that kernels know: all of exposing is theirs, and of developing what is before the first
-# that is the reference's
+# effects that kernels know: all of exposing is theirs; of developing see `_engine_effects_of`
 ENGINE_EXPOSING = {
     *("decode", "black_level", "prefilter", "layout", "pose", "lens", "crosstalk", "exposure"),
     *("flicker", "glare", "vignetting", "gain", "noise", "clip_reading"),
@@ -33,7 +32,6 @@ ENGINE_DEVELOPING = {
     *("saturate", "bits", "demosaic", "balance", "colour_matrix", "encode", "tone_curve"),
     *("brighten", "clip", "chroma_blur", "sharpen", "clip_detail", "resize", "register"),
 }
-REFERENCE_DEVELOPING = {"denoise", "jpeg"}
 
 
 class Execution(NamedTuple):
@@ -58,14 +56,9 @@ def execution_of(
 ) -> Execution:
     """Return the Execution of a scene's photos of this plan.
 
-    The engine has no kernel for the denoiser, for what follows it, for JPEG and, of bins in the
-    image's frame, for what the photo does not show.
-
     why_not: why kernels cannot take a call's tensors, whatever the scene; "" if they can.
     """
-    names = plan.developing
-    without_kernel = REFERENCE_DEVELOPING | ({"register"} if scene.is_rectified else set())
-    first = next((k for k, name in enumerate(names) if name in without_kernel), len(names))
+    effects = _engine_effects_of(scene, plan)
     backend = backend_of(device_type)
     off = why_no_kernels(device_type) or why_not
     if backend and not backend.reads_full and not scene.is_binned:
@@ -73,9 +66,9 @@ def execution_of(
     return Execution(
         backend,
         off or _why_not_expose(plan),
-        off or _why_not_develop(plan),
-        names[:first],
-        names[first:],
+        off or _why_not_develop(plan, effects),
+        effects,
+        plan.developing[len(effects) :],
     )
 
 
@@ -203,10 +196,23 @@ def _why_not_expose(plan: Plan) -> str:
     return ""
 
 
-def _why_not_develop(plan: Plan) -> str:
+def _engine_effects_of(scene: SceneRecord, plan: Plan) -> tuple[str, ...]:
+    """Return the names of the developing effects that kernels compute: all of theirs, or where
+    another effect comes before the last of them, those up to the clip, or none."""
+    names, known = plan.developing, ENGINE_DEVELOPING
+    if scene.is_rectified:  # what the photo does not show is the reference's
+        known = known - {"register"}
+    first = next((k for k, name in enumerate(names) if name not in known), len(names))
+    if known.isdisjoint(names[first:]):
+        return names[:first]
+    end = names.index("clip") + 1
+    return names[:end] if end <= first else ()
+
+
+def _why_not_develop(plan: Plan, effects: tuple[str, ...]) -> str:
     if not any(step in plan for step in ("demosaic", "resize", "register", "encode")):
         return "the engine would be no faster"
-    known = ENGINE_DEVELOPING | REFERENCE_DEVELOPING
-    if unknown := [name for name in plan.developing if name not in known]:
-        return f"the engine does not know {unknown[0]!r}"
+    if not effects:
+        unknown = next(name for name in plan.developing if name not in ENGINE_DEVELOPING)
+        return f"the engine has no kernel for {unknown!r}"
     return ""

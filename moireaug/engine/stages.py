@@ -159,7 +159,7 @@ class Developing(KernelStage):
     ) -> Development:
         from moireaug.engine.lower.development import lower_development
 
-        return lower_development(shot, geometry)
+        return lower_development(shot, self.effects, geometry)
 
     def can_follow(self, records: Development) -> np.ndarray:
         return np.ones(len(records.codes.matrix), bool)

@@ -41,6 +41,7 @@ class Plan:
         exposing, developing: names of those that are computed before and after attacker's noise.
         method: exposure method, "auto" resolved.
         prefilter_variance: largest variance of the picture's blur, in squared image pixels.
+        needs_every_pixel: an effect before the resize needs every pixel of the sensor.
         scales: how many panel and sensor pixels an image pixel gets, in words.
         moire: see `Scene.expected_moire`; None if it is not known.
     """
@@ -50,6 +51,7 @@ class Plan:
     developing: tuple[str, ...]
     method: ExposureMethod
     prefilter_variance: float
+    needs_every_pixel: bool = False
     scales: str = ""
     moire: Moire | None = None
     _computed: frozenset[str] = field(init=False, repr=False)  # a photo asks for dozens of names

@@ -16,7 +16,6 @@ from moireaug.common.numeric import as_dtype
 from moireaug.scene.by_name import by_part, parts_with, values_of
 from moireaug.scene.drawn_parts import DrawnDevelop, DrawnLens, DrawnPanel, DrawnSensor, DrawnView
 from moireaug.scene.draws import Draws, check_drawn
-from moireaug.scene.fields import bounds
 from moireaug.scene.geometry import lattice
 from moireaug.scene.geometry.grids import mask_in_photo, points_in_photo
 from moireaug.scene.geometry.homography import about_corners
@@ -39,17 +38,18 @@ def check_tensor(name: str, values: object) -> Tensor:
 
 
 def sampled_rows_and_columns(
-    scene: SceneRecord, size: tuple[int, int]
+    scene: SceneRecord, size: tuple[int, int], *, needs_every_pixel: bool
 ) -> tuple[lattice.SampledPixels, lattice.SampledPixels]:
     """Return which sensor rows and columns a photo of `size` (height, width) reads; of a binned
-    reading, its cells."""
+    reading, its cells.
+
+    needs_every_pixel: see `Plan`.
+    """
     if scene.is_binned:
         return lattice.binned_pixels(size[0]), lattice.binned_pixels(size[1])
     sensor, develop = scene.sensor, scene.develop
     reach = DEMOSAIC_REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
-    # denoisers and filters need every pixel of the sensor
-    filtered = any(any(bounds(value)) for value in (develop.chroma_blur, develop.sharpen))
-    resize = "all" if develop.denoise or filtered else develop.resize
+    resize = "all" if needs_every_pixel else develop.resize
     rows, cols = (lattice.sampled_pixels(n, sensor.scale, resize, reach) for n in size)
     return rows, cols
 
@@ -178,7 +178,8 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
 
     def sampled_pixels(self) -> tuple[lattice.SampledPixels, lattice.SampledPixels]:
         """Return which sensor rows and columns this photo reads."""
-        return sampled_rows_and_columns(self.scene, self.size)
+        every = self.plan.needs_every_pixel
+        return sampled_rows_and_columns(self.scene, self.size, needs_every_pixel=every)
 
     def raw_shape(self) -> tuple[int, int, int, int]:
         """Return the shape of the raw reading and of the attacker's noise: four Bayer planes

@@ -9,9 +9,10 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 
-from moireaug import Scene, Sensor, View, capture, develop, expose
+from moireaug import Develop, Scene, Sensor, View, capture, develop, expose
 from moireaug.camera import pipeline
 from moireaug.camera.effects.base import Effect, called
+from moireaug.common.numeric import repeat_edges
 from moireaug.engine import backends, execution, explain, kernel_stage, reference, stages
 from moireaug.engine.backends import BACKENDS
 from moireaug.scene.by_name import with_values
@@ -101,11 +102,47 @@ class Halved(Effect):
         return values / 2
 
 
-@pytest.mark.parametrize("stage", ["EXPOSE", "DEVELOP"])
+class Smoothed(Halved):
+    """Another, which reads a pixel's neighbours."""
+
+    needs_every_pixel = True
+
+    def __call__(self, values, shot):
+        return torch.nn.functional.avg_pool2d(repeat_edges(values, 1, 1, 1, 1), 3, 1)
+
+
+POINT = Scene(sensor=Sensor(scale=9.0), develop=Develop(resize="point"))
+DETAIL = {"develop.chroma_blur": 1.0, "develop.sharpen": 0.5}
+SCENES = {
+    "binned": Scene.preset("screen_photo"),
+    "binned, detail": with_values(Scene.preset("screen_photo"), DETAIL),
+    "full": FULL,
+    "full, detail": with_values(FULL, DETAIL),
+    "point": POINT,
+}
+
+
+@pytest.mark.parametrize("own", [Halved(), Smoothed()], ids=["halved", "smoothed"])
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("place", range(len(pipeline.DEVELOP) + 1))
+def test_an_effect_without_a_kernel_may_be_anywhere_in_development(place, name, own, monkeypatch):
+    others = pipeline.DEVELOP
+    monkeypatch.setattr(pipeline, "DEVELOP", (*others[:place], own, *others[place:]))
+    scene = dataclasses.replace(SCENES[name])  # whose plan is of these effects
+    shot = scene.sample(2, (16, 20), torch.Generator().manual_seed(0))
+    before = [effect.name for effect in others[:place]]
+    found = execution.execution_of(scene, shot.plan)
+    assert bool(found.why_not_develop) == ("clip" not in before)
+    assert set(found.engine_effects) <= set(before)
+    photo = capture(IMAGES[:2], shot)
+    with reference():
+        torch.testing.assert_close(photo, capture(IMAGES[:2], shot), atol=1 / 512, rtol=0)
+
+
 @pytest.mark.parametrize("first", [True, False])
-def test_an_effect_without_a_kernel_is_not_dropped(stage, first, monkeypatch):
-    own, others = (Halved(),), getattr(pipeline, stage)
-    monkeypatch.setattr(pipeline, stage, own + others if first else others + own)
+def test_an_effect_without_a_kernel_is_not_dropped_from_the_exposure(first, monkeypatch):
+    own, others = (Halved(),), pipeline.EXPOSE
+    monkeypatch.setattr(pipeline, "EXPOSE", own + others if first else others + own)
     scene = dataclasses.replace(FULL)  # whose plan is of these effects
     assert "'halved'" in explain(scene)
     shot = scene.sample(4, (16, 20), torch.Generator().manual_seed(0))

@@ -37,9 +37,11 @@ def test_what_is_faint_on_the_panel_is_amplified(lit, gain):
     assert_equal(got.double(), pipeline.expose(images.double(), shot))
 
 
+@pytest.mark.parametrize(("registered", "n"), [(True, 2), (False, 8)])  # few views are oblique
 @pytest.mark.parametrize("name", [name for name in PRESETS if not name.startswith("paper")])
-def test_equals_the_reference_on_every_preset(name):
-    assert_equal(*readings(Scene.preset(name), (24, 32)))
+def test_equals_the_reference_on_every_preset(name, registered, n):
+    scene = with_values(Scene.preset(name), {"develop.registered": registered})
+    assert_equal(*readings(scene, (24, 32), n))
 
 
 @pytest.mark.parametrize(("pitch", "taps"), [(8.0, 3), (1.2, 5), (0.8, 7), (0.3, 7)])

@@ -35,6 +35,7 @@ class Effect(ABC):
 
     name: str
     is_listed = True  # in a plan; effects that only clip are not
+    needs_every_pixel = False  # of the sensor, though a photo of `resize="point"` keeps a few
     # with others, scales or shifts them, before codes are clipped: one outside [0, 1] counts
     mixes_readings = False
 

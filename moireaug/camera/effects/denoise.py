@@ -23,6 +23,7 @@ class Denoise(Effect):
     """A denoiser on the codes of every sensor pixel."""
 
     name = "denoise"
+    needs_every_pixel = True
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.develop.denoise is None:

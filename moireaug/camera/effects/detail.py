@@ -26,6 +26,7 @@ class ChromaBlur(Effect):
     """Smooths colour, but not brightness."""
 
     name = "chroma_blur"
+    needs_every_pixel = True
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         blur = scene.develop.chroma_blur
@@ -42,6 +43,7 @@ class Sharpen(Effect):
     """An unsharp mask on brightness."""
 
     name = "sharpen"
+    needs_every_pixel = True
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         develop = scene.develop

@@ -201,5 +201,10 @@ def falloff(u: Tensor, v: Tensor, size: FrameSize, loss: Tensor) -> Tensor:
     """
     h, w = size
     r2 = ((u - w / 2).square() + (v - h / 2).square()) * (4 / (h * h + w * w))
-    steep = ((1 - loss) ** -0.5 - 1)[:, None, None]  # the squared tangent of the corner's ray
-    return sensor.attenuation(1.0, steep, r2)
+    return sensor.attenuation(1.0, corner_steepness(loss)[:, None, None], r2)
+
+
+def corner_steepness(loss: Any) -> Any:
+    """Return the squared tangent of the angle of a ray to the photo's corners, where the share
+    `loss` (B,) of light is lost; of torch or numpy."""
+    return (1 - loss) ** -0.5 - 1

@@ -148,16 +148,22 @@ def pixels_per_value(shot: ShotGeometry, scale: Any) -> Any:
     return (scale * scale / share).clip(min=1)
 
 
+def lost_noise_variances(shot: ShotGeometry) -> tuple[Any, Any]:
+    """Return the variance of sensor pixels' noise that a binned reading has averaged away, (B,)
+    each: of read noise, and of photon noise at full scale; of torch or numpy."""
+    read, photons = shot.sensor.read_noise**2, shot.sensor.shot_noise**2
+    if "noise" not in shot.plan:
+        read = photons = shot.xp.zeros_like(read)
+    away = 1 - 1 / pixels_per_value(shot, shot.bin_scale)
+    return away * read, away * photons
+
+
 def lost_variances(shot: ShotRecord) -> tuple[Tensor, Tensor, Tensor]:
     """Return the variance of sensor pixels that a binned reading has averaged away: of read noise
     and of photon noise at full scale, (B, 1, 1, 1) each, and of the panel's pattern, as a share of
     the squared reading, (B, 3)."""
-    away = 1 - 1 / pixels_per_value(shot, shot.bin_scale)
-    read, photons = shot.sensor.read_noise.square(), shot.sensor.shot_noise.square()
-    if "noise" not in shot.plan:
-        read, photons = torch.zeros_like(read), torch.zeros_like(read)
-    read, photons = ((away * t)[:, None, None, None] for t in (read, photons))
-    pattern = torch.zeros_like(away)[:, None].expand(-1, 3)
+    read, photons = (v[:, None, None, None] for v in lost_noise_variances(shot))
+    pattern = read.new_zeros(len(read), 3)
     if "saturate" in shot.plan:
         pattern = shot.plan.method.pattern_variance(shot)
     return read, photons, pattern

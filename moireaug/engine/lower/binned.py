@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from moireaug.camera.effects.sensor import pixels_per_value
+from moireaug.camera.effects.sensor import lost_noise_variances, pixels_per_value
 from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
 from moireaug.camera.exposure.extremes import FLOAT64_ON_CPU
@@ -130,17 +130,7 @@ def _beats_of(geometry: HostGeometry, sensors: np.ndarray, content: BinContent) 
         coefficients=waves.astype(np.float32),
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
         mean=mean_light_of(geometry),
-        lost_noise_variance=_lost_noise_variance(geometry, bin_scale),
+        lost_noise_variance=np.stack(lost_noise_variances(geometry), 1).astype(np.float32),
         saturates="saturate" in plan,
         bayer=scene.is_binned_bayer,
     )
-
-
-def _lost_noise_variance(geometry: HostGeometry, scale: np.ndarray) -> np.ndarray:
-    """Return the variance of the noise that bins average away, (B, 2) float32: in the dark, and
-    what a reading of 1 adds; zeros without noise."""
-    sensor, away = geometry.sensor, 1 - 1 / pixels_per_value(geometry, scale)
-    if "noise" not in geometry.plan:
-        away = np.zeros_like(scale)
-    drawn = np.stack([sensor.read_noise, sensor.shot_noise], 1)
-    return (away[:, None] * drawn**2).astype(np.float32)

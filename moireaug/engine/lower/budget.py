@@ -66,7 +66,7 @@ class ErrorBudget(NamedTuple):
             flat_log_scale=5e-4 * error,
             amplitude_log_scale=0.15 * cubic,
             amplitude_cycles=0.12 * cubic,
-            weight_log_scale=0.06 * line,
+            weight_log_scale=0.03 * line,
             weight_motion=0.3 * line,
             beat_cycles=0.2 * cubic,
         )

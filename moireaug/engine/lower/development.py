@@ -32,6 +32,7 @@ class _LastDevelopment(NamedTuple):
 
     scene: SceneRecord
     sizes: tuple[tuple[int, int], tuple[int, int]]
+    effects: tuple[str, ...]
     table: np.ndarray
     development: Development
 
@@ -39,11 +40,13 @@ class _LastDevelopment(NamedTuple):
 _last: _LastDevelopment | None = None
 
 
-def lower_development(shot: ShotRecord, geometry: HostGeometry | None = None) -> Development:
-    """Return a shot's Development, without `Execution.reference_effects`; if it is denoised, it
-    ends at the codes of every sensor pixel. Made once for equal shots in a row, as of an attack's
-    steps.
+def lower_development(
+    shot: ShotRecord, effects: tuple[str, ...], geometry: HostGeometry | None = None
+) -> Development:
+    """Return a shot's Development. Made once for equal shots in a row, as of an attack's steps.
 
+    effects: `Execution.engine_effects`; if they end before the resize, so do photos, at the codes
+        of the pixels that were read.
     geometry: of the shot, if it is at hand.
     """
     global _last
@@ -53,33 +56,41 @@ def lower_development(shot: ShotRecord, geometry: HostGeometry | None = None) ->
         last is None
         or last.scene is not shot.scene
         or last.sizes != sizes
+        or last.effects != effects
         or not np.array_equal(last.table, geometry.table)
     ):
-        development = _development_of(shot, geometry)
-        _last = last = _LastDevelopment(shot.scene, sizes, geometry.table, development)
+        development = _development_of(shot, effects, geometry)
+        _last = last = _LastDevelopment(shot.scene, sizes, effects, geometry.table, development)
     return last.development
 
 
-def _development_of(shot: ShotRecord, geometry: HostGeometry) -> Development:
-    plan, sensor, drawn = shot.plan, shot.scene.sensor, geometry.numbers()
-    whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
-    demosaic, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
-    if "colour_matrix" in plan:
+def _development_of(
+    shot: ShotRecord, effects: tuple[str, ...], geometry: HostGeometry
+) -> Development:
+    sensor, drawn = shot.scene.sensor, geometry.numbers()
+    filters_detail = "chroma_blur" in effects or "sharpen" in effects
+    # of a plan without a resize, photos have the pixels that were read
+    resizes = "resize" in effects or "resize" not in shot.plan
+    every = shot.plan.needs_every_pixel
+    demosaic, rows, cols = _resampling(
+        shot.scene, shot.size, needs_every_pixel=every, whole=filters_detail or not resizes
+    )
+    if "colour_matrix" in effects:
         matrix = colour_matrix(drawn["sensor.crosstalk"], drawn["develop.saturation"])
     else:
         matrix = np.eye(3)[None].repeat(len(shot), 0)
-    if "balance" in plan:
+    if "balance" in effects:
         gains = [drawn["develop.red"], np.ones(len(shot)), drawn["develop.blue"]]
         matrix = matrix * np.stack(gains, 1)[:, None, :]
     shoulder, contrast, brighten = np.zeros((3, len(shot)), np.float32)
-    if "tone_curve" in plan:
+    if "tone_curve" in effects:
         shoulder[:] = drawn["develop.shoulder"]
         contrast[:] = drawn["develop.contrast"]
-    if "brighten" in plan:
+    if "brighten" in effects:
         brighten[:] = drawn["develop.brighten"]
-    denoises, detail = "denoise" in plan, _detail_of(shot, geometry)
+    detail = _detail_of(shot, effects, geometry)
     levels = np.float32(0)
-    if "bits" in plan and sensor.bits is not None:
+    if "bits" in effects and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
     codes = Codes(
         planes=shot.raw_shape()[1],
@@ -87,40 +98,39 @@ def _development_of(shot: ShotRecord, geometry: HostGeometry) -> Development:
         demosaic=demosaic,
         rows=rows,
         cols=cols,
-        saturates="saturate" in plan,
+        saturates="saturate" in effects,
         levels=levels,
         matrix=matrix.astype(np.float32),
-        mixes="colour_matrix" in plan,
-        coded="encode" in plan,
-        toned="tone_curve" in plan,
+        mixes="colour_matrix" in effects,
+        coded="encode" in effects,
+        toned="tone_curve" in effects,
         shoulder=shoulder,
         contrast=contrast,
         brighten=brighten,
     )
-    # bins lie in the image's frame already
-    registers = "register" in plan and not shot.scene.is_rectified and not denoises
+    registers = "register" in effects
     registration = Registration(np.empty((0, 3, 3)), np.empty((0, 2)))
     if registers:
         registration = Registration(geometry.homography, np.stack(geometry.lens_distortion, 1))
     return Development(
-        size=detail.size if denoises else shot.size,
+        size=shot.size if resizes else detail.size,
         codes=codes,
-        filters_detail=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
+        filters_detail=filters_detail,
         detail=detail,
         registers=registers,
         registration=registration,
     )
 
 
-def _detail_of(shot: ShotRecord, geometry: HostGeometry) -> Detail:
-    """Return a shot's Detail; neutral values for effects that are not planned."""
-    plan, how, drawn = shot.plan, shot.scene.develop, geometry.numbers()
+def _detail_of(shot: ShotRecord, effects: tuple[str, ...], geometry: HostGeometry) -> Detail:
+    """Return a shot's Detail; neutral values for effects that kernels do not compute."""
+    how, drawn = shot.scene.develop, geometry.numbers()
     rows, cols = shot.sampled_pixels()
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
     chroma, sharp = drawn["develop.chroma_blur"], drawn["develop.sharpen_radius"]
-    if "chroma_blur" in plan:
+    if "chroma_blur" in effects:
         chroma_size = kernel_size(max_photo_sigma(shot.scene, "chroma_blur", shot.whole_size))
-    if "sharpen" in plan:
+    if "sharpen" in effects:
         amount[:] = drawn["develop.sharpen"]
         sharp_size = kernel_size(max_photo_sigma(shot.scene, "sharpen_radius", shot.whole_size))
     if shot.scene.is_binned and max(chroma_size, sharp_size) > 1:
@@ -142,14 +152,14 @@ def _detail_of(shot: ShotRecord, geometry: HostGeometry) -> Detail:
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _resampling(
-    scene: SceneRecord, size: tuple[int, int], *, whole: bool
+    scene: SceneRecord, size: tuple[int, int], *, needs_every_pixel: bool, whole: bool
 ) -> tuple[np.ndarray, Resize, Resize]:
     """Return the demosaic's weights, and the resize along rows and columns.
 
-    whole: effects that need every sensor pixel come before the resize.
+    needs_every_pixel: see `Plan`. whole: the pixels that were read are not resized.
     """
     how, mosaic = scene.develop, scene.filter_cell == "rggb"
-    rows, cols = sampled_rows_and_columns(scene, size)
+    rows, cols = sampled_rows_and_columns(scene, size, needs_every_pixel=needs_every_pixel)
     demosaic, reach = np.zeros((4, 3, 4, 3, 3), np.float32), 0
     if mosaic:
         demosaic, reach = demosaic_weights(DEMOSAICS[how.demosaic]), DEMOSAIC_REACH[how.demosaic]
@@ -163,7 +173,7 @@ def _resampling(
 def _resize(pixels: SampledPixels, how: str, reach: int, *, whole: bool) -> Resize:
     read, count = len(pixels.index), pixels.count
     if whole:
-        return lower_resize(read, count, count, "area")
+        return lower_means(read, count, 1, pixels.lead, 0)
     if how == "point" and pixels.step > 1:
         return lower_means(read, pixels.size, pixels.step, pixels.lead, reach)
     return lower_resize(read, pixels.size, count, how)

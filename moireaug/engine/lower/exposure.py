@@ -56,6 +56,8 @@ def lower_exposure(
     if "prefilter" in plan and not decoded:
         share[:] = prefilter.neighbour_share(shot).detach().float().numpy()
     budget = ErrorBudget.of(shot.scene.tolerance, exactness)
+    if not shot.scene.is_binned:  # full readings err less, and take longer
+        budget = budget._replace(weight_log_scale=2 * budget.weight_log_scale)
     exposure = Exposure(
         size=shot.size,
         cameras=cameras,
@@ -63,7 +65,7 @@ def lower_exposure(
         white=_white_of(geometry),
         black=black,
         cell=cell,
-        sites=_sites(shot.scene, shot.size),
+        sites=_sites(shot.scene, shot.size, needs_every_pixel=shot.plan.needs_every_pixel),
         flicker=_flicker_of(shot, cameras, exactness),
         keys=torch.stack(random_numbers.keys(shot.seed), 1).numpy(),
         noisy="noise" in plan,
@@ -111,8 +113,9 @@ def _bands_per_row(scene: SceneRecord, height: int) -> int:
 
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
-def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
-    rows, cols = (pixels.positions().numpy() for pixels in sampled_rows_and_columns(scene, size))
+def _sites(scene: SceneRecord, size: tuple[int, int], *, needs_every_pixel: bool) -> Sites:
+    pixels = sampled_rows_and_columns(scene, size, needs_every_pixel=needs_every_pixel)
+    rows, cols = (axis.positions().numpy() for axis in pixels)
     # (row, column, channels) of each site of a cell, in the planes' order
     cfa = CFA[scene.filter_cell]
     planes = [(r, c, channel) for r, c, channels in cfa for channel in channels]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from moireaug.camera.effects.light import corner_steepness
 from moireaug.camera.panel import emitting_share, mean_light_of, own_orders
 from moireaug.engine.lower.exposure_records import Camera, Cell, FullView, PointView
 from moireaug.scene.draws import MAX_CACHED_SCENES
@@ -42,7 +43,7 @@ def camera_fields(geometry: HostGeometry) -> dict[str, np.ndarray]:
         "gain": planned("gain", "sensor.gain", zero + 1),
         "dark_noise": planned("noise", "sensor.read_noise"),
         "photon_noise": planned("noise", "sensor.shot_noise"),
-        "falloff": (1 - vignetting) ** -0.5 - 1,
+        "falloff": corner_steepness(vignetting),
         "motion_x": drawn["lens.motion_x"],
         "motion_y": drawn["lens.motion_y"],
         "glare": glare,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.common.physics.lens import MIN_RAY_DEPTH
+from moireaug.common.physics.lens import MIN_RAY_DEPTH, radial_factor
 from moireaug.scene.sensor import SHORTER_SIDE
 
 Number = float | Tensor  # a number, or one per image, (B,) float64
@@ -90,7 +90,7 @@ def frame_of_crop(
     spare_h, spare_w = height - h, width - w
     u, v = (place[0] - 0.5) * spare_w, (place[1] - 0.5) * spare_h
     r2 = (u * u + v * v) * (4 / (height * height + width * width))
-    factor = 1 + r2 * (k1 + k2 * r2)
+    factor = radial_factor(r2, k1, k2)
     back = xp.linalg.inv(pose)
     x, y, depth = (
         back[:, i, 0] * (u * factor) + back[:, i, 1] * (v * factor) + back[:, i, 2]

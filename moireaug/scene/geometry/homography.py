@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from moireaug.common.numeric import array_like
+from moireaug.common.physics.lens import radial_factor
 from moireaug.scene.drawn_parts import DrawnView
 from moireaug.scene.geometry.frame import FrameSize, Number
 
@@ -160,7 +161,7 @@ def _fitting_zoom(
     x, y = (xp.where(ahead, border @ row / depth, BEHIND_CAMERA) for row in (x, y))
     to_edge = 1 / xp.maximum(xp.abs(x) / (w / 2), xp.abs(y) / (h / 2))  # along each point's ray
     r2 = (x * x + y * y) * to_edge * to_edge * (4 / (h * h + w * w))
-    return xp.amin(to_edge * (1 + r2 * (k1 + k2 * r2)), 0)
+    return xp.amin(to_edge * radial_factor(r2, k1, k2), 0)
 
 
 def apply_homography(m: Tensor, points: Tensor) -> Tensor:

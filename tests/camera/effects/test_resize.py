@@ -7,6 +7,7 @@ import torch.nn.functional as F
 
 from moireaug import Develop, Panel, Scene, Sensor, develop
 from moireaug.camera import pipeline
+from moireaug.camera.effects.base import Effect, called
 from moireaug.camera.effects.resize import area_means, area_weights, resize, window_centres
 from moireaug.scene.geometry.lattice import sampled_pixels
 
@@ -87,3 +88,26 @@ def test_areas_that_do_not_divide_are_shared_exactly(n, m):
     ramp = torch.arange(n, dtype=torch.float64)[None, None, :, None] + 0.5
     middles = (torch.arange(m, dtype=torch.float64) + 0.5) * n / m
     assert (area_means(ramp, m)[0, 0, :, 0] - middles).abs().max() < (0.5 if m > n else 0.13)
+
+
+@pytest.mark.parametrize(("every", "side"), [(True, 144), (False, 48)])
+def test_an_effect_before_the_resize_may_ask_for_every_pixel(every, side, monkeypatch):
+    sizes = []
+
+    class Own(Effect):
+        name = "own"
+        needs_every_pixel = every
+
+        def verdict(self, scene):
+            return called("always")
+
+        def __call__(self, photo, shot):
+            sizes.append(tuple(photo.shape[-2:]))
+            return photo
+
+    place = [effect.name for effect in pipeline.DEVELOP].index("chroma_blur")
+    effects = (*pipeline.DEVELOP[:place], Own(), *pipeline.DEVELOP[place:])
+    monkeypatch.setattr(pipeline, "DEVELOP", effects)
+    scene = Scene(sensor=Sensor(scale=9.0), develop=Develop(resize="point"))
+    scene.capture(torch.rand(1, 3, 16, 16))
+    assert sizes == [(side, side)]

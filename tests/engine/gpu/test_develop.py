@@ -48,9 +48,9 @@ def shot_and_reading(scene, size, n=1):
 
 def assert_equal(scene, size, n=1):
     shot, raw = shot_and_reading(scene, size, n)
-    development = lower_development(shot)
-    precise = raw.double().requires_grad_()
     effects = execution_of(shot.scene, shot.plan).engine_effects
+    development = lower_development(shot, effects)
+    precise = raw.double().requires_grad_()
     expected = pipeline.apply(effects, precise, shot)
     ahead = torch.randn(expected.shape, generator=torch.Generator().manual_seed(3))
     (slope,) = torch.autograd.grad(expected, precise, ahead.double())
@@ -81,5 +81,6 @@ def test_another_development_is_not_equal():
     scene = SCENES["everything"]
     shot, raw = shot_and_reading(scene, (7, 10))
     other, _ = shot_and_reading(with_values(scene, {"develop.chroma_blur": 3.0}), (7, 10))
-    photo = gpu.develop(raw, lower_development(other))
+    effects = execution_of(other.scene, other.plan).engine_effects
+    photo = gpu.develop(raw, lower_development(other, effects))
     assert (photo - pipeline.develop(raw.double(), shot)).abs().max() > 0.01
