@@ -19,7 +19,7 @@ from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES
 from moireaug.attacks.square import SquareMoire
 
-ATTACKS: dict[str, type] = {
+ATTACKS: dict[str, type[Attack] | type[CW]] = {
     "ma": MoireAttack,
     "pgd": PGD,
     "bim": BIM,

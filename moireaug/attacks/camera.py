@@ -13,6 +13,7 @@ from torch import Tensor
 from moireaug.attacks.bounds import Bound
 from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.attacks.problem import Point, Problem
+from moireaug.camera.pipeline import effects_by_name
 from moireaug.capture import expose, photo_of_reading
 from moireaug.common.numeric import clip, select_rows
 from moireaug.scene.by_name import parts_with
@@ -30,9 +31,6 @@ NOISE_AT: dict[str, tuple[ShotFunction, ShotFunction]] = {
         lambda photo, shot: clip(photo),
     ),
 }
-
-# effects that mix a reading with others, scale it or shift it
-MIXING_EFFECTS = ("demosaic", "balance", "colour_matrix", "brighten")
 
 
 @dataclass(eq=False)
@@ -136,7 +134,9 @@ def _effective_range(noise_at: str, plan: Plan) -> tuple[float, float]:
     A reading outside [0, 1] counts where an effect can bring it back before codes are clipped,
     unless the converter's bits or, above 1, the full well clip it first.
     """
-    is_brought_back = any(effect in plan for effect in MIXING_EFFECTS) and "bits" not in plan
+    effects = effects_by_name()
+    is_mixed = any(effects[name].mixes_readings for name in plan.developing)
+    is_brought_back = is_mixed and "bits" not in plan
     if noise_at == "photo" or not is_brought_back:
         return 0.0, 1.0
     return -math.inf, 1.0 if "saturate" in plan else math.inf

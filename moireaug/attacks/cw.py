@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -14,7 +15,6 @@ from moireaug.attacks.checks import check_goals
 from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import (
-    attacked_logits,
     check_differentiable,
     evaluating,
     require_gradient,
@@ -55,6 +55,8 @@ class CW(NamesForeignArguments):
         TypeError, ValueError: settings of the wrong type or out of range.
     """
 
+    has_bound: ClassVar[bool] = False
+
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     c: float = 1.0
     binary_search_steps: int = 1
@@ -91,7 +93,7 @@ class CW(NamesForeignArguments):
             pixels = self._nearest(search, problem.base)
             photo = pixels.to(images.dtype)
             with torch.no_grad():
-                logits = attacked_logits(self.model, photo, labels)
+                logits = search.logits(photo, labels)
             search.check(logits)  # without steps, nothing was checked yet
             clean_correct = search.is_right_without_noise()
             correct = search.is_right(photo, logits)
@@ -127,12 +129,12 @@ class CW(NamesForeignArguments):
         for k in range(self.steps):
             candidate = (torch.tanh(w) + 1) / 2
             photo = candidate.to(search.problem.images.dtype)
-            logits = attacked_logits(self.model, photo, labels)
+            logits = search.logits(photo, labels)
             if k == 0:
                 search.check(logits)
                 check_differentiable(logits)
                 slopes = torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)
-                require_gradient(self.model, photo, labels, slopes)
+                require_gradient(self.model, photo, labels, slopes, rejects=search.rejects)
             distance = (candidate - x).square().sum((1, 2, 3))
             lead = margin(logits, labels, targets)
             # torch.clamp would pass no gradient where both classes tie

@@ -8,7 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -18,7 +18,6 @@ from moireaug.attacks.checks import check_eps, check_goals, check_sizes
 from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.losses import LOSSES, loss_curve
 from moireaug.attacks.model import (
-    attacked_logits,
     check_differentiable,
     evaluating,
     require_gradient,
@@ -67,6 +66,8 @@ class Attack(NamesForeignArguments, ABC):
     A model that rejects images says so by an attribute `rejects = True`, see `defenses.Rejecting`:
     its last logit is then not that of a class, and a success is an image that is let through.
     """
+
+    has_bound: ClassVar[bool] = True  # eps
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     eps: float = 4 / 255
@@ -207,7 +208,7 @@ class Attack(NamesForeignArguments, ABC):
         variables = {name: x.detach().requires_grad_(True) for name, x in active.items()}
         images = search.active.forward_views(variables)
         labels, targets = search.active_goals(search.loss_targets)
-        logits = attacked_logits(self.model, images, labels)
+        logits = search.logits(images, labels)
         if checks:
             search.check(logits)
             check_differentiable(logits)
@@ -215,7 +216,7 @@ class Attack(NamesForeignArguments, ABC):
         # a scene may have ranges that no photo of it depends on
         slopes = torch.autograd.grad(loss.sum(), list(variables.values()), allow_unused=True)
         if checks:
-            require_gradient(self.model, images, labels, slopes)
+            require_gradient(self.model, images, labels, slopes, rejects=search.rejects)
         gradients = {}
         for name, slope in zip(variables, slopes, strict=True):
             if slope is not None:

@@ -13,7 +13,12 @@ from torch import Tensor, nn
 
 from moireaug.attacks.answers import is_same_answer, rejection_as_label
 from moireaug.attacks.checks import check_classes
-from moireaug.common.networks import first_weight, in_evaluation_mode, networks_of
+from moireaug.common.networks import (
+    first_weight,
+    in_evaluation_mode,
+    networks_of,
+    rejects_of,
+)
 
 # messages of torch where weights and images differ in precision or device, or in channels
 TYPE_MISMATCH = r"same dtype|type .* should be the same|expected scalar type"
@@ -55,7 +60,7 @@ class Normalized(nn.Module):
                 f"all, and every std must be above 0; got mean = {mean}, std = {std}."
             )
         self.model = model
-        self.rejects = getattr(model, "rejects", False)
+        self.rejects = rejects_of(model)
         self.register_buffer("mean", means.view(-1, 1, 1), persistent=False)
         self.register_buffer("std", stds.view(-1, 1, 1), persistent=False)
 
@@ -165,12 +170,17 @@ def _undefined_if_undefined(
     return (None,) * len(inward) if all(gradient is None for gradient in outward) else None
 
 
-def attacked_logits(model: Callable[[Tensor], Tensor], images: Tensor, labels: Tensor) -> Tensor:
+def attacked_logits(
+    model: Callable[[Tensor], Tensor], images: Tensor, labels: Tensor, *, rejects: bool
+) -> Tensor:
     """Return the logits (B, K) that an attack on images (B, 3, H, W) with labels (B,) judges:
     rejecting an image is no success, see `rejection_as_label`. Differentiable; a model without a
-    gradient is refused by a backward pass, see `watched_copy`."""
+    gradient is refused by a backward pass, see `watched_copy`.
+
+    rejects: `rejects_of(model)`, which takes too long for every step.
+    """
     logits = model(watched_copy(images))
-    if not getattr(model, "rejects", False):
+    if not rejects:
         return logits
     check_classes(labels, logits, rejects=True)
     return rejection_as_label(logits, labels)
@@ -181,6 +191,8 @@ def require_gradient(
     images: Tensor,
     labels: Tensor,
     gradients: Sequence[Tensor | None],
+    *,
+    rejects: bool,
 ) -> None:
     """Refuse a model that has no gradient in images (B, 3, H, W), as `check_gradient` does, by the
     gradients that a step found. Where they are all zero, the model is asked again, to tell zeros
@@ -189,7 +201,7 @@ def require_gradient(
     if not len(images) or any(bool(slope.any()) for slope in gradients if slope is not None):
         return
     images = images.detach().requires_grad_()
-    logits = attacked_logits(model, images, labels)
+    logits = attacked_logits(model, images, labels, rejects=rejects)
     keep_undefined(logits)
     torch.autograd.grad(logits.sum(), images, allow_unused=True)
 
@@ -205,7 +217,7 @@ def class_count(model: Callable[[Tensor], Tensor], images: Tensor, labels: Tenso
     """Return the number of classes of a model, by its answer to the first of some images
     (B, 3, H, W), and refuse logits and labels as `check_classes` does."""
     logits = logits_without_gradient(model, images[:1])
-    rejects = getattr(model, "rejects", False)
+    rejects = rejects_of(model)
     check_classes(labels.amax(0, keepdim=True), logits, rejects=rejects)
     return logits.shape[1] - rejects
 

@@ -13,6 +13,7 @@ from moireaug.attacks.model import watched_copy
 from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.capture import capture, develop, expose
 from moireaug.common.argument_checks import check_callable, one_of
+from moireaug.common.networks import rejects_of
 from moireaug.scenes import Shot
 
 # the camera from each place of the noise to the photo
@@ -71,7 +72,7 @@ class Photographed(nn.Module):
         super().__init__()
         check_callable("Photographed's model", model)
         self.model, self.shot = model, shot
-        self.rejects = getattr(model, "rejects", False)
+        self.rejects = rejects_of(model)
         self.noise_at = one_of("noise_at", noise_at, CAMERAS)
         one_of("bound", bound, BOUNDS)
         self.dtype = images.dtype if isinstance(images, Tensor) else None

@@ -14,6 +14,7 @@ from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.losses import attack_margin, mean_cross_entropy
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.problem import Point, Problem
+from moireaug.common.networks import rejects_of
 from moireaug.common.numeric import select_rows
 
 
@@ -39,6 +40,8 @@ class Search:
         rounding: (n,) margins that rounding, which differs between batches, may bring about.
         losses: mean cross-entropy before each step of the last run.
         drops_fooled: whether fooled images take no further steps.
+        is_checked: whether logits have been checked, see `check`.
+        rejects: whether the model rejects images, see `networks.rejects_of`.
     """
 
     model: Callable[[Tensor], Tensor]
@@ -56,7 +59,8 @@ class Search:
         self.rounding = torch.zeros_like(self.margins)
         self.losses: list[Tensor] = []
         self.drops_fooled = False
-        self.rejects = getattr(self.model, "rejects", False)
+        self.is_checked = False
+        self.rejects = rejects_of(self.model)
 
     @property
     def is_over(self) -> bool:
@@ -94,13 +98,18 @@ class Search:
         # in a later run, the images that go on may well be those without an answer
         if len(self.rows) == len(self.labels):
             check_answers(logits, self.model, self.problem.images)
+        self.is_checked = True
+
+    def logits(self, images: Tensor, labels: Tensor) -> Tensor:
+        """Return the model's logits (N, K) of images (N, 3, H, W), see `attacked_logits`."""
+        return attacked_logits(self.model, images, labels, rejects=self.rejects)
 
     @torch.no_grad()
     def active_logits(self, point: Point) -> Tensor:
         """Return the logits (views * b, K) of the active images at a point."""
         images = self.active.forward_views(self.active_point(point))
-        logits = attacked_logits(self.model, images, self.active_goals(None)[0])
-        if not self.losses:
+        logits = self.logits(images, self.active_goals(None)[0])
+        if not self.is_checked:
             self.check(logits)
         return logits
 
@@ -108,7 +117,7 @@ class Search:
     def images_and_logits(self, point: Point) -> tuple[Tensor, Tensor]:
         """Return the n images that are judged at a point, (n, 3, H, W), and their logits (n, K)."""
         images = self.problem.render(point)
-        return images, attacked_logits(self.model, images, self.labels)
+        return images, self.logits(images, self.labels)
 
     @torch.no_grad()
     def is_right(self, images: Tensor, logits: Tensor) -> Tensor:
@@ -130,8 +139,9 @@ class Search:
     def keep(self, point: Point, logits: Tensor, *, may_drop: bool = False) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
         of the active images, and drop fooled images where `drops_fooled`: from now on with
-        `may_drop`, if the model, asked again, answers every active image alike."""
-        if may_drop:
+        `may_drop`, if the model, asked again, answers every active image alike; a model that does
+        is asked so no more."""
+        if may_drop and not self.drops_fooled:
             self.drops_fooled = bool(is_same_answer(logits, self.active_logits(point)).all())
         labels, targets = self.active_goals(self.targets)
         views = self.active.views

@@ -29,8 +29,8 @@ class SquareMoire(MoireAttack):
 
     Args:
         steps: queries per restart that try noise: one for the stripes, one for each window. One
-            more follows on the noise that is kept; with `until_fooled`, each restart asks its first
-            query twice, to see whether the model repeats its answer. The call's last queries judge
+            more follows on the noise that is kept; with `until_fooled`, a restart's first query is
+            asked twice, until the model has once repeated its answer. The call's last queries judge
             the result, and the images without noise.
         loss: a key of `attacks.LOSSES`, which a window must raise.
         others: see `MoireAttack`. Settings that only gradients use keep their defaults: step_size,

@@ -180,6 +180,28 @@ def _attributes_of(owner: Any) -> list[Any]:
     return [*owner.children(), *others]
 
 
+def rejects_of(model: object) -> bool:
+    """Return whether the last logit of a model is that of rejecting the image, which it says by an
+    attribute `rejects`; see `defenses.Rejecting`.
+
+    Raises:
+        ValueError: a network inside says that it rejects, and the model does not say whether.
+    """
+    rejects = getattr(model, "rejects", None)
+    if rejects is not None:
+        return bool(rejects)
+    for network in networks_of(model):
+        for module in network.modules():
+            if getattr(module, "rejects", False):
+                raise ValueError(
+                    f"a {type(module).__name__} inside the model rejects images, and the model, a "
+                    f"{type(model).__name__}, does not say so: its last logit would count as a "
+                    "class. Put the Rejecting outermost, or set the model's attribute rejects = "
+                    "True; or False, if it leaves that logit out."
+                )
+    return False
+
+
 def device_of(model: object) -> torch.device | None:
     """Return the device of the first weight of a module, and of the networks that `networks_of`
     finds in it, or else of a buffer, but for those of modules that move them to the images, which

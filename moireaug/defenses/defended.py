@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from moireaug.common.argument_checks import check_callable, check_whole
 from moireaug.common.image_checks import check_images
+from moireaug.common.networks import rejects_of
 from moireaug.defenses.base import Defence, output_of
 
 IMAGES_PER_CALL = 32  # of draws that are classified together: a call of one image costs much more
@@ -103,7 +104,7 @@ class Defended(nn.Module):
         self.defence = defence if isinstance(defence, Defence) else chain
         self.networks = nn.ModuleList(chain.networks)
         self.draws = draws
-        self.rejects = getattr(model, "rejects", False)
+        self.rejects = rejects_of(model)
         if draws > 1 and not self.randomised:
             raise ValueError(
                 f"draws = {draws} averages over draws of a random model or defence, and neither "

@@ -60,7 +60,7 @@ class Attacker(Condition):
     @property
     def base_name(self) -> str:
         words = [self.attack_name]
-        if self.attack_name != "cw":  # which has no bound, and takes every step
+        if self.has_bound:
             words += [in_255ths(self.eps), "targeted" if self.targeted else ""]
             words += [getattr(self, "variant", "")]
             words += [] if getattr(self, "until_fooled", True) else [EVERY_STEP]
@@ -72,6 +72,11 @@ class Attacker(Condition):
     def attack_name(self) -> str:
         """The name of the attack, with which its own begins."""
         return self.kind
+
+    @property
+    def has_bound(self) -> bool:
+        """Whether the attack has a bound, and may end where an image is fooled."""
+        return True
 
     @abstractmethod
     def attack_on(self, batch: EvalBatch) -> Callable[..., Result]:
@@ -200,18 +205,22 @@ class PixelAttacker(Attacker):
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of("attack", self.attack, PIXEL_ATTACKS)
-        if self.attack == "cw" and self.eps:
+        if not self.has_bound and self.eps:
             raise ValueError(
-                f"the attack 'cw' has no bound, which its rows state as eps = 0; got {self.eps}. "
-                "Pass eps=0, or another attack."
+                f"the attack {self.attack!r} has no bound, which its rows state as eps = 0; "
+                f"got {self.eps}. Pass eps=0, or another attack."
             )
 
     @property
     def attack_name(self) -> str:
         return self.attack
 
+    @property
+    def has_bound(self) -> bool:
+        return ATTACKS[self.attack].has_bound
+
     def attack_on(self, batch: EvalBatch) -> Callable[..., Result]:
         settings: dict[str, Any] = {"steps": self.steps}
-        if self.attack != "cw":
+        if self.has_bound:
             settings |= {"eps": self.eps, "until_fooled": self.until_fooled}
         return ATTACKS[self.attack](model=batch.model, **settings)

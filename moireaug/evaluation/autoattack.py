@@ -17,6 +17,7 @@ from moireaug.attacks import MoireAttack, MultiTargeted, SquareMoire
 from moireaug.attacks.losses import attack_margin
 from moireaug.attacks.model import attacked_logits, class_count, evaluating, repeats_answers
 from moireaug.attacks.result import Result
+from moireaug.common.networks import rejects_of
 from moireaug.common.numeric import select_rows
 from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import EvalBatch
@@ -91,7 +92,7 @@ def attack_shot(attack: MoireAttack, batch: EvalBatch) -> Result:
 def _margins(batch: EvalBatch, images: Tensor) -> Tensor:
     """Return the margins (B,) of images shown to the batch's model."""
     with evaluating(batch.model, images), torch.no_grad():
-        logits = attacked_logits(batch.model, images, batch.labels)
+        logits = attacked_logits(batch.model, images, batch.labels, rejects=rejects_of(batch.model))
     return attack_margin(logits, batch.labels)
 
 

@@ -10,6 +10,7 @@ from torch import Tensor
 from moireaug.attacks import predicted
 from moireaug.attacks.checks import check_classes
 from moireaug.attacks.model import logits_without_gradient
+from moireaug.common.networks import rejects_of
 from moireaug.defenses import Defended, restore_mean
 from moireaug.evaluation.conditions import EvalBatch, ImageTransform, Model
 from moireaug.evaluation.identity import identity_of
@@ -66,18 +67,20 @@ class Classifier:
         attacked = batch.model if self.model is None else self.model
         model = self.defended(attacked, batch.max_images)
         logits = logits_without_gradient(model, images)
-        rejects = getattr(model, "rejects", False)
+        rejects = rejects_of(model)
         check_classes(batch.labels, logits, rejects=rejects)
         return predicted(logits, rejects=rejects)
 
     @cached_property
     def identity(self) -> str:
-        """The identity in records: the name, those of defence and model, and the number of
-        draws."""
+        """The identity in records: the name, those of defence and model, whether the mean is
+        restored, and the number of draws."""
         parts = [self.name]
         for name, part in (("defence", self.defence), ("model", self.model)):
             if part is not None:
                 parts.append(f"{name} {identity_of(part)}")
+        if self.restores_mean:
+            parts.append("restores mean")
         if self.draws > 1:
             parts.append(f"draws {self.draws}")
         return "#".join(parts)

@@ -118,19 +118,18 @@ def evaluate(
         targets=targets or {},
         defences=paper_defences() | dict(defences or {}),
     )
-    batches = collect_batches(loader, n)
     tables = tables_of(suite, config)
     options = {"eps": eps, "targets": targets, "defences": defences, "lpips": lpips}
     for option, given in options.items():
         if given and isinstance(suite, str):
             check_used(suite, option, OPTION_SUITES[option])
     _check_defence_names(suite_name(suite), tables, config, defences or {})
-    lpips_network = None
-    if lpips is not None:
-        lpips_network = LPIPS(lpips)
-        lpips_network.require_side(min(min(images.shape[-2:]) for images, _ in batches))
     if folder is not None:
         _require_identities(model, identity, config)
+    lpips_network = None if lpips is None else LPIPS(lpips)
+    batches = collect_batches(loader, n)  # which may take long, so after all settings
+    if lpips_network is not None:
+        lpips_network.require_side(min(min(images.shape[-2:]) for images, _ in batches))
     labels = torch.cat([labels for _, labels in batches])
     images = batches[0][0].to(device_of(model))
     with restored_generators(images.device):  # before its identity holds on to its buffers

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
+from moireaug.common.networks import rejects_of
 from moireaug.evaluation.conditions import EvalBatch, Model
 
 T = TypeVar("T")
@@ -28,7 +29,7 @@ class InParts(nn.Module):
         super().__init__()
         self.model = model
         self.size = size
-        self.rejects = getattr(model, "rejects", False)
+        self.rejects = rejects_of(model)
         self.randomised = getattr(model, "randomised", False)
 
     def forward(self, images: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from moireaug.capture import photo_of
 from moireaug.common.image_checks import channels_last_hint, check_images, check_shape
-from moireaug.common.networks import first_weight, in_evaluation_mode
+from moireaug.common.networks import first_weight, in_evaluation_mode, rejects_of
 from moireaug.common.numeric import as_float, luma
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.track import DEFAULT_HAND, TRIPOD, track_of
@@ -88,7 +88,7 @@ def model_of_photos(
     def of_luma(photos: Tensor) -> Tensor:
         return model(luma(photos))
 
-    of_luma.rejects = getattr(model, "rejects", False)  # type: ignore[attr-defined]
+    of_luma.rejects = rejects_of(model)  # type: ignore[attr-defined]
     return of_luma
 
 

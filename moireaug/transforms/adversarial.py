@@ -18,6 +18,7 @@ from torchvision.tv_tensors import Video
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.checks import as_tensor, check_labels
 from moireaug.common.argument_checks import check_probability
+from moireaug.common.networks import rejects_of
 from moireaug.mixtures import SceneLike
 from moireaug.transforms._convert import as_float_rgb, as_input, as_model_takes, model_of_photos
 from moireaug.transforms._leaves import ANNOTATION_TYPES, IMAGE_TYPES, wrap
@@ -167,7 +168,7 @@ class AdversarialMoire(v2.Transform):
 def _with_classes(model: Callable[[Tensor], Tensor], n: int) -> Callable[[Tensor], Tensor]:
     """Return the model, of which logits of another number of classes than n are refused:
     ValueError."""
-    rejects = getattr(model, "rejects", False)
+    rejects = rejects_of(model)
 
     def answer(images: Tensor) -> Tensor:
         logits = model(images)

@@ -200,3 +200,13 @@ def test_classes_that_are_ruled_out_are_no_targets():
     attack = PGD(lambda x: deaf(x) + ruled_out, steps=1)
     result = MultiTargeted(attack)(torch.rand(2, 3, 8, 8), torch.tensor([0, 1]))
     assert result.success.tolist() == [False, True]
+
+
+def test_images_that_are_all_wrong_have_no_losses_as_no_step_was_taken(learnt):
+    model, images, _, shot = learnt
+    wrong = (predicted(model, capture(images, shot)) + 1) % 5
+    result = MultiTargeted(MoireAttack(model, scene=SCENE, eps=EPS, steps=2))(
+        images[:8], wrong[:8], shot=shot[:8]
+    )
+    assert len(result.loss) == 0 and "step" not in repr(result)
+    assert torch.equal(result.images, capture(images[:8], shot[:8]))

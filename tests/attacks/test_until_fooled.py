@@ -76,6 +76,24 @@ def test_a_fooled_batch_is_asked_no_more(problem):
     assert not result.noise.any() and len(result.loss) == 1
 
 
+def test_a_model_that_repeats_its_answers_is_asked_so_once(problem):
+    """Not in every restart, and not toward every class, which MultiTargeted has asked before."""
+    model, images, labels, shot = problem
+    calls = {}
+    for stops in (False, True):
+        for restarts in (1, 3):
+            counted, asked = counting(model)
+            attack = until_fooled(counted, eps=0.0, restarts=restarts, until_fooled=stops)
+            attack(images, labels, shot=shot)
+            calls[stops, restarts] = len(asked)
+        counted, asked = counting(model)
+        attack = until_fooled(counted, eps=0.0, until_fooled=stops)
+        MultiTargeted(attack, targets=2)(images, labels, shot=shot)
+        calls[stops, "classes"] = len(asked)
+    assert calls[True, 1] == calls[False, 1] + 1 and calls[True, 3] == calls[False, 3] + 1
+    assert calls[True, "classes"] == calls[False, "classes"]
+
+
 def test_training_asks_once_in_every_step(problem):
     """Whatever is fooled: the last images are those after all steps."""
     model, images, labels, shot = problem

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from torch import nn
 
 from moireaug import attacks, evaluation
 from moireaug.attacks import predicted
@@ -142,3 +143,22 @@ def test_an_excess_that_rounding_loses_rejects_with_its_gradient(dtype, excess, 
     logits = model(torch.rand(2, 3, 8, 8))
     assert (predicted(logits, rejects=True) == attacks.REJECTED).tolist() == [True, False]
     assert torch.autograd.grad(logits[:, -1].sum(), scores)[0].tolist() == [1, 1]
+
+
+def test_a_rejecting_model_inside_another_is_told_from_one_with_a_class_more(grey):
+    rejecting = Rejecting(bright, red, -9.0)
+    for model in (
+        nn.Sequential(nn.Identity(), rejecting),
+        nn.DataParallel(rejecting),
+        lambda images: rejecting(images),
+    ):
+        with pytest.raises(ValueError, match=r"a Rejecting inside .* attribute rejects = True"):
+            attacks.PGD(model, steps=1)(*grey)
+        with pytest.raises(ValueError, match="a Rejecting inside"):
+            evaluation.evaluate(model, [grey], suite="ladder", steps=0, progress=False)
+        with pytest.raises(ValueError, match="a Rejecting inside"):
+            Defended(model, Compose(()))
+        model.rejects = True
+        assert not attacks.PGD(model, eps=0.5, steps=1)(*grey).success.any()
+        model.rejects = False  # its last logit is that of a class
+        assert attacks.PGD(model, eps=0.5, steps=1)(*grey).success.all()

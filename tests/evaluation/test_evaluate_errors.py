@@ -96,3 +96,21 @@ def test_mistakes_get_a_sentence(known, tmp_path, monkeypatch):
         said = refusal(lambda call=call: evaluate(**call))
         assert re.search(message, said), f"{said!r} is not {message!r}"
         assert not list(tmp_path.iterdir()), message
+
+
+def test_settings_are_refused_before_a_batch_is_read(known, tmp_path):
+    read = []
+
+    def batches():
+        read.append(True)
+        yield from known[1]
+
+    for change in (
+        {"suite": "laddder"},
+        {"eps": 0.1, "suite": "unseen"},
+        {"defences": {"mine": JPEG(20)}, "suite": "ladder"},
+        {"lpips": tmp_path / "missing.pth"},
+        {"model": unknown, "folder": tmp_path / "out"},
+    ):
+        call = {"model": known[0], "loader": batches(), "progress": False} | change
+        assert refusal(lambda call=call: evaluate(**call)) and not read, change

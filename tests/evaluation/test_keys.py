@@ -257,5 +257,7 @@ def test_a_key_changes_with_model_scene_pixels_and_classifier(known):
         key(seed=4),
         key(classifier=Classifier("mine", defence=JPEG(20))),
         key(classifier=Classifier("mine", defence=JPEG(80))),
+        key(classifier=Classifier("mine")),
+        key(classifier=Classifier("mine", restores_mean=True)),
     ]
     assert len(set(keys)) == len(keys)

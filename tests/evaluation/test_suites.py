@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from moireaug import Scene
+from moireaug.attacks import ATTACKS, CW
 from moireaug.defenses import JPEG
 from moireaug.evaluation import (
     GROUPS,
@@ -239,3 +240,15 @@ def test_a_condition_is_called_like_its_row():
     (table,) = tables_of("full_ladder", CONFIG)
     (cell,) = [cell for cell in table.cells if cell.row == "pose_unknown_4"]
     assert cell.conditions[0].name == "pose_unknown_4"
+
+
+def test_an_attack_says_whether_it_has_a_bound(monkeypatch):
+    """Whatever its name."""
+    for attack in ATTACKS.values():
+        settings = {field.name for field in dataclasses.fields(attack)}
+        assert attack.has_bound == ("eps" in settings)
+    monkeypatch.setitem(ATTACKS, "pgd", CW)
+    with pytest.raises(ValueError, match="'pgd' has no bound"):
+        PixelAttacker(attack="pgd", eps=0.1, steps=1)
+    assert PixelAttacker(attack="pgd", eps=0.0, steps=1, until_fooled=False).name == "pgd"
+    assert PixelAttacker(attack="cw", eps=0.0, steps=1, until_fooled=False).name == "cw"

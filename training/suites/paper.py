@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from moireaug.attacks import Patch
+from moireaug.attacks import ATTACKS, Patch
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.autoattack import APGDAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, averaging_classifier
@@ -51,7 +51,7 @@ def paper_attacks(config: SuiteConfig) -> dict[str, Condition]:
     eps, steps = config.middle, config.steps
     conditions = controls(eps) | {"ma": moire_attacker(config)}
     for name in ("bim", "pgd", "cw", "mifgsm"):
-        bound = 0.0 if name == "cw" else eps
+        bound = eps if ATTACKS[name].has_bound else 0.0
         conditions[name] = PixelAttacker(attack=name, eps=bound, steps=steps, until_fooled=False)
     return conditions
 

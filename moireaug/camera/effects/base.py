@@ -35,6 +35,8 @@ class Effect(ABC):
 
     name: str
     is_listed = True  # in a plan; effects that only clip are not
+    # with others, scales or shifts them, before codes are clipped: one outside [0, 1] counts
+    mixes_readings = False
 
     @abstractmethod
     def verdict(self, scene: SceneRecord) -> Verdict:

@@ -24,6 +24,7 @@ class Demosaic(Effect):
     """
 
     name = "demosaic"
+    mixes_readings = True
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         if scene.filter_cell == "none":

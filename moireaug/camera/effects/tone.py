@@ -23,6 +23,7 @@ class Balance(Effect):
     """Multiplies red and blue by a gain each."""
 
     name = "balance"
+    mixes_readings = True
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         red, blue = scene.develop.red, scene.develop.blue
@@ -39,6 +40,7 @@ class ColourMatrix(Effect):
     """Undoes the filters' crosstalk and sets the saturation."""
 
     name = "colour_matrix"
+    mixes_readings = True
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         crosstalk, saturation = scene.sensor.crosstalk, scene.develop.saturation
@@ -72,6 +74,7 @@ class Brighten(Effect):
     """Adds a number to the codes."""
 
     name = "brighten"
+    mixes_readings = True
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         brighten = scene.develop.brighten

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from moireaug.attacks import LOSSES, evaluating
 from moireaug.attacks.model import attacked_logits, repeats_answers
+from moireaug.common.networks import rejects_of
 from moireaug.common.numeric import widen_half
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.attackers import MoireAttacker
@@ -63,7 +64,7 @@ class PhotoGradient(Photo):
         model = UNDEFENDED.defended(batch.model, batch.max_images)
         with evaluating(model, images), torch.enable_grad():
             photo = images.detach().clone().requires_grad_()
-            logits = attacked_logits(model, photo, batch.labels)
+            logits = attacked_logits(model, photo, batch.labels, rejects=rejects_of(model))
             if logits.requires_grad:
                 loss = LOSSES["ce"](widen_half(logits), batch.labels).sum()
                 (gradient,) = torch.autograd.grad(loss, photo, allow_unused=True)
