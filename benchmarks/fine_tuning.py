@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 
 import pandas as pd
 import torch
+from hydra import compose, initialize
 from torch import Tensor, nn
 from torchvision.transforms import v2
 
@@ -39,8 +40,8 @@ from moireaug.evaluation.statistics import wilson
 from training.classifier.adversaries import TrainingAdversary
 from training.classifier.original import keep_answers
 from training.classifier.train import classifier_of, train_model
-from training.config.compose import default_config
-from training.config.schema import Config
+from training.config.compose import RECIPE_GROUPS, register
+from training.config.schema import Config, as_config
 from training.data.real_pairs import find_pairs, read_codes
 from training.data.splits import Splits
 from training.recipe.phases import load_data
@@ -112,7 +113,9 @@ TREATMENTS: dict[str, Treatment] = {
 
 def settings_of(treatment: Treatment, weights: Path, images: Path, effort: Effort) -> Config:
     """Return the settings of the recipe for one network and treatment."""
-    cfg = default_config("moire_tune", "folder")
+    register("fine_tuning", Config, RECIPE_GROUPS, None)
+    with initialize(version_base="1.3", config_path=None):
+        cfg = as_config(compose("fine_tuning", ["recipe=moire_tune", "data=folder"]))
     data = replace(cfg.data, root=str(images), size=effort.side, train=effort.train)
     return replace(
         cfg,

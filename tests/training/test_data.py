@@ -139,10 +139,10 @@ sets.TORCHVISION_SETS["new"] = row
 from torchvision import datasets
 make = datasets.FakeData
 datasets.FakeData = lambda root, size, transform, download: make(size, transform=transform)
+from tests.training.small import configured
 from training import fit
-from training.config.compose import default_config
 from training.data.load import load
-cfg = default_config("clean", "new")
+cfg = configured("recipe=clean", "data=new")
 fit.check(cfg)
 splits = load(cfg.data)
 print(cfg.data.augment, len(splits.train), len(splits.test), splits.num_classes)

@@ -49,6 +49,13 @@ def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
         }
 
 
+def test_the_plain_runs_of_a_job_are_not_composed_by_hydra(monkeypatch):
+    cfg = configured("recipe=moire_at", "data=gtsrb")
+    composing = "hydra._internal.config_loader_impl.ConfigLoaderImpl.load_configuration"
+    monkeypatch.setattr(composing, lambda *_: pytest.fail("composed again, for a second"))
+    assert start_config(cfg).recipe == "clean" and baseline_config(cfg).recipe == "baseline"
+
+
 def test_a_wrong_model_is_found_before_the_data_are_made(monkeypatch, tmp_path):
     monkeypatch.setattr(phases, "load", lambda cfg: pytest.fail("time was spent"))
     cfg = configured("recipe=clean", "model=resnet19", f"runs={tmp_path}")

@@ -1,8 +1,6 @@
 """The configurations that Hydra composes, of settings, data sets and recipes; and the text of
 --help."""
 
-import contextlib
-import functools
 import inspect
 import itertools
 import re
@@ -11,12 +9,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize
 from hydra.core.config_store import ConfigStore
-from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
-from training.config.schema import DATA, DEFAULT_DATA, EPOCHS, RECIPES, Config, as_config
+from training.config.schema import DATA, DEFAULT_DATA, EPOCHS, RECIPES
 from training.config.settings import Setting, as_argument, settings_of
 
 HYDRA_FOLDERS = {
@@ -57,17 +53,6 @@ def register(
     text = help_text(description, schema, default_groups).replace("$", "$$")  # of string.Template
     help_page = {"help": {"template": text}}
     store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS | help_page})
-
-
-@functools.cache
-def default_config(recipe: str, data: str) -> Config:
-    """Return the settings of a recipe on a data set, as Hydra composes them."""
-    register("default", Config, RECIPE_GROUPS, None)
-    with contextlib.ExitStack() as stack:
-        if not GlobalHydra().is_initialized():  # in a command's own process it is
-            stack.enter_context(initialize(version_base="1.3", config_path=None))
-        config: Config = as_config(compose("default", [f"recipe={recipe}", f"data={data}"]))
-    return config
 
 
 def recipe_files() -> list[Path]:

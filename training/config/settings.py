@@ -2,6 +2,7 @@
 derived from the table of these."""
 
 import dataclasses
+import functools
 import math
 import os
 from collections.abc import Callable, Mapping
@@ -9,6 +10,7 @@ from dataclasses import dataclass, field, is_dataclass, replace
 from keyword import iskeyword
 from numbers import Real
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Any, TypeVar, get_type_hints
 
 from omegaconf import MISSING
@@ -87,6 +89,11 @@ def settings_of(schema: Any) -> Mapping[str, Setting]:
     """Return the settings of a dataclass and of its sections, by their keys on a command line.
 
     A field that is named after a keyword of Python with an underscore loses it: in_ is in=."""
+    return _declared_settings(schema)
+
+
+@functools.cache
+def _declared_settings(schema: Any) -> Mapping[str, Setting]:
     settings: dict[str, Setting] = {}
     types = get_type_hints(schema)
     for one in dataclasses.fields(schema):
@@ -101,7 +108,7 @@ def settings_of(schema: Any) -> Mapping[str, Setting]:
             default = one.default_factory()
         declared: Setting = one.metadata["setting"]
         settings[key] = replace(declared, key=key, type=types[one.name], default=default)
-    return settings
+    return MappingProxyType(settings)
 
 
 def field_of(key: str) -> str:

@@ -11,8 +11,7 @@ from typing import Any, Generic, TypeVar
 from omegaconf import OmegaConf
 
 from moireaug.common.files import write_text
-from training.config.compose import default_config
-from training.config.schema import Config, RunConfig
+from training.config.schema import RECIPES, Adversary, Config, RunConfig, Train
 from training.runs.identity import (
     group_of,
     result_fingerprint,
@@ -159,10 +158,9 @@ def baseline_of(run: Run[Config]) -> Run[Config] | None:
 
 def _plain_run(cfg: Config, recipe: str) -> Run[Config]:
     """Return the run of a recipe of `PLAIN_RECIPES`, all other settings as in `cfg`."""
-    plain = default_config(recipe, cfg.data.name)
-    train = replace(cfg.train, init=plain.train.init, length=plain.train.length)
-    adversary = replace(plain.adversary)  # the default is shared
-    return Run(replace(cfg, recipe=recipe, adversary=adversary, train=train, resume=None))
+    own = Train(**OmegaConf.load(RECIPES / f"{recipe}.yaml").train)
+    train = replace(cfg.train, init=own.init, length=own.length)
+    return Run(replace(cfg, recipe=recipe, adversary=Adversary(), train=train, resume=None))
 
 
 @contextlib.contextmanager
