@@ -123,11 +123,15 @@ class Attack(NamesForeignArguments, ABC):
                 finite for any of the images.
         """
         with self.prepared(images, labels, targets, shot, generator) as batch:
-            results = []
-            for search in self.searches(batch):
-                self.run_restarts(search)
-                results.append(self.result(search))
-            return self.join_results(batch.shot, results)
+            return self.attack_batch(batch, self.run_restarts)
+
+    def attack_batch(self, batch: Batch, run: Callable[[Search], None]) -> Result:
+        """Return the Result of a batch from `prepared`; run: the steps of the search of a scene."""
+        results = []
+        for search in self.searches(batch):
+            run(search)
+            results.append(self.result(search))
+        return self.join_results(batch.shot, results)
 
     def last(
         self,

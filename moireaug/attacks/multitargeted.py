@@ -64,11 +64,7 @@ class MultiTargeted(NamesForeignArguments):
         """
         attack = self.attack
         with attack.prepared(images, labels, None, shot, generator) as batch:
-            results = []
-            for search in attack.searches(batch):
-                self._run_toward_classes(search)
-                results.append(attack.result(search))
-            return attack.join_results(batch.shot, results)
+            return attack.attack_batch(batch, self._run_toward_classes)
 
     def _run_toward_classes(self, search: Search) -> None:
         """Run the attack toward each class in turn, on the images that are still right."""

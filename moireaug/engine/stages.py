@@ -139,7 +139,8 @@ def _report_unfollowed(scene: SceneRecord, n: int, total: int) -> None:
     logging.getLogger("moireaug").warning(
         f"moireaug's kernels cannot follow the views of {n} of these {total} photos, which PyTorch "
         "computes instead; this takes many times longer. Views near the horizon are the usual "
-        "reason: narrow the ranges of View.yaw, pitch and fov. This is said once for each scene."
+        "reason: narrow the ranges of View.yaw and pitch, or photograph from farther away, with a "
+        "smaller View.fov or, of crops, a larger Sensor.focal. This is said once for each scene."
     )
 
 
