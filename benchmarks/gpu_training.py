@@ -14,7 +14,7 @@ ATTACKED_SHARE = "adversary.share=0.625"  # of the batch that is attacked, in bo
 RECIPES = {
     "plain": ["recipe=clean"],
     "RandomMoire on the batch": ["recipe=moire_aug", "adversary.natural=1.0"],
-    "pgd_at": ["recipe=pgd_at", ATTACKED_SHARE],
+    "pgd_at": ["recipe=pgd_at", ATTACKED_SHARE, "adversary.natural=0"],
     "moire_at": ["recipe=moire_at", ATTACKED_SHARE],
 }
 # a step with as many passes of the network, and no camera

@@ -129,14 +129,14 @@ NO_EFFECT = {
     "recipe=pgd_at adversary.bound=light": "on adversary.kind=pgd: leave it out; it is for moire_",
     "recipe=pgd_at adversary.draws=3": "on adversary.kind=pgd",
     "recipe=pgd_at adversary.optimise=[view]": "on adversary.kind=pgd",
-    "recipe=pgd_at adversary.moire=false": "on adversary.kind=pgd",
+    "recipe=pgd_at adversary.moire=false adversary.natural=0": "on adversary.kind=pgd",
     "recipe=moire_aug adversary.eps=0.1": "on adversary.kind=none",
     "recipe=moire_aug adversary.steps=2": "on adversary.kind=none",
     "recipe=moire_aug adversary.warmup=0.5": "on adversary.kind=none",
     "recipe=moire_at train.kept=0.5": "on train.target=labels",
 }
 AN_EFFECT = (
-    "recipe=pgd_at adversary.share=0.5 adversary.natural=0.5 adversary.moire=false",
+    "recipe=pgd_at adversary.moire=false",
     "recipe=moire_aug adversary.moire=false",
     "recipe=moire_at adversary.natural=0 adversary.moire=false adversary.bound=light",
 )

@@ -1,10 +1,14 @@
 """The sign data set: the same for the same seed, balanced, and neither trivial nor noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from training.config.schema import DATA
 from training.data import sign_backgrounds, signs
+from training.data.load import load
 
 CLASS_COUNT = len(signs.CLASSES)
 
@@ -110,3 +114,15 @@ def test_mean_colour_alone_does_not_give_the_class_away(train, test):
 def test_a_size_at_which_the_signs_look_alike_is_refused():
     with pytest.raises(ValueError, match="size=8 is too small to tell the signs apart"):
         signs.make("train", 1, size=8)
+
+
+def test_another_data_seed_draws_other_images():
+    first, again, other = (
+        load(replace(DATA["signs"], size=16, train=16, val=16, test=16, seed=seed)).test
+        for seed in (0, 0, 1)
+    )
+    images, same, different = (
+        torch.stack([image for image, _ in one]) for one in (first, again, other)
+    )
+    assert torch.equal(images, same)
+    assert not (images == different).flatten(1).all(1).any()

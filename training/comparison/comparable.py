@@ -81,7 +81,7 @@ def recipe_settings(metrics: RunMetrics) -> Settings:
 def image_settings(metrics: Metrics) -> Settings:
     """Return the settings of the data that its test images depend on."""
     data = metrics.config["data"]
-    settings = {name: data[name] for name in ("name", "size", "test", "class_index")}
+    settings = {name: data[name] for name in ("name", "size", "test", "seed", "class_index")}
     if data["name"] == "folder":  # other data sets are the same in any folder
         settings["root"] = data["root"]
     return settings

@@ -55,6 +55,7 @@ class Data:
         None, "validation images; null: 10 % of the training images", bounds=(1, None)
     )
     test: int | None = setting(None, "test images; null: all", bounds=(1, None), tests=True)
+    seed: int = setting(0, "of the drawn images", bounds=(0, MAX_SEED), only_for=("signs",))
     class_index: str | None = setting(
         None,
         "CSV of folder (or wnid) and class_index of published weights",

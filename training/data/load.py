@@ -33,8 +33,8 @@ class Signs(Dataset):
     Args: as in `signs.make`.
     """
 
-    def __init__(self, split: str, n: int, size: int) -> None:
-        self.split, self.n, self.size = split, n, size
+    def __init__(self, split: str, n: int, size: int, seed: int) -> None:
+        self.split, self.n, self.size, self.seed = split, n, size, seed
 
     def __len__(self) -> int:
         return self.n
@@ -45,7 +45,7 @@ class Signs(Dataset):
 
     @functools.cached_property
     def _images_and_labels(self) -> tuple[Tensor, Tensor]:
-        return signs.make(self.split, self.n, self.size)
+        return signs.make(self.split, self.n, self.size, self.seed)
 
 
 def _load_signs(cfg: Data) -> Splits:
@@ -54,6 +54,6 @@ def _load_signs(cfg: Data) -> Splits:
         n = getattr(cfg, part)
         if n is None:
             n = getattr(DATA["signs"], part)
-        parts[part] = Signs(part, n, cfg.size)
+        parts[part] = Signs(part, n, cfg.size, cfg.seed)
     classes = dict(enumerate(signs.CLASSES))
     return Splits(parts["train"], parts["val"], parts["test"], classes, len(classes))
