@@ -4,6 +4,7 @@ return logits."""
 from typing import NoReturn
 
 from moireaug.attacks.answers import REJECTED, UNDECIDED, predicted
+from moireaug.attacks.base import ModelAttack
 from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.checks import NoAnswerError
 from moireaug.attacks.cw import CW
@@ -19,7 +20,7 @@ from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES
 from moireaug.attacks.square import SquareMoire
 
-ATTACKS: dict[str, type[Attack] | type[CW]] = {
+ATTACKS: dict[str, type[ModelAttack]] = {
     "ma": MoireAttack,
     "pgd": PGD,
     "bim": BIM,

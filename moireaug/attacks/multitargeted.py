@@ -62,11 +62,10 @@ class MultiTargeted(NamesForeignArguments):
         Photos that a deterministic model gets wrong without an attack are returned unchanged.
         `loss` in the Result is of the last class that was tried, over the images that were left.
         """
-        attack = self.attack
-        with attack.prepared(images, labels, None, shot, generator) as batch:
-            return attack.attack_batch(batch, self._run_toward_classes)
+        run, join = self._run_toward_classes, self.attack.join_results
+        return self.attack.in_scenes(run, images, labels, None, shot, generator, join)
 
-    def _run_toward_classes(self, search: Search) -> None:
+    def _run_toward_classes(self, search: Search) -> Result:
         """Run the attack toward each class in turn, on the images that are still right."""
         point = search.problem.clean_point()
         _, logits = search.images_and_logits(point)
@@ -86,3 +85,4 @@ class MultiTargeted(NamesForeignArguments):
                 break
             search.loss_targets = targets
             self.attack.run_restarts(search)
+        return self.attack.result(search)

@@ -52,15 +52,11 @@ class SeededBatch:
         offset = torch.randint(1, self.classes, shape, generator=generator, device="cpu")
         return (self.labels + offset.to(self.labels)) % self.classes
 
-    def shots(self, scene: Scene | Mixture) -> list[tuple[Tensor, Shot]]:
-        """Draw a shot for each image: for each scene of a mixture, the rows (b,) of its images, and
-        their shot."""
+    def shot(self, scene: Scene | Mixture) -> Shot | MixedShot:
+        """Draw a shot for each image."""
         size = (self.images.shape[-2], self.images.shape[-1])
         shot = scene.sample(len(self.images), size, self.generator(SHOT_STREAM))
-        shot = shot.to(self.images.device)
-        if isinstance(shot, MixedShot):
-            return shot.by_scene()
-        return [(torch.arange(len(self.images), device=self.images.device), shot)]
+        return shot.to(self.images.device)
 
     def generator(self, stream: int, *names: str) -> torch.Generator:
         """Return the generator of a stream, and of the condition of that name."""

@@ -7,8 +7,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -32,9 +31,9 @@ from moireaug.evaluation.loader import Batches
 from moireaug.evaluation.memory import within_memory
 from moireaug.evaluation.records import Record, Records
 from moireaug.evaluation.tables import Table
-from moireaug.scene.mixed_shot import join_rows
+from moireaug.scene.mixed_shot import per_scene
+from moireaug.scenes import Shot
 
-T = TypeVar("T")
 CLEAN = Clean()
 
 
@@ -160,34 +159,36 @@ class Runner:
                 pending.append(classifier)
         return pending
 
-    def _by_scene(self, condition: Condition, batch: SeededBatch) -> list[tuple[Tensor, EvalBatch]]:
-        """Return a batch for each scene of a mixture, with its rows (b,) in the whole batch."""
-        generator = batch.generator(CONDITION_STREAM, condition.name)
-        settings: dict[str, Any] = {"lpips": self.setup.lpips, "bound": self.setup.bound}
-        batches = []
-        for rows, shot in batch.shots(self.setup.scene_of(condition)):
-            own = batch.images[rows], batch.labels[rows], batch.targets[rows]
-            batches.append((rows, EvalBatch(self.model, *own, shot, generator, **settings)))
-        return batches
-
     def _classify(
         self, condition: Condition, classifiers: Sequence[Classifier], batch: SeededBatch
     ) -> list[Record]:
         """Show the images of a condition to classifiers; return a record of each."""
-        parts = self._by_scene(condition, batch)
-        rows = [own for own, _ in parts]
+        setup, whole_shot = self.setup, batch.shot(self.setup.scene_of(condition))
+        generator = batch.generator(CONDITION_STREAM, condition.name)
+
+        def in_scenes(compute: Callable[..., Any], *shown: Tensor, join: Any = None) -> Any:
+            """Return what `compute` makes of the images in each scene and what is shown of them."""
+
+            def in_scene(shot: Shot, images: Tensor, *others: Tensor) -> Any:
+                labels, targets, *shown = others
+                settings = generator, setup.lpips, setup.bound
+                part = EvalBatch(self.model, images, labels, targets, shot, *settings)
+                return within_memory(lambda part: compute(part, *shown), part)
+
+            goals = batch.labels, batch.targets
+            return per_scene(whole_shot, in_scene, batch.images, *goals, *shown, join=join)
+
         with restored_generators(batch.labels.device), torch.no_grad():
             torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
-            images = join_rows(rows, [within_memory(condition.show, one) for _, one in parts])
+            images = in_scenes(condition.show)
             seconds_shown = _seconds_since(start, images.device)
-            shown = [(one, images[own]) for own, one in parts]
-            measured = _by_name(rows, _in_scenes(condition.measure, shown))
+            measured = in_scenes(condition.measure, images, join=_by_name)
             records = []
             for classifier in classifiers:
                 torch.manual_seed(batch.seed_of(ANSWER_STREAM, condition.name, classifier.name))
                 start = time.perf_counter()
-                predicted = join_rows(rows, _in_scenes(classifier.predictions, shown))
+                predicted = in_scenes(classifier.predictions, images)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
                     "key": self.key(condition, classifier, batch.index),
@@ -207,11 +208,6 @@ class Runner:
         if batch.index == 0:
             self.records.keep_picture(self.picture_name(condition), images)
         return records
-
-
-def _in_scenes(compute: Callable[..., T], shown: Iterable[tuple[EvalBatch, Tensor]]) -> list[T]:
-    """Return what `compute` makes of each scene's batch and its shown images."""
-    return [within_memory(partial(compute, images=images), batch) for batch, images in shown]
 
 
 def _by_name(

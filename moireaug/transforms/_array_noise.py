@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from moireaug.attacks import MoireAttack
+from moireaug.attacks.search import Search
 from moireaug.common.networks import device_of
 from moireaug.scenes import Shot
 from moireaug.transforms._arrays import check_same, planes
@@ -54,9 +55,11 @@ def last_noise(
     generator: torch.Generator,
 ) -> torch.Tensor:
     """Return the noise (B, ...) of the images of `Attack.last`; arguments as there."""
-    with attack.prepared(images, labels, None, shot, generator) as batch:
-        (search,) = attack.searches(batch)
+
+    def noise_after_last(search: Search) -> torch.Tensor:
         return search.problem.noise_of(attack.run(search, keeps=False))
+
+    return attack.in_scenes(noise_after_last, images, labels, None, shot, generator)
 
 
 def noise_of(

@@ -1,0 +1,126 @@
+"""A call of an attack: its arguments checked, its shot drawn, and a search in each scene."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from moireaug.attacks.checks import check_goals
+from moireaug.attacks.foreign import NamesForeignArguments
+from moireaug.attacks.model import evaluating
+from moireaug.attacks.problem import Problem
+from moireaug.attacks.result import Result, join_results
+from moireaug.attacks.search import Search
+from moireaug.common.argument_checks import check_callable
+from moireaug.common.image_checks import check_images
+from moireaug.scene.mixed_shot import MixedShot, per_scene
+from moireaug.scenes import Shot
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelAttack(NamesForeignArguments, ABC):
+    """An attack on a model: a subclass defines the problem of a batch, and the search in it."""
+
+    has_bound: ClassVar[bool] = True  # eps
+
+    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_callable("an attack's model", self.model)
+
+    @abstractmethod
+    def problem(self, images: Tensor, shot: Any, generator: torch.Generator | None) -> Problem:
+        """Return the problem of images in one scene: how noise becomes its images."""
+
+    @abstractmethod
+    def attack(self, search: Search) -> Result:
+        """Search, and return the Result."""
+
+    def draw(
+        self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
+    ) -> Shot | MixedShot | None:
+        """Return the shot of a batch, given or drawn. Without a camera, one is refused."""
+        if shot is not None:
+            raise ValueError(
+                "a pixel attack has no camera: leave shot out, or use attacks.MoireAttack."
+            )
+        return None
+
+    def __call__(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        targets: Tensor | None = None,
+        *,
+        shot: Shot | MixedShot | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Result:
+        """Attack a batch.
+
+        Args:
+            images: (B, 3, H, W) float in [0, 1].
+            labels: (B,) int64 true classes.
+            targets: (B,) int64 classes to reach; None is untargeted.
+            shot: parameters of the photo that is attacked, in its own scene; None draws them.
+            generator: CPU generator of that draw and of random starts; None is torch's global one.
+
+        Raises:
+            TypeError, ValueError: images, labels or logits of the wrong type, shape or range;
+                targets that equal their labels; a model without a gradient, or whose logits are not
+                finite for any of the images; a shot of an attack without a camera.
+        """
+        join = self.join_results
+        return self.in_scenes(self.attack, images, labels, targets, shot, generator, join)
+
+    def in_scenes(
+        self,
+        run: Callable[[Search], Any],
+        images: Tensor,
+        labels: Tensor,
+        targets: Tensor | None,
+        shot: Shot | MixedShot | None,
+        generator: torch.Generator | None,
+        join: Callable[..., Any] | None = None,
+    ) -> Any:
+        """Return what `run` makes of a search of the images in each scene, in the order of the
+        batch. Each search begins where the one before it has ended, as all draw from one generator.
+
+        join: makes one of the shot, the rows (b,) of each scene and what `run` made of it; None
+            joins tensors (b, ...). The other arguments, errors: as of a call.
+        """
+        images = check_images(images)
+        with evaluating(self.model, images):
+            images = images.detach().clone()
+            labels, targets = check_goals(images, labels, targets)
+            drawn: Any = self.draw(images, shot, generator)
+
+            def run_in_scene(
+                shot: Shot, images: Tensor, labels: Tensor, targets: Tensor | None
+            ) -> Any:
+                problem = self.problem(images, shot, generator)
+                return run(self.search(problem, labels, targets, generator))
+
+            join = None if join is None else partial(join, drawn)
+            return per_scene(drawn, run_in_scene, images, labels, targets, join=join)
+
+    def search(
+        self,
+        problem: Problem,
+        labels: Tensor,
+        targets: Tensor | None,
+        generator: torch.Generator | None,
+    ) -> Search:
+        """Return the search in a problem."""
+        return Search(self.model, problem, labels, targets, generator)
+
+    def join_results(
+        self, shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result]
+    ) -> Result:
+        """Return the Results of the scenes of a shot as that of the whole shot."""
+        return join_results(shot, rows, results)
