@@ -1,4 +1,5 @@
-"""A call of an attack: its arguments checked, its shot drawn, and a search in each scene."""
+"""A call of an attack: its arguments checked, those of other libraries named, its shot drawn, and a
+search in each scene."""
 
 from __future__ import annotations
 
@@ -6,13 +7,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.checks import check_goals
-from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Problem
 from moireaug.attacks.result import Result, join_results
@@ -21,6 +21,48 @@ from moireaug.common.argument_checks import check_callable
 from moireaug.common.image_checks import check_images
 from moireaug.scene.mixed_shot import MixedShot, per_scene
 from moireaug.scenes import Shot
+
+ATTACK_ADVICE = {
+    "FGSM": "attacks.BIM(model, steps=1) is FGSM",
+    "APGD": 'pass rule="apgd", as in attacks.PGD(model, rule="apgd", steps=100)',
+    "APGDT": 'take attacks.MultiTargeted(attacks.PGD(model, rule="apgd", loss="dlr", steps=100))',
+    "AutoAttack": (
+        'evaluation.evaluate(model, loader, suite="standard") attacks by three of its four '
+        "attackers, and attacks.Photographed puts a camera in front of a model for the original"
+    ),
+    "Square": "attacks.SquareMoire searches without gradients",
+    "PGDL2": "noise is bounded in L-infinity; attacks.CW minimises the L2 distance",
+}
+STEPS_ADVICE = "pass steps="
+EPS_ADVICE = "pass eps=, in [0, 1] units"
+ARGUMENT_ADVICE = {
+    "alpha": "pass step_size=, in units of eps: alpha / eps",
+    "eps_step": "pass step_size=, in units of eps: eps_step / eps",
+    "targeted": "pass targets to the call: attack(images, labels, targets)",
+    "epsilon": EPS_ADVICE,
+    "max_iter": STEPS_ADVICE,
+    "iterations": STEPS_ADVICE,
+    "n_queries": STEPS_ADVICE,
+    "kappa": "pass confidence= to attacks.CW",
+    "decay": "the momentum's decay is 1 here, as published: leave it out",
+    "norm": "noise is bounded in L-infinity; attacks.CW minimises the L2 distance",
+}
+
+
+class NamesForeignArguments:
+    """Base of attacks: an argument of other libraries is refused with the one that stands for it.
+
+    Raises:
+        TypeError: such an argument.
+    """
+
+    def __new__(cls, *_: Any, **settings: Any) -> Self:
+        for name in settings:
+            if name in ARGUMENT_ADVICE and name not in getattr(cls, "__dataclass_fields__", {}):
+                raise TypeError(
+                    f"{cls.__name__} has no argument {name!r}: {ARGUMENT_ADVICE[name]}."
+                )
+        return super().__new__(cls)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,20 +146,10 @@ class ModelAttack(NamesForeignArguments, ABC):
                 shot: Shot, images: Tensor, labels: Tensor, targets: Tensor | None
             ) -> Any:
                 problem = self.problem(images, shot, generator)
-                return run(self.search(problem, labels, targets, generator))
+                return run(Search(self.model, problem, labels, targets, generator))
 
             join = None if join is None else partial(join, drawn)
             return per_scene(drawn, run_in_scene, images, labels, targets, join=join)
-
-    def search(
-        self,
-        problem: Problem,
-        labels: Tensor,
-        targets: Tensor | None,
-        generator: torch.Generator | None,
-    ) -> Search:
-        """Return the search in a problem."""
-        return Search(self.model, problem, labels, targets, generator)
 
     def join_results(
         self, shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result]

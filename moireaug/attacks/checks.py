@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import has_prediction
+from moireaug.attacks.losses import has_prediction
 from moireaug.common.argument_checks import is_finite
 
 

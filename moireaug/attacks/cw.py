@@ -9,9 +9,14 @@ from typing import Any, ClassVar, cast
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import has_prediction, is_success
 from moireaug.attacks.base import ModelAttack
-from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
+from moireaug.attacks.losses import (
+    has_prediction,
+    is_success,
+    loss_curve,
+    margin,
+    mean_cross_entropy,
+)
 from moireaug.attacks.model import check_differentiable, require_gradient
 from moireaug.attacks.pixel import PixelProblem
 from moireaug.attacks.result import Result

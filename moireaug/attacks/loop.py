@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import is_success
 from moireaug.attacks.base import ModelAttack
 from moireaug.attacks.checks import check_eps
-from moireaug.attacks.losses import LOSSES, loss_curve
+from moireaug.attacks.losses import LOSSES, is_success, loss_curve
 from moireaug.attacks.model import check_differentiable, require_gradient
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.result import Result

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -10,10 +10,9 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
-from moireaug.attacks.camera import NOISE_AT, CameraProblem
+from moireaug.attacks.camera import NOISE_AT, CameraProblem, searched_fields
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import attack_margin
-from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.result import Result, join_results
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_whole, one_of
@@ -134,14 +133,13 @@ class MoireAttack(Attack):
             images, shot, clean, bound, self.noise_at, self.optimise, self.eot, generator
         )
 
-    def search(self, *args: Any) -> Search:
-        search = super().search(*args)
-        return search if self.draws == 1 else _at_worst_draw(search, self.draws)
+    def in_scenes(self, run: Callable[[Search], Any], *args: Any) -> Any:
+        if self.draws == 1:
+            return super().in_scenes(run, *args)
+        return super().in_scenes(lambda search: run(_at_worst_draw(search, self.draws)), *args)
 
-    def join_results(
-        self, shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result]
-    ) -> Result:
-        return join_results(shot, rows, results, self.noise_at)
+    def join_results(self, *args: Any) -> Result:
+        return join_results(*args, noise_at=self.noise_at)
 
 
 def _at_worst_draw(search: Search, draws: int) -> Search:

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import is_same_answer
+from moireaug.attacks.base import NamesForeignArguments
 from moireaug.attacks.checks import check_answers, check_classes
-from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.losses import likeliest_wrong_classes
+from moireaug.attacks.losses import is_same_answer, likeliest_wrong_classes
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_whole

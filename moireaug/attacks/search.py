@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import is_same_answer, predicted
 from moireaug.attacks.checks import check_answers, check_classes
-from moireaug.attacks.losses import attack_margin, mean_cross_entropy
+from moireaug.attacks.losses import attack_margin, is_same_answer, mean_cross_entropy, predicted
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.problem import Point, Problem
 from moireaug.common.networks import rejects_of

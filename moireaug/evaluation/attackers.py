@@ -59,7 +59,7 @@ class Attacker(Condition):
 
     @property
     def base_name(self) -> str:
-        words = [self.attack_name]
+        words = [getattr(self, "attack", self.kind)]
         if self.has_bound:
             words += [in_255ths(self.eps), "targeted" if self.targeted else ""]
             words += [getattr(self, "variant", "")]
@@ -67,11 +67,6 @@ class Attacker(Condition):
         if self.known_classifier.defence is not None:
             words += ["through", self.known_classifier.name]
         return "_".join(filter(None, words))
-
-    @property
-    def attack_name(self) -> str:
-        """The name of the attack, with which its own begins."""
-        return self.kind
 
     @property
     def has_bound(self) -> bool:
@@ -210,10 +205,6 @@ class PixelAttacker(Attacker):
                 f"the attack {self.attack!r} has no bound, which its rows state as eps = 0; "
                 f"got {self.eps}. Pass eps=0, or another attack."
             )
-
-    @property
-    def attack_name(self) -> str:
-        return self.attack
 
     @property
     def has_bound(self) -> bool:

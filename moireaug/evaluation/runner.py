@@ -16,20 +16,18 @@ from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
 from moireaug.common.networks import device_of
 from moireaug.common.progress import progress_bar
-from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
-from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
-from moireaug.evaluation.draws import (
+from moireaug.evaluation.batches import (
     ANSWER_STREAM,
     CONDITION_STREAM,
     SHOW_STREAM,
+    Batches,
     SeededBatch,
     restored_generators,
 )
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, within_memory
+from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.identity import identity_of
-from moireaug.evaluation.keys import EvalSetup, batch_digest, key_of
-from moireaug.evaluation.loader import Batches
-from moireaug.evaluation.memory import within_memory
-from moireaug.evaluation.records import Record, Records
+from moireaug.evaluation.records import EvalSetup, Record, Records, batch_digest, key_of
 from moireaug.evaluation.tables import Table
 from moireaug.scene.mixed_shot import per_scene
 from moireaug.scenes import Shot
