@@ -4,9 +4,8 @@ search in each scene."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, ClassVar, Self
 
 import torch
@@ -19,7 +18,7 @@ from moireaug.attacks.result import Result, join_results
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_callable
 from moireaug.common.image_checks import check_images
-from moireaug.scene.mixed_shot import MixedShot, per_scene
+from moireaug.scene.mixed_shot import MixedShot, join_rows, per_scene
 from moireaug.scenes import Shot
 
 ATTACK_ADVICE = {
@@ -117,8 +116,7 @@ class ModelAttack(NamesForeignArguments, ABC):
                 targets that equal their labels; a model without a gradient, or whose logits are not
                 finite for any of the images; a shot of an attack without a camera.
         """
-        join = self.join_results
-        return self.in_scenes(self.attack, images, labels, targets, shot, generator, join)
+        return self.in_scenes(self.attack, images, labels, targets, shot, generator)
 
     def in_scenes(
         self,
@@ -128,14 +126,10 @@ class ModelAttack(NamesForeignArguments, ABC):
         targets: Tensor | None,
         shot: Shot | MixedShot | None,
         generator: torch.Generator | None,
-        join: Callable[..., Any] | None = None,
     ) -> Any:
-        """Return what `run` makes of a search of the images in each scene, in the order of the
-        batch. Each search begins where the one before it has ended, as all draw from one generator.
-
-        join: makes one of the shot, the rows (b,) of each scene and what `run` made of it; None
-            joins tensors (b, ...). The other arguments, errors: as of a call.
-        """
+        """Return what `run` makes of a search of the images in each scene, a tensor (b, ...) or a
+        Result, in the order of the batch; other arguments, errors: as of a call. Each search begins
+        where the one before it has ended, as all draw from one generator."""
         images = check_images(images)
         with evaluating(self.model, images):
             images = images.detach().clone()
@@ -148,11 +142,9 @@ class ModelAttack(NamesForeignArguments, ABC):
                 problem = self.problem(images, shot, generator)
                 return run(Search(self.model, problem, labels, targets, generator))
 
-            join = None if join is None else partial(join, drawn)
-            return per_scene(drawn, run_in_scene, images, labels, targets, join=join)
+            def join(rows: list[Tensor], parts: list[Any]) -> Any:
+                if isinstance(parts[0], Tensor):
+                    return join_rows(rows, parts)
+                return join_results(drawn, rows, parts, getattr(self, "noise_at", "raw"))
 
-    def join_results(
-        self, shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result]
-    ) -> Result:
-        """Return the Results of the scenes of a shot as that of the whole shot."""
-        return join_results(shot, rows, results)
+            return per_scene(drawn, run_in_scene, images, labels, targets, join=join)

@@ -13,7 +13,6 @@ from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
 from moireaug.attacks.camera import NOISE_AT, CameraProblem, searched_fields
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import attack_margin
-from moireaug.attacks.result import Result, join_results
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_whole, one_of
 from moireaug.mixtures import SceneLike, as_scenes, scenes_of
@@ -137,9 +136,6 @@ class MoireAttack(Attack):
         if self.draws == 1:
             return super().in_scenes(run, *args)
         return super().in_scenes(lambda search: run(_at_worst_draw(search, self.draws)), *args)
-
-    def join_results(self, *args: Any) -> Result:
-        return join_results(*args, noise_at=self.noise_at)
 
 
 def _at_worst_draw(search: Search, draws: int) -> Search:

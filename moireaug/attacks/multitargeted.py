@@ -61,8 +61,8 @@ class MultiTargeted(NamesForeignArguments):
         Photos that a deterministic model gets wrong without an attack are returned unchanged.
         `loss` in the Result is of the last class that was tried, over the images that were left.
         """
-        run, join = self._run_toward_classes, self.attack.join_results
-        return self.attack.in_scenes(run, images, labels, None, shot, generator, join)
+        run = self._run_toward_classes
+        return self.attack.in_scenes(run, images, labels, None, shot, generator)
 
     def _run_toward_classes(self, search: Search) -> Result:
         """Run the attack toward each class in turn, on the images that are still right."""

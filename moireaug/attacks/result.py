@@ -70,7 +70,7 @@ class Result:
 
 
 def join_results(
-    shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result], *, noise_at: str = "raw"
+    shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result], noise_at: str
 ) -> Result:
     """Return the Results of the scenes of a shot, of the images `rows` (b,) each, as that of the
     whole shot; noise at `noise_at`, as of `MoireAttack`."""
