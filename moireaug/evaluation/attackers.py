@@ -83,10 +83,13 @@ class Attacker(Condition):
         Raises:
             NoAnswerError: the model has no answer to any of the images.
         """
-        attack = self.attack_on(batch)
+        return self.result_of(self.attack_on(batch), batch).images
+
+    def result_of(self, attack: Callable[..., Result], batch: EvalBatch) -> Result:
+        """Return the result of an attack on the images of a batch."""
         goals = (batch.labels, batch.targets) if self.targeted else (batch.labels,)
         shot = batch.shot if self.on_screen else None
-        return attack(batch.images, *goals, shot=shot, generator=batch.generator).images
+        return attack(batch.images, *goals, shot=shot, generator=batch.generator)
 
     @property
     def n_splits(self) -> int:
