@@ -55,11 +55,12 @@ def in_parts(model: Model, size: int | None) -> Model:
     return model if size is None else InParts(model, size)
 
 
-def within_memory(compute: Callable[[EvalBatch], T], batch: EvalBatch) -> T:
-    """Return what `compute` makes of a batch; where that does not fit the device's memory, with
-    models and defences that take its images in halves, in quarters and so on. Random numbers are
-    still drawn for the whole batch, so that no figure depends on the memory, unless the model
-    itself is randomised, or a defence is made of several that are.
+def within_memory(compute: Callable[..., T], batch: EvalBatch, *shown: Tensor) -> T:
+    """Return what `compute` makes of a batch and of what its images are shown as; where that does
+    not fit the device's memory, with models and defences that take its images in halves, in
+    quarters and so on. Random numbers are still drawn for the whole batch, so that no figure
+    depends on the memory, unless the model itself is randomised, or a defence is made of several
+    that are.
 
     Raises:
         torch.OutOfMemoryError: not even single images fit, or it is neither model nor defence that
@@ -70,7 +71,7 @@ def within_memory(compute: Callable[[EvalBatch], T], batch: EvalBatch) -> T:
     size = len(batch.images)
     while True:
         try:
-            return compute(batch)
+            return compute(batch, *shown)
         except torch.OutOfMemoryError as error:
             if size <= 1:
                 error.add_note(f"The batch has {len(batch.images)} images: pass smaller batches.")

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -29,8 +30,6 @@ from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.identity import identity_of
 from moireaug.evaluation.records import EvalSetup, Record, Records, batch_digest, key_of
 from moireaug.evaluation.tables import Table
-from moireaug.scene.mixed_shot import per_scene
-from moireaug.scenes import Shot
 
 CLEAN = Clean()
 
@@ -161,32 +160,23 @@ class Runner:
         self, condition: Condition, classifiers: Sequence[Classifier], batch: SeededBatch
     ) -> list[Record]:
         """Show the images of a condition to classifiers; return a record of each."""
-        setup, whole_shot = self.setup, batch.shot(self.setup.scene_of(condition))
+        shot = batch.shot(self.setup.scene_of(condition))
         generator = batch.generator(CONDITION_STREAM, condition.name)
-
-        def in_scenes(compute: Callable[..., Any], *shown: Tensor, join: Any = None) -> Any:
-            """Return what `compute` makes of the images in each scene and what is shown of them."""
-
-            def in_scene(shot: Shot, images: Tensor, *others: Tensor) -> Any:
-                labels, targets, *shown = others
-                settings = generator, setup.lpips, setup.bound
-                part = EvalBatch(self.model, images, labels, targets, shot, *settings)
-                return within_memory(lambda part: compute(part, *shown), part)
-
-            goals = batch.labels, batch.targets
-            return per_scene(whole_shot, in_scene, batch.images, *goals, *shown, join=join)
-
+        settings = generator, self.setup.lpips, self.setup.bound
+        whole = EvalBatch(self.model, batch.images, batch.labels, batch.targets, shot, *settings)
         with restored_generators(batch.labels.device), torch.no_grad():
             torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
-            images = in_scenes(condition.show)
+            images = whole.in_scenes(partial(within_memory, condition.show))
             seconds_shown = _seconds_since(start, images.device)
-            measured = in_scenes(condition.measure, images, join=_by_name)
+            measure = partial(within_memory, condition.measure)
+            measured = whole.in_scenes(measure, images, join=_by_name)
             records = []
             for classifier in classifiers:
                 torch.manual_seed(batch.seed_of(ANSWER_STREAM, condition.name, classifier.name))
                 start = time.perf_counter()
-                predicted = in_scenes(classifier.predictions, images)
+                predict = partial(within_memory, classifier.predictions)
+                predicted = whole.in_scenes(predict, images)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
                     "key": self.key(condition, classifier, batch.index),
