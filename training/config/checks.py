@@ -13,6 +13,7 @@ from torch import nn
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation.suites import check_used
 from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
+from training.config.data_sets import users_of
 from training.config.scenes import scene_of
 from training.config.schema import (
     DATA,
@@ -79,11 +80,11 @@ def check_answers(cfg: Config) -> None:
             f"recipe={cfg.recipe} keeps the answers of a trained network: pass weights=FILE and "
             "model=NAME."
         )
-    if cfg.data.name == "signs":
+    if cfg.data.name not in users_of("root"):
         raise ValueError(
-            f"recipe={cfg.recipe} tunes a network on pictures like those it is for, and signs are "
-            f"drawn, of {cfg.data.size} px: pass data=folder data.root=DIR, any pictures, and "
-            "data.size=N of the network, such as 224."
+            f"recipe={cfg.recipe} tunes a network on pictures like those it is for, and "
+            f"{cfg.data.name} are drawn, of {cfg.data.size} px: pass data=folder data.root=DIR, "
+            "any pictures, and data.size=N of the network, such as 224."
         )
     if cfg.train.init != "random":
         raise ValueError(

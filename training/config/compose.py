@@ -12,7 +12,8 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from training.config.schema import DATA, DEFAULT_DATA, EPOCHS, RECIPES
+from training.config.data_sets import DATA_SETS, DEFAULT_DATA
+from training.config.schema import DATA, RECIPES
 from training.config.settings import Setting, as_argument, settings_of
 
 HYDRA_FOLDERS = {
@@ -39,8 +40,9 @@ def register(
     store = ConfigStore.instance()
     for data, node in DATA.items():
         store.store(group="data", name=data, node=node)
-    for data, epochs in EPOCHS.items():
-        store.store(group="epochs", name=data, package="train", node={"epochs": epochs})
+    for data, one in DATA_SETS.items():
+        if one.epochs:
+            store.store(group="epochs", name=data, package="train", node={"epochs": one.epochs})
     default_groups = {key: value for group in defaults for key, value in group.items()}
     if "recipe" in default_groups:
         default_groups["recipe"] = "NAME"  # a command line names its own

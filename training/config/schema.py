@@ -11,14 +11,12 @@ from typing import Any, TypeVar
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
 from moireaug.attacks.bounds import BOUNDS
+from training.config.data_sets import DATA_SETS, users_of
 from training.config.settings import section, setting
-from training.config.torchvision_sets import TORCHVISION_SETS
 
 AUGMENTATIONS = ("none", "shift", "shift_flip", "crop_flip", "affine")
 ATTACKS = ("moire_attack", "pgd")  # of training
 TARGETS = ("labels", "answers")
-DEFAULT_DATA = "signs"
-EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"
 MAX_SEED = 2**32 - 1
 # weights are float32 in all of them: the average, the attack and every re-attack need that
@@ -36,13 +34,13 @@ Settings = TypeVar("Settings", bound="RunConfig")
 class Data:
     """The images, their size and their numbers."""
 
-    name: str = setting(MISSING, "the data set", choices=("signs", *TORCHVISION_SETS, "folder"))
+    name: str = setting(MISSING, "the data set", choices=tuple(DATA_SETS))
     root: str | None = setting(
         None,
         "the data's folder; of data=folder, with train/ and test/, or test classes alone; with "
         "train.target=answers, any pictures",
         is_path=True,
-        only_for=("folder", *TORCHVISION_SETS),
+        only_for=users_of("root"),
         may_differ=True,
     )
     size: int = setting(64, "side of the images, in pixels", bounds=(16, 8192))
@@ -55,12 +53,12 @@ class Data:
         None, "validation images; null: 10 % of the training images", bounds=(1, None)
     )
     test: int | None = setting(None, "test images; null: all", bounds=(1, None), tests=True)
-    seed: int = setting(0, "of the drawn images", bounds=(0, MAX_SEED), only_for=("signs",))
+    seed: int = setting(0, "of the drawn images", bounds=(0, MAX_SEED), only_for=users_of("seed"))
     class_index: str | None = setting(
         None,
         "CSV of folder (or wnid) and class_index of published weights",
         is_path=True,
-        only_for=("folder",),
+        only_for=users_of("class_index"),
     )
     augment: str = setting(
         "none",
@@ -74,18 +72,11 @@ class Data:
         False,
         "fetch a published data set",
         changes_result=False,
-        only_for=tuple(TORCHVISION_SETS),
+        only_for=users_of("download"),
     )
 
 
-DATA = {
-    "signs": Data(name="signs", size=48, train=12000, val=320, test=1600),
-    **{
-        name: Data(name=name, root="data", augment=one.augment)
-        for name, one in TORCHVISION_SETS.items()
-    },
-    "folder": Data(name="folder", augment="shift"),
-}
+DATA = {name: Data(name=name, **one.settings) for name, one in DATA_SETS.items()}
 
 
 @dataclass

@@ -12,9 +12,9 @@ from typing import Any, Self
 
 from omegaconf import OmegaConf
 
-from training.config.schema import DEFAULT_DATA, Config, RunConfig
+from training.config.data_sets import DEFAULT_DATA, is_published, is_users_own
+from training.config.schema import Config, RunConfig
 from training.config.settings import settings_of
-from training.config.torchvision_sets import TORCHVISION_SETS
 from training.system.files import digest
 
 
@@ -48,9 +48,9 @@ class Origin:
 def group_of(data: Any, model: str) -> str:
     """Return the name of a group of runs that can be compared: "" for default data and model."""
     name = data.name
-    if name == "folder" and data.root:
+    if is_users_own(name) and data.root:
         folder_name = re.sub(r"[^\w.-]+", "_", Path(data.root).resolve().name)
-        name = f"folder-{folder_name}"
+        name = f"{name}-{folder_name}"
     defaults = (DEFAULT_DATA, Config.model)
     return "-".join(part for part in (name, model) if part not in defaults)
 
@@ -70,7 +70,7 @@ def result_fingerprint(settings: Mapping[str, Any]) -> str:
     """Return the fingerprint of the settings that a result depends on; the place of a published
     data set is none of them."""
     decisive = copy.deepcopy(dict(settings))
-    if decisive["data"].get("name") in TORCHVISION_SETS:
+    if is_published(decisive["data"].get("name")):
         _leave_out("data.root", decisive)
     return fingerprint_of(decisive)
 
