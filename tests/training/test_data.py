@@ -138,10 +138,10 @@ from torchvision import datasets
 make = datasets.FakeData
 datasets.FakeData = lambda root, size, transform, download: make(size, transform=transform)
 from tests.training.small import configured
-from training import fit
+from training.recipe.phases import Classification
 from training.data.load import load
 cfg = configured("recipe=clean", "data=new")
-fit.check(cfg)
+Classification().check(cfg)
 splits = load(cfg.data)
 print(cfg.data.augment, len(splits.train), len(splits.test), splits.num_classes)
 """

@@ -26,7 +26,6 @@ from training.demoireing.pairs import (
 )
 from training.demoireing.pictures import DrawnPictures, Splits
 from training.runs import resume
-from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -188,4 +187,4 @@ def test_a_folder_that_has_changed_tests_no_run(tmp_path, monkeypatch):
     monkeypatch.setattr(resume, "_checkpoints", lambda run: [{"files": before}])
     monkeypatch.setattr(demoireing_training, "try_out", lambda run: None)
     with pytest.raises(ValueError, match=r"files that it was trained on are not .* Restore them"):
-        demoireing.complete(Run(cfg))
+        demoireing.fit(cfg)

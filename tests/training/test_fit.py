@@ -16,10 +16,10 @@ from training.data import signs
 from training.data.load import load
 from training.recipe import phases
 from training.runs import trained
+from training.runs.layout import read_metrics
 from training.runs.metrics import RunMetrics
 from training.runs.run import Run, baseline_of, start_of
 from training.system import machine
-from training.system.files import read_metrics
 from training.trainer import ranks
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")

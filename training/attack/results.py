@@ -20,6 +20,7 @@ from training.attack.subject import Subject
 from training.config.scenes import scene_of, shrink_text
 from training.config.schema import Config, ReattackConfig
 from training.report.examples import run_examples, table_examples
+from training.runs.layout import REPORT
 from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
 from training.runs.run import Run
 from training.system import machine
@@ -151,10 +152,10 @@ def attack_and_publish(
         runners[name] = theirs.runner
     main_condition = main_attack(result.tables[0])
     examples = run_examples(runners, main_condition, subject.splits.classes)
-    summary = report.write_run(out / "report.html", metrics, examples)
+    summary = report.write_run(out / REPORT, metrics, examples)
     metrics.write(out)
     print(*summary, sep="\n")
-    print(f"Report: {out / 'report.html'}")
+    print(f"Report: {out / REPORT}")
     return metrics
 
 
@@ -186,5 +187,5 @@ def publish_suite(cfg: ReattackConfig, subject: Subject, result: AttackResult) -
     summary = report.write_suite(out, metrics, result.tables, result.cells, examples)
     metrics.write(out)
     print(*summary, sep="\n")
-    print(f"Report: {out / 'report.html'}")
+    print(f"Report: {out / REPORT}")
     return metrics

@@ -46,7 +46,7 @@ def torchvision_set(
         num_classes: number of its classes where torchvision has no names of them.
     """
     return DataSet(
-        "training.data.torchvision_sets:read",
+        "training.data.image_sets:read_from_torchvision",
         {"class_name": name, "train": train, "test": test, "num_classes": num_classes},
         {"root": "data", "augment": augment},
         uses=("root", "download"),

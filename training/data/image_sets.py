@@ -1,12 +1,15 @@
-"""Folders of images, as uint8 images (3, size, size)."""
+"""Folders of images and torchvision's data sets, as uint8 images (3, size, size)."""
 
+import contextlib
 import csv
 import hashlib
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from torch.utils.data import Subset
+from torchvision import datasets
 from torchvision.datasets import ImageFolder
 from torchvision.transforms import v2
 
@@ -14,16 +17,59 @@ from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from training.config.schema import Data
 from training.data.splits import ImageSet, shuffled_indices
-from training.system.files import has_parts, read_table
+from training.system.files import has_parts, locked, read_table
 
 MIN_UNLABELLED = 3  # pictures of a folder without labels
 IMAGENET_CLASSES = 1000  # of torchvision's published weights, which a class_index refers to
 
 
-def resize(size: int) -> v2.Compose:
+def _resize(size: int) -> v2.Compose:
     """Resize the shorter side to `size` and cut out the centre: as ImageNet models are
     evaluated, without the margin of the usual 256 px."""
     return v2.Compose([v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
+
+
+def read_from_torchvision(
+    cfg: Data,
+    class_name: str,
+    train: Mapping[str, Any],
+    test: Mapping[str, Any],
+    num_classes: int,
+) -> ImageSet:
+    """Read a data set, and download it first where that is asked for; arguments as in
+    `torchvision_set`."""
+    if not cfg.root:
+        raise ValueError(
+            f"data={cfg.name} needs data.root=DIR, the folder where torchvision has put the "
+            "data set, or puts it with data.download=true."
+        )
+    make = getattr(datasets, class_name)
+    options = {"transform": _resize(cfg.size), "download": cfg.download}
+    try:
+        with _download_lock(cfg):
+            train_set = make(cfg.root, **train, **options)
+            test_set = make(cfg.root, **test, **options)
+    except (RuntimeError, OSError) as error:
+        if cfg.download:
+            raise ValueError(
+                f"The data set {cfg.name!r} could not be fetched into data.root={cfg.root!r} "
+                f"({error}). Check the network, or pass as data.root a folder that has it."
+            ) from error
+        raise ValueError(
+            f"The data set {cfg.name!r} was not found under data.root={cfg.root!r} ({error}). "
+            "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
+            "has put it."
+        ) from error
+    names = getattr(test_set, "classes", None) or range(num_classes)
+    return ImageSet(train_set, test_set, dict(enumerate(map(str, names))), len(names))
+
+
+def _download_lock(cfg: Data) -> contextlib.AbstractContextManager[None]:
+    """Let one process at a time download into a folder; the others find the data set there."""
+    if not cfg.download:
+        return contextlib.nullcontext()
+    os.makedirs(cfg.root or "", exist_ok=True)
+    return locked(Path(cfg.root or "", ".download.lock"), "", wait_seconds=-1)
 
 
 def read_unlabelled(cfg: Data) -> ImageSet:
@@ -143,7 +189,7 @@ def _read_pictures(
     root: Path, cfg: Data, kind: type[UprightFolder] = UprightFolder
 ) -> UprightFolder:
     try:
-        return kind(root, resize(cfg.size))
+        return kind(root, _resize(cfg.size))
     except (FileNotFoundError, RuntimeError) as error:
         content = "train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, with images"
         if kind is OneClass:

@@ -23,7 +23,8 @@ class Origin:
     """The data and the first weights of a training, as its checkpoints hold them.
 
     Args:
-        files: fingerprint of the files, as in `Splits`; None where it is not known yet.
+        files: fingerprint of the files that train and validate; empty where the settings determine
+            the data, None where it is not known yet.
         classes: name of each logit of a classifier.
         weights: digest of the file of `weights=`; empty where there is none.
     """
@@ -33,16 +34,17 @@ class Origin:
     weights: str = ""
 
     @classmethod
-    def of(
-        cls,
-        weights: str | None,
-        files: str | None = None,
-        classes: Mapping[int, str] | None = None,
-    ) -> Self:
-        """Return the origin of a training with this `weights=`; without its data as long as they
-        are not loaded."""
+    def of(cls, weights: str | None, data: Any = None) -> Self:
+        """Return the origin of a training with this `weights=`.
+
+        Args:
+            data: its data, which know their `files` and `classes`; None until they are loaded.
+        """
         has_file = weights is not None and Path(weights).is_file()  # not published by a name
-        return cls(files, classes or {}, digest(str(weights)) if has_file else "")
+        weights_digest = digest(str(weights)) if has_file else ""
+        if data is None:
+            return cls(weights=weights_digest)
+        return cls(data.files, data.classes, weights_digest)
 
 
 def group_of(data: Any, model: str) -> str:

@@ -18,6 +18,7 @@ from torch.distributed import DistError
 
 from training.config.checks import check_devices
 from training.config.schema import Trainer
+from training.runs.layout import BEST, LAST
 from training.system import machine
 from training.system.files import read_checkpoint
 from training.system.messages import (
@@ -148,7 +149,7 @@ def fit(
     first_epoch: int = batches.first_epoch  # type: ignore[attr-defined]
     start_time = time.perf_counter()
     try:
-        trainer.fit(module, batches, ckpt_path=folder / "last.ckpt" if first_epoch else None)
+        trainer.fit(module, batches, ckpt_path=folder / LAST if first_epoch else None)
     except SystemExit as end:  # what Lightning makes of both
         if isinstance(end.__context__, Terminated):
             raise Terminated from None
@@ -163,7 +164,7 @@ def fit(
     history: Any = module.history
     for epoch in history[:first_epoch]:
         seconds += epoch["seconds"] + epoch["validation_seconds"]
-    best = read_checkpoint(folder / "best.ckpt")
+    best = read_checkpoint(folder / BEST)
     module.load_state_dict(best["state_dict"])
     return best, seconds
 
