@@ -38,10 +38,10 @@ def fit(cfg: Config) -> dict[str, Any]:
     Raises: as `training.runs.task.fit`.
     """
     # --help does without what takes a second to import
-    from training.recipe.phases import Classification
+    from training.recipe.phases import ClassificationTask
     from training.runs import task
 
-    return task.fit(cfg, Classification())
+    return task.fit(cfg, ClassificationTask())
 
 
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="fit")

@@ -14,8 +14,7 @@ from torchvision import datasets
 from tests.training.small import configured
 from training import fit
 from training.config.checks import require_training_images
-from training.config.data_sets import DATA_SETS, torchvision_set
-from training.config.schema import Data
+from training.config.data_sets import DATA_SETS, Data, torchvision_set
 from training.data import signs
 from training.data.batches import Batches
 from training.data.load import load
@@ -132,16 +131,20 @@ def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
 def test_a_new_set_of_torchvision_is_a_row():
     """In a process of its own, as the settings are declared when they are imported."""
     code = """
-from training.config import data_sets as sets
-sets.DATA_SETS["new"] = sets.torchvision_set("FakeData", {"size": 9}, {"size": 5}, "shift", 10)
+import pathlib, sys, types
 from torchvision import datasets
+row = '"new": torchvision_set("FakeData", {"size": 9}, {"size": 5}, "shift", 10),'
+text = pathlib.Path("training/config/data_sets.py").read_text("utf-8")
+sets = types.ModuleType("training.config.data_sets")
+sys.modules[sets.__name__] = sets
+exec(text.replace("DATA_SETS = {", "DATA_SETS = {" + row, 1), sets.__dict__)
 make = datasets.FakeData
 datasets.FakeData = lambda root, size, transform, download: make(size, transform=transform)
 from tests.training.small import configured
-from training.recipe.phases import Classification
+from training.recipe.phases import ClassificationTask
 from training.data.load import load
 cfg = configured("recipe=clean", "data=new")
-Classification().check(cfg)
+ClassificationTask().check(cfg)
 splits = load(cfg.data)
 print(cfg.data.augment, len(splits.train), len(splits.test), splits.num_classes)
 """

@@ -21,9 +21,8 @@ from training.config.scenes import scene_of, shrink_text
 from training.config.schema import Config, ReattackConfig
 from training.report.examples import run_examples, table_examples
 from training.runs.layout import REPORT
-from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
+from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost, run_facts
 from training.runs.run import Run
-from training.system import machine
 
 
 def ladder_metrics(result: AttackResult) -> dict[str, Any]:
@@ -80,20 +79,12 @@ def with_baseline(
 
 def metrics_of(cfg: Config) -> dict[str, Any]:
     """Return the fields of `Metrics` that need no attack: settings, scene, machine and command."""
-    scene, run = scene_of(cfg), Run(cfg)
-    size = cfg.data.size, cfg.data.size
+    scene, size = scene_of(cfg), (cfg.data.size, cfg.data.size)
     return {
-        "recipe": cfg.recipe,
-        "seed": cfg.seed,
-        "data": cfg.data.name,
-        "model": cfg.model,
+        **run_facts(Run(cfg)),
         "scene_name": scene_title(cfg),
         "scene": scene.to_dict(),
         "plan": "\n\n".join(str(one.plan(size)) for one in scenes_of(scene)),
-        "config": run.settings,
-        "fingerprint": run.fingerprint,
-        "environment": machine.environment(cfg.trainer.accelerator),
-        "command": machine.command(),
     }
 
 

@@ -19,7 +19,8 @@ from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import ImageTransform
 from moireaug.evaluation.identity import require_identity
 from training.attack.subject import Subject
-from training.config.schema import Data, ReattackConfig
+from training.config.data_sets import Data
+from training.config.schema import ReattackConfig
 from training.data.splits import Splits
 from training.models.classifiers import as_model, model_names
 from training.runs.identity import fingerprint_of

@@ -1,7 +1,7 @@
 """Training of a classifier: its batches, its trainer, its first weights and its cost."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -80,8 +80,13 @@ def train_model(
         # an incomplete last batch is left out of an epoch
         epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
         images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
-        cost = cost_of(cfg, classifier, images, start_cost)
-        return cost | {"wall_seconds": seconds, "best_epoch": int(best["epoch"])} | shares
+        whole_cost = TrainCost(
+            **cost_of(cfg, classifier, images, start_cost),
+            wall_seconds=seconds,
+            best_epoch=int(best["epoch"]),
+            **shares,
+        )
+        return asdict(whole_cost)
 
     batches_from = partial(
         Batches,

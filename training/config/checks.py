@@ -13,18 +13,9 @@ from torch import nn
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation.suites import check_used
 from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
-from training.config.data_sets import users_of
+from training.config.data_sets import DATA, Data, users_of
 from training.config.scenes import scene_of
-from training.config.schema import (
-    DATA,
-    Adversary,
-    Config,
-    Data,
-    ReattackConfig,
-    RunConfig,
-    Train,
-    Trainer,
-)
+from training.config.schema import Adversary, Config, ReattackConfig, RunConfig, Train, Trainer
 from training.config.settings import as_argument, check, settings_of, value_of, with_values
 from training.suites import OPTION_SUITES
 from training.system.files import has_parts

@@ -12,8 +12,8 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from training.config.data_sets import DATA_SETS, DEFAULT_DATA
-from training.config.schema import DATA, RECIPES
+from training.config.data_sets import DATA, DATA_SETS, DEFAULT_DATA
+from training.config.schema import RECIPES
 from training.config.settings import Setting, as_argument, settings_of
 
 HYDRA_FOLDERS = {
@@ -27,6 +27,7 @@ RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean
 # of a line of help
 HELP_WRAPPING: Any = {"width": 100, "initial_indent": " " * 6, "subsequent_indent": " " * 6}
 MIN_FAR_BOUND = 10_000  # a bound that only a mistake exceeds
+HELP_TEXTS: dict[type, str] = {}  # of the registered commands, by their settings
 
 
 def register(
@@ -52,9 +53,8 @@ def register(
     store.store(name=f"{name}_schema", node=schema)
     # the settings of a command line stand above those of a recipe
     order = [f"{name}_schema", *defaults, "_self_", *NO_LOGGING]
-    text = help_text(description, schema, default_groups).replace("$", "$$")  # of string.Template
-    help_page = {"help": {"template": text}}
-    store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS | help_page})
+    store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS})
+    HELP_TEXTS[schema] = help_text(description, schema, default_groups)
 
 
 def recipe_files() -> list[Path]:

@@ -5,7 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from omegaconf import MISSING
+
+from training.config.settings import setting
+
 DEFAULT_DATA = "signs"
+AUGMENTATIONS = ("none", "shift", "shift_flip", "crop_flip", "affine")
+MAX_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True)
@@ -85,3 +91,53 @@ def is_published(name: Any) -> bool:
 def is_users_own(name: Any) -> bool:
     """Return whether the data set of a name holds what the user has put into data.root."""
     return name in users_of("root") and not is_published(name)
+
+
+@dataclass
+class Data:
+    """The images, their size and their numbers."""
+
+    name: str = setting(MISSING, "the data set", choices=tuple(DATA_SETS))
+    root: str | None = setting(
+        None,
+        "the data's folder; of data=folder, with train/ and test/, or test classes alone; with "
+        "train.target=answers, any pictures",
+        is_path=True,
+        only_for=users_of("root"),
+        may_differ=True,
+    )
+    size: int = setting(64, "side of the images, in pixels", bounds=(16, 8192))
+    train: int | None = setting(
+        None,
+        "training images; null: all; with train.target=answers, fewer are repeated",
+        bounds=(1, None),
+    )
+    val: int | None = setting(
+        None, "validation images; null: 10 % of the training images", bounds=(1, None)
+    )
+    test: int | None = setting(None, "test images; null: all", bounds=(1, None), tests=True)
+    seed: int = setting(0, "of the drawn images", bounds=(0, MAX_SEED), only_for=users_of("seed"))
+    class_index: str | None = setting(
+        None,
+        "CSV of folder (or wnid) and class_index of published weights",
+        is_path=True,
+        only_for=users_of("class_index"),
+    )
+    augment: str = setting(
+        "none",
+        "of clean training images: none, shift (12.5 %), shift_flip, crop_flip, or affine (place, "
+        "form, tone, erased parts)",
+        choices=AUGMENTATIONS,
+        trains=True,
+    )
+    workers: int = setting(0, "processes that read images", bounds=(0, 1024), changes_result=False)
+    download: bool = setting(
+        False,
+        "fetch a published data set",
+        changes_result=False,
+        only_for=users_of("download"),
+    )
+
+
+DATA = {name: Data(name=name, **one.settings) for name, one in DATA_SETS.items()}
+EPOCHS_HELP = ", ".join(f"{one.epochs} for {name}" for name, one in DATA_SETS.items() if one.epochs)

@@ -15,7 +15,7 @@ from torchvision.transforms import v2
 
 from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
-from training.config.schema import Data
+from training.config.data_sets import Data
 from training.data.splits import ImageSet, shuffled_indices
 from training.system.files import has_parts, locked, read_table
 

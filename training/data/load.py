@@ -2,8 +2,7 @@
 
 import pkgutil
 
-from training.config.data_sets import DATA_SETS
-from training.config.schema import Data
+from training.config.data_sets import DATA_SETS, Data
 from training.data.splits import Splits, repeated, split
 
 

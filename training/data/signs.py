@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFilter
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from training.config.schema import DATA, Data
+from training.config.data_sets import DATA, Data
 from training.data.sign_backgrounds import clutter, noise, scene
 from training.data.sign_faces import FACES, SIGN_COLOURS, STYLES, Pen, face, polygon
 from training.data.splits import Splits

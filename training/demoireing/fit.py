@@ -35,6 +35,7 @@ from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
 from training.runs import task
 from training.runs.layout import NETWORK, REPORT, read_metrics, write_metrics
+from training.runs.metrics import run_facts
 from training.runs.run import Run
 from training.runs.task import Metrics, Task
 from training.system import machine
@@ -42,7 +43,7 @@ from training.system.processes import is_first
 from training.trainer.ranks import run_job
 
 
-class Demoireing(Task[DemoireConfig, pictures.Splits]):
+class DemoireingTask(Task[DemoireConfig, pictures.Splits]):
     """Photos without moiré: trained on simulated pairs, and tested on these and on real ones."""
 
     def check(self, cfg: DemoireConfig) -> None:
@@ -104,7 +105,7 @@ def fit(cfg: DemoireConfig) -> Metrics:
 
     Raises: as `training.runs.task.fit`.
     """
-    return task.fit(cfg, Demoireing())
+    return task.fit(cfg, DemoireingTask())
 
 
 def has_other_pairs(run: Run[DemoireConfig]) -> bool:
@@ -125,11 +126,8 @@ def test_and_report(
     network.to(machine.device(cfg.trainer.accelerator))  # training leaves it on the CPU
     start = time.perf_counter()
     result = test_network(network, cfg, splits)
-    metrics = {
-        "recipe": cfg.recipe,
-        "seed": cfg.seed,
-        "data": cfg.data.name,
-        "model": cfg.model,
+    metrics: Metrics = {
+        **run_facts(run),
         "width": cfg.demoire.width,
         "target": cfg.demoire.target,
         "pairs": cfg.pairs,
@@ -138,14 +136,9 @@ def test_and_report(
         "test": summarise(result.scores),
         "time": {"train": train["wall_seconds"], "test": time.perf_counter() - start},
         "scenes": {name: scene.to_dict() for name, scene in training_scenes(cfg).items()},
-        "config": run.settings,
-        "fingerprint": run.fingerprint,
-        "environment": {
-            **machine.environment(cfg.trainer.accelerator),
-            "precision": str(cfg.trainer.precision or machine.DEFAULT_PRECISION),
-        },
-        "command": machine.command(),
     }
+    precision = str(cfg.trainer.precision or machine.DEFAULT_PRECISION)
+    metrics["environment"]["precision"] = precision
     write_text(folder / "scores.csv", result.scores.to_csv(index=False, float_format="%.6g"))
     write_text(folder / REPORT, report.page(metrics, result.examples))
     write_metrics(folder, metrics)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from training.classifier.module import Classifier
 
 
-class Classification(Task[Config, Splits]):
+class ClassificationTask(Task[Config, Splits]):
     """Answers to images: trained by a recipe, attacked, and compared with plain training."""
 
     def check(self, cfg: Config) -> None:

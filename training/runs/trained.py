@@ -13,8 +13,9 @@ from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
 from moireaug.common.argument_checks import one_of
+from training.config.data_sets import DATA, Data
 from training.config.scenes import scene_of
-from training.config.schema import DATA, Config, Data, as_config
+from training.config.schema import Config, as_config
 from training.data.splits import Splits
 from training.models.classifiers import OWN_MODELS, as_model, class_count, model_names
 from training.runs.layout import BEST, METRICS, SETTINGS, read_metrics, run_folder
