@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     import lightning as L
     from lightning import Fabric
 
+    from training.trainer.module import RecordedModule
+
 LOST_PROCESS = (
     "another process of this run was lost: it was killed, ran out of memory, or failed with the "
     "error above. What is complete is kept, and the same command resumes from there."
@@ -131,7 +133,7 @@ def _run_rank(count: int, job: Callable[..., Any], *args: Any) -> None:
 
 
 def fit(
-    trainer: L.Trainer, module: L.LightningModule, batches: L.LightningDataModule, folder: Path
+    trainer: L.Trainer, module: RecordedModule, batches: L.LightningDataModule, folder: Path
 ) -> tuple[dict[str, Any], float]:
     """Train, and load the best weights into the module.
 
@@ -161,8 +163,7 @@ def fit(
             raise ConnectionError(f"{LOST_PROCESS} ({str(error).splitlines()[0]})") from error
         raise
     seconds = time.perf_counter() - start_time
-    history: Any = module.history
-    for epoch in history[:first_epoch]:
+    for epoch in module.history[:first_epoch]:
         seconds += epoch["seconds"] + epoch["validation_seconds"]
     best = read_checkpoint(folder / BEST)
     module.load_state_dict(best["state_dict"])

@@ -13,13 +13,14 @@ from training.system.files import read_checkpoint
 from training.system.messages import count_text
 from training.system.processes import is_first, print_once
 from training.trainer import ranks
+from training.trainer.module import RecordedModule
 
 Cost = dict[str, Any]  # the content of train.json
 
 
 def train(
     run: Run[Any],
-    module: L.LightningModule,
+    module: RecordedModule,
     trainer: L.Trainer,
     batches_from: Callable[..., L.LightningDataModule],
     finish: Callable[[Mapping[str, Any], float], Cost],
@@ -29,8 +30,7 @@ def train(
     validation, and return the cost.
 
     Args:
-        module: network with the `history` of its epochs; of a run that is not resumed, with the
-            weights that it starts from.
+        module: network; of a run that is not resumed, with the weights that it starts from.
         batches_from: returns the batches from the epoch `first_epoch` on.
         finish: takes the best checkpoint and the seconds of all epochs, and returns the cost.
         plan: line on the training that begins.
