@@ -21,7 +21,7 @@ from training.config.scenes import scene_of, shrink_text
 from training.config.schema import Config, ReattackConfig
 from training.report.examples import run_examples, table_examples
 from training.runs.layout import REPORT
-from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost, run_facts
+from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
 from training.runs.run import Run
 
 
@@ -81,7 +81,7 @@ def metrics_of(cfg: Config) -> dict[str, Any]:
     """Return the fields of `Metrics` that need no attack: settings, scene, machine and command."""
     scene, size = scene_of(cfg), (cfg.data.size, cfg.data.size)
     return {
-        **run_facts(Run(cfg)),
+        **Run(cfg).facts(),
         "scene_name": scene_title(cfg),
         "scene": scene.to_dict(),
         "plan": "\n\n".join(str(one.plan(size)) for one in scenes_of(scene)),

@@ -35,7 +35,6 @@ from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
 from training.runs import task
 from training.runs.layout import NETWORK, REPORT, read_metrics, write_metrics
-from training.runs.metrics import run_facts
 from training.runs.run import Run
 from training.runs.task import Metrics, Task
 from training.system import machine
@@ -127,7 +126,7 @@ def test_and_report(
     start = time.perf_counter()
     result = test_network(network, cfg, splits)
     metrics: Metrics = {
-        **run_facts(run),
+        **run.facts(),
         "width": cfg.demoire.width,
         "target": cfg.demoire.target,
         "pairs": cfg.pairs,

@@ -9,29 +9,12 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from training.runs.layout import COST, METRICS, read_metrics, training_cost, write_metrics
-from training.runs.run import Run
-from training.system import machine
 
 VERSION = 2  # of the records
 ORIGINAL = "original"  # in place of a recipe: a network before it was trained to keep its answers
 # keys that are left out, not null: of what was not attacked, and of a machine that is not known
 ATTACK_KEYS = ("clean_accuracy", "reattack", "correct", "identity", "trust", "trust_n")
 Record = TypeVar("Record")
-
-
-def run_facts(run: Run[Any]) -> dict[str, Any]:
-    """Return what any run's metrics say of its settings, machine and command."""
-    cfg = run.config
-    return {
-        "recipe": cfg.recipe,
-        "seed": cfg.seed,
-        "data": cfg.data.name,
-        "model": cfg.model,
-        "config": run.settings,
-        "fingerprint": run.fingerprint,
-        "environment": machine.environment(cfg.trainer.accelerator),
-        "command": machine.command(),
-    }
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from training.runs.layout import (
     run_folder,
     training_cost,
 )
+from training.system import machine
 from training.system.files import free_name, locked, make_folder, read_settings
 from training.system.processes import is_first
 
@@ -64,6 +65,20 @@ class Run(Generic[Settings]):
     def training_fingerprint(self) -> str:
         """Twelve hex digits that change with any setting that the weights depend on."""
         return training_fingerprint(self.settings, type(self.config))
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the metrics of any run say of its settings, machine and command."""
+        cfg = self.config
+        return {
+            "recipe": cfg.recipe,
+            "seed": cfg.seed,
+            "data": cfg.data.name,
+            "model": cfg.model,
+            "config": self.settings,
+            "fingerprint": self.fingerprint,
+            "environment": machine.environment(cfg.trainer.accelerator),
+            "command": machine.command(),
+        }
 
     def stage(self) -> str:
         """Return how far the run in the folder has come.
