@@ -79,13 +79,15 @@ class DemoireingTask(Task[DemoireConfig, pictures.Splits]):
     def runs_before(self, run: Run[DemoireConfig]) -> list[Run[DemoireConfig]]:
         return []
 
-    def load(self, run: Run[DemoireConfig]) -> pictures.Splits:
+    def load(self, cfg: DemoireConfig) -> pictures.Splits:
+        splits = pictures.load(cfg)
+        pictures.require_usable(splits)
+        return splits
+
+    def try_out(self, run: Run[DemoireConfig], data: pictures.Splits) -> None:
         from training.demoireing.train import try_out  # Lightning takes seconds to import
 
         try_out(run)
-        splits = pictures.load(run.config)
-        pictures.require_usable(splits)
-        return splits
 
     def train_and_test(
         self, run: Run[DemoireConfig], data: pictures.Splits, data_seconds: float

@@ -64,12 +64,13 @@ class ClassificationTask(Task[Config, Splits]):
     def runs_before(self, run: Run[Config]) -> list[Run[Config]]:
         return [one for one in (start_of(run), baseline_of(run)) if one]
 
-    def load(self, run: Run[Config]) -> Splits:
+    def load(self, cfg: Config) -> Splits:
+        return load_data(cfg)
+
+    def try_out(self, run: Run[Config], data: Splits) -> None:
         from training.classifier.train import try_out  # Lightning, which takes seconds to import
 
-        splits = load_data(run.config)
-        try_out(run, splits)
-        return splits
+        try_out(run, data)
 
     def train_and_test(self, run: Run[Config], data: Splits, data_seconds: float) -> Metrics:
         start, baseline = plain_runs(run, data)

@@ -33,14 +33,17 @@ class Task(ABC, Generic[Settings, Data]):
         """Return the runs that are trained first, unless they were before."""
 
     @abstractmethod
-    def load(self, run: Run[Settings]) -> Data:
-        """Load the data, and make the network and the trainer once, before any run is moved or any
-        time is spent."""
+    def load(self, cfg: Settings) -> Data:
+        """Load the data."""
+
+    @abstractmethod
+    def try_out(self, run: Run[Settings], data: Data) -> None:
+        """Make the network and the trainer once, before any run is moved or any time is spent."""
 
     @abstractmethod
     def train_and_test(self, run: Run[Settings], data: Data, data_seconds: float) -> Metrics:
         """Train, test and report, or do the rest of it, as `fit`; `data_seconds` is the time that
-        `load` took."""
+        the data and the trial took."""
 
 
 def fit(cfg: Settings, task: Task[Settings, Any]) -> Metrics:
@@ -66,7 +69,8 @@ def fit(cfg: Settings, task: Task[Settings, Any]) -> Metrics:
         if cfg.resume and is_first():
             require_resumable(run, *task.runs_before(run))
         start_time = time.perf_counter()
-        data = task.load(run)
+        data = task.load(cfg)
         if cfg.resume is not False:
             require_same_origin(run, Origin.of(cfg.weights, data))
+        task.try_out(run, data)
         return task.train_and_test(run, data, time.perf_counter() - start_time)
