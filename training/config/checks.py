@@ -13,7 +13,7 @@ from torch import nn
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation.suites import check_used
 from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
-from training.config.data_sets import DATA, Data, users_of
+from training.config.data_sets import DATA, Data, data_sets_with
 from training.config.scenes import scene_of
 from training.config.schema import Adversary, Config, ReattackConfig, RunConfig, Train, Trainer
 from training.config.settings import as_argument, check, settings_of, value_of, with_values
@@ -71,7 +71,7 @@ def check_answers(cfg: Config) -> None:
             f"recipe={cfg.recipe} keeps the answers of a trained network: pass weights=FILE and "
             "model=NAME."
         )
-    if cfg.data.name not in users_of("root"):
+    if cfg.data.name not in data_sets_with("root"):
         raise ValueError(
             f"recipe={cfg.recipe} tunes a network on pictures like those it is for, and "
             f"{cfg.data.name} are drawn, of {cfg.data.size} px: pass data=folder data.root=DIR, "

@@ -78,19 +78,19 @@ DATA_SETS = {
 }
 
 
-def users_of(setting: str) -> tuple[str, ...]:
-    """Return the data sets that use one of the settings that not every data set does."""
+def data_sets_with(setting: str) -> tuple[str, ...]:
+    """Return the data sets that use a setting which not every data set does."""
     return tuple(name for name, one in DATA_SETS.items() if setting in one.uses)
 
 
 def is_published(name: Any) -> bool:
     """Return whether the data set of a name can be fetched, and is the same in any folder."""
-    return name in users_of("download")
+    return name in data_sets_with("download")
 
 
 def is_users_own(name: Any) -> bool:
     """Return whether the data set of a name holds what the user has put into data.root."""
-    return name in users_of("root") and not is_published(name)
+    return name in data_sets_with("root") and not is_published(name)
 
 
 @dataclass
@@ -103,7 +103,7 @@ class Data:
         "the data's folder; of data=folder, with train/ and test/, or test classes alone; with "
         "train.target=answers, any pictures",
         is_path=True,
-        only_for=users_of("root"),
+        only_for=data_sets_with("root"),
         may_differ=True,
     )
     size: int = setting(64, "side of the images, in pixels", bounds=(16, 8192))
@@ -116,12 +116,14 @@ class Data:
         None, "validation images; null: 10 % of the training images", bounds=(1, None)
     )
     test: int | None = setting(None, "test images; null: all", bounds=(1, None), tests=True)
-    seed: int = setting(0, "of the drawn images", bounds=(0, MAX_SEED), only_for=users_of("seed"))
+    seed: int = setting(
+        0, "of the drawn images", bounds=(0, MAX_SEED), only_for=data_sets_with("seed")
+    )
     class_index: str | None = setting(
         None,
         "CSV of folder (or wnid) and class_index of published weights",
         is_path=True,
-        only_for=users_of("class_index"),
+        only_for=data_sets_with("class_index"),
     )
     augment: str = setting(
         "none",
@@ -135,7 +137,7 @@ class Data:
         False,
         "fetch a published data set",
         changes_result=False,
-        only_for=users_of("download"),
+        only_for=data_sets_with("download"),
     )
 
 
