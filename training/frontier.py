@@ -29,6 +29,7 @@ from training.comparison.summaries import RecipeSummary, summarise
 from training.comparison.table import markdown, terminal_parts
 from training.config.commands import parse, report_errors
 from training.config.settings import setting
+from training.runs.layout import FRONTIER
 
 EXAMPLE = "python training/frontier.py runs"
 
@@ -65,7 +66,7 @@ def main(argv: Sequence[str]) -> None:
         source = Path(cfg.runs)
         if source.suffix == ".csv" and cfg.out is None:  # beside it lie the tables of the runs
             raise ValueError("say where to write the table of a CSV, with out=DIR")
-        frontier(source, Path(cfg.out) if cfg.out else source / "frontier")
+        frontier(source, Path(cfg.out) if cfg.out else source / FRONTIER)
 
 
 if __name__ == "__main__":
