@@ -22,10 +22,10 @@ from training.config.command_line import (
     HELP_FLAGS,
     SWEEP_FLAGS,
     quote_paths,
-    require_recipe,
     why_refused,
 )
 from training.config.compose import HELP_TEXTS, help_text
+from training.config.recipes import require_recipe
 from training.config.schema import Config, RunConfig, as_config
 from training.config.settings import check, field_of, settings_of
 from training.system import machine

@@ -7,28 +7,46 @@ import torch
 from kornia.augmentation import AugmentationSequential
 from torch import Tensor
 
+Size = tuple[int, int]  # height and width, in pixels
+
+
+def shift(size: Size) -> list[K.AugmentationBase2D]:
+    """Move by up to an eighth, with black beyond the edges."""
+    reach = max(1, size[0] // 8), max(1, size[1] // 8)
+    return [K.RandomCrop(size, padding=reach, p=1.0)]
+
+
+def shift_flip(size: Size) -> list[K.AugmentationBase2D]:
+    """Move, and mirror every other image."""
+    return [*shift(size), K.RandomHorizontalFlip(p=0.5)]
+
+
+def crop_flip(size: Size) -> list[K.AugmentationBase2D]:
+    """Enlarge a part of half the area or more, and mirror every other image."""
+    return [
+        K.RandomResizedCrop(size, scale=(0.5, 1.0), p=1.0),
+        K.RandomHorizontalFlip(p=0.5),
+    ]
+
+
+def affine(size: Size) -> list[K.AugmentationBase2D]:
+    """Change place, form and tone, and erase a part: for signs and documents, which must not be
+    mirrored."""
+    return [
+        K.RandomAffine(15, (0.1, 0.1), (0.85, 1.15), 8, padding_mode="border", p=1.0),
+        K.RandomBrightness((0.6, 1.4), p=1.0),
+        K.RandomContrast((0.6, 1.4), p=1.0),
+        K.RandomErasing((0.02, 0.15), (0.5, 2.0), p=0.25),
+    ]
+
+
+STEPS = {"shift": shift, "shift_flip": shift_flip, "crop_flip": crop_flip, "affine": affine}
+
 
 @functools.lru_cache
-def pipeline(kind: str, height: int, width: int) -> AugmentationSequential:
-    """Return the augmentation of that name for images of one size: "affine" is for signs and
-    documents, which must not be flipped."""
-    if kind == "affine":
-        return AugmentationSequential(
-            K.RandomAffine(15, (0.1, 0.1), (0.85, 1.15), 8, padding_mode="border", p=1.0),
-            K.RandomBrightness((0.6, 1.4), p=1.0),
-            K.RandomContrast((0.6, 1.4), p=1.0),
-            K.RandomErasing((0.02, 0.15), (0.5, 2.0), p=0.25),
-        )
-    if kind == "crop_flip":
-        return AugmentationSequential(
-            K.RandomResizedCrop((height, width), scale=(0.5, 1.0), p=1.0),
-            K.RandomHorizontalFlip(p=0.5),
-        )
-    reach = max(1, height // 8), max(1, width // 8)
-    shift = K.RandomCrop((height, width), padding=reach, p=1.0)
-    if kind == "shift":
-        return AugmentationSequential(shift)
-    return AugmentationSequential(shift, K.RandomHorizontalFlip(p=0.5))
+def pipeline(kind: str, size: Size) -> AugmentationSequential:
+    """Return the augmentation of that name for images of one size."""
+    return AugmentationSequential(*STEPS[kind](size))
 
 
 def augment(images: Tensor, kind: str) -> Tensor:
@@ -38,4 +56,4 @@ def augment(images: Tensor, kind: str) -> Tensor:
         return images
     # kornia's affine transforms are off by up to a pixel in bfloat16
     with torch.no_grad(), torch.autocast(images.device.type, enabled=False):
-        return pipeline(kind, *images.shape[-2:])(images)
+        return pipeline(kind, (images.shape[-2], images.shape[-1]))(images)
