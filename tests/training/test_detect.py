@@ -120,6 +120,7 @@ def test_a_detector_replays_from_its_file_and_rejects_photos(trained):
         (["train", "weights=null", "images=nowhere"], "nowhere is not a folder"),
         (["train", "weights=null", "n=3"], "n must"),
         (["score", "in=nowhere", "detector=none.pt"], "none.pt"),
+        (["score", "in=.", "detector=none.pt"], "out=runs/scores lies in in=., and what"),
     ],
 )
 def test_a_wrong_command_is_refused(command, message, tmp_path, monkeypatch):

@@ -24,7 +24,6 @@ import torch
 from omegaconf import MISSING
 from torch import Tensor
 from torch.utils.data import DataLoader
-from torchmetrics.functional.classification import binary_auroc
 from tqdm import tqdm
 
 from moireaug.common.files import write_text
@@ -34,6 +33,7 @@ from training.config.commands import parse, report_errors
 from training.config.settings import setting
 from training.demoireing.pictures import DrawnPictures, split_tenths
 from training.detection.examples import PHOTO_SIDE, Examples
+from training.detection.measures import auc
 from training.detection.network import LOOKS, Detector, as_photo, fit_head
 from training.system.files import make_folder
 
@@ -97,15 +97,16 @@ def train(cfg: Config) -> dict[str, Any]:
         tests = torch.tensor([number in held_out for _, _, number in seen[look]])
         fit_head(detector.heads[look], x[~tests], truth[~tests].tolist(), cfg.penalty)
         with torch.no_grad():
-            scores = detector.heads[look](x[tests])[:, 0]
-        metrics["auc"][look] = binary_auroc(scores, truth[tests].long()).item()
+            logits = detector.heads[look](x[tests])[:, 0].numpy()
+        is_screen = truth[tests].numpy()
+        metrics["auc"][look] = auc(logits[is_screen], logits[~is_screen])
     scores = torch.tensor([score_of(detector, picture) for picture in ordinary])
     detector.threshold.fill_(float(torch.quantile(scores, 1 - cfg.false_alarms)))
     metrics["threshold"] = detector.threshold.item()
     metrics["seconds"] = time.perf_counter() - start
     detector.save(out / "detector.pt")
     write_text(out / "metrics.json", json.dumps(metrics, indent=1))
-    found = ", ".join(f"{look} {auc:.3f}" for look, auc in metrics["auc"].items())
+    found = ", ".join(f"{look} {area:.3f}" for look, area in metrics["auc"].items())
     print(f"AUC on simulated photos that were left out: {found}")
     print(f"Written in {metrics['seconds']:.0f} s: {out / 'detector.pt'}")
     return metrics
