@@ -84,7 +84,7 @@ def apply(names: Sequence[str], values: Tensor, shot: ShotRecord) -> Tensor:
     """
     effects = effects_by_name()
     if names:
-        shot = shot.to(values.device)
+        shot = shot.to(values.device).with_geometry_kept()
     for name in names:
         values = effects[name](values, shot)
     return values

@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Union
 
 import torch
 from torch import Tensor
@@ -17,7 +17,7 @@ from torch import Tensor
 from moireaug.common.numeric import is_batched
 from moireaug.engine import differences, kernel_stage
 from moireaug.engine.backends import BACKENDS, reference
-from moireaug.engine.kernel_stage import KernelStage, Stage
+from moireaug.engine.kernel_stage import KernelStage
 from moireaug.scene.by_name import values_of
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.shot import ShotRecord
@@ -26,6 +26,7 @@ from moireaug.scene.shot import ShotRecord
 # corner, a pair each
 SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
 
+Stage = Union["KernelStage", "OperatorStage"]
 ShotFunction = Callable[[Tensor, ShotRecord], Tensor]
 
 
@@ -88,17 +89,16 @@ def run_kernels(stage: KernelStage, values: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True, eq=False)
-class OperatorStage(Stage):
-    """A stage by its operator.
+class OperatorStage:
+    """A stage by its operator; for its methods, see `KernelStage`.
 
-    Args:
-        name: "expose", from images to readings, or "develop", from readings to photos.
-        in_pytorch: the stage's reference.
+    name: "expose", from images to readings, or "develop", from readings to photos.
     """
 
     name: str
     shot: ShotRecord
-    in_pytorch: Callable[[Tensor], Tensor]
+    reference: Callable[[Tensor], Tensor]
+    sums_in_order = True
 
     def forward(self, values: Tensor, saves: bool) -> tuple[Tensor, Tensor]:
         shape = (3, *self.shot.size) if self.name == "develop" else self.shot.raw_shape()[1:]
@@ -108,9 +108,6 @@ class OperatorStage(Stage):
     def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
         operator = getattr(torch.ops.moireaug, f"{self.name}_back")
         return operator(grad, values, *self._shot_arguments())
-
-    def reference(self, values: Tensor) -> Tensor:
-        return self.in_pytorch(values)
 
     def _shot_arguments(self) -> tuple[Any, ...]:
         """Return the shot as `SHOT_SCHEMA` takes it."""

@@ -8,7 +8,7 @@ import dataclasses
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from moireaug.engine.lower.development_records import Development
     from moireaug.engine.lower.exposure_records import Exposure, PanelView
 
-    Records = tuple[Exposure, PanelView]
 DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
 # scenes of which it was said that the reference computes some of their photos
 _reported: set[SceneRecord] = set()
@@ -44,31 +43,22 @@ class Exposing(KernelStage):
         as where the blur differs from place to place.
     """
 
+    name = "expose"
     # lens and aperture pass a cycle per sensor pixel or so: phases that are seen turn by 0.01 rad
     max_shift = 0.002
 
     is_decoded: bool
 
-    @property
-    def sums_in_order(self) -> bool:
-        return self.kernels.SUMS_IN_ORDER
-
     def lower(
         self, shot: ShotRecord, exactness: int, geometry: HostGeometry | None = None
-    ) -> Records:
+    ) -> tuple[Exposure, PanelView]:
         # with the first photo: importing the package would take a tenth longer
         from moireaug.engine.lower.exposure import lower_exposure
 
         return lower_exposure(shot, geometry, decoded=self.is_decoded, exactness=exactness)
 
-    def can_follow(self, records: Records) -> np.ndarray:
+    def can_follow(self, records: tuple[Any, ...]) -> np.ndarray:
         return self.kernels.fits(*records)
-
-    def launch(self, values: Tensor, saves: bool, records: Records) -> tuple[Tensor, Tensor]:
-        return self.kernels.launch_expose(values, saves, *records)
-
-    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
-        return self.kernels.launch_expose_back(grad, values, saved, *self.records)
 
     def __call__(self, light: Tensor) -> Tensor:
         if self.is_decoded:
@@ -151,25 +141,20 @@ class Developing(KernelStage):
     is_finite: the readings are known to be finite.
     """
 
+    name = "develop"
     max_shift = 0.03  # a photo that is registered is smoother than its reading
 
     is_finite: bool
 
     def lower(
         self, shot: ShotRecord, exactness: int, geometry: HostGeometry | None = None
-    ) -> Development:
+    ) -> tuple[Development]:
         from moireaug.engine.lower.development import lower_development
 
-        return lower_development(shot, self.effects, geometry)
+        return (lower_development(shot, self.effects, geometry),)
 
-    def can_follow(self, records: Development) -> np.ndarray:
-        return np.ones(len(records.codes.matrix), bool)
-
-    def launch(self, values: Tensor, saves: bool, records: Development) -> tuple[Tensor, Tensor]:
-        return self.kernels.launch_develop(values, saves, records)
-
-    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
-        return self.kernels.launch_develop_back(grad, values, saved, self.records)
+    def can_follow(self, records: tuple[Any, ...]) -> np.ndarray:
+        return np.ones(len(records[0].codes.matrix), bool)
 
     def __call__(self, raw: Tensor) -> Tensor:
         if self.is_finite:
