@@ -97,8 +97,8 @@ class ShotGeometry(Generic[Array]):
         return self._once("pose", self._computed_pose)
 
     def _computed_pose(self) -> tuple[Any, Any]:
-        k1, k2, scale = self._numbers["lens.k1"], self._numbers["lens.k2"], self.scene.sensor.scale
-        return pose_of(self.view, k1, k2, self.photo_size, self.focal, scale, self.xp)
+        lens, scale = (self._numbers["lens.k1"], self._numbers["lens.k2"]), self.scene.sensor.scale
+        return pose_of(self.view, lens, self.photo_size, self.focal, scale, self.xp)
 
     @property
     def focal(self) -> Array:

@@ -33,18 +33,24 @@ class AxisView(NamedTuple):
     """The view of sensor pixels on one kind of subpixel along x (axis 0) or y (axis 1).
 
     Args:
-        centre, period, pixel: where the subpixel lies, in panel pixels: its centre in its cell, the
-            cell's period, and the middle of the panel pixel whose value it shows.
         footprint: of the view, (B, h, w) each, in cells.
-        width: of the subpixel, (B, 1, 1), in cells.
+        width: of the subpixel, (B, 1, 1), in cells; `subpixel` says where it lies.
     """
 
+    subpixel: Subpixel
     axis: int
-    centre: float
-    period: int
-    pixel: float
     footprint: Footprint
     width: Tensor
+
+    @property
+    def period(self) -> int:
+        """Panel pixels along the axis from one copy of the subpixel to the next."""
+        return self.subpixel.period[self.axis]
+
+    @property
+    def pixel(self) -> float:
+        """Where along the axis the middle of the panel pixel lies whose value it shows."""
+        return self.subpixel.pixel[self.axis]
 
 
 class AxisShares(NamedTuple):
@@ -108,13 +114,7 @@ def axis_view(
     width, slant = (t.to(step.dtype)[:, None, None] for t in (width, slant))
     footprint = Footprint.of(step[..., axis, :] / period, optics)
     footprint = Footprint(footprint.box, footprint.variance + slant)
-    place = subpixel.centre[axis], period, subpixel.pixel[axis]
-    return AxisView(axis, *place, footprint, width)
-
-
-def view_of_whole_pixels(axis: int, footprint: Footprint, width: Tensor) -> AxisView:
-    """Return the view on panel pixels that emit all over, or as wide in their middle."""
-    return AxisView(axis, 0.5, 1, 0.5, footprint, width)
+    return AxisView(subpixel, axis, footprint, width)
 
 
 def variance_beyond_taps(views: Iterable[AxisView], alpha: Tensor | float, taps: int) -> Tensor:
@@ -131,7 +131,7 @@ def axis_shares(view: AxisView, at: Tensor, shot: ShotRecord, screen: Screen) ->
     """Return the shares on the subpixels around of views whose middles lie at positions `at`
     (B, h, w) along their axis, in panel pixels."""
     taps, dtype, period, width = screen.taps, screen.light.dtype, view.period, view.width
-    cells = (at - view.centre) / period
+    cells = (at - view.subpixel.centre[view.axis]) / period
     nearest = cells.detach().round()
     narrowed, lost = view.footprint.fitted(width, taps)
     shares = tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)

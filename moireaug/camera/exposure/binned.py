@@ -9,12 +9,7 @@ import torch
 from torch import Tensor
 
 from moireaug.camera.exposure.alias_transfer import Wave, plane_waves, power_transfer, times
-from moireaug.camera.exposure.axis_views import (
-    AxisView,
-    axis_shares,
-    panel_pixels,
-    view_of_whole_pixels,
-)
+from moireaug.camera.exposure.axis_views import WHOLE_PIXEL, AxisView, axis_shares, panel_pixels
 from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import (
     Bins,
@@ -99,14 +94,14 @@ class Binned(ClosedForm):
             box, variance = content.footprint(axis, bins)
             added = content.interpolation_variance.to(dtype)[:, None, None]
             width = content.width[:, channel, axis, None, None].to(dtype)
-            view = view_of_whole_pixels(axis, Footprint(box, variance + added), width)
+            view = AxisView(WHOLE_PIXEL, axis, Footprint(box, variance + added), width)
             shares.append(axis_shares(view, at, shot, screen))
         return panel_pixels(screen, channel, *shares)
 
     def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:
         content, bins = content_of(shot), bins_on_image(points, shot)
         one = torch.ones_like(shot.panel_scale)[:, None, None]
-        views = [view_of_whole_pixels(axis, content.footprint(axis, bins), one) for axis in (0, 1)]
+        views = [AxisView(WHOLE_PIXEL, axis, content.footprint(axis, bins), one) for axis in (0, 1)]
         return views, content.scale[:, None, None]
 
     def modulation(self, bins: Bins, shot: ShotRecord) -> list[list[Tensor]]:

@@ -8,7 +8,6 @@ import functools
 import math
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -38,7 +37,6 @@ from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.lattice import CFA, Site, pattern_period
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
-from moireaug.scene.subpixel import Subpixel
 
 # elements of the largest tensor, by device: rows are read in bands that keep to it
 MAX_TENSOR_ELEMENTS = {"cpu": 2**19, "cuda": 2**27}
@@ -147,15 +145,6 @@ class FullReading(ClosedForm):
         return axis_views(shot.scene, step, optics_of(shot)), shot.panel_scale[:, None, None]
 
 
-class SubpixelShares(NamedTuple):
-    """The shares of sensor pixels' views on a subpixel along both axes; step: of `PanelPoints`."""
-
-    subpixel: Subpixel
-    x: AxisShares
-    y: AxisShares
-    step: Tensor
-
-
 class BySubpixel(FullReading):
     """An exposure that sums over a channel's subpixels: the panel pixels around, times the share of
     the view that the subpixels fill."""
@@ -166,13 +155,14 @@ class BySubpixel(FullReading):
         for subpixel in shot.scene.panel.cell.of(channel):
             views = [axis_view(subpixel, axis, points.step, lit, optics) for axis in (0, 1)]
             x, y = (axis_shares(v, points.position[..., v.axis], shot, screen) for v in views)
-            through = self.transmission(SubpixelShares(subpixel, x, y, points.step), shot)
+            through = self.transmission(x, y, points.step, shot)
             total = total + panel_pixels(screen, channel, x, y) * through
         return total
 
     @abstractmethod
-    def transmission(self, seen: SubpixelShares, shot: ShotRecord) -> Tensor:
-        """Return the share of the view that the subpixels fill, (B, h, w)."""
+    def transmission(self, x: AxisShares, y: AxisShares, step: Tensor, shot: ShotRecord) -> Tensor:
+        """Return the share of the view that the subpixels fill, (B, h, w); step: see
+        `PanelPoints`."""
 
 
 class Spectral(BySubpixel):
@@ -193,9 +183,8 @@ class Spectral(BySubpixel):
         super().__init__(taps, in_float64=in_float64)
         self.harmonics = harmonics
 
-    def transmission(self, seen: SubpixelShares, shot: ShotRecord) -> Tensor:
-        (subpixel, x, y, step), layout = seen, shot.scene.panel.cell
-        dtype = x.share.dtype
+    def transmission(self, x: AxisShares, y: AxisShares, step: Tensor, shot: ShotRecord) -> Tensor:
+        subpixel, layout, dtype = x.view.subpixel, shot.scene.panel.cell, x.share.dtype
         optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
         width, height = (t.to(dtype)[:, None, None] for t in emitting_share(shot.panel))
         orders = []
@@ -224,8 +213,8 @@ class Box(BySubpixel):
     name = "box"
     reason = "the overlap of subpixel and aperture"
 
-    def transmission(self, seen: SubpixelShares, shot: ShotRecord) -> Tensor:
-        return covered_share(seen.x) * covered_share(seen.y)
+    def transmission(self, x: AxisShares, y: AxisShares, step: Tensor, shot: ShotRecord) -> Tensor:
+        return covered_share(x) * covered_share(y)
 
 
 class Mean(FullReading):
