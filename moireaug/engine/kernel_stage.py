@@ -28,7 +28,7 @@ from moireaug.scene.shot_geometry import HostGeometry
 # of any photo or reading, in [0, 1]; kernels and reference differ by 1e-4 at most
 MAX_RMS = 1e-3
 # of a gradient, as a share of the reference's length; they differ by 1e-3, and of white pictures,
-# where values lie on either side of a bound, by 1e-2 at most
+# where values lie on either side of a limit, by 1e-2 at most
 MAX_GRADIENT_ERROR = 0.05
 MIN_SLOPE = 1e-3  # a gradient's length over that of the results', at least, in its error
 _agreements: dict[tuple[str, torch.dtype, torch.device, bool], bool] = {}
@@ -104,7 +104,7 @@ class KernelStage(ABC):
 
     def reference(self, values: Tensor) -> Tensor:
         """Return the results in PyTorch, which derivatives of the gradient need."""
-        return pipeline.apply(self.effects, as_float(values), self.shot)
+        return pipeline.apply(self.effects, values, self.shot)
 
     def variant(self) -> str:
         """Return a name of the kernels, the same only if they are compiled alike."""
@@ -172,7 +172,7 @@ def failure_of(stage: KernelStage, values: Tensor, *, back: bool) -> str | None:
     except Exception as error:  # of a compiler, a driver or a launch
         return f"do not run ({_summary(error)})"
     try:
-        rms = (results - stage.reference(as_float(values))).square().mean((1, 2, 3)).sqrt()
+        rms = (results - stage.reference(values)).square().mean((1, 2, 3)).sqrt()
         share = 0.0 if gradient is None else _gradient_error(stage, values, results, gradient)
     except torch.OutOfMemoryError:
         return None

@@ -5,6 +5,7 @@ none."""
 from __future__ import annotations
 
 import dataclasses
+import functools
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +17,6 @@ from torch import Tensor
 
 from moireaug.camera import pipeline
 from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE, is_blurred
-from moireaug.common.numeric import as_float
 from moireaug.engine import kernel_stage
 from moireaug.engine.execution import Call
 from moireaug.engine.kernel_stage import KernelStage
@@ -63,7 +63,7 @@ class Exposing(KernelStage):
     def __call__(self, light: Tensor) -> Tensor:
         if self.is_decoded:
             names = [name for name in self.shot.plan.exposing if name in DECODING]
-            light = pipeline.apply(names, as_float(light), self.shot)
+            light = pipeline.apply(names, light, self.shot)
         return run_kernels(self, light)
 
 
@@ -87,10 +87,7 @@ def exposing(call: Call, batch: int = 0) -> Callable[[Tensor], Tensor]:
     batch: how many images there are, if the call's are only some of them.
     """
     shot, batch = call.shot, batch or len(call.shot)
-
-    def reference(light: Tensor) -> Tensor:
-        return pipeline.expose(as_float(light), shot)
-
+    reference = functools.partial(pipeline.expose, shot=shot)
     if call.execution.why_not_expose:
         return reference
     if torch.compiler.is_compiling():
@@ -115,10 +112,8 @@ def exposing(call: Call, batch: int = 0) -> Callable[[Tensor], Tensor]:
     if not followed.any():
         return reference
     # each image by itself, so that its reading does not depend on the rest of the batch
-    others = call.part(~followed).shot
-    return _split(
-        followed, stage.part(followed), lambda light: pipeline.expose(as_float(light), others)
-    )
+    others = functools.partial(pipeline.expose, shot=call.part(~followed).shot)
+    return _split(followed, stage.part(followed), others)
 
 
 def _report_unfollowed(scene: SceneRecord, n: int, total: int) -> None:
@@ -168,8 +163,8 @@ class Developing(KernelStage):
         if not finite.any():
             return pipeline.develop(raw, self.shot)
         # NaN and infinity are not in the tables of the CPU's kernels
-        checked, others = checked.part(finite), self.call.part(~finite).shot
-        return _split(finite, checked, lambda raw: pipeline.develop(raw, others))(raw)
+        others = functools.partial(pipeline.develop, shot=self.call.part(~finite).shot)
+        return _split(finite, checked.part(finite), others)(raw)
 
 
 def finite_images(raw: Tensor) -> Tensor:
@@ -188,10 +183,7 @@ def developing(call: Call, *, is_finite: bool = False) -> Callable[[Tensor], Ten
     is_finite: the readings are known to be finite.
     """
     shot, execution = call.shot, call.execution
-
-    def reference(raw: Tensor) -> Tensor:
-        return pipeline.develop(raw, shot)
-
+    reference = functools.partial(pipeline.develop, shot=shot)
     if execution.why_not_develop:
         return reference
     if torch.compiler.is_compiling():
