@@ -25,9 +25,8 @@ from benchmarks import measure
 from moireaug.evaluation import Cell, Table, images_frame, rates
 from moireaug.evaluation.attackers import Attacker, MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import APGDTAttacker, SquareAttacker
-from moireaug.evaluation.keys import EvalSetup
-from moireaug.evaluation.loader import Batches
-from moireaug.evaluation.records import Records
+from moireaug.evaluation.batches import Batches
+from moireaug.evaluation.records import EvalSetup, Records
 from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.scenes import Scene
 from training.attack.protocol import protocol_of

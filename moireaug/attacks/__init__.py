@@ -3,13 +3,12 @@ return logits."""
 
 from typing import NoReturn
 
-from moireaug.attacks.answers import REJECTED, UNDECIDED, predicted
+from moireaug.attacks.base import ATTACK_ADVICE, ModelAttack
 from moireaug.attacks.bounds import BOUNDS
 from moireaug.attacks.checks import NoAnswerError
 from moireaug.attacks.cw import CW
-from moireaug.attacks.foreign import ATTACK_ADVICE
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.losses import LOSSES, margin
+from moireaug.attacks.losses import LOSSES, REJECTED, UNDECIDED, margin, predicted
 from moireaug.attacks.model import Normalized, evaluating
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.multitargeted import MultiTargeted
@@ -19,7 +18,7 @@ from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES
 from moireaug.attacks.square import SquareMoire
 
-ATTACKS: dict[str, type[Attack] | type[CW]] = {
+ATTACKS: dict[str, type[ModelAttack]] = {
     "ma": MoireAttack,
     "pgd": PGD,
     "bim": BIM,

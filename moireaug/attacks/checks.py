@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import has_prediction
-from moireaug.common.argument_checks import check_real, is_finite
+from moireaug.attacks.losses import has_prediction
+from moireaug.common.argument_checks import is_finite
 
 
 class NoAnswerError(ValueError):
@@ -28,19 +28,6 @@ def check_eps(eps: object) -> None:
     if eps > 1:
         raise ValueError(
             f"eps is in [0, 1] units, where 1 is full scale; got {eps!r}. Divide by 255?"
-        )
-
-
-def check_sizes(step_size: float | None, random_start: float, steps: int) -> None:
-    """Refuse a step size or a random start, in units of eps, that is out of range for these steps:
-    ValueError."""
-    if step_size is not None:
-        check_real("step_size", step_size, 0, unit="units of eps")
-    check_real("random_start", random_start, 0, or_low=True, unit="units of eps")
-    if random_start > 1 and steps != 1:
-        raise ValueError(
-            f"a random_start beyond the ball ({random_start!r} times eps) is for a single step, "
-            f"which does not pull it back; got steps = {steps}. Use random_start <= 1."
         )
 
 

@@ -3,42 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, cast
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from moireaug.attacks.answers import has_prediction, is_success
-from moireaug.attacks.checks import check_goals
-from moireaug.attacks.foreign import NamesForeignArguments
-from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
-from moireaug.attacks.model import (
-    check_differentiable,
-    evaluating,
-    require_gradient,
+from moireaug.attacks.base import ModelAttack
+from moireaug.attacks.losses import (
+    has_prediction,
+    is_success,
+    loss_curve,
+    margin,
+    mean_cross_entropy,
 )
-from moireaug.attacks.pixel import PixelProblem, refuse_shot
+from moireaug.attacks.model import check_differentiable, require_gradient
+from moireaug.attacks.pixel import PixelProblem
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
-from moireaug.common.argument_checks import check_callable, check_real, check_whole
-from moireaug.common.image_checks import check_images
+from moireaug.common.argument_checks import check_real, check_whole
 from moireaug.common.numeric import select_rows
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scenes import Shot
 
 TANH_LIMIT = 1 - 1e-6  # a pixel's largest |tanh(w)|: black and white would lie at infinity
 
 
 @dataclass(frozen=True, kw_only=True)
-class CW(NamesForeignArguments):
+class CW(ModelAttack):
     """The attack of Carlini & Wagner (2017, section VI.A) with an L2 distance: Adam on w, where the
     image is (tanh(w) + 1) / 2, descends |image - x|^2 + c max(-margin, -confidence). No bound.
 
     The nearest image that reaches the goal by a margin of `confidence` is kept, or the image itself
     where none does. In the Result, `noise` is the difference to the image, and `eps` its largest
-    absolute value in the batch.
+    absolute value in the batch. Nothing is drawn from a call's generator.
 
     Args:
         model: as in `Attack`.
@@ -57,7 +53,6 @@ class CW(NamesForeignArguments):
 
     has_bound: ClassVar[bool] = False
 
-    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     c: float = 1.0
     binary_search_steps: int = 1
     confidence: float = 0.0
@@ -65,39 +60,27 @@ class CW(NamesForeignArguments):
     lr: float = 0.01
 
     def __post_init__(self) -> None:
-        check_callable("an attack's model", self.model)
+        super().__post_init__()
         check_whole("steps", self.steps, 0)
         check_whole("binary_search_steps", self.binary_search_steps, 1)
         check_real("c", self.c, 0)
         check_real("lr", self.lr, 0)
         check_real("confidence", self.confidence, 0, or_low=True, unit="logits")
 
-    def __call__(
-        self,
-        images: Tensor,
-        labels: Tensor,
-        targets: Tensor | None = None,
-        *,
-        shot: Shot | MixedShot | None = None,
-        generator: torch.Generator | None = None,
-    ) -> Result:
-        """Attack a batch; arguments, Result and errors as of `Attack`. Nothing is drawn from the
-        generator."""
-        images = check_images(images)
-        refuse_shot(shot)
-        with evaluating(self.model, images):
-            images = images.detach().clone()
-            labels, targets = check_goals(images, labels, targets)
-            problem = PixelProblem(images)
-            search = Search(self.model, problem, labels, targets, generator)
-            pixels = self._nearest(search, problem.base)
-            photo = pixels.to(images.dtype)
-            with torch.no_grad():
-                logits = search.logits(photo, labels)
-            search.check(logits)  # without steps, nothing was checked yet
-            clean_correct = search.is_right_without_noise()
-            correct = search.is_right(photo, logits)
-        noise = pixels - problem.base
+    def problem(self, images: Tensor, shot: Any, generator: torch.Generator | None) -> PixelProblem:
+        return PixelProblem(images)
+
+    def attack(self, search: Search) -> Result:
+        images, base = search.problem.images, cast(PixelProblem, search.problem).base
+        labels, targets = search.labels, search.targets
+        pixels = self._nearest(search, base)
+        photo = pixels.to(images.dtype)
+        with torch.no_grad():
+            logits = search.logits(photo, labels)
+        search.check(logits)  # without steps, nothing was checked yet
+        clean_correct = search.is_right_without_noise()
+        correct = search.is_right(photo, logits)
+        noise = pixels - base
         eps = noise.abs().max().item() if noise.numel() else 0.0
         success, losses = is_success(logits, labels, targets), loss_curve(search.losses)
         return Result(photo, success, noise, losses, eps, None, clean_correct, correct)

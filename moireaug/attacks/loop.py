@@ -3,38 +3,28 @@ best point, from which the result is made."""
 
 from __future__ import annotations
 
-import contextlib
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from dataclasses import dataclass
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from moireaug.attacks.answers import is_success
-from moireaug.attacks.checks import check_eps, check_goals, check_sizes
-from moireaug.attacks.foreign import NamesForeignArguments
-from moireaug.attacks.losses import LOSSES, loss_curve
-from moireaug.attacks.model import (
-    check_differentiable,
-    evaluating,
-    require_gradient,
-)
+from moireaug.attacks.base import ModelAttack
+from moireaug.attacks.checks import check_eps
+from moireaug.attacks.losses import LOSSES, is_success, loss_curve
+from moireaug.attacks.model import check_differentiable, require_gradient
 from moireaug.attacks.problem import Point, Problem
-from moireaug.attacks.result import Batch, Result, join_images
-from moireaug.attacks.rules import RULES, Ball, Rule
+from moireaug.attacks.result import Result
+from moireaug.attacks.rules import RULES, Rule
 from moireaug.attacks.search import Search
-from moireaug.common.argument_checks import check_callable, check_whole, one_of
-from moireaug.common.image_checks import check_images
+from moireaug.common.argument_checks import check_real, check_whole, one_of
 from moireaug.common.numeric import widen_half
 from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scenes import Shot
 
 
 @dataclass(frozen=True, kw_only=True)
-class Attack(NamesForeignArguments, ABC):
+class Attack(ModelAttack):
     """Projected gradient ascent on noise inside an L-infinity ball; subclasses say how noise
     becomes an image.
 
@@ -67,9 +57,6 @@ class Attack(NamesForeignArguments, ABC):
     its last logit is then not that of a class, and a success is an image that is let through.
     """
 
-    has_bound: ClassVar[bool] = True  # eps
-
-    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False, repr=False)
     eps: float = 4 / 255
     steps: int = 20
     step_size: float | None = None
@@ -80,58 +67,26 @@ class Attack(NamesForeignArguments, ABC):
     until_fooled: bool = False
 
     def __post_init__(self) -> None:
-        check_callable("an attack's model", self.model)
+        super().__post_init__()
         check_eps(self.eps)
         object.__setattr__(self, "eps", float(self.eps))  # it may be NumPy's
         check_whole("steps", self.steps, 0)
         check_whole("restarts", self.restarts, 1)
-        check_sizes(self.step_size, self.random_start, self.steps)
+        if self.step_size is not None:
+            check_real("step_size", self.step_size, 0, unit="units of eps")
+        check_real("random_start", self.random_start, 0, or_low=True, unit="units of eps")
+        if self.random_start > 1 and self.steps != 1:
+            raise ValueError(
+                f"a random_start beyond the ball ({self.random_start!r} times eps) is for a single "
+                f"step, which does not pull it back; got steps = {self.steps}. Use random_start <= "
+                "1."
+            )
         one_of("rule", self.rule, RULES)
         one_of("loss", self.loss, LOSSES)
 
-    @abstractmethod
-    def problem(self, images: Tensor, shot: Any, generator: torch.Generator | None) -> Problem:
-        """Return the problem of images in one scene: how noise becomes its images."""
-
-    def draw(
-        self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
-    ) -> Shot | MixedShot | None:
-        """Return the shot of a batch, given or drawn; None without a camera."""
-        return shot
-
-    def __call__(
-        self,
-        images: Tensor,
-        labels: Tensor,
-        targets: Tensor | None = None,
-        *,
-        shot: Shot | MixedShot | None = None,
-        generator: torch.Generator | None = None,
-    ) -> Result:
-        """Attack a batch.
-
-        Args:
-            images: (B, 3, H, W) float in [0, 1].
-            labels: (B,) int64 true classes.
-            targets: (B,) int64 classes to reach; None is untargeted.
-            shot: parameters of the photo that is attacked, in its own scene; None draws them.
-            generator: CPU generator of that draw and of random starts; None is torch's global one.
-
-        Raises:
-            TypeError, ValueError: images, labels or logits of the wrong type, shape or range;
-                targets that equal their labels; a model without a gradient, or whose logits are not
-                finite for any of the images.
-        """
-        with self.prepared(images, labels, targets, shot, generator) as batch:
-            return self.attack_batch(batch, self.run_restarts)
-
-    def attack_batch(self, batch: Batch, run: Callable[[Search], None]) -> Result:
-        """Return the Result of a batch from `prepared`; run: the steps of the search of a scene."""
-        results = []
-        for search in self.searches(batch):
-            run(search)
-            results.append(self.result(search))
-        return self.join_results(batch.shot, results)
+    def attack(self, search: Search) -> Result:
+        self.run_restarts(search)
+        return self.result(search)
 
     def last(
         self,
@@ -144,36 +99,13 @@ class Attack(NamesForeignArguments, ABC):
         """Return the images after the last step, (B, 3, H, W), even if an earlier one was better,
         for adversarial training: one forward and backward pass per step, and every step for every
         image. Arguments as in a call."""
-        with self.prepared(images, labels, None, shot, generator) as batch:
-            parts = []
-            for search in self.searches(batch):
-                point = self.run(search, keeps=False)
-                with torch.no_grad():
-                    parts.append(search.problem.render(point))
-            return join_images(batch.shot, parts)
 
-    @contextlib.contextmanager
-    def prepared(
-        self,
-        images: Tensor,
-        labels: Tensor,
-        targets: Tensor | None,
-        shot: Shot | MixedShot | None,
-        generator: torch.Generator | None,
-    ) -> Iterator[Batch]:
-        """Check a batch, draw its shot, and prepare the model, see `evaluating`."""
-        images = check_images(images)
-        with evaluating(self.model, images):
-            images = images.detach().clone()
-            goals = check_goals(images, labels, targets)
-            yield Batch(images, *goals, self.draw(images, shot, generator), generator)
+        def render_last(search: Search) -> Tensor:
+            point = self.run(search, keeps=False)
+            with torch.no_grad():
+                return search.problem.render(point)
 
-    def searches(self, batch: Batch) -> Iterator[Search]:
-        """Yield a search of the images in each scene of a batch; each begins where the one before
-        it has ended, as all draw from one generator."""
-        for images, labels, targets, shot, generator in batch.by_scene():
-            problem = self.problem(images, shot, generator)
-            yield Search(self.model, problem, labels, targets, generator)
+        return self.in_scenes(render_last, images, labels, None, shot, generator)
 
     def run_restarts(self, search: Search) -> None:
         """Run every restart; the search keeps each image's point of the greatest margin."""
@@ -195,7 +127,9 @@ class Attack(NamesForeignArguments, ABC):
         for k in range(self.steps):
             logits, loss, gradients = self._ascent(search, point, checks=k == 0)
             if keeps:
-                search.keep(point, logits, may_drop=k == 0 and self.until_fooled)
+                if k == 0 and self.until_fooled:
+                    search.drop_fooled_if_repeatable(point, logits)
+                search.keep(point, logits)
             if search.is_over:
                 break
             for name, gradient in gradients.items():
@@ -240,12 +174,9 @@ class Attack(NamesForeignArguments, ABC):
         if not problem.noise_frozen:
             # noise that starts outside the ball (N-FGSM) takes its step without being pulled back
             bound = self.eps if self.random_start <= 1 else math.inf
-            ball = Ball(
-                self.eps, bound, *settings, problem.base, problem.effective_range, problem.box
-            )
-            rules["noise"] = RULES[self.rule](ball)
+            rules["noise"] = RULES[self.rule](self.eps, *settings, bound, problem)
         if problem.pose is not None:
-            rules["pose"] = RULES[self.rule](Ball(1.0, 1.0, *settings))
+            rules["pose"] = RULES[self.rule](1.0, *settings)
         return rules
 
     def result(self, search: Search) -> Result:
@@ -263,7 +194,3 @@ class Attack(NamesForeignArguments, ABC):
             correct=search.is_right(images, logits),
             bound=problem.unit,
         )
-
-    def join_results(self, shot: Shot | MixedShot | None, results: Sequence[Result]) -> Result:
-        """Return the Results of the scenes of a shot as that of the whole shot."""
-        return results[0]

@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import is_same_answer, rejection_as_label
 from moireaug.attacks.checks import check_classes
+from moireaug.attacks.losses import is_same_answer, rejection_as_label
 from moireaug.common.networks import (
     first_weight,
     in_evaluation_mode,

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import torch
 from torch import Tensor
 
 from moireaug.attacks.bounds import BOUNDS, Bound, bound_on_reading
-from moireaug.attacks.camera import NOISE_AT, CameraProblem
+from moireaug.attacks.camera import NOISE_AT, CameraProblem, searched_fields
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import attack_margin
-from moireaug.attacks.pose import searched_fields
-from moireaug.attacks.result import Batch, Result, join_results
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_whole, one_of
 from moireaug.mixtures import SceneLike, as_scenes, scenes_of
@@ -134,14 +132,10 @@ class MoireAttack(Attack):
             images, shot, clean, bound, self.noise_at, self.optimise, self.eot, generator
         )
 
-    def searches(self, batch: Batch) -> Iterator[Search]:
-        for search in super().searches(batch):
-            yield search if self.draws == 1 else _at_worst_draw(search, self.draws)
-
-    def join_results(self, shot: Shot | MixedShot | None, results: Sequence[Result]) -> Result:
-        if isinstance(shot, MixedShot):
-            return join_results(shot, results, self.noise_at)
-        return super().join_results(shot, results)
+    def in_scenes(self, run: Callable[[Search], Any], *args: Any) -> Any:
+        if self.draws == 1:
+            return super().in_scenes(run, *args)
+        return super().in_scenes(lambda search: run(_at_worst_draw(search, self.draws)), *args)
 
 
 def _at_worst_draw(search: Search, draws: int) -> Search:

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import is_same_answer
+from moireaug.attacks.base import NamesForeignArguments
 from moireaug.attacks.checks import check_answers, check_classes
-from moireaug.attacks.foreign import NamesForeignArguments
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.losses import likeliest_wrong_classes
+from moireaug.attacks.losses import is_same_answer, likeliest_wrong_classes
 from moireaug.attacks.result import Result
 from moireaug.attacks.search import Search
 from moireaug.common.argument_checks import check_whole
@@ -62,11 +61,10 @@ class MultiTargeted(NamesForeignArguments):
         Photos that a deterministic model gets wrong without an attack are returned unchanged.
         `loss` in the Result is of the last class that was tried, over the images that were left.
         """
-        attack = self.attack
-        with attack.prepared(images, labels, None, shot, generator) as batch:
-            return attack.attack_batch(batch, self._run_toward_classes)
+        run = self._run_toward_classes
+        return self.attack.in_scenes(run, images, labels, None, shot, generator)
 
-    def _run_toward_classes(self, search: Search) -> None:
+    def _run_toward_classes(self, search: Search) -> Result:
         """Run the attack toward each class in turn, on the images that are still right."""
         point = search.problem.clean_point()
         _, logits = search.images_and_logits(point)
@@ -86,3 +84,4 @@ class MultiTargeted(NamesForeignArguments):
                 break
             search.loss_targets = targets
             self.attack.run_restarts(search)
+        return self.attack.result(search)

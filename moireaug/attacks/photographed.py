@@ -86,7 +86,7 @@ class Photographed(nn.Module):
             self.takes_codes_of_light = is_light and bound == "codes"
             clean = raw.clamp(0, 1) if noise_at == "raw" else images.detach().clone()
             clean = codes_of_light(clean) if self.takes_codes_of_light else clean
-            gaps = _row_distances(clean)
+            gaps = _mean_squared_distances(clean, clean)
             _refuse_ambiguous_rows(clean, gaps, shot, noise_at)
         self.register_buffer("clean", clean, persistent=False)
         self.register_buffer("gaps", gaps, persistent=False)
@@ -119,14 +119,10 @@ class Photographed(nn.Module):
             )
         if len(self.clean) == 1:
             return torch.zeros(len(x), dtype=torch.int64, device=x.device)
-        x, clean = x.flatten(1).double(), self.clean.flatten(1).double()
-        # minus half the mean squared distance to each row, up to a term that all rows share
-        nearness = (x @ clean.T - clean.square().sum(1) / 2) / x.shape[1]
-        nearest = nearness.argmax(1)
-        lead = 2 * (nearness.gather(1, nearest[:, None]) - nearness)
-        distance = (x - clean[nearest]).square().mean(1, keepdim=True)
-        gaps = self.gaps[nearest].double()
-        is_certain = (lead > (1 - 2 * MAX_STRAY) * gaps) & (distance < gaps)
+        distances = _mean_squared_distances(x, self.clean)
+        distance, nearest = distances.min(1, keepdim=True)
+        gaps, nearest = self.gaps[nearest[:, 0]].double(), nearest[:, 0]
+        is_certain = (distances - distance > (1 - 2 * MAX_STRAY) * gaps) & (distance < gaps)
         is_ambiguous = (~is_certain & (gaps > SAME_INPUT_ERROR)).any(1)
         if is_ambiguous.any():
             row = int(is_ambiguous.nonzero()[0])
@@ -139,12 +135,12 @@ class Photographed(nn.Module):
         return nearest
 
 
-def _row_distances(clean: Tensor) -> Tensor:
-    """Return the mean squared difference of every two rows, (B, B) float64."""
-    flat = clean.flatten(1).double()
-    products = flat @ flat.T / max(1, flat.shape[1])
-    squares = products.diagonal()
-    return (squares[:, None] + squares[None, :] - 2 * products).clamp(min=0)
+def _mean_squared_distances(x: Tensor, clean: Tensor) -> Tensor:
+    """Return the mean squared difference of each row (b, ...) from each other (B, ...), (b, B)
+    float64."""
+    x, clean = x.flatten(1).double(), clean.flatten(1).double()
+    distances = torch.cdist(x, clean, compute_mode="use_mm_for_euclid_dist")
+    return distances.square() / max(1, x.shape[1])
 
 
 def _refuse_ambiguous_rows(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> None:

@@ -14,8 +14,6 @@ from moireaug.attacks.loop import Attack
 from moireaug.attacks.problem import Point, Problem
 from moireaug.common.argument_checks import is_finite
 from moireaug.common.numeric import clip
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scenes import Shot
 
 
 @dataclass(eq=False)
@@ -56,11 +54,6 @@ class PGD(Attack):
                 "the rule 'printed' adds to a camera's reading; a pixel attack has none. Use "
                 "'sign'."
             )
-
-    def draw(
-        self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
-    ) -> None:
-        refuse_shot(shot)
 
     def problem(self, images: Tensor, shot: Any, generator: torch.Generator | None) -> Problem:
         return PixelProblem(images)
@@ -159,11 +152,3 @@ def discs(images: Tensor, area: float, generator: torch.Generator | None = None)
     down = torch.arange(height, dtype=torch.float64, device="cpu").view(-1, 1) + 0.5 - y
     inside = across.square() + down.square() <= radius**2
     return inside.unsqueeze(1).to(images)
-
-
-def refuse_shot(shot: Shot | MixedShot | None) -> None:
-    """Refuse a shot, which a pixel attack has no use for."""
-    if shot is not None:
-        raise ValueError(
-            "a pixel attack has no camera: leave shot out, or use attacks.MoireAttack."
-        )

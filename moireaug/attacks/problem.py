@@ -62,6 +62,14 @@ class Problem(ABC):
         """Return the shot of the images at a point; None without a camera."""
         return None
 
+    def noise_range(self) -> tuple[Tensor, Tensor] | None:
+        """Return the low and high end of the variable "noise", beyond which it changes no photo,
+        (B, ...) each; None where there are none, or base differs from step to step."""
+        low, high = self.effective_range
+        if self.base is None or (low, high) == (-math.inf, math.inf):
+            return None
+        return self.box.variable(low - self.base), self.box.variable(high - self.base)
+
     def clean_point(self) -> Point:
         """Return the point of no noise, at the pose that the search starts from."""
         dtype = torch.promote_types(self.images.dtype, torch.float32)

@@ -1,40 +1,18 @@
-"""A batch to attack, and the result: of a mixture, joined from the results of its scenes, each of
-which is attacked as a batch of its own."""
+"""The result of an attack: of a mixture, joined from the results of its scenes, each of which is
+attacked as a batch of its own."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from moireaug.scene.mixed_shot import MixedShot, join_rows
 from moireaug.scenes import Shot
-
-
-class Batch(NamedTuple):
-    """A batch to attack, as of a call of an `Attack`, with the shot of its photos: None without a
-    camera."""
-
-    images: Tensor
-    labels: Tensor
-    targets: Tensor | None
-    shot: Any
-    generator: torch.Generator | None
-
-    def by_scene(self) -> list[Batch]:
-        """Return the images in each scene, a batch each."""
-        if not isinstance(self.shot, MixedShot):
-            return [self]
-        parts = []
-        for scene_rows, shot in self.shot.by_scene():
-            rows = scene_rows.to(self.images.device)
-            targets = None if self.targets is None else self.targets[rows]
-            parts.append(Batch(self.images[rows], self.labels[rows], targets, shot, self.generator))
-        return parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,17 +69,11 @@ class Result:
         return f"Result({', '.join(parts)})"
 
 
-def join_images(shot: Shot | MixedShot | None, parts: Sequence[Tensor]) -> Tensor:
-    """Return the images of the scenes of a shot, (b, ...) each, in the order of the batch."""
-    if not isinstance(shot, MixedShot):
-        return parts[0]
-    return join_rows([rows for rows, _ in shot.by_scene()], parts)
-
-
-def join_results(shot: MixedShot, results: Sequence[Result], noise_at: str) -> Result:
-    """Return the Results of the scenes of a shot as that of the whole shot; noise at `noise_at`, as
-    of `MoireAttack`."""
-    rows = [rows for rows, _ in shot.by_scene()]
+def join_results(
+    shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result], noise_at: str
+) -> Result:
+    """Return the Results of the scenes of a shot, of the images `rows` (b,) each, as that of the
+    whole shot; noise at `noise_at`, as of `MoireAttack`."""
     joined: dict[str, Any] = {"loss": _mean_loss(results)}
     for name in ("images", "success", "clean_correct", "correct"):
         joined[name] = join_rows(rows, [getattr(result, name) for result in results])
@@ -111,7 +83,7 @@ def join_results(shot: MixedShot, results: Sequence[Result], noise_at: str) -> R
         joined["noise"] = join_rows(rows, noises)
     else:
         image_noises = [noise for scene_noises in noises for noise in scene_noises]
-        joined["noise"] = [image_noises[i] for i in torch.cat(rows).argsort().tolist()]
+        joined["noise"] = [image_noises[i] for i in torch.cat(list(rows)).argsort().tolist()]
     shots: list[Any] = [result.shot for result in results]
     joined["shot"] = MixedShot.from_shots(
         shot.scenes, shot.scene_index, list(zip(rows, shots, strict=True))

@@ -3,14 +3,14 @@ that run's state."""
 
 from __future__ import annotations
 
+import functools
 import math
 from abc import ABC, abstractmethod
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from moireaug.attacks.bounds import Box
+from moireaug.attacks.problem import Problem
 from moireaug.common.numeric import per_image, select_rows
 
 MOMENTUM_DECAY = 1.0  # mu of Dong et al. (2018)
@@ -20,46 +20,32 @@ APGD_ALPHA = 0.75
 APGD_RHO = 0.75
 
 
-class Ball(NamedTuple):
-    """The L-infinity ball of a variable, and the steps taken in it, in the variable's own units.
-
-    Args:
-        radius: eps for noise, 1 for a pose.
-        bound: largest absolute value of the variable: the radius, or infinity for N-FGSM.
-        steps: number of steps.
-        step_size: size of the first step, in units of the radius; None is the rule's default.
-        base: (B, ...) reading or image that the noise is added to, or None where it differs from
-            step to step.
-        effective_range: low and high end of base + noise, beyond which more noise changes nothing,
-            and so has no gradient: where base is given, the noise stays inside.
-        box: noise that the variable stands for.
-    """
-
-    radius: float
-    bound: float
-    steps: int
-    step_size: float | None = None
-    base: Tensor | None = None
-    effective_range: tuple[float, float] = (-math.inf, math.inf)
-    box: Box = Box()
-
-
 class Rule(ABC):
     """The rule for one variable in one run. A call takes a step uphill: it takes the variable and
     its gradient, (B, ...) each, and the loss of each image, (B,), and returns the variable after
-    the step."""
+    the step.
 
-    def __init__(self, ball: Ball) -> None:
-        self.ball = ball
-        self.noise_range: tuple[Tensor, Tensor] | None = None
-        low, high = ball.effective_range
-        if ball.base is not None and (low, high) != (-math.inf, math.inf):
-            lowest, highest = low - ball.base, high - ball.base
-            self.noise_range = ball.box.variable(lowest), ball.box.variable(highest)
-        step_size = ball.step_size
-        if step_size is None:
-            step_size = self.default_step_size(ball.steps)
-        self.step = ball.radius * step_size
+    Args:
+        radius: eps for noise, 1 for a pose: the L-infinity ball's, in the variable's own units.
+        steps: number of steps.
+        step_size: size of the first step, in units of the radius; None is the rule's default.
+        bound: largest absolute value of the variable: the radius, or infinity for N-FGSM.
+        problem: problem whose noise the variable stands for; None for a pose. Noise on a reading or
+            image that is given stays where it changes the photo: beyond, it has no gradient.
+    """
+
+    def __init__(
+        self,
+        radius: float,
+        steps: int,
+        step_size: float | None = None,
+        bound: float | None = None,
+        problem: Problem | None = None,
+    ) -> None:
+        self.bound = radius if bound is None else bound
+        self.steps, self.problem = steps, problem
+        self.step = radius * (self.default_step_size(steps) if step_size is None else step_size)
+        self.noise_range = None if problem is None else problem.noise_range()
 
     @staticmethod
     def default_step_size(steps: int) -> float:
@@ -68,7 +54,7 @@ class Rule(ABC):
 
     def project(self, x: Tensor) -> Tensor:
         """Project into the ball, and into the range where noise changes the photo."""
-        x = x.clamp(-self.ball.bound, self.ball.bound)
+        x = x.clamp(-self.bound, self.bound)
         return x if self.noise_range is None else x.clamp(*self.noise_range)
 
     @abstractmethod
@@ -86,9 +72,7 @@ class Momentum(Rule):
     """MI-FGSM (Dong et al., 2018, Algorithm 1): steps along the sign of g = MOMENTUM_DECAY g +
     gradient / mean|gradient|, with the mean over each image."""
 
-    def __init__(self, ball: Ball) -> None:
-        super().__init__(ball)
-        self.momentum: Tensor | float = 0.0
+    momentum: Tensor | float = 0.0
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
         mean_size = gradient.abs().flatten(1).mean(1)
@@ -137,10 +121,7 @@ class APGD(Rule):
     best_x: Tensor
     best_gradient: Tensor
 
-    def __init__(self, ball: Ball) -> None:
-        super().__init__(ball)
-        self.k = self.last_checkpoint = 0
-        self.checkpoints = checkpoints(ball.steps)
+    k = last_checkpoint = 0
 
     @staticmethod
     def default_step_size(steps: int) -> float:
@@ -157,7 +138,7 @@ class APGD(Rule):
         self.best_gradient = select_rows(better, gradient, self.best_gradient)
         self.n_rises = self.n_rises + (loss > self.last_loss)
         self.last_loss = loss
-        if self.k in self.checkpoints:
+        if self.k in checkpoints(self.steps):
             x, gradient = self._check_progress(x, gradient)
         ascended = self.project(x + per_image(self.step_sizes, x) * gradient.sign())
         momentum = (1 - APGD_ALPHA) * (x - self.previous_x) if self.k else 0.0
@@ -202,21 +183,20 @@ class Printed(Rule):
     reading, and so includes the clipping of x_k to [0, 1].
     """
 
-    def __init__(self, ball: Ball) -> None:
-        super().__init__(ball)
-        self.delta: Tensor | float = 0.0
+    delta: Tensor | float = 0.0
 
     @staticmethod
     def default_step_size(steps: int) -> float:
         return 1.0 / max(1, steps)
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
-        base, bound, box = self.ball.base, self.ball.bound, self.ball.box
-        if base is None:
+        if self.problem is None or self.problem.base is None:
             raise ValueError(
-                "the rule 'printed' needs the reading that noise is added to; got Ball(base=None)."
+                "the rule 'printed' needs the reading that noise is added to; got a problem "
+                "without one."
             )
-        self.delta = (self.delta + self.step * gradient.sign()).clamp(-bound, bound)
+        base, box = self.problem.base, self.problem.box
+        self.delta = (self.delta + self.step * gradient.sign()).clamp(-self.bound, self.bound)
         reading = (base + box.noise(x) + box.noise(self.delta)).clamp(0, 1)
         return box.variable(reading - base)
 
@@ -229,6 +209,7 @@ RULES: dict[str, type[Rule]] = {
 }
 
 
+@functools.lru_cache(maxsize=64)
 def checkpoints(steps: int) -> set[int]:
     """Return the steps w_j = ceil(p_j steps) at which APGD looks back, j >= 1, with p_0 = 0,
     p_1 = 0.22 and p_{j+1} = p_j + max(p_j - p_{j-1} - 0.03, 0.06) (Croce & Hein, 2020, section

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import is_same_answer, predicted
 from moireaug.attacks.checks import check_answers, check_classes
-from moireaug.attacks.losses import attack_margin, mean_cross_entropy
+from moireaug.attacks.losses import attack_margin, is_same_answer, mean_cross_entropy, predicted
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.problem import Point, Problem
 from moireaug.common.networks import rejects_of
@@ -136,23 +135,19 @@ class Search:
             self.clean_correct = self.is_right(*self.images_and_logits(self.problem.clean_point()))
         return self.clean_correct
 
-    def keep(self, point: Point, logits: Tensor, *, may_drop: bool = False) -> None:
-        """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
-        of the active images, and drop fooled images where `drops_fooled`: from now on with
-        `may_drop`, if the model, asked again, answers every active image alike; a model that does
-        is asked so no more."""
-        if may_drop and not self.drops_fooled:
+    def drop_fooled_if_repeatable(self, point: Point, logits: Tensor) -> None:
+        """Take no further steps for fooled images from now on, if the model, asked again, answers
+        every active image as by these logits (views * b, K); one that does is asked so no more."""
+        if not self.drops_fooled:
             self.drops_fooled = bool(is_same_answer(logits, self.active_logits(point)).all())
+
+    def keep(self, point: Point, logits: Tensor) -> None:
+        """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
+        of the active images; where `drops_fooled`, take no further steps for fooled ones."""
+        self._note_clean_answer(point, logits)
         labels, targets = self.active_goals(self.targets)
-        views = self.active.views
-        is_unasked = self.clean_correct is None and not self.rejects
-        if is_unasked and views == 1 and not self.best and not point["noise"].any():
-            self.clean_correct = predicted(logits) == self.labels
-        margins = attack_margin(logits, labels, targets).view(views, -1).mean(0)
-        sizes = logits.amax(1).float().abs().view(views, -1).amax(0) + margins.abs()
-        # half of the logits' digits
-        rounding = sizes.nan_to_num(0, 0, 0) * torch.finfo(logits.dtype).eps ** 0.5
-        self.rounding = torch.maximum(self.rounding, self.scatter(rounding))
+        margins = attack_margin(logits, labels, targets).view(self.active.views, -1).mean(0)
+        self._raise_rounding(logits, margins)
         better = torch.zeros_like(self.margins, dtype=torch.bool)
         better[self.rows] = margins > self.margins[self.rows]
         self.margins = torch.where(better, self.scatter(margins), self.margins)
@@ -161,6 +156,18 @@ class Search:
         self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
         if self.drops_fooled:
             self.drop_fooled()
+
+    def _note_clean_answer(self, point: Point, logits: Tensor) -> None:
+        """Note which images are right without noise, if these logits are the first, and say so."""
+        is_unknown = self.clean_correct is None and not self.rejects
+        if is_unknown and self.active.views == 1 and not self.best and not point["noise"].any():
+            self.clean_correct = predicted(logits) == self.labels
+
+    def _raise_rounding(self, logits: Tensor, margins: Tensor) -> None:
+        """Raise the rounding of active images to half of the digits of these logits and margins."""
+        sizes = logits.amax(1).float().abs().view(self.active.views, -1).amax(0) + margins.abs()
+        rounding = sizes.nan_to_num(0, 0, 0) * torch.finfo(logits.dtype).eps ** 0.5
+        self.rounding = torch.maximum(self.rounding, self.scatter(rounding))
 
     def drop_fooled(self) -> None:
         """Take no further steps for images that are fooled by more than rounding."""

@@ -72,7 +72,9 @@ class SquareMoire(MoireAttack):
             # no loss, of an image without an answer, is below any other
             loss = search.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
             if keeps:
-                search.keep(point, logits, may_drop=query == 0 and self.until_fooled)
+                if query == 0 and self.until_fooled:
+                    search.drop_fooled_if_repeatable(point, logits)
+                search.keep(point, logits)
             better = (loss > highest) if query else torch.ones_like(loss, dtype=torch.bool)
             highest = torch.where(better, loss.to(highest), highest)
             best = {"noise": select_rows(better, point["noise"], best["noise"])}

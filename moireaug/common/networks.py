@@ -9,6 +9,7 @@ import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from graphlib import TopologicalSorter
 from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
@@ -67,20 +68,14 @@ def in_evaluation_mode(model: object) -> Iterator[None]:
 
 def _parents_first(networks: Sequence[nn.Module]) -> list[nn.Module]:
     """Return the modules of networks that have a mode, every parent before its children."""
-    children_first: list[nn.Module] = []
-    visited: set[nn.Module] = set()
-
-    def visit(module: nn.Module) -> None:
-        if module not in visited:
-            visited.add(module)
-            for child in module.children():
-                visit(child)
-            children_first.append(module)
-
+    parents_first: TopologicalSorter[nn.Module] = TopologicalSorter()
     for network in networks:
-        visit(next(network.modules()))  # the module itself: a proxy of it cannot be hashed
+        for module in network.modules():
+            parents_first.add(module)
+            for child in module.children():
+                parents_first.add(child, module)
     # TorchScript's frozen modules have no mode
-    return [module for module in reversed(children_first) if hasattr(module, "training")]
+    return [module for module in parents_first.static_order() if hasattr(module, "training")]
 
 
 def _enter_evaluation(modules: Sequence[nn.Module]) -> None:

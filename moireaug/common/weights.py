@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from moireaug.common.extras import require
 
@@ -40,6 +40,35 @@ def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Te
     raise ValueError(
         f"{subject}: the weights file {str(path)!r} holds something other than a state_dict (a "
         f"mapping of names to tensors), alone or as its {names}. {advice}"
+    )
+
+
+def read_features(
+    path: str | Path, subject: str, networks: Sequence[str]
+) -> tuple[str, nn.Sequential]:
+    """Return torchvision's name of the network that a file holds, one of some, and its features,
+    the layers before the classifier, in float32 with the weights of the file.
+
+    Args, Raises: as `read_state_dict`; ValueError also for the weights of another network.
+    """
+    import torchvision  # takes seconds to import
+
+    choice = "one of " if len(networks) > 1 else ""
+    advice = f"Pass a state_dict of {choice}torchvision's {', '.join(networks)}."
+    weights = {}
+    for name, value in read_state_dict(path, subject, advice).items():
+        if name.startswith("features."):
+            weights[name.removeprefix("features.")] = value.float()
+    shapes = {name: value.shape for name, value in weights.items()}
+    for network in networks:
+        with torch.device("meta"):  # the file's weights replace the random ones
+            features = torchvision.models.get_model(network).features
+        if shapes == {name: value.shape for name, value in features.state_dict().items()}:
+            features.load_state_dict(weights, assign=True)
+            return network, features
+    raise ValueError(
+        f"{subject}: the file {str(path)!r} does not hold the weights of {choice}"
+        f"{', '.join(networks)}. {advice}"
     )
 
 

@@ -59,7 +59,7 @@ class Attacker(Condition):
 
     @property
     def base_name(self) -> str:
-        words = [self.attack_name]
+        words = [getattr(self, "attack", self.kind)]
         if self.has_bound:
             words += [in_255ths(self.eps), "targeted" if self.targeted else ""]
             words += [getattr(self, "variant", "")]
@@ -67,11 +67,6 @@ class Attacker(Condition):
         if self.known_classifier.defence is not None:
             words += ["through", self.known_classifier.name]
         return "_".join(filter(None, words))
-
-    @property
-    def attack_name(self) -> str:
-        """The name of the attack, with which its own begins."""
-        return self.kind
 
     @property
     def has_bound(self) -> bool:
@@ -88,10 +83,13 @@ class Attacker(Condition):
         Raises:
             NoAnswerError: the model has no answer to any of the images.
         """
-        attack = self.attack_on(batch)
+        return self.result_of(self.attack_on(batch), batch).images
+
+    def result_of(self, attack: Callable[..., Result], batch: EvalBatch) -> Result:
+        """Return the result of an attack on the images of a batch."""
         goals = (batch.labels, batch.targets) if self.targeted else (batch.labels,)
         shot = batch.shot if self.on_screen else None
-        return attack(batch.images, *goals, shot=shot, generator=batch.generator).images
+        return attack(batch.images, *goals, shot=shot, generator=batch.generator)
 
     @property
     def n_splits(self) -> int:
@@ -210,10 +208,6 @@ class PixelAttacker(Attacker):
                 f"the attack {self.attack!r} has no bound, which its rows state as eps = 0; "
                 f"got {self.eps}. Pass eps=0, or another attack."
             )
-
-    @property
-    def attack_name(self) -> str:
-        return self.attack
 
     @property
     def has_bound(self) -> bool:

@@ -73,20 +73,15 @@ class APGDAttacker(APGDTAttacker):
     kind = "apgd"
 
     def perturb(self, batch: EvalBatch) -> Tensor:
-        result = attack_shot(self.apgd(batch, "ce"), batch)
+        result = self.result_of(self.apgd(batch, "ce"), batch)
         if not repeats_answers(batch.model, batch.images).all():
-            images = attack_shot(self.apgd(batch, "dlr", 3), batch).images
+            images = self.result_of(self.apgd(batch, "dlr", 3), batch).images
             is_better = _margins(batch, images) > _margins(batch, result.images)
             return select_rows(is_better, images, result.images)
         still_right = (~result.success).nonzero()[:, 0]
         if not len(still_right):
             return result.images
         return result.images.index_copy(0, still_right, super().perturb(batch[still_right]))
-
-
-def attack_shot(attack: MoireAttack, batch: EvalBatch) -> Result:
-    """Return the result of an attack on the batch's own shot."""
-    return attack(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
 
 
 def _margins(batch: EvalBatch, images: Tensor) -> Tensor:

@@ -22,6 +22,7 @@ from moireaug.attacks.checks import check_eps
 from moireaug.capture import capture, develop, expose
 from moireaug.common.numeric import clip
 from moireaug.mixtures import Mixture
+from moireaug.scene.mixed_shot import per_scene
 from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.twins import moire_codes, without_moire
 
@@ -33,15 +34,15 @@ NAMES_IN_RECORDS = {"known_classifier": "known_judge"}
 
 @dataclass(frozen=True)
 class EvalBatch:
-    """One batch of an evaluation, of one scene: a condition is shown the images of each scene of a
-    mixture alone.
+    """One batch of an evaluation: a condition is shown the images of each scene of a mixture alone,
+    see `in_scenes`.
 
     Args:
         model: function of [0, 1] images that returns logits.
         images: (B, 3, H, W) images in [0, 1].
         labels: (B,) true classes.
         targets: (B,) other classes, for targeted attacks.
-        shot: one draw of the condition's scene per image.
+        shot: Shot, or of a mixture MixedShot: one draw of the condition's scene per image.
         generator: generator of the condition's own random numbers.
         lpips: `LPIPS` that measures the visibility of an attack, besides the other figures, or
             None.
@@ -53,7 +54,7 @@ class EvalBatch:
     images: Tensor
     labels: Tensor
     targets: Tensor
-    shot: Shot
+    shot: Any
     generator: torch.Generator
     lpips: nn.Module | None = None
     bound: str = "codes"
@@ -67,6 +68,20 @@ class EvalBatch:
             targets=self.targets[rows],
             shot=self.shot[rows],
         )
+
+    def in_scenes(self, compute: Callable[..., Any], *shown: Tensor, join: Any = None) -> Any:
+        """Return what `compute` makes of the images in each scene, a batch of its own, and of their
+        rows of what they are shown as, (B, ...); in the order of this batch, as `per_scene`."""
+
+        def compute_in_scene(
+            shot: Shot, images: Tensor, labels: Tensor, targets: Tensor, *shown: Tensor
+        ) -> Any:
+            settings = self.generator, self.lpips, self.bound, self.max_images
+            batch = EvalBatch(self.model, images, labels, targets, shot, *settings)
+            return compute(batch, *shown)
+
+        own = self.images, self.labels, self.targets
+        return per_scene(self.shot, compute_in_scene, *own, *shown, join=join)
 
 
 @dataclass(frozen=True, kw_only=True)

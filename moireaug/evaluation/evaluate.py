@@ -15,14 +15,12 @@ from moireaug.attacks.model import class_count
 from moireaug.common.argument_checks import check_callable, check_whole, one_of
 from moireaug.common.networks import device_of
 from moireaug.defenses import Defence
+from moireaug.evaluation.batches import Batch, collect_batches, restored_generators
 from moireaug.evaluation.classifiers import UNDEFENDED
 from moireaug.evaluation.conditions import ImageTransform, Model
-from moireaug.evaluation.draws import restored_generators
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity_of, require_identity
-from moireaug.evaluation.keys import EvalSetup
-from moireaug.evaluation.loader import Batch, collect_batches
-from moireaug.evaluation.records import Record, RecordFolder, Records
+from moireaug.evaluation.records import EvalSetup, Record, RecordFolder, Records
 from moireaug.evaluation.runner import CLEAN, Runner, jobs_of, show_progress
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.suites import OPTION_SUITES, Suite, check_used, suite_name, tables_of
@@ -135,20 +133,19 @@ def evaluate(
     with restored_generators(images.device):  # before its identity holds on to its buffers
         n_classes = class_count(model, images, labels)
     records = Records() if folder is None else RecordFolder(Path(folder))
-    with records:
-        setup = EvalSetup(config.scene, seed, bound, lpips_network)
-        runner = Runner(model, batches, setup, records, identity_of(model, identity))
-        jobs = jobs_of(tables)
-        indices = range(len(batches))
-        finished_jobs = runner.run(jobs, indices)
-        clean_records: list[Record] = []
-        is_told = False
-        total = len(jobs) * len(batches)
-        for job in show_progress(finished_jobs, total, suite_name(suite), enabled=progress):
-            if job.condition is CLEAN and not is_told:
-                clean_records.append(runner.record(CLEAN, UNDEFENDED, len(clean_records)))
-                is_told = _warn_of_chance(clean_records, n_classes)
-        return images_frame(tables, runner, indices)
+    setup = EvalSetup(config.scene, seed, bound, lpips_network)
+    runner = Runner(model, batches, setup, records, identity_of(model, identity))
+    jobs = jobs_of(tables)
+    indices = range(len(batches))
+    finished_jobs = runner.run(jobs, indices)
+    clean_records: list[Record] = []
+    is_told = False
+    total = len(jobs) * len(batches)
+    for job in show_progress(finished_jobs, total, suite_name(suite), enabled=progress):
+        if job.condition is CLEAN and not is_told:
+            clean_records.append(runner.record(CLEAN, UNDEFENDED, len(clean_records)))
+            is_told = _warn_of_chance(clean_records, n_classes)
+    return images_frame(tables, runner, indices)
 
 
 def _warn_of_chance(records: Sequence[Record], n_classes: int) -> bool:

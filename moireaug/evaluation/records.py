@@ -2,59 +2,107 @@
 repeats nothing.
 
 A record's key is a digest of its settings: the model's weights, the batch's pixels and labels, the
-scene, the condition's settings, the classifier and the seed. Every suite reuses the records of
-others.
+scene, the condition's settings, the classifier and the seed. Whatever a record depends on changes
+its key. Every suite reuses the records of others.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import io
-import itertools
 import json
 import os
-from collections.abc import Sequence
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import Any
 
 import numpy as np
-from filelock import BaseFileLock, FileLock, Timeout
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
-from torch import Tensor
+from torch import Tensor, nn
 
+from moireaug.attacks.bounds import BOUNDS
+from moireaug.common.argument_checks import one_of
 from moireaug.common.files import write_bytes
+from moireaug.evaluation.conditions import Condition
+from moireaug.evaluation.identity import identity_of
+from moireaug.mixtures import Mixture
+from moireaug.scenes import Scene
+
+KEY_VERSION = 9  # raise it when the same settings would give other figures
+
+
+@dataclass(frozen=True)
+class EvalSetup:
+    """The settings that all conditions of an evaluation share.
+
+    Args:
+        scene: scene, or mixture of scenes, of which one shot is drawn per image; conditions may
+            have their own.
+        seed: seed of shots, targets, random starts and randomised classifiers, see `SeededBatch`.
+        bound: what the eps of noise on a reading counts: "codes" or "light".
+        lpips: `visibility.LPIPS` to measure every attack with, or None. Records with and without
+            it have different keys.
+    """
+
+    scene: Scene | Mixture
+    seed: int = 0
+    bound: str = "codes"
+    lpips: nn.Module | None = None
+
+    def __post_init__(self) -> None:
+        one_of("bound", self.bound, BOUNDS)
+
+    def scene_of(self, condition: Condition) -> Scene | Mixture:
+        """Return the scene of a condition's photos."""
+        return self.scene if condition.scene is None else condition.scene
+
+    @cached_property
+    def lpips_identity(self) -> str:
+        """The identity of the network that measures LPIPS."""
+        return identity_of(self.lpips)
+
+    def key_fields(self, condition: Condition) -> dict[str, Any]:
+        """Return the settings of a condition's record."""
+        fields = {
+            "scene": self.scene_of(condition).to_dict(),
+            "condition": condition.settings() | {"name": condition.name},
+            "seed": self.seed,
+            "bound": condition.eps_unit(self.bound),
+        }
+        if self.lpips is not None and not condition.control:
+            fields["lpips"] = self.lpips_identity
+        return fields
+
+
+def batch_digest(images: Tensor, labels: Tensor) -> str:
+    """Return sixteen hex digits that stand for the content of a batch."""
+    sha256 = hashlib.sha256(images.detach().cpu().contiguous().numpy().tobytes())
+    sha256.update(f"{tuple(images.shape)} {labels.tolist()}".encode())
+    return sha256.hexdigest()[:16]
+
+
+def key_of(fields: Mapping[str, Any]) -> str:
+    """Return sixteen hex digits that stand for the settings of a record."""
+    text = json.dumps({"version": KEY_VERSION, **fields}, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
 
 Record = dict[str, Any]
 RECORD_FIELDS = {"key", "labels", "targets", "predicted", "measured", "seconds"}
 N_PICTURES = 4  # images of the first batch that are saved as pictures
 
 
-class Records:
+class Records(dict[str, Record]):
     """Records in memory, by key."""
-
-    def __init__(self) -> None:
-        self._records: dict[str, Record] = {}
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close and unlock the file of records, where there is one."""
-
-    def __contains__(self, key: str) -> bool:
-        return key in self._records
-
-    def __getitem__(self, key: str) -> Record:
-        return self._records[key]
-
-    def __len__(self) -> int:
-        return len(self._records)
 
     def append(self, records: Sequence[Record]) -> None:
         """Keep records."""
-        for record in records:
-            self._records[record["key"]] = record
+        self.update((record["key"], record) for record in records)
 
     def keep_picture(self, name: str, images: Tensor) -> None:
         """Save the images of a condition in the first batch; records in memory save none."""
@@ -68,7 +116,7 @@ class Records:
 
 
 class RecordFolder(Records):
-    """Records in a folder of JSON-lines files, one per process that writes, to be used in a `with`.
+    """Records in a folder of JSON-lines files, one per process that writes.
 
     Args:
         folder: created at the first record if missing. Every process appends to its own file and
@@ -78,37 +126,12 @@ class RecordFolder(Records):
     def __init__(self, folder: Path) -> None:
         super().__init__()
         self.folder = Path(folder)
-        self._file: IO[bytes] | None = None
-        self._lock: BaseFileLock | None = None
         self.read()
 
-    def __exit__(self, *_: object) -> None:
-        file, lock = self._file, self._lock
-        self._file = self._lock = None
-        try:
-            if file is not None:
-                file.close()
-        finally:
-            if lock is not None:
-                lock.release()
-
-    def _writable_file(self) -> IO[bytes]:
-        """Return the first file that no other process writes, locked and open for appending."""
-        if self._file is not None:
-            return self._file
-        self.folder.mkdir(parents=True, exist_ok=True)
-        for number in itertools.count():
-            path = self.folder / f"records-{number}.jsonl"
-            lock = FileLock(self.folder / f".records-{number}.lock", blocking=False)
-            try:
-                lock.acquire()
-            except Timeout:
-                continue
-            break
-        _end_last_line(path)
-        self._lock = lock
-        self._file = path.open("ab")
-        return self._file
+    @cached_property
+    def _own_file(self) -> Path:
+        """The file of this process alone, which may be killed within a line of it."""
+        return self.folder / f"records-{uuid.uuid4().hex[:16]}.jsonl"
 
     def read(self) -> None:
         """Read the records of all processes. A line that cannot be read, because a process is
@@ -137,10 +160,11 @@ class RecordFolder(Records):
         if not records:
             return
         lines = [json.dumps(record) + "\n" for record in records]
-        file = self._writable_file()
-        file.write("".join(lines).encode())
-        file.flush()
-        os.fsync(file.fileno())
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with self._own_file.open("a", encoding="utf-8") as file:
+            file.write("".join(lines))
+            file.flush()
+            os.fsync(file.fileno())
         super().append(records)
 
     def keep_picture(self, name: str, images: Tensor) -> None:
@@ -165,12 +189,3 @@ class RecordFolder(Records):
 
     def _picture_path(self, name: str) -> Path:
         return self.folder / "pictures" / f"{name}.png"
-
-
-def _end_last_line(path: Path) -> None:
-    """Cut off the incomplete line of a process that was killed while it wrote."""
-    if not path.is_file():
-        return
-    text = path.read_bytes()
-    if not text.endswith(b"\n"):
-        os.truncate(path, text.rfind(b"\n") + 1)

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -17,24 +17,20 @@ from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
 from moireaug.common.networks import device_of
 from moireaug.common.progress import progress_bar
-from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
-from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
-from moireaug.evaluation.draws import (
+from moireaug.evaluation.batches import (
     ANSWER_STREAM,
     CONDITION_STREAM,
     SHOW_STREAM,
+    Batches,
     SeededBatch,
     restored_generators,
 )
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, within_memory
+from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.identity import identity_of
-from moireaug.evaluation.keys import EvalSetup, batch_digest, key_of
-from moireaug.evaluation.loader import Batches
-from moireaug.evaluation.memory import within_memory
-from moireaug.evaluation.records import Record, Records
+from moireaug.evaluation.records import EvalSetup, Record, Records, batch_digest, key_of
 from moireaug.evaluation.tables import Table
-from moireaug.scene.mixed_shot import join_rows
 
-T = TypeVar("T")
 CLEAN = Clean()
 
 
@@ -160,34 +156,27 @@ class Runner:
                 pending.append(classifier)
         return pending
 
-    def _by_scene(self, condition: Condition, batch: SeededBatch) -> list[tuple[Tensor, EvalBatch]]:
-        """Return a batch for each scene of a mixture, with its rows (b,) in the whole batch."""
-        generator = batch.generator(CONDITION_STREAM, condition.name)
-        settings: dict[str, Any] = {"lpips": self.setup.lpips, "bound": self.setup.bound}
-        batches = []
-        for rows, shot in batch.shots(self.setup.scene_of(condition)):
-            own = batch.images[rows], batch.labels[rows], batch.targets[rows]
-            batches.append((rows, EvalBatch(self.model, *own, shot, generator, **settings)))
-        return batches
-
     def _classify(
         self, condition: Condition, classifiers: Sequence[Classifier], batch: SeededBatch
     ) -> list[Record]:
         """Show the images of a condition to classifiers; return a record of each."""
-        parts = self._by_scene(condition, batch)
-        rows = [own for own, _ in parts]
+        shot = batch.shot(self.setup.scene_of(condition))
+        generator = batch.generator(CONDITION_STREAM, condition.name)
+        settings = generator, self.setup.lpips, self.setup.bound
+        whole = EvalBatch(self.model, batch.images, batch.labels, batch.targets, shot, *settings)
         with restored_generators(batch.labels.device), torch.no_grad():
             torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
-            images = join_rows(rows, [within_memory(condition.show, one) for _, one in parts])
+            images = whole.in_scenes(partial(within_memory, condition.show))
             seconds_shown = _seconds_since(start, images.device)
-            shown = [(one, images[own]) for own, one in parts]
-            measured = _by_name(rows, _in_scenes(condition.measure, shown))
+            measure = partial(within_memory, condition.measure)
+            measured = whole.in_scenes(measure, images, join=_by_name)
             records = []
             for classifier in classifiers:
                 torch.manual_seed(batch.seed_of(ANSWER_STREAM, condition.name, classifier.name))
                 start = time.perf_counter()
-                predicted = join_rows(rows, _in_scenes(classifier.predictions, shown))
+                predict = partial(within_memory, classifier.predictions)
+                predicted = whole.in_scenes(predict, images)
                 seconds = seconds_shown + _seconds_since(start, images.device)
                 record = {
                     "key": self.key(condition, classifier, batch.index),
@@ -207,11 +196,6 @@ class Runner:
         if batch.index == 0:
             self.records.keep_picture(self.picture_name(condition), images)
         return records
-
-
-def _in_scenes(compute: Callable[..., T], shown: Iterable[tuple[EvalBatch, Tensor]]) -> list[T]:
-    """Return what `compute` makes of each scene's batch and its shown images."""
-    return [within_memory(partial(compute, images=images), batch) for batch, images in shown]
 
 
 def _by_name(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -12,7 +11,7 @@ from kornia.metrics import ssim as ssim_map
 from skimage.color import deltaE_ciede2000, rgb2lab
 from torch import Tensor, nn
 
-from moireaug.common.weights import float32_on_cpu, read_state_dict
+from moireaug.common.weights import float32_on_cpu, read_features
 
 # torchvision's name of each network that LPIPS has linear heads for, to torchmetrics' name of it,
 # and the least side of an image that passes all of its layers
@@ -48,13 +47,12 @@ class LPIPS(nn.Module):
         from torchmetrics.functional.image.lpips import _LPIPS  # takes seconds to import
 
         super().__init__()
-        features = _features_in(path)
-        self.network = _network_of(features, path)
+        self.network, layers = read_features(path, "lpips", tuple(LPIPS_NETWORKS))
         name, self.min_side = LPIPS_NETWORKS[self.network]
         # the network's random weights are replaced
         with torch.random.fork_rng(devices=[]), float32_on_cpu():
             self.model = _LPIPS(net=name, pnet_rand=True)
-        own = self.model.net.state_dict()
+        own, features = self.model.net.state_dict(), layers.state_dict()
         # "slice2.3.bias" or "slices.1.3.bias" of torchmetrics is torchvision's "features.3.bias"
         for key in own:
             own[key] = features[key.removeprefix("slices.").partition(".")[2]]
@@ -119,33 +117,3 @@ def ssim(changed: Tensor, original: Tensor) -> Tensor:
     when mirrored."""
     window = min(SSIM_WINDOW, 2 * min(changed.shape[-2:]) - 1)
     return ssim_map(changed, original, window).mean((1, 2, 3))
-
-
-def _features_in(path: str | Path) -> dict[str, Tensor]:
-    """Return the tensors of a file's convolutions, by torchvision's names without "features."; no
-    code in it is run."""
-    features = {}
-    for name, value in read_state_dict(path, "lpips", _advice()).items():
-        if name.startswith("features."):
-            features[name.removeprefix("features.")] = value
-    return features
-
-
-def _network_of(features: Mapping[str, Tensor], path: str | Path) -> str:
-    """Return the network whose convolutions these are, by their names and shapes."""
-    import torchvision  # takes seconds to import
-
-    shapes = {name: value.shape for name, value in features.items()}
-    for network in LPIPS_NETWORKS:
-        with torch.device("meta"):
-            layers = torchvision.models.get_model(network).features.state_dict()
-        if shapes == {name: value.shape for name, value in layers.items()}:
-            return network
-    raise ValueError(
-        f"lpips: the file {str(path)!r} does not hold the weights of any of these networks. "
-        f"{_advice()}"
-    )
-
-
-def _advice() -> str:
-    return f"Pass a state_dict of one of torchvision's {', '.join(LPIPS_NETWORKS)}."

@@ -25,15 +25,17 @@ from moireaug.attacks import MoireAttack
 from moireaug.common.argument_checks import check_probability
 from moireaug.mixtures import SceneLike, sample_one, scenes_of
 from moireaug.scenes import Shot
-from moireaug.transforms._albumentations_base import SampledTransform, torch_generator
-from moireaug.transforms._array_noise import attack_pictures, label_of, noise_of
+from moireaug.transforms._albumentations_base import Params, SampledTransform, torch_generator
 from moireaug.transforms._arrays import (
     IMAGE_TARGETS,
     apply_to_all,
     apply_to_one,
+    attack_pictures,
+    label_of,
     move_bboxes,
     move_keypoints,
     move_mask,
+    noise_of,
     pictures_of,
 )
 from moireaug.transforms._convert import at_size
@@ -98,7 +100,7 @@ class RandomMoire(SampledTransform):
         # building a scene again from its plain numbers takes longer than a draw
         self._scene_values = [(one, one.to_dict()) for one in scenes_of(self.scene)]
 
-    def get_transform_init_args(self) -> dict[str, Any]:
+    def get_transform_init_args(self) -> Params:
         return {"scene": self.scene.to_dict()}
 
     def __repr__(self) -> str:
@@ -106,36 +108,34 @@ class RandomMoire(SampledTransform):
         other_args = "".join(f", {name}={args[name]!r}" for name in args if name != "scene")
         return f"{type(self).__name__}(scene={describe(self.scene)}{other_args})"
 
-    def draw(
-        self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
-    ) -> dict[str, Any]:
+    def draw(self, params: Params, data: Params, random: np.random.Generator) -> Params:
         """Return one shot for images of the size in `params`, as plain numbers."""
         warn_without_moire(self.scene, params["shape"][:2])
         generator = torch_generator(random)
         return {"shot": sample_one(self.scene, params["shape"][:2], generator).to_dict()}
 
-    def _shot(self, drawn: dict[str, Any]) -> Shot:
+    def _shot(self, drawn: Params) -> Shot:
         """Return the Shot of plain numbers, which a replay may have from another transform."""
         for scene, values in self._scene_values:
             if drawn.get("scene") == values:
                 return Shot.from_dict({**drawn, "scene": scene})
         return Shot.from_dict(drawn)
 
-    def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
+    def apply(self, img: np.ndarray, shot: Params, **params: Any) -> np.ndarray:
         return apply_to_one(img, self._shot(shot), noise_of("image", 1, **params))
 
     def apply_to_images(
-        self, images: np.ndarray, shot: dict[str, Any], target: str = "images", **params: Any
+        self, images: np.ndarray, shot: Params, target: str = "images", **params: Any
     ) -> np.ndarray:
         return apply_to_all(images, self._shot(shot), noise_of(target, len(images), **params))
 
     def apply_to_volume(self, volume: np.ndarray, **params: Any) -> np.ndarray:
         return self.apply_to_images(volume, target="volume", **params)
 
-    def apply_to_mask(self, mask: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
+    def apply_to_mask(self, mask: np.ndarray, shot: Params, **params: Any) -> np.ndarray:
         return move_mask(mask, self._shot(shot)) if self._moves else mask
 
-    def apply_to_masks(self, masks: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
+    def apply_to_masks(self, masks: np.ndarray, shot: Params, **params: Any) -> np.ndarray:
         return super().apply_to_masks(masks, shot=shot, **params) if self._moves else masks
 
     apply_to_mask3d = apply_to_masks
@@ -147,7 +147,7 @@ class RandomMoire(SampledTransform):
         return self._move_rows(keypoints, move_keypoints, **params)
 
     def _move_rows(
-        self, rows: np.ndarray, move: Callable, shot: dict[str, Any], shape: Any, **params: Any
+        self, rows: np.ndarray, move: Callable, shot: Params, shape: Any, **params: Any
     ) -> np.ndarray:
         if not self._moves or not len(rows):
             return rows
@@ -215,7 +215,7 @@ class AdversarialMoire(RandomMoire):
     def is_serializable(cls) -> bool:
         return False
 
-    def to_dict_private(self) -> dict[str, Any]:
+    def to_dict_private(self) -> Params:
         if self.name is None:
             raise ValueError(
                 "AdversarialMoire holds a model, which cannot be written: give it a name, and the "
@@ -223,20 +223,18 @@ class AdversarialMoire(RandomMoire):
             )
         return {"__class_fullname__": self.get_class_fullname(), "__name__": self.name}
 
-    def get_dict_with_id(self) -> dict[str, Any]:
+    def get_dict_with_id(self) -> Params:
         # a replay carries its noise, so it is written as a RandomMoire
         plain = {"__class_fullname__": RandomMoire.get_class_fullname(), "p": self.p}
         return {**plain, **super().get_transform_init_args(), "id": id(self)}
 
-    def get_transform_init_args(self) -> dict[str, Any]:
+    def get_transform_init_args(self) -> Params:
         args = {"model": type(self.attack.model).__name__, **super().get_transform_init_args()}
         for name in ("eps", "bound", "steps", "step_size", "loss", "random_start"):
             args[name] = getattr(self.attack, name)
         return args
 
-    def draw(
-        self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
-    ) -> dict[str, Any]:
+    def draw(self, params: Params, data: Params, random: np.random.Generator) -> Params:
         drawn = super().draw(params, data, random)
         label = label_of(data, self.label_key)
         generator = torch_generator(random)

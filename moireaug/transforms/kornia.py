@@ -3,6 +3,7 @@ device."""
 
 from __future__ import annotations
 
+from functools import partialmethod
 from typing import Any
 
 import torch
@@ -130,16 +131,7 @@ class RandomMoire(IntensityAugmentationBase2D):
         photos = photograph(input[rows], shot[rows.to(shot.device)])
         return input.clone().index_copy_(0, rows, photos)
 
-    def apply_transform_mask(self, input: Any, *args: Any, **kwargs: Any) -> Any:
-        return self._unmoved(input, "masks")
-
-    def apply_transform_box(self, input: Any, *args: Any, **kwargs: Any) -> Any:
-        return self._unmoved(input, "boxes")
-
-    def apply_transform_keypoint(self, input: Any, *args: Any, **kwargs: Any) -> Any:
-        return self._unmoved(input, "key points")
-
-    def _unmoved(self, input: Any, annotations: str) -> Any:
+    def _unmoved(self, annotations: str, input: Any, *args: Any, **kwargs: Any) -> Any:
         if self.scene.moves:
             raise ValueError(
                 f"images_only=True takes no {annotations}: this scene's photo stays in the "
@@ -147,6 +139,10 @@ class RandomMoire(IntensityAugmentationBase2D):
                 "registered=True, or use moireaug.transforms.RandomMoire, which moves them."
             )
         return input
+
+    apply_transform_mask = partialmethod(_unmoved, "masks")
+    apply_transform_box = partialmethod(_unmoved, "boxes")
+    apply_transform_keypoint = partialmethod(_unmoved, "key points")
 
 
 def to_params(shot: Shot | MixedShot) -> dict[str, Tensor]:

@@ -10,7 +10,7 @@ from torch import nn
 
 from moireaug import attacks
 from moireaug.attacks import BIM, CW, PGD, MoireAttack, MultiTargeted, SquareMoire
-from moireaug.attacks.foreign import ARGUMENT_ADVICE, ATTACK_ADVICE
+from moireaug.attacks.base import ARGUMENT_ADVICE, ATTACK_ADVICE
 
 MODEL = nn.Sequential(nn.Flatten(), nn.Linear(768, 5))
 ARGUMENTS = [

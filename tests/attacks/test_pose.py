@@ -7,7 +7,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks, capture
 from moireaug.attacks import MoireAttack
-from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
+from moireaug.attacks.camera import pose_of, searched_fields, shot_at_pose
 from moireaug.mixtures import as_scenes
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS

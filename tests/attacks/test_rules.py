@@ -7,7 +7,8 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, capture, develop, expose
 from moireaug.attacks import LOSSES, MoireAttack
-from moireaug.attacks.rules import RULES, Ball, checkpoints
+from moireaug.attacks.pixel import PixelProblem
+from moireaug.attacks.rules import RULES, checkpoints
 
 SCENE = Scene(
     panel=Panel(scale=1.1),
@@ -18,9 +19,9 @@ SCENE = Scene(
 EPS = 4 / 255
 
 
-def ascend(rule, gradient_of, steps, x, **ball):
+def ascend(rule, gradient_of, steps, x, problem=None):
     """What a rule makes of a loss whose gradient is known: (steps + 1, *x.shape)."""
-    rule = RULES[rule](Ball(1.0, 1.0, steps, **ball))
+    rule = RULES[rule](1.0, steps, problem=problem)
     path = [x]
     for _ in range(steps):
         x = path[-1].requires_grad_()
@@ -40,7 +41,7 @@ def test_momentum_is_the_papers_sum():
     """g = g + gradient / mean|gradient|, per image: a weak late gradient turns no direction."""
     # three steps of one image, two variables
     slopes = torch.tensor([[[2.0, -1.0]], [[-1.0, -1.0]], [[-1.0, 8.0]]])
-    rule, x = RULES["momentum"](Ball(1.0, 1.0, 10, 0.1)), torch.zeros(1, 2)
+    rule, x = RULES["momentum"](1.0, 10, 0.1), torch.zeros(1, 2)
     # normalised: (4/3, -2/3), (-1, -1), (-2/9, 16/9); summed: (4/3, -2/3), (1/3, -5/3), (1/9, 1/9)
     for slope, expected in zip(slopes, [(0.1, -0.1), (0.2, -0.2), (0.3, -0.1)], strict=True):
         x = rule(x, slope * 1e-30, torch.zeros(1))
@@ -96,9 +97,9 @@ def test_apgd_is_the_published_algorithm_step_by_step(steps, boxed):
         return ((x[:, None] * waves[rows]).sum(-1) + phase[rows]).sin().sum(1) + x.sum(1) / 4
 
     base = torch.rand(6, 4, generator=g).double()
-    settings = {"base": base, "effective_range": (0.0, 1.0)} if boxed else {}
+    problem = PixelProblem(base) if boxed else None
     start = torch.zeros(6, 4, dtype=torch.float64)
-    path = ascend("apgd", loss_of, steps, start, **settings)
+    path = ascend("apgd", loss_of, steps, start, problem)
     halvings = 0
     for i in range(6):
 
@@ -116,7 +117,7 @@ def test_apgd_is_the_published_algorithm_step_by_step(steps, boxed):
 
 def test_apgd_halves_where_the_best_is_still_the_first():
     """The second condition alone: a loss that falls, then rises, but never to its start."""
-    rule = RULES["apgd"](Ball(1.0, 1.0, 100))
+    rule = RULES["apgd"](1.0, 100)
     x = torch.zeros(1, 1)
     for k in range(23):
         loss = k * 1e-3 - 1 if k else 0.0
@@ -126,7 +127,7 @@ def test_apgd_halves_where_the_best_is_still_the_first():
 
 
 def test_a_loss_that_is_no_number_is_never_the_best():
-    rule = RULES["apgd"](Ball(1.0, 1.0, 10))
+    rule = RULES["apgd"](1.0, 10)
     x = torch.zeros(1, 1)
     for loss in (math.nan, 1.0, math.nan, 0.5):
         x = rule(x, torch.ones(1, 1), torch.tensor([loss]))
@@ -155,6 +156,6 @@ def test_printed_is_algorithm_1_step_by_step(model, batch):
 
 @pytest.mark.parametrize("rule", RULES)
 def test_where_there_is_no_gradient_nothing_moves(rule):
-    ball = {"base": torch.full((2, 3), 0.5)}
-    path = ascend(rule, lambda x: (x * 0).sum(1), 6, torch.full((2, 3), 0.1), **ball)
+    start, problem = torch.full((2, 3), 0.1), PixelProblem(torch.full((2, 3), 0.5))
+    path = ascend(rule, lambda x: (x * 0).sum(1), 6, start, problem)
     assert torch.allclose(path[-1], path[0])

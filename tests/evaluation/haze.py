@@ -7,8 +7,7 @@ from moireaug.evaluation import Cell, Table, images_frame
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Photo, RandomNoise
-from moireaug.evaluation.keys import EvalSetup
-from moireaug.evaluation.records import Records
+from moireaug.evaluation.records import EvalSetup, Records
 from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.tables import cross
 
@@ -68,7 +67,7 @@ def frame_of(known, table, **settings):
 def results(runner):
     """Everything but the time, which differs."""
     found = {}
-    for key, record in runner.records._records.items():
+    for key, record in runner.records.items():
         found[key] = {name: value for name, value in record.items() if name != "seconds"}
     return found
 

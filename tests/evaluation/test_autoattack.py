@@ -8,7 +8,6 @@ import torch
 from moireaug import Scene
 from moireaug.attacks import MoireAttack, MultiTargeted
 from moireaug.defenses import BitDepth
-from moireaug.evaluation import autoattack
 from moireaug.evaluation.autoattack import APGDAttacker, APGDTAttacker
 from moireaug.evaluation.classifiers import Classifier
 from moireaug.evaluation.conditions import EvalBatch
@@ -59,16 +58,14 @@ def test_a_model_that_answers_at_random_keeps_the_greater_margin(batch, monkeypa
 
     even = (torch.arange(8) % 2 == 0)[:, None, None, None]
     extremes = even * torch.ones_like(batch.images)
-    losses = []
+    losses, result_of = [], APGDAttacker.result_of
 
-    attack_shot = autoattack.attack_shot
-
-    def recorded(attack, batch):
+    def recorded(attacker, attack, batch):
         losses.append(attack.loss)
-        result = attack_shot(attack, batch)
+        result = result_of(attacker, attack, batch)
         return result if attack.loss == "ce" else dataclasses.replace(result, images=extremes)
 
-    monkeypatch.setattr(autoattack, "attack_shot", recorded)
+    monkeypatch.setattr(APGDAttacker, "result_of", recorded)
     random = dataclasses.replace(batch, model=model, labels=torch.zeros_like(batch.labels))
     images = APGDAttacker(**SETTINGS).show(random)
     assert losses == ["ce", "margin"]  # of two classes, which have no DLR loss

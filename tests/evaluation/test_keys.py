@@ -17,8 +17,7 @@ from moireaug.defenses import JPEG, Compose, Defended, PixelDeflection, Quilting
 from moireaug.evaluation.attackers import MoireAttacker, PoseUnknownAttacker
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.identity import identity_of, require_identity
-from moireaug.evaluation.keys import EvalSetup
-from moireaug.evaluation.records import Records
+from moireaug.evaluation.records import EvalSetup, Records
 from moireaug.evaluation.runner import Runner
 from tests.evaluation.haze import CONDITIONS, EPS, SCENE, ran, table_of
 

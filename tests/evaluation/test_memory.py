@@ -10,9 +10,8 @@ import torch
 from moireaug.defenses import PixelDeflection
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import SquareAttacker
-from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, within_memory
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
-from moireaug.evaluation.memory import within_memory
 from tests.evaluation.haze import EPS, SCENE
 
 CONDITIONS = {

@@ -65,7 +65,7 @@ def test_any_cut_of_the_work_gives_the_same_figures(known, complete):
 
 
 def test_another_seed_gives_others(known, complete):
-    for r in complete.records._records.values():
+    for r in complete.records.values():
         assert all(t != y and 0 <= t < 4 for t, y in zip(r["targets"], r["labels"], strict=True))
     other = ran(known, table_of(Photo(), MoireAttacker(eps=EPS, steps=2)), seed=4)
     assert not results(complete).keys() & results(other).keys()
@@ -87,7 +87,7 @@ def test_what_is_done_is_not_done_again(known):
     ran(known, both, records=first.records)
     assert calls == [8, 8]
     half = Records()
-    half.append([r for r in first.records._records.values() if r["judge"] != "haze"])
+    half.append([r for r in first.records.values() if r["judge"] != "haze"])
     again = ran(known, both, records=half)
     assert calls == [8, 8, 8, 8] and results(again) == results(first)
 
@@ -107,7 +107,7 @@ def test_success_is_counted_on_what_the_classifier_has_right(known, contrary):
     classifiers = {"model": UNDEFENDED, "stranger": stranger, "haze": HAZE}
     table = Table("mine", tuple(cross(classifiers, {"moire": Photo()})))
     runner = ran(known, table)
-    asked = {r["judge"] for r in runner.records._records.values() if r["condition"] == "clean"}
+    asked = {r["judge"] for r in runner.records.values() if r["condition"] == "clean"}
     assert asked == {"model", "stranger"}
     frame = images_frame([table], runner, (0, 1)).set_index("row")
     # behind a defence, the model without it counts

@@ -8,8 +8,7 @@ import torchvision
 from torchmetrics.functional.image import lpips as published
 
 from moireaug.evaluation import SuiteConfig, evaluate, rates
-from moireaug.evaluation.keys import EvalSetup
-from moireaug.evaluation.records import Records
+from moireaug.evaluation.records import EvalSetup, Records
 from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.suites.ladder import ladder
 from moireaug.evaluation.visibility import LPIPS, ssim, visibility
@@ -84,7 +83,7 @@ def test_it_stands_beside_the_other_figures_where_it_is_given(measure, images):
 
 
 def test_another_file_or_too_small_images_get_a_sentence(network, weights, known, tmp_path):
-    path, other = tmp_path / "weights.pth", "does not hold the weights of any of these networks"
+    path, other = tmp_path / "weights.pth", "does not hold the weights of one of squeezenet"
     with pytest.raises(ValueError, match=r"no weights file .* of one of .*squeezenet1_1, alexnet"):
         LPIPS(path)
     path.write_bytes(b"no weights")

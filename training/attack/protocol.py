@@ -12,8 +12,7 @@ from torch import nn
 
 from moireaug.evaluation import Table
 from moireaug.evaluation.frame import images_frame, rates
-from moireaug.evaluation.keys import EvalSetup
-from moireaug.evaluation.records import RecordFolder
+from moireaug.evaluation.records import EvalSetup, RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of, show_progress
 from moireaug.evaluation.suites.trust import checks, trust
 from moireaug.evaluation.visibility import LPIPS
@@ -125,16 +124,15 @@ class SuiteAttack:
 
     def run(self, title: str, rank: int = 0, world: int = 1) -> None:
         """Do this process's share of the jobs that are left: every `world`-th batch."""
-        with self.records:
-            for phase, (jobs, all_indices) in self.phases.items():
-                start = time.perf_counter()
-                indices = all_indices[rank::world]
-                progress = self.runner.run(jobs, indices)
-                count = len(jobs) * len(indices)
-                is_shown = rank == 0 and sys.stderr.isatty()
-                for _ in show_progress(progress, count, f"{title}, {phase}", enabled=is_shown):
-                    pass
-                self.seconds[phase] = time.perf_counter() - start
+        for phase, (jobs, all_indices) in self.phases.items():
+            start = time.perf_counter()
+            indices = all_indices[rank::world]
+            progress = self.runner.run(jobs, indices)
+            count = len(jobs) * len(indices)
+            is_shown = rank == 0 and sys.stderr.isatty()
+            for _ in show_progress(progress, count, f"{title}, {phase}", enabled=is_shown):
+                pass
+            self.seconds[phase] = time.perf_counter() - start
 
     def results(self) -> AttackResult:
         """Return the rates and checks, from the records of all processes."""

@@ -4,19 +4,22 @@ ECCV 2022)."""
 from __future__ import annotations
 
 import itertools
+from functools import partial
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug.defenses.demoire.base import DemoireNet, scaled
-from moireaug.defenses.demoire.layers import Residual, resized
+from moireaug.defenses.demoire.layers import Residual, conv, resized
 
 ENCODER_CHANNELS, DECODER_CHANNELS = 48, 64  # of the first encoder level, of every decoder level
 DENSE_GROWTH = 32  # channels that a layer of a dense block adds
 RESIDUAL_RATES = (1, 2, 1)  # dilation of the layers of a dilated residual dense block
 PYRAMID_RATES = (1, 2, 3, 2, 1)  # of the five layers of a branch of the pyramid
 PERCEPTRON_REDUCTION = 4  # of the perceptron that weighs the branches
+
+relu_conv = partial(conv, activation=partial(nn.ReLU, inplace=True))
 
 
 class ESDNet(DemoireNet):
@@ -38,12 +41,12 @@ class ESDNet(DemoireNet):
         super().__init__(width)
         wide = [scaled(ENCODER_CHANNELS * 2**level, width) for level in range(3)]
         deep, growth = scaled(DECODER_CHANNELS, width), scaled(DENSE_GROWTH, width)
-        self.head = nn.Sequential(nn.PixelUnshuffle(2), *_conv(12, wide[0], side=5))
+        self.head = nn.Sequential(nn.PixelUnshuffle(2), *relu_conv(12, wide[0], side=5))
         self.encoders = nn.ModuleList([_level(channels, growth) for channels in wide])
         steps = itertools.pairwise(wide)
-        self.downs = nn.ModuleList([_conv(fine, coarse, stride=2) for fine, coarse in steps])
+        self.downs = nn.ModuleList([relu_conv(fine, coarse, stride=2) for fine, coarse in steps])
         merged = [wide[0] + deep, wide[1] + deep, wide[2]]
-        self.merges = nn.ModuleList([_conv(channels, deep) for channels in merged])
+        self.merges = nn.ModuleList([relu_conv(channels, deep) for channels in merged])
         self.decoders = nn.ModuleList([_level(deep, growth) for _ in wide])
         self.tails = nn.ModuleList()
         for _ in wide:
@@ -76,7 +79,7 @@ class DenseBlock(nn.Module):
         super().__init__()
         self.layers = nn.ModuleList()
         for index, rate in enumerate(rates):
-            self.layers.append(_conv(channels + index * growth, growth, rate=rate))
+            self.layers.append(relu_conv(channels + index * growth, growth, rate=rate))
         self.fuse = nn.Conv2d(channels + len(rates) * growth, channels, 1)
 
     def forward(self, x: Tensor) -> Tensor:
@@ -95,8 +98,8 @@ class ScaleAware(nn.Module):
         self.branches = nn.ModuleList(branches)
         squeezed = max(8, 3 * channels // PERCEPTRON_REDUCTION)
         self.weigh = nn.Sequential(
-            *_conv(3 * channels, squeezed, side=1),
-            *_conv(squeezed, squeezed, side=1),
+            *relu_conv(3 * channels, squeezed, side=1),
+            *relu_conv(squeezed, squeezed, side=1),
             nn.Conv2d(squeezed, 3 * channels, 1),
             nn.Sigmoid(),
         )
@@ -117,11 +120,3 @@ class ScaleAware(nn.Module):
 def _level(channels: int, growth: int) -> nn.Sequential:
     residual = Residual(DenseBlock(channels, growth, RESIDUAL_RATES))
     return nn.Sequential(residual, ScaleAware(channels, growth))
-
-
-def _conv(
-    inputs: int, outputs: int, side: int = 3, stride: int = 1, rate: int = 1
-) -> nn.Sequential:
-    padding = side // 2 * rate
-    layer = nn.Conv2d(inputs, outputs, side, stride=stride, padding=padding, dilation=rate)
-    return nn.Sequential(layer, nn.ReLU(inplace=True))

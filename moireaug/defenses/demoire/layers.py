@@ -4,6 +4,7 @@ otherwise."""
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import torch
 import torch.nn.functional as F
@@ -14,10 +15,25 @@ LEAKY_SLOPE = 0.1  # of leaky ReLUs
 CHANNEL_REDUCTION = 16  # of the hidden layer of channel attention, which keeps two channels or more
 
 
-def conv(inputs: int, outputs: int, stride: int = 1, rate: int = 1) -> nn.Sequential:
-    """Return a 3 x 3 convolution and a leaky ReLU; a stride of 2 halves the sides."""
-    layer = nn.Conv2d(inputs, outputs, 3, stride=stride, padding=rate, dilation=rate)
-    return nn.Sequential(layer, nn.LeakyReLU(LEAKY_SLOPE, inplace=True))
+def leaky() -> nn.Module:
+    """Return a leaky ReLU."""
+    return nn.LeakyReLU(LEAKY_SLOPE, inplace=True)
+
+
+def conv(
+    inputs: int,
+    outputs: int,
+    *,
+    side: int = 3,
+    stride: int = 1,
+    rate: int = 1,
+    activation: Callable[[], nn.Module] = leaky,
+) -> nn.Sequential:
+    """Return a convolution of `side` x `side` at a dilation of `rate`, and an activation; a stride
+    of 2 halves the sides."""
+    padding = side // 2 * rate
+    layer = nn.Conv2d(inputs, outputs, side, stride=stride, padding=padding, dilation=rate)
+    return nn.Sequential(layer, activation())
 
 
 def resized(x: Tensor, like: Tensor) -> Tensor:
@@ -47,7 +63,7 @@ class ChannelAttention(nn.Module):
         hidden = max(2, channels // CHANNEL_REDUCTION)
         self.weigh = nn.Sequential(
             nn.Conv2d(channels, hidden, 1),
-            nn.LeakyReLU(LEAKY_SLOPE, inplace=True),
+            leaky(),
             nn.Conv2d(hidden, channels, 1),
             nn.Sigmoid(),
         )

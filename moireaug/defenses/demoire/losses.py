@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug.attacks.model import Normalized
-from moireaug.common.weights import read_state_dict
+from moireaug.common.weights import read_features
 from moireaug.defenses.demoire.layers import resized
 from moireaug.defenses.demoire.mopnet import sobel
 
@@ -20,7 +20,6 @@ NETWORKS_WITHOUT_FEATURES = ("mddm",)  # whose loss compares none
 COARSE_SIDES = (2, 4, 8)  # pixels
 CHARBONNIER_EPSILON = 1e-3  # added to the difference, in quadrature
 MOPNET_FEATURE_WEIGHT = 0.1
-WEIGHTS_ADVICE = "Pass a state_dict of torchvision's vgg16."
 
 Loss = Callable[[Sequence[Tensor], Tensor, nn.Module | None], Tensor]
 
@@ -34,21 +33,10 @@ class VGGFeatures(nn.Module):
     """
 
     def __init__(self, path: str | Path, network: str) -> None:
-        import torchvision  # takes seconds to import
-
         super().__init__()
-        with torch.device("meta"):  # the file's weights replace the random ones
-            whole = torchvision.models.vgg16().features
-        layers = whole[: FEATURE_DEPTHS.get(network, DEFAULT_FEATURE_DEPTH)]
-        state = read_state_dict(path, "vgg", WEIGHTS_ADVICE)
-        try:
-            own = {key: state[f"features.{key}"].float() for key in layers.state_dict()}
-            layers.load_state_dict(own, assign=True)
-        except (KeyError, TypeError, RuntimeError, AttributeError) as error:
-            raise ValueError(
-                f"vgg: the weights in {str(path)!r} are not of VGG-16. {WEIGHTS_ADVICE}"
-            ) from error
-        self.layers = Normalized(layers)
+        _, layers = read_features(path, "vgg", ("vgg16",))
+        depth = FEATURE_DEPTHS.get(network, DEFAULT_FEATURE_DEPTH)
+        self.layers = Normalized(layers[:depth])
         self.eval().requires_grad_(False)
 
     def forward(self, images: Tensor) -> Tensor:

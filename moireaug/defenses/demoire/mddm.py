@@ -3,15 +3,19 @@ ICCV workshops 2019)."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import torch
 from torch import Tensor, nn
 
 from moireaug.defenses.demoire.base import DemoireNet, scaled
-from moireaug.defenses.demoire.layers import REGION_SIDE, ChannelAttention, RegionAttention
+from moireaug.defenses.demoire.layers import REGION_SIDE, ChannelAttention, RegionAttention, conv
 
 BRANCH_CHANNELS = 64
 BRANCH_BLOCKS = (6, 12, 18, 27)  # residual blocks of each branch, the finest first
 VARIANCE_EPSILON = 1e-5  # of the variances in AdaIN
+
+prelu_conv = partial(conv, activation=nn.PReLU)
 
 
 class MDDM(DemoireNet):
@@ -33,13 +37,13 @@ class MDDM(DemoireNet):
     def __init__(self, width: float = 1.0) -> None:
         super().__init__(width)
         channels = scaled(BRANCH_CHANNELS, width)
-        self.head = _conv(3, channels)
+        self.head = prelu_conv(3, channels)
         self.downs = nn.ModuleList()
         self.branches = nn.ModuleList()
         self.tails = nn.ModuleList()
         for level, blocks in enumerate(BRANCH_BLOCKS):
             if level:
-                self.downs.append(_conv(channels, channels, stride=2))
+                self.downs.append(prelu_conv(channels, channels, stride=2))
             self.branches.append(Branch(channels, blocks))
             self.tails.append(_tail(channels, level))
         self.factors = nn.Parameter(torch.full((len(BRANCH_BLOCKS),), 1 / len(BRANCH_BLOCKS)))
@@ -76,8 +80,8 @@ class DynamicResidual(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.encode = _conv(channels, channels)
-        first, last = _conv(channels, channels), nn.Conv2d(channels, channels, 3, padding=1)
+        self.encode = prelu_conv(channels, channels)
+        first, last = prelu_conv(channels, channels), nn.Conv2d(channels, channels, 3, padding=1)
         self.body = nn.Sequential(*first, last, ChannelAttention(channels))
 
     def forward(self, x: Tensor, encoded: Tensor) -> tuple[Tensor, Tensor]:
@@ -96,10 +100,6 @@ def adain(x: Tensor, like: Tensor) -> Tensor:
 def _statistics(x: Tensor) -> tuple[Tensor, Tensor]:
     variance, mean = torch.var_mean(x, (2, 3), correction=0, keepdim=True)
     return mean, (variance + VARIANCE_EPSILON).sqrt()
-
-
-def _conv(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1), nn.PReLU())
 
 
 def _tail(channels: int, level: int) -> nn.Sequential:

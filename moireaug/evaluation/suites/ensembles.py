@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import Sequence
 from typing import Any
 
-from moireaug.attacks.pose import searched_fields
+from moireaug.attacks.camera import searched_fields
 from moireaug.defenses import DEFENSES, Quilting
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import (

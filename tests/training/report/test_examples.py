@@ -29,8 +29,8 @@ def test_pictures_for_a_report(tmp_path):
     table = ladder(SuiteConfig(scene=SCENE, eps=(8 / 255,), steps=2))
     runners = {}
     for name, own in (("ours", model), ("broken", Silent())):
-        with RecordFolder(tmp_path / name) as records:
-            runners[name] = ran((own, batches), table, seed=0, records=records)
+        records = RecordFolder(tmp_path / name)
+        runners[name] = ran((own, batches), table, seed=0, records=records)
     shown = run_examples(runners, main_attack(table), {0: "zero"})
     assert len(shown) == 4
     cells = shown[0]["cells"]
