@@ -22,7 +22,7 @@ from moireaug.scene.geometry.homography import about_corners, camera_pose, focal
 from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SceneRecord
 
-# height and width; bounds for these hold for most images
+# height and width; extremes of these hold for most images
 PHOTO_SHAPES: tuple[tuple[int, int], ...] = ((256, 256), (192, 256), (256, 192))
 STRIP_SHAPES = ((16, 256), (256, 16))  # perspective is strongest along a long strip
 # a scene's plan depends neither on torch's default dtype nor on its default device
