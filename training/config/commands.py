@@ -162,8 +162,12 @@ def parse(
             raise ValueError(f"{', '.join(missing)} must be given, as in: {example}")
         key = "the settings"
         settings: Schema = as_config(cfg)
-    except (OmegaConfBaseException, yaml.YAMLError) as error:
+    except OmegaConfBaseException as error:
         raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
+    except yaml.YAMLError as error:
+        raise ValueError(
+            f"{argument} cannot be read: pass {key}={table[key].example}, say."
+        ) from error
     check(settings)
     return settings
 
