@@ -21,7 +21,7 @@ def recipe_files() -> list[Path]:
 
 def purpose(recipe: Path) -> str:
     """Return what a recipe is for: the first sentence of the comment that its file begins with."""
-    lines = recipe.read_text("utf-8").splitlines()
+    lines = recipe.read_text("utf-8", "replace").splitlines()
     comment = itertools.takewhile(lambda line: line.startswith("#"), lines)
     return " ".join(line.removeprefix("#").strip() for line in comment).split(". ")[0].rstrip(".")
 

@@ -7,46 +7,26 @@ import torch
 from kornia.augmentation import AugmentationSequential
 from torch import Tensor
 
-Size = tuple[int, int]  # height and width, in pixels
-
-
-def shift(size: Size) -> list[K.AugmentationBase2D]:
-    """Move by up to an eighth, with black beyond the edges."""
-    reach = max(1, size[0] // 8), max(1, size[1] // 8)
-    return [K.RandomCrop(size, padding=reach, p=1.0)]
-
-
-def shift_flip(size: Size) -> list[K.AugmentationBase2D]:
-    """Move, and mirror every other image."""
-    return [*shift(size), K.RandomHorizontalFlip(p=0.5)]
-
-
-def crop_flip(size: Size) -> list[K.AugmentationBase2D]:
-    """Enlarge a part of half the area or more, and mirror every other image."""
-    return [
-        K.RandomResizedCrop(size, scale=(0.5, 1.0), p=1.0),
-        K.RandomHorizontalFlip(p=0.5),
-    ]
-
-
-def affine(size: Size) -> list[K.AugmentationBase2D]:
-    """Change place, form and tone, and erase a part: for signs and documents, which must not be
-    mirrored."""
-    return [
-        K.RandomAffine(15, (0.1, 0.1), (0.85, 1.15), 8, padding_mode="border", p=1.0),
-        K.RandomBrightness((0.6, 1.4), p=1.0),
-        K.RandomContrast((0.6, 1.4), p=1.0),
-        K.RandomErasing((0.02, 0.15), (0.5, 2.0), p=0.25),
-    ]
-
-
-STEPS = {"shift": shift, "shift_flip": shift_flip, "crop_flip": crop_flip, "affine": affine}
-
 
 @functools.lru_cache
-def pipeline(kind: str, size: Size) -> AugmentationSequential:
-    """Return the augmentation of that name for images of one size."""
-    return AugmentationSequential(*STEPS[kind](size))
+def pipeline(kind: str, size: tuple[int, int]) -> AugmentationSequential:
+    """Return the augmentation of that name for images of one size (height, width): "affine" is for
+    signs and documents, which must not be flipped."""
+    reach = max(1, size[0] // 8), max(1, size[1] // 8)
+    shift = K.RandomCrop(size, padding=reach, p=1.0)
+    flip = K.RandomHorizontalFlip(p=0.5)
+    steps: dict[str, list[K.AugmentationBase2D]] = {
+        "shift": [shift],
+        "shift_flip": [shift, flip],
+        "crop_flip": [K.RandomResizedCrop(size, scale=(0.5, 1.0), p=1.0), flip],
+        "affine": [
+            K.RandomAffine(15, (0.1, 0.1), (0.85, 1.15), 8, padding_mode="border", p=1.0),
+            K.RandomBrightness((0.6, 1.4), p=1.0),
+            K.RandomContrast((0.6, 1.4), p=1.0),
+            K.RandomErasing((0.02, 0.15), (0.5, 2.0), p=0.25),
+        ],
+    }
+    return AugmentationSequential(*steps[kind])
 
 
 def augment(images: Tensor, kind: str) -> Tensor:
