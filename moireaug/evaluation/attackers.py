@@ -19,8 +19,7 @@ from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Condition, EvalBatch, in_255ths
 from moireaug.evaluation.visibility import visibility
 
-PIXEL_ATTACKS = ("pgd", "bim", "mifgsm", "cw", "patch")  # keys of `attacks.ATTACKS`
-MOIRE_SETTINGS = ("rule", "loss", "restarts", "noise_at", "optimise", "draws", "until_fooled")
+PIXEL_ATTACKS = tuple(name for name in ATTACKS if not issubclass(ATTACKS[name], MoireAttack))
 EVERY_STEP = "in_every_step"  # in the name of an attacker that goes on once an image is fooled
 
 
@@ -150,8 +149,9 @@ class MoireAttacker(Attacker):
     until_fooled: bool = True
 
     def attack_on(self, batch: EvalBatch) -> MoireAttack:
-        settings = {name: getattr(self, name) for name in MOIRE_SETTINGS}
-        return self.moire_attack(batch, **settings)
+        shared = {"variant", *(field.name for field in dataclasses.fields(Attacker))}
+        own = [field.name for field in dataclasses.fields(self) if field.name not in shared]
+        return self.moire_attack(batch, **{name: getattr(self, name) for name in own})
 
     def eps_unit(self, bound: str) -> str:
         return bound if self.noise_at == "raw" else "codes"  # a photo is codes

@@ -1,9 +1,12 @@
 """Intervals: published values, and simulated pairs whose truth they hold as often as they say."""
 
+import pandas as pd
 import pytest
 import torch
 
-from moireaug.evaluation import paired_gain, wilson
+from moireaug.evaluation import paired_gain, rates, wilson
+from moireaug.evaluation.conditions import Photo
+from tests.evaluation.haze import frame_of, table_of
 
 
 def test_wilson_against_published_values():
@@ -48,3 +51,11 @@ def test_paired_gain_covers_the_truth():
 def test_outcomes_of_another_form_are_refused(call, said):
     with pytest.raises((ValueError, TypeError), match=said):
         call()
+
+
+def test_rates_of_joined_evaluations_are_refused(known):
+    """Two models would be pooled as if they were one, on twice as many images."""
+    frame = frame_of(known, table_of(Photo()))
+    joined = pd.concat([frame.assign(model=name) for name in ("a", "b")])
+    with pytest.raises(ValueError, match=r"image 0 twice in the row 'moire'.*Join their rates"):
+        rates(joined)
