@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.common.image_checks import check_images
+from moireaug.common.numeric import widen_half
 
 
 class Defence(ABC):
@@ -45,8 +46,7 @@ class Defence(ABC):
         if not len(images):
             return images.clone()
         with torch.autocast(images.device.type, enabled=False):
-            x = images if images.dtype == torch.float64 else images.float()
-            return self.apply(x).to(images.dtype)
+            return self.apply(widen_half(images)).to(images.dtype)
 
     @abstractmethod
     def apply(self, images: Tensor) -> Tensor:
