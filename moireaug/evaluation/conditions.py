@@ -77,8 +77,9 @@ class EvalBatch:
         def compute_in_scene(
             shot: Shot, images: Tensor, labels: Tensor, targets: Tensor, *shown: Tensor
         ) -> Any:
-            settings = self.generator, self.lpips, self.bound, self.max_images
-            batch = EvalBatch(self.model, images, labels, targets, shot, *settings)
+            batch = dataclasses.replace(
+                self, images=images, labels=labels, targets=targets, shot=shot
+            )
             return compute(batch, *shown)
 
         own = self.images, self.labels, self.targets

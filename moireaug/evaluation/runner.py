@@ -166,8 +166,16 @@ class Runner:
         """Show the images of a condition to classifiers; return a record of each."""
         shot = batch.shot(self.setup.scene_of(condition))
         generator = batch.generator(CONDITION_STREAM, condition.name)
-        settings = generator, self.setup.lpips, self.setup.bound
-        whole = EvalBatch(self.model, batch.images, batch.labels, batch.targets, shot, *settings)
+        whole = EvalBatch(
+            model=self.model,
+            images=batch.images,
+            labels=batch.labels,
+            targets=batch.targets,
+            shot=shot,
+            generator=generator,
+            lpips=self.setup.lpips,
+            bound=self.setup.bound,
+        )
         with restored_generators(), torch.no_grad():
             torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
