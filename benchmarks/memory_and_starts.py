@@ -1,4 +1,5 @@
-"""The rows of `speed.py` of memory, of a photo of 12 megapixels, and of fresh starts."""
+"""The rows of `speed.py` of memory, of a photo of 12 megapixels, and of fresh starts, also of a
+DataLoader's workers."""
 
 from __future__ import annotations
 
@@ -27,6 +28,29 @@ MEMORY_CODE = (
     "from benchmarks.memory_and_starts import resident_rise; "
     "print(resident_rise({shape}, {threads}))"
 )
+# seconds until the first batch of two epochs
+WORKERS_CODE = """
+import time, torch
+from torch.utils.data import DataLoader
+from moireaug.transforms import RandomMoire
+moire = RandomMoire(p=1.0)
+if {warm}:
+    moire(torch.rand(3, 224, 224))
+class Photos(torch.utils.data.Dataset):
+    def __len__(self):
+        return 64
+    def __getitem__(self, k):
+        return moire(torch.rand(3, 224, 224))
+loader = DataLoader(Photos(), 4, num_workers=1, persistent_workers={kept},
+                    multiprocessing_context="fork")
+for epoch in range(2):
+    began = time.perf_counter()
+    batches = iter(loader)
+    next(batches)
+    print(time.perf_counter() - began)
+    for _ in batches:
+        pass
+"""
 MAX_START_SECONDS, MAX_FIRST_CALL_SECONDS = 1.5, 15.0  # seconds above `import torch` alone
 
 
@@ -140,3 +164,19 @@ def cold_start() -> None:
 def above(what: str, time: Timing, alone: float, allowed: float) -> Row:
     seconds = [s - alone for s in (time.median, time.low, time.high)]
     return Row(f"{what}, above `import torch`", *seconds, "s", "what is allowed", allowed, bar=1.0)
+
+
+def workers(size: Size) -> Iterator[Row]:
+    """Yield the time until a DataLoader's first batch of four photos, which one worker takes: in
+    the first epoch and in the second, with workers that are kept, and after a photo in the process
+    that starts them."""
+    cases = ((False, False), (False, True), (True, False)) if size.first else ()
+    for warm, kept in cases:
+        code = WORKERS_CODE.format(warm=warm, kept=kept)
+        runs = [run_apart(code, OMP_NUM_THREADS="1") for _ in range(min(3, size.slow))]
+        seconds = np.array([[float(line) for line in run.split()] for run in runs])
+        name = f"first batch, {'after a photo' if warm else 'no photo before'}"
+        name += f", persistent_workers={kept}"
+        for epoch, column in enumerate(seconds.T):
+            low, median, high = np.percentile(column, [25, 50, 75]).tolist()
+            yield Row(f"{name}, epoch {epoch + 1}", median, low, high, "s")

@@ -21,6 +21,7 @@ class Size:
     large: tuple[int, int] = (3000, 4000)  # 12 megapixels
     training: tuple[int, int] = (128, 48)  # batch and px of a training step
     lit: tuple[float, ...] = (0.35, 0.6, 0.9)  # of a panel with a black matrix
+    layer: tuple[int, ...] = (128, 256, 400)  # px of images through the layer
     repeats: int = 15
     slow: int = 5  # repeats of what takes seconds
     first: int = 3  # of first calls ever, 10 to 20 s each

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -27,6 +28,7 @@ from benchmarks import measure, memory_and_starts, panels, released, steps
 from benchmarks.measure import timed_together
 from benchmarks.rows import Row, Size, report, time_row
 from moireaug import Lens, Scene, Sensor, View, capture, develop, engine, expose
+from moireaug.nn import ScreenCamera
 from moireaug.transforms import RandomMoire
 from moireaug.transforms import kornia as kornia_transforms
 
@@ -38,6 +40,7 @@ QUICK_SETTINGS = Size(
     training=(4, 16),
     lit=(0.9,),
     repeats=1,
+    layer=(16,),
     slow=1,
     first=0,
     calls=2,
@@ -156,6 +159,22 @@ def image_gradient(size: Size) -> Iterator[Row]:
         yield time_row(what, times["with"], "the capture", times["without"], bar=4, stretch=3)
 
 
+def layer(size: Size) -> Iterator[Row]:
+    """Yield the camera as a layer, forward and backward: an image of a batch of eight on one
+    thread, whole photos and crops, in the time of the thread."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    for side in size.layer:
+        images = torch.rand(8, 3, side, side, generator=torch.Generator().manual_seed(0))
+        calls = {}
+        for name, shrink in (("whole photos", None), ("crops, shrink 1 to 3", (1.0, 3.0))):
+            calls[name] = with_gradient(ScreenCamera("screen_photo", shrink=shrink), images)
+        times = timed_together(calls, size.repeats, clock=time.process_time)
+        for name, own in times.items():
+            yield time_row(f"ScreenCamera, {name} of {side} px, forward and backward", own / 8)
+    torch.set_num_threads(threads)
+
+
 def executions(size: Size) -> Iterator[Row]:
     """Yield the stages of a capture by the engine against the reference."""
     images = size.images()
@@ -189,9 +208,11 @@ GROUPS = (
     precisions,
     image_gradient,
     executions,
+    layer,
     memory_and_starts.memory,
     memory_and_starts.large_photo,
     memory_and_starts.starts,
+    memory_and_starts.workers,
 )
 
 

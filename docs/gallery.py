@@ -37,14 +37,13 @@ BANNER_CROP = (1.0, 3.0)
 INTRODUCTION = f"""# Gallery
 
 One photograph of {SIDE} px in every preset. First row: whole photos, the strongest, middle and
-weakest moiré of {CANDIDATES} samples. Second row: the first three
+weakest moiré of {CANDIDATES} samples. Second row: three
 [crops](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's own resolution
 (`shrink={CROP:g}`). Last, the middle of the first photo, magnified, and its moiré's spectrum.
 
-Moiré is the RMS difference of 8-bit values from the same photo without it, the median of the
-{CANDIDATES} samples. Milliseconds are CPU time per photo of 224 px, in batches of {TIMED_BATCH}, on
-one thread of {{machine}} (`python docs/gallery.py`; the portrait of Grace Hopper is in the public
-domain).
+Moiré is the median RMS difference of 8-bit values from the same photo without it. Milliseconds
+are CPU time per photo of 224 px, in batches of {TIMED_BATCH}, on one thread of {{machine}}
+(`python docs/gallery.py`; the portrait of Grace Hopper is in the public domain).
 
 | preset | | whole: moiré | ms | crop: moiré | ms |
 |---|---|---|---|---|---|
@@ -154,7 +153,8 @@ def milliseconds(scene: Scene) -> float:
 
 def figures(name: str, strengths: dict[str, float]) -> str:
     """Return a preset's row of the table: strength and time of whole photos and of crops."""
-    cells = [f"[`{name}`](#{name})", USES[name]]
+    broken = name.replace("_", "_<wbr>")  # where a phone may break it
+    cells = [f"[<code>{broken}</code>](#{name})", USES[name]]
     for way in ("whole", "crop"):
         if way in strengths:
             cells += [f"{strengths[way]:.1f}", f"{milliseconds(ways(name)[way]):.1f}"]

@@ -23,7 +23,7 @@ from training.detection import fit, score
 PAGE = Path(__file__).with_suffix(".md")
 INTRODUCTION = """# Settings
 
-Pass `key=value` after a command; its `--help` also prints the ranges. `null` means unset.
+Pass `key=value` after a command. Defaults are shown, ranges by its `--help`; `null` means unset.
 """
 COMMANDS = (
     ("Training classifiers", "training/fit.py", Config),
@@ -44,7 +44,7 @@ def page() -> str:
 
 
 def section(title: str, command: str, schema: type) -> str:
-    """Return the section of a command: a table of its settings, without those that it shares with
+    """Return the section of a command: a list of its settings, without those that it shares with
     training classifiers."""
     lines = [f"\n## {title}\n\n`python {command}`\n"]
     rows, shared = rows_of(schema), {}
@@ -52,18 +52,18 @@ def section(title: str, command: str, schema: type) -> str:
         shared = dict(rows.items() & rows_of(Config).items())
         names = "" if schema is ReattackConfig else f" named {groups_of(shared, rows)}"
         lines.append(f"Those of training classifiers{names}, and:\n")
-    lines += ["| setting and default | |", "|---|---|"]
     lines += [row for key, row in rows.items() if key not in shared]
     return "\n".join(lines) + "\n"
 
 
 def rows_of(schema: type) -> dict[str, str]:
-    """Return the rows of a table of settings, by key: words alone, as `--help` has the ranges."""
+    """Return a line for each setting, by key: words alone, as `--help` has the ranges."""
     rows = {}
     for one in settings_of(schema).values():
         key = one.key.removesuffix(".name")  # a group is chosen by its own name
-        words = allowed_values(one) if one.choices else ""
-        rows[one.key] = f"| `{key}={as_argument(one.default)}` | {one.help}{words} |"
+        words = one.help.removeprefix("null: ") if one.default is None else one.help
+        words += allowed_values(one) if one.choices else ""
+        rows[one.key] = f"- `{key}={as_argument(one.default)}`: {words}"
     return rows
 
 

@@ -23,6 +23,7 @@ from benchmarks import (
     suites,
     training_steps,
     watermark_networks,
+    worst_photos,
 )
 from moireaug import Scene, capture, evaluation
 from moireaug.defenses import Rejecting
@@ -142,6 +143,12 @@ def test_suites(tmp_path, monkeypatch):
     assert table["cpu_minutes"].tolist() == pytest.approx(
         (8 * table["cpu_seconds"]).tolist(), rel=1e-3
     )
+    monkeypatch.setattr(sys, "argv", ["worst_photos.py", *sys.argv[1:]])
+    worst_photos.main()
+    table = pd.read_csv(tmp_path / "worst_photos.csv")
+    assert table["row"].tolist() == ["worst of 1"] * 2 + ["worst of 2"] * 2
+    few, many = (table[table["row"] == f"worst of {n}"]["accuracy"].to_numpy() for n in (1, 2))
+    assert (many <= few).all()
 
 
 def test_synthesis(ran):
