@@ -39,7 +39,7 @@ from moireaug.evaluation.statistics import wilson
 from moireaug.mixtures import as_scenes
 from moireaug.scene.presets import MIXTURES
 from training.classifier.muon import Muon
-from training.config.schema import Data
+from training.config.data_sets import Data
 from training.data.augmentation import augment
 from training.data.image_sets import read
 from training.models.small_resnet import SmallResNet

@@ -29,7 +29,7 @@ from benchmarks import measure
 from benchmarks.agreement import read_classifiers
 from moireaug import evaluation
 from moireaug.attacks import Normalized
-from training.config.schema import Data
+from training.config.data_sets import Data
 from training.data.image_sets import read
 
 FRAMINGS: dict[str, tuple[float, float] | None] = {"whole photos": None, "crops": (1, 3)}

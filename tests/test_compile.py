@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
-from moireaug.engine import reference
+from moireaug.engine import operators, reference
+from moireaug.engine.cpu import run
 from moireaug.scene.by_name import with_values
 
 SCENES = {
@@ -85,6 +86,21 @@ def test_a_graph_has_the_engines_gradient_in_the_reading():
     photo = compiled(develop, "aot_eager")(raw, shot)
     (found,) = torch.autograd.grad((photo * weight).sum(), raw)
     (wanted,) = torch.autograd.grad((develop(raw, shot) * weight).sum(), raw)
+    assert torch.equal(found, wanted) and wanted.any()
+
+
+def test_a_gradient_takes_what_its_graph_kept_and_computes_what_it_did_not(monkeypatch):
+    images, shot = seen_by("binned")
+    raw, launches = expose(images, shot).requires_grad_(), []
+    launch = run.launch_develop
+    monkeypatch.setattr(run, "launch_develop", lambda *a: launches.append(1) or launch(*a))
+    graph = compiled(develop)
+    photos = [graph(raw, shot) for _ in range(operators.MAX_KEPT + 1)]
+    for photo, launched in ((photos[-1], 0), (photos[0], 1)):
+        launches.clear()
+        (found,) = torch.autograd.grad(photo.square().sum(), raw)
+        assert len(launches) == launched
+    (wanted,) = torch.autograd.grad(develop(raw, shot).square().sum(), raw)
     assert torch.equal(found, wanted) and wanted.any()
 
 

@@ -47,6 +47,7 @@ from training.config import commands, scenes
 from training.config.checks import check_classifier, check_overrides, keys_of, merge_run_settings
 from training.config.compose import DATA_GROUPS, register
 from training.config.schema import RECIPES, ReattackConfig, as_config
+from training.runs.layout import RECORDS
 from training.runs.metrics import ORIGINAL, Metrics, RunMetrics
 from training.runs.run import Run, locked_folder
 from training.runs.trained import TrainedRun, read, read_baseline_of, read_training_cost
@@ -120,7 +121,7 @@ def rival_of(
         return None
     baseline.check_classes(subject.splits, cfg.data)
     metrics = plain_metrics(baseline.cfg, baseline.cfg.recipe, read_training_cost(baseline.folder))
-    records = subject.records if home else baseline.folder / "records"
+    records = subject.records if home else baseline.folder / RECORDS
     return Rival(metrics, baseline.model(), records)
 
 

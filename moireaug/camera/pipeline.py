@@ -22,6 +22,7 @@ from moireaug.camera.effects.sensor import Bits, ClipReading, Gain, Noise, Satur
 from moireaug.camera.effects.srgb import Clip, Decode, Encode
 from moireaug.camera.effects.tone import Balance, Brighten, ColourMatrix, ToneCurve
 from moireaug.camera.exposure.choose import method_of
+from moireaug.common.numeric import as_float
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.fields import bounds
 from moireaug.scene.plan import Plan, PlanStep
@@ -77,14 +78,15 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
 
 
 def apply(names: Sequence[str], values: Tensor, shot: ShotRecord) -> Tensor:
-    """Apply the effects of these names in turn, on the values' device.
+    """Apply the effects of these names in turn, on the values' device; values of uint8 become
+    float32.
 
     Raises:
         KeyError: a name that no effect has.
     """
-    effects = effects_by_name()
+    effects, values = effects_by_name(), as_float(values)
     if names:
-        shot = shot.to(values.device)
+        shot = shot.to(values.device).with_geometry_kept()
     for name in names:
         values = effects[name](values, shot)
     return values

@@ -37,20 +37,15 @@ def reference() -> Iterator[None]:
 
 
 def is_off() -> bool:
-    """Return whether the reference is forced."""
-    return bool(_open_blocks) or _switched_off(os.environ.get(ENGINE_VARIABLE, ""))
-
-
-@functools.cache
-def _switched_off(value: str) -> bool:
-    """Return whether the environment turns the engine off.
+    """Return whether the reference is forced.
 
     Raises:
-        ValueError: a value that says neither.
+        ValueError: an environment variable that says neither.
     """
+    value = os.environ.get(ENGINE_VARIABLE, "")
     if value.lower() not in (*OFF_VALUES, *ON_VALUES):
         raise ValueError(f"{ENGINE_VARIABLE} must be 'off', or unset; got {value!r}.")
-    return value.lower() in OFF_VALUES
+    return bool(_open_blocks) or value.lower() in OFF_VALUES
 
 
 class Backend(NamedTuple):

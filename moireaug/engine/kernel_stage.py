@@ -28,36 +28,15 @@ from moireaug.scene.shot_geometry import HostGeometry
 # of any photo or reading, in [0, 1]; kernels and reference differ by 1e-4 at most
 MAX_RMS = 1e-3
 # of a gradient, as a share of the reference's length; they differ by 1e-3, and of white pictures,
-# where values lie on either side of a bound, by 1e-2 at most
+# where values lie on either side of a limit, by 1e-2 at most
 MAX_GRADIENT_ERROR = 0.05
 MIN_SLOPE = 1e-3  # a gradient's length over that of the results', at least, in its error
 _agreements: dict[tuple[str, torch.dtype, torch.device, bool], bool] = {}
 
 
-class Stage(ABC):
-    """A function of a batch with a gradient of its own."""
-
-    @abstractmethod
-    def forward(self, values: Tensor, saves: bool) -> tuple[Tensor, Tensor]:
-        """Return the results of values, and a tensor for `backward`; saves: it will be called."""
-
-    @abstractmethod
-    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
-        """Return the gradient in values, from that in the results and what `forward` saved."""
-
-    @abstractmethod
-    def reference(self, values: Tensor) -> Tensor:
-        """Return the results in PyTorch, which derivatives of the gradient need."""
-
-    @property
-    def sums_in_order(self) -> bool:
-        """Whether `backward` adds in a fixed order."""
-        return True
-
-
 @dataclass(frozen=True, eq=False)
-class KernelStage(Stage):
-    """A stage by kernels.
+class KernelStage(ABC):
+    """A stage by kernels, with a gradient of its own.
 
     Args:
         call: whose shot it is of.
@@ -66,6 +45,7 @@ class KernelStage(Stage):
         method: of exposing or demosaicing, by name.
     """
 
+    name: ClassVar[str]  # "expose" or "develop", after "launch_" in names of `Backend.kernels`
     # sensor pixels by which the panel moves, at most, in a difference of results
     max_shift: ClassVar[float]
 
@@ -83,12 +63,14 @@ class KernelStage(Stage):
         return replace(self, call=self.call.part(mask))
 
     @functools.cached_property
-    def records(self) -> Any:
+    def records(self) -> tuple[Any, ...]:
         """The records of the shot, from `lower`."""
         return self.lower(self.call.host_shot, 1, self.call.geometry)
 
     @abstractmethod
-    def lower(self, shot: ShotRecord, exactness: int, geometry: HostGeometry | None = None) -> Any:
+    def lower(
+        self, shot: ShotRecord, exactness: int, geometry: HostGeometry | None = None
+    ) -> tuple[Any, ...]:
         """Return the records of a shot on the CPU.
 
         Args:
@@ -97,18 +79,32 @@ class KernelStage(Stage):
         """
 
     @abstractmethod
-    def can_follow(self, records: Any) -> np.ndarray:
+    def can_follow(self, records: tuple[Any, ...]) -> np.ndarray:
         """Return whether kernels can follow each image's records, (B,) bool."""
 
-    @abstractmethod
-    def launch(self, values: Tensor, saves: bool, records: Any) -> tuple[Tensor, Tensor]:
+    def launch(
+        self, values: Tensor, saves: bool, records: tuple[Any, ...]
+    ) -> tuple[Tensor, Tensor]:
         """Return what `forward` does, of the images of some records."""
+        return getattr(self.kernels, f"launch_{self.name}")(values, saves, *records)
 
     def forward(self, values: Tensor, saves: bool) -> tuple[Tensor, Tensor]:
+        """Return the results of values, and a tensor for `backward`; saves: it will be called."""
         return self.launch(values, saves, self.records)
 
+    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
+        """Return the gradient in values, from that in the results and what `forward` saved."""
+        launch_back = getattr(self.kernels, f"launch_{self.name}_back")
+        return launch_back(grad, values, saved, *self.records)
+
+    @property
+    def sums_in_order(self) -> bool:
+        """Whether `backward` adds in a fixed order."""
+        return self.kernels.SUMS_IN_ORDER or self.name == "develop"
+
     def reference(self, values: Tensor) -> Tensor:
-        return pipeline.apply(self.effects, as_float(values), self.shot)
+        """Return the results in PyTorch, which derivatives of the gradient need."""
+        return pipeline.apply(self.effects, values, self.shot)
 
     def variant(self) -> str:
         """Return a name of the kernels, the same only if they are compiled alike."""
@@ -176,7 +172,7 @@ def failure_of(stage: KernelStage, values: Tensor, *, back: bool) -> str | None:
     except Exception as error:  # of a compiler, a driver or a launch
         return f"do not run ({_summary(error)})"
     try:
-        rms = (results - stage.reference(as_float(values))).square().mean((1, 2, 3)).sqrt()
+        rms = (results - stage.reference(values)).square().mean((1, 2, 3)).sqrt()
         share = 0.0 if gradient is None else _gradient_error(stage, values, results, gradient)
     except torch.OutOfMemoryError:
         return None

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Union
 
 import torch
 from torch import Tensor
@@ -17,7 +18,7 @@ from torch import Tensor
 from moireaug.common.numeric import is_batched
 from moireaug.engine import differences, kernel_stage
 from moireaug.engine.backends import BACKENDS, reference
-from moireaug.engine.kernel_stage import KernelStage, Stage
+from moireaug.engine.kernel_stage import KernelStage
 from moireaug.scene.by_name import values_of
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.shot import ShotRecord
@@ -26,6 +27,8 @@ from moireaug.scene.shot import ShotRecord
 # corner, a pair each
 SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
 
+Stage = Union["KernelStage", "OperatorStage"]
+MAX_KEPT = 2  # results of an operator, for gradients that are still to come
 ShotFunction = Callable[[Tensor, ShotRecord], Tensor]
 
 
@@ -88,29 +91,25 @@ def run_kernels(stage: KernelStage, values: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True, eq=False)
-class OperatorStage(Stage):
-    """A stage by its operator.
+class OperatorStage:
+    """A stage by its operator; for its methods, see `KernelStage`.
 
-    Args:
-        name: "expose", from images to readings, or "develop", from readings to photos.
-        in_pytorch: the stage's reference.
+    name: "expose", from images to readings, or "develop", from readings to photos.
     """
 
     name: str
     shot: ShotRecord
-    in_pytorch: Callable[[Tensor], Tensor]
+    reference: Callable[[Tensor], Tensor]
+    sums_in_order = True
 
     def forward(self, values: Tensor, saves: bool) -> tuple[Tensor, Tensor]:
         shape = (3, *self.shot.size) if self.name == "develop" else self.shot.raw_shape()[1:]
         operator = getattr(torch.ops.moireaug, self.name)
-        return operator(values, *self._shot_arguments(), shape), values.new_empty(0)
+        return operator(values, *self._shot_arguments(), shape, saves)
 
     def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
         operator = getattr(torch.ops.moireaug, f"{self.name}_back")
-        return operator(grad, values, *self._shot_arguments())
-
-    def reference(self, values: Tensor) -> Tensor:
-        return self.in_pytorch(values)
+        return operator(grad, values, saved, *self._shot_arguments())
 
     def _shot_arguments(self) -> tuple[Any, ...]:
         """Return the shot as `SHOT_SCHEMA` takes it."""
@@ -127,18 +126,61 @@ class OperatorStage(Stage):
 # by hand, as in `effects.random_numbers`: `custom_op` imports the compiler
 LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
 for name in ("expose", "develop"):
-    LIBRARY.define(f"{name}(Tensor values, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
-    LIBRARY.define(f"{name}_back(Tensor grad, Tensor values, {SHOT_SCHEMA}) -> Tensor")
+    given = f"{SHOT_SCHEMA}, SymInt[] shape, bool saves"
+    LIBRARY.define(f"{name}(Tensor values, {given}) -> (Tensor results, Tensor ticket)")
+    LIBRARY.define(
+        f"{name}_back(Tensor grad, Tensor values, Tensor ticket, {SHOT_SCHEMA}) -> Tensor"
+    )
     torch.library.register_fake(
         f"moireaug::{name}",
-        lambda values, *given: values.new_empty((len(values), *given[-1]), dtype=torch.float32),
+        lambda values, *given: (
+            values.new_empty((len(values), *given[-2]), dtype=torch.float32),
+            torch.empty(1, dtype=torch.int64, device="cpu"),
+        ),
         lib=LIBRARY,
     )
     torch.library.register_fake(
         f"moireaug::{name}_back",
-        lambda grad, values, *shot: values.new_empty(values.shape),
+        lambda grad, values, *given: values.new_empty(values.shape),
         lib=LIBRARY,
     )
+
+
+class _Operator:
+    """A stage as an operator, and its gradient.
+
+    The last results with a gradient are kept for it, by tickets: what kernels save has a shape that
+    a graph does not know before. A gradient that finds none computes its results again.
+
+    shot_of: function from a shot as `SHOT_SCHEMA` describes it.
+    """
+
+    def __init__(self, stage: ShotFunction, shot_of: Callable[..., ShotRecord]) -> None:
+        self.stage, self.shot_of = stage, shot_of
+        self.tickets = itertools.count(1)
+        self.kept: dict[int, tuple[Tensor, Tensor]] = {}
+
+    def _run(self, values: Tensor, shot: Any, saves: bool) -> tuple[Tensor, Tensor]:
+        """Return a leaf of the values, and its results."""
+        with torch.set_grad_enabled(saves):
+            leaf = values.detach().requires_grad_(saves)
+            return leaf, self.stage(leaf, self.shot_of(*shot))
+
+    def forward(self, values: Tensor, *given: Any) -> tuple[Tensor, Tensor]:
+        *shot, _, saves = given
+        leaf, results = self._run(values, shot, saves)
+        ticket = 0
+        if results.requires_grad:
+            ticket = next(self.tickets)
+            self.kept[ticket] = leaf, results
+            for oldest in list(self.kept)[:-MAX_KEPT]:
+                self.kept.pop(oldest, None)
+        return results.detach().contiguous(), torch.tensor([ticket], device="cpu")
+
+    def backward(self, grad: Tensor, values: Tensor, ticket: Tensor, *shot: Any) -> Tensor:
+        kept = self.kept.pop(int(ticket), None)
+        leaf, results = kept or self._run(values, shot, True)
+        return torch.autograd.grad(results, leaf, grad)[0].contiguous()
 
 
 def implement(
@@ -174,19 +216,9 @@ def implement(
             return whole
         return whole.crop(top, left, height, width)
 
-    def forward(stage: ShotFunction, values: Tensor, *given: Any) -> Tensor:
-        *shot, _ = given
-        with torch.no_grad():
-            return stage(values, shot_of(*shot)).contiguous()
-
-    def backward(stage: ShotFunction, grad: Tensor, values: Tensor, *shot: Any) -> Tensor:
-        with torch.enable_grad():
-            values = values.detach().requires_grad_()
-            results = stage(values, shot_of(*shot))
-            return torch.autograd.grad(results, values, grad)[0].contiguous()
-
     for name, stage in (("expose", finite_reading_of), ("develop", develop)):
+        operator = _Operator(stage, shot_of)
         for backend in BACKENDS:
             key = backend.device_type.upper()  # of PyTorch's dispatcher
-            LIBRARY.impl(name, functools.partial(forward, stage), key)
-            LIBRARY.impl(f"{name}_back", functools.partial(backward, stage), key)
+            LIBRARY.impl(name, operator.forward, key)
+            LIBRARY.impl(f"{name}_back", operator.backward, key)

@@ -5,10 +5,11 @@ none."""
 from __future__ import annotations
 
 import dataclasses
+import functools
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -16,7 +17,6 @@ from torch import Tensor
 
 from moireaug.camera import pipeline
 from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE, is_blurred
-from moireaug.common.numeric import as_float
 from moireaug.engine import kernel_stage
 from moireaug.engine.execution import Call
 from moireaug.engine.kernel_stage import KernelStage
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from moireaug.engine.lower.development_records import Development
     from moireaug.engine.lower.exposure_records import Exposure, PanelView
 
-    Records = tuple[Exposure, PanelView]
 DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
 # scenes of which it was said that the reference computes some of their photos
 _reported: set[SceneRecord] = set()
@@ -44,36 +43,27 @@ class Exposing(KernelStage):
         as where the blur differs from place to place.
     """
 
+    name = "expose"
     # lens and aperture pass a cycle per sensor pixel or so: phases that are seen turn by 0.01 rad
     max_shift = 0.002
 
     is_decoded: bool
 
-    @property
-    def sums_in_order(self) -> bool:
-        return self.kernels.SUMS_IN_ORDER
-
     def lower(
         self, shot: ShotRecord, exactness: int, geometry: HostGeometry | None = None
-    ) -> Records:
+    ) -> tuple[Exposure, PanelView]:
         # with the first photo: importing the package would take a tenth longer
         from moireaug.engine.lower.exposure import lower_exposure
 
         return lower_exposure(shot, geometry, decoded=self.is_decoded, exactness=exactness)
 
-    def can_follow(self, records: Records) -> np.ndarray:
+    def can_follow(self, records: tuple[Any, ...]) -> np.ndarray:
         return self.kernels.fits(*records)
-
-    def launch(self, values: Tensor, saves: bool, records: Records) -> tuple[Tensor, Tensor]:
-        return self.kernels.launch_expose(values, saves, *records)
-
-    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
-        return self.kernels.launch_expose_back(grad, values, saved, *self.records)
 
     def __call__(self, light: Tensor) -> Tensor:
         if self.is_decoded:
             names = [name for name in self.shot.plan.exposing if name in DECODING]
-            light = pipeline.apply(names, as_float(light), self.shot)
+            light = pipeline.apply(names, light, self.shot)
         return run_kernels(self, light)
 
 
@@ -97,10 +87,7 @@ def exposing(call: Call, batch: int = 0) -> Callable[[Tensor], Tensor]:
     batch: how many images there are, if the call's are only some of them.
     """
     shot, batch = call.shot, batch or len(call.shot)
-
-    def reference(light: Tensor) -> Tensor:
-        return pipeline.expose(as_float(light), shot)
-
+    reference = functools.partial(pipeline.expose, shot=shot)
     if call.execution.why_not_expose:
         return reference
     if torch.compiler.is_compiling():
@@ -125,10 +112,8 @@ def exposing(call: Call, batch: int = 0) -> Callable[[Tensor], Tensor]:
     if not followed.any():
         return reference
     # each image by itself, so that its reading does not depend on the rest of the batch
-    others = call.part(~followed).shot
-    return _split(
-        followed, stage.part(followed), lambda light: pipeline.expose(as_float(light), others)
-    )
+    others = functools.partial(pipeline.expose, shot=call.part(~followed).shot)
+    return _split(followed, stage.part(followed), others)
 
 
 def _report_unfollowed(scene: SceneRecord, n: int, total: int) -> None:
@@ -151,25 +136,20 @@ class Developing(KernelStage):
     is_finite: the readings are known to be finite.
     """
 
+    name = "develop"
     max_shift = 0.03  # a photo that is registered is smoother than its reading
 
     is_finite: bool
 
     def lower(
         self, shot: ShotRecord, exactness: int, geometry: HostGeometry | None = None
-    ) -> Development:
+    ) -> tuple[Development]:
         from moireaug.engine.lower.development import lower_development
 
-        return lower_development(shot, self.effects, geometry)
+        return (lower_development(shot, self.effects, geometry),)
 
-    def can_follow(self, records: Development) -> np.ndarray:
-        return np.ones(len(records.codes.matrix), bool)
-
-    def launch(self, values: Tensor, saves: bool, records: Development) -> tuple[Tensor, Tensor]:
-        return self.kernels.launch_develop(values, saves, records)
-
-    def backward(self, grad: Tensor, values: Tensor, saved: Tensor) -> Tensor:
-        return self.kernels.launch_develop_back(grad, values, saved, self.records)
+    def can_follow(self, records: tuple[Any, ...]) -> np.ndarray:
+        return np.ones(len(records[0].codes.matrix), bool)
 
     def __call__(self, raw: Tensor) -> Tensor:
         if self.is_finite:
@@ -183,8 +163,8 @@ class Developing(KernelStage):
         if not finite.any():
             return pipeline.develop(raw, self.shot)
         # NaN and infinity are not in the tables of the CPU's kernels
-        checked, others = checked.part(finite), self.call.part(~finite).shot
-        return _split(finite, checked, lambda raw: pipeline.develop(raw, others))(raw)
+        others = functools.partial(pipeline.develop, shot=self.call.part(~finite).shot)
+        return _split(finite, checked.part(finite), others)(raw)
 
 
 def finite_images(raw: Tensor) -> Tensor:
@@ -203,10 +183,7 @@ def developing(call: Call, *, is_finite: bool = False) -> Callable[[Tensor], Ten
     is_finite: the readings are known to be finite.
     """
     shot, execution = call.shot, call.execution
-
-    def reference(raw: Tensor) -> Tensor:
-        return pipeline.develop(raw, shot)
-
+    reference = functools.partial(pipeline.develop, shot=shot)
     if execution.why_not_develop:
         return reference
     if torch.compiler.is_compiling():

@@ -174,7 +174,20 @@ class ShotRecord(Draws, ShotGeometry[Tensor]):
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
         Differentiable in every View field that the scene's pose reads."""
-        return about_corners(self.homography, self.photo_size)
+        return self._once("matrix", lambda: about_corners(self.homography, self.photo_size))
+
+    def inverse_matrix(self) -> Tensor:
+        """Return the inverse of `matrix`, from ideal photo to image coordinates, (B, 3, 3)."""
+        return self._once("inverse", lambda: torch.linalg.inv(self.matrix()))
+
+    def with_geometry_kept(self) -> Self:
+        """Return the same shot, which computes its pose and frame once, for a single photo: they
+        belong to the graph of its gradient."""
+        shot = object.__new__(type(self))
+        for name, value in vars(self).items():
+            object.__setattr__(shot, name, value)
+        object.__setattr__(shot, "_kept", {})
+        return shot
 
     def sampled_pixels(self) -> tuple[lattice.SampledPixels, lattice.SampledPixels]:
         """Return which sensor rows and columns this photo reads."""

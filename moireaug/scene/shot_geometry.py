@@ -3,8 +3,7 @@ part of."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any, Generic, TypeVar
 
@@ -38,6 +37,15 @@ class ShotGeometry(Generic[Array]):
     corner: tuple[int, int]
     xp: ModuleType = torch
     _numbers: Mapping[str, Array]
+    _kept: dict[str, Any] | None = None  # results of `_once`, if they are kept
+
+    def _once(self, name: str, compute: Callable[[], Any]) -> Any:
+        """Return what is computed, or where results are kept, was when it was first asked for."""
+        if self._kept is None:
+            return compute()
+        if name not in self._kept:
+            self._kept[name] = compute()
+        return self._kept[name]
 
     def numbers(self) -> dict[str, Array]:
         """Return the drawn numbers, (B,) each, by name, such as "view.yaw"."""
@@ -86,8 +94,11 @@ class ShotGeometry(Generic[Array]):
 
     @property
     def _pose(self) -> tuple[Any, Any]:
-        k1, k2, scale = self._numbers["lens.k1"], self._numbers["lens.k2"], self.scene.sensor.scale
-        return pose_of(self.view, k1, k2, self.photo_size, self.focal, scale, self.xp)
+        return self._once("pose", self._computed_pose)
+
+    def _computed_pose(self) -> tuple[Any, Any]:
+        lens, scale = (self._numbers["lens.k1"], self._numbers["lens.k2"]), self.scene.sensor.scale
+        return pose_of(self.view, lens, self.photo_size, self.focal, scale, self.xp)
 
     @property
     def focal(self) -> Array:
@@ -115,6 +126,9 @@ class ShotGeometry(Generic[Array]):
     @property
     def frame(self) -> Frame:
         """The photo that the image is, or is a part of."""
+        return self._once("frame", self._computed_frame)
+
+    def _computed_frame(self) -> Frame:
         (height, width), (top, left) = self.whole_size, self.corner
         if not self.scene.is_crop:
             return Frame(height, width, top, left, top, left)
@@ -142,12 +156,4 @@ class HostGeometry(ShotGeometry[np.ndarray]):
         self.scene, self.plan = shot.scene, shot.plan
         self.whole_size, self.corner = shot.whole_size, shot.corner
         self.table, self._numbers = table, dict(zip(shot.numbers(), table, strict=True))
-        vars(self).update(parts_with(shot, self._numbers))
-
-    @functools.cached_property
-    def frame(self) -> Frame:
-        return super().frame
-
-    @functools.cached_property
-    def _pose(self) -> tuple[np.ndarray, np.ndarray]:
-        return super()._pose
+        vars(self).update(parts_with(shot, self._numbers), _kept={})

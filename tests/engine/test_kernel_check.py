@@ -10,7 +10,6 @@ import torch
 from moireaug import Scene, capture
 from moireaug.engine import backends, kernel_stage
 from moireaug.engine.backends import reference
-from moireaug.engine.kernel_stage import Stage
 
 
 def fails(*_):
@@ -46,7 +45,7 @@ STAGES = {
 }
 
 
-class Doubling(Stage):
+class Doubling:
     """Twice its values, by some functions in the place of kernels."""
 
     def __init__(self, forward, backward, reference=lambda values: values * 2):

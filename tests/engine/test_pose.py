@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from moireaug import Lens, Scene, View
+from moireaug import Lens, Scene, View, capture
+from moireaug.engine import reference
 from moireaug.engine.lower.full import from_corner
+from moireaug.scene import shot_geometry
+from moireaug.scene.by_name import with_values
+from moireaug.scene.geometry.homography import pose_of
 
 RANGES = {
     "yaw": (-60.0, 60.0),
@@ -39,3 +43,21 @@ def test_homographies_agree(view, size):
     both = from_corner(np.linalg.inv(found), w / 2, h / 2) @ there @ to_photo
     both /= both[:, 2:, 2:]
     assert abs(both - np.eye(3)).max() < 1e-8 * max(size)
+
+
+@pytest.mark.parametrize("name", ["phone_at_dimmed_phone", "paper"])
+def test_the_reference_computes_the_pose_of_a_photo_once_and_of_each_anew(name, monkeypatch):
+    scene, poses = Scene.preset(name), []
+    monkeypatch.setattr(shot_geometry, "pose_of", lambda *a: poses.append(1) or pose_of(*a))
+    shot = scene.sample(1, (8, 9), torch.Generator().manual_seed(0))
+    roll = shot.view.roll.clone().requires_grad_()
+    shot = with_values(shot, {"view.roll": roll})
+    images = torch.rand(1, 3, 8, 9)
+    slopes = []
+    with reference():
+        for _ in range(2):  # no photo takes what belongs to another's graph
+            poses.clear()
+            photo = capture(images, shot)
+            assert len(poses) <= 2  # of exposing and of developing
+            slopes += torch.autograd.grad(photo.square().sum(), roll)
+    assert torch.equal(*slopes) and slopes[0].isfinite().all()

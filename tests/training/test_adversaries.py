@@ -6,12 +6,12 @@ from torch import nn
 
 from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
-from training import fit
 from training.classifier.adversaries import TrainingAdversary, passes
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of
 from training.config.checks import check_adversary
 from training.config.schema import RECIPES, Adversary
+from training.recipe.phases import ClassificationTask
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -145,9 +145,9 @@ AN_EFFECT = (
 def test_settings_that_a_training_would_not_use_are_refused():
     for given, sentence in NO_EFFECT.items():
         with pytest.raises(ValueError, match=f"{given.split()[1].partition('=')[0]}=.*{sentence}"):
-            fit.check(configured(*given.split()))
+            ClassificationTask().check(configured(*given.split()))
     for given in AN_EFFECT:
-        fit.check(configured(*given.split()))
+        ClassificationTask().check(configured(*given.split()))
 
 
 def test_the_page_of_recipes_has_their_bounds():

@@ -14,22 +14,23 @@ from torch.utils.data import TensorDataset
 from moireaug.attacks import predicted
 from moireaug.scenes import Scene
 from tests.training.small import BRIEF, TINY, configured, inside, same
-from training import fit
 from training.attack.protocol import protocol_of
 from training.classifier import train as training_of_classifiers
 from training.classifier.adversaries import TrainingAdversary
 from training.classifier.original import SHARES, Original, divergence, keep_answers
 from training.classifier.train import classifier_of
-from training.config.schema import Adversary, Data
+from training.config.data_sets import Data
+from training.config.schema import Adversary
 from training.data.load import load
 from training.data.splits import Splits
 from training.models import classifiers as models
-from training.recipe.phases import load_data
+from training.recipe.phases import ClassificationTask, load_data
 from training.report import run_parts
 from training.report.numbers import points
 from training.runs import trained
+from training.runs.layout import read_metrics
 from training.runs.metrics import RunMetrics
-from training.system.files import read_checkpoint, read_metrics
+from training.system.files import read_checkpoint
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -251,4 +252,6 @@ def test_a_run_is_resumed_and_attacked_again_with_its_own_original(tuned, tmp_pa
 def test_what_does_not_go_together_gets_a_sentence(given, advice, network, monkeypatch):
     monkeypatch.setattr(training_of_classifiers, "train_model", lambda *_: pytest.fail("trained"))
     with pytest.raises(ValueError, match=advice):
-        fit.check(configured(*SMALL, f"weights={network}", "data.root=DIR", *given))
+        ClassificationTask().check(
+            configured(*SMALL, f"weights={network}", "data.root=DIR", *given)
+        )

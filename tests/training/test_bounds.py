@@ -10,6 +10,7 @@ from training.config.checks import check_classifier, check_run
 from training.config.schema import Config, ReattackConfig
 from training.config.settings import settings_of, with_values
 from training.demoireing.schema import DemoireConfig
+from training.recipe.phases import ClassificationTask
 
 SCHEMAS = (ReattackConfig, DemoireConfig)
 BOUNDED = [key for key, one in settings_of(Config).items() if one.bounds]
@@ -35,9 +36,9 @@ def test_settings_are_read_off_their_dataclass_once():
 
 def test_every_default_and_recipe_is_within_them():
     for recipe in ("clean", "baseline", "moire_at", "moire_fast", "pgd_at"):
-        assert fit.check(configured(f"recipe={recipe}")) is None
+        assert ClassificationTask().check(configured(f"recipe={recipe}")) is None
     for data in ("cifar10", "folder"):  # no recipe says anything of the data
-        assert fit.check(configured("recipe=moire_at", f"data={data}")) is None
+        assert ClassificationTask().check(configured("recipe=moire_at", f"data={data}")) is None
 
 
 @pytest.mark.parametrize("key", BOUNDED)

@@ -60,7 +60,7 @@ def test_no_run_goes_on_with_other_weights_classes_or_files(tmp_path, settings, 
 
     def difference():
         splits = load(cfg.data)
-        origin = Origin.of(cfg.weights, splits.files, splits.classes)
+        origin = Origin.of(cfg.weights, splits)
         return resume.origin_difference(run, origin)
 
     def refused(message):

@@ -19,6 +19,8 @@ from training import calibrate, demoire, fit, frontier, synthesise
 from training.config import commands
 from training.config.schema import Config
 from training.demoireing import fit as demoireing
+from training.demoireing.fit import DemoireingTask
+from training.recipe.phases import ClassificationTask
 from training.runs.run import Run
 from training.system import machine, messages, processes
 
@@ -204,9 +206,9 @@ def test_a_command_leaves_the_logger_of_compilation(tmp_path, monkeypatch):
 def test_a_finished_run_is_only_read(tmp_path, monkeypatch):
     """From media that cannot be written, too: neither locked nor made ready."""
     monkeypatch.setattr(Run, "locked", lambda run: pytest.fail("it was locked"))
-    monkeypatch.setattr(Run, "stage", lambda run: "finished")
-    monkeypatch.setattr(fit, "report_finished", lambda run: None)
-    assert fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'gone'}")) == {}
-    monkeypatch.setattr(demoireing, "report_finished", lambda run: {"found": run.config.seed})
+    for task in (ClassificationTask, DemoireingTask):
+        monkeypatch.setattr(task, "finished", lambda task, run: ({"found": run.config.seed}, []))
+    cfg = configured("recipe=clean", *TINY, f"runs={tmp_path / 'gone'}")
+    assert fit.fit(cfg) == {"found": 0}
     assert demoireing.fit(configured(f"runs={tmp_path / 'gone'}", name="demoire")) == {"found": 0}
     assert not (tmp_path / "gone").exists()

@@ -3,7 +3,6 @@
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,8 +14,7 @@ from torchvision import datasets
 from tests.training.small import configured
 from training import fit
 from training.config.checks import require_training_images
-from training.config.schema import Data
-from training.config.torchvision_sets import TORCHVISION_SETS
+from training.config.data_sets import DATA_SETS, Data, torchvision_set
 from training.data import signs
 from training.data.batches import Batches
 from training.data.load import load
@@ -124,8 +122,8 @@ def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
         return [(torch.zeros(3, 4, 4, dtype=torch.uint8), 0)] * 4
 
     monkeypatch.setattr(datasets, "CIFAR10", make)
-    described = replace(TORCHVISION_SETS["cifar10"], num_classes=10)
-    monkeypatch.setitem(TORCHVISION_SETS, "cifar10", described)
+    described = torchvision_set("CIFAR10", {"train": True}, {"train": False}, "shift_flip", 10)
+    monkeypatch.setitem(DATA_SETS, "cifar10", described)
     cfg = Data(name="cifar10", root=str(tmp_path / "new"), size=16, val=1, download=True)
     assert len(load(cfg).train) == 3
 
@@ -133,17 +131,20 @@ def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
 def test_a_new_set_of_torchvision_is_a_row():
     """In a process of its own, as the settings are declared when they are imported."""
     code = """
-from training.config import torchvision_sets as sets
-row = sets.TorchvisionSet("FakeData", {"size": 9}, {"size": 5}, "shift", 10)
-sets.TORCHVISION_SETS["new"] = row
+import pathlib, sys, types
 from torchvision import datasets
+row = '"new": torchvision_set("FakeData", {"size": 9}, {"size": 5}, "shift", 10),'
+text = pathlib.Path("training/config/data_sets.py").read_text("utf-8")
+sets = types.ModuleType("training.config.data_sets")
+sys.modules[sets.__name__] = sets
+exec(text.replace("DATA_SETS = {", "DATA_SETS = {" + row, 1), sets.__dict__)
 make = datasets.FakeData
 datasets.FakeData = lambda root, size, transform, download: make(size, transform=transform)
 from tests.training.small import configured
-from training import fit
+from training.recipe.phases import ClassificationTask
 from training.data.load import load
 cfg = configured("recipe=clean", "data=new")
-fit.check(cfg)
+ClassificationTask().check(cfg)
 splits = load(cfg.data)
 print(cfg.data.augment, len(splits.train), len(splits.test), splits.num_classes)
 """
@@ -185,9 +186,9 @@ def test_signs_are_drawn_when_they_are_read(monkeypatch):
     drawn = []
     make = signs.make
 
-    def recorded(split, n, size):
+    def recorded(split, *numbers):
         drawn.append(split)
-        return make(split, n, size)
+        return make(split, *numbers)
 
     monkeypatch.setattr(signs, "make", recorded)
     splits = load(Data(name="signs", size=16, train=3, val=3, test=3))

@@ -29,8 +29,9 @@ from training.demoireing.module import Demoireing
 from training.demoireing.pairs import SimulatedPairs
 from training.demoireing.testing import fidelity_scores
 from training.demoireing.train import start_as_identity
+from training.runs.layout import read_metrics
 from training.runs.run import Run
-from training.system.files import read_checkpoint, read_metrics
+from training.system.files import read_checkpoint
 from training.trainer import ranks
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")

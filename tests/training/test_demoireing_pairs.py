@@ -12,6 +12,7 @@ from moireaug.synthesis.pictures import Pictures
 from tests.synthesis.folders import put
 from tests.training.test_demoireing import configure
 from training.data import drawn_pictures
+from training.data.codes import codes_of, picture_of, through_jpeg
 from training.demoireing import fit as demoireing
 from training.demoireing import pairs as demoireing_pairs
 from training.demoireing import pictures
@@ -19,14 +20,12 @@ from training.demoireing import train as demoireing_training
 from training.demoireing.pairs import (
     SimulatedPairs,
     TurnedPairs,
-    as_jpeg,
     enlarge_scene,
     shrink,
     training_scenes,
 )
 from training.demoireing.pictures import DrawnPictures, Splits
 from training.runs import resume
-from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -98,7 +97,8 @@ def test_photos_are_saved_as_jpeg_and_targets_are_not():
     )
     assert torch.equal(plain[1], rough[1]) and not torch.equal(plain[0], rough[0])
     noise = torch.randint(0, 256, (1, 32, 32), dtype=torch.uint8).repeat(3, 1, 1)
-    worse, better = (as_jpeg(noise, quality).float() - noise for quality in (20, 98))
+    files = (through_jpeg(picture_of(noise), quality) for quality in (20, 98))
+    worse, better = (codes_of(file).float() - noise for file in files)
     assert better.abs().mean() < 3 < 10 < worse.abs().mean()
 
 
@@ -188,4 +188,4 @@ def test_a_folder_that_has_changed_tests_no_run(tmp_path, monkeypatch):
     monkeypatch.setattr(resume, "_checkpoints", lambda run: [{"files": before}])
     monkeypatch.setattr(demoireing_training, "try_out", lambda run: None)
     with pytest.raises(ValueError, match=r"files that it was trained on are not .* Restore them"):
-        demoireing.complete(Run(cfg))
+        demoireing.fit(cfg)

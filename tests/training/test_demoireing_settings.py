@@ -18,6 +18,7 @@ from training.system import machine
 from training.trainer import ranks
 from training.trainer.make import OriginRecord
 
+SHOWN = {"test": [], "train": {"steps": 1, "seconds": 1, "pairs_per_second": 1, "best_steps": 1}}
 FEW = ["train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
 
 
@@ -88,9 +89,9 @@ def test_the_test_runs_where_it_is_said_to(tmp_path, monkeypatch):
 
 def test_a_finished_run_is_shown_without_its_start_file(tmp_path, monkeypatch):
     monkeypatch.setattr(Run, "stage", lambda run: "finished")
-    monkeypatch.setattr(demoireing, "report_finished", lambda run: "shown")
+    monkeypatch.setattr(demoireing, "read_metrics", lambda folder: SHOWN)
     given = ["weights=gone.pt", "demoire.vgg=gone.pth", f"runs={tmp_path}"]
-    assert demoireing.fit(configured(*FEW, *given, name="demoire")) == "shown"
+    assert demoireing.fit(configured(*FEW, *given, name="demoire")) == SHOWN
 
 
 def test_a_run_does_not_go_on_and_is_not_shown_with_other_first_weights(tmp_path, monkeypatch):
@@ -104,9 +105,9 @@ def test_a_run_does_not_go_on_and_is_not_shown_with_other_first_weights(tmp_path
     state = demoire.build("amnet", width=0.25).state_dict()
     checkpoint = {"state_dict": state, "epoch": 0} | asdict(record.origin)
     torch.save(checkpoint, Run(cfg).folder / "best.ckpt")
-    monkeypatch.setattr(demoireing, "report_finished", lambda run: "shown")
+    monkeypatch.setattr(demoireing, "read_metrics", lambda folder: SHOWN)
     monkeypatch.setattr(Run, "stage", lambda run: "finished")
-    assert demoireing.fit(cfg) == "shown"
+    assert demoireing.fit(cfg) == SHOWN
     demoire.save(demoire.build("amnet", width=0.25), start)
     for pairs in (False, True):
         monkeypatch.setattr(demoireing, "has_other_pairs", lambda run, pairs=pairs: pairs)

@@ -16,10 +16,10 @@ from training.data import signs
 from training.data.load import load
 from training.recipe import phases
 from training.runs import trained
+from training.runs.layout import read_metrics
 from training.runs.metrics import RunMetrics
 from training.runs.run import Run, baseline_of, start_of
 from training.system import machine
-from training.system.files import read_metrics
 from training.trainer import ranks
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -238,13 +238,17 @@ def test_an_interrupted_start_is_resumed_before_its_recipe(tmp_path, monkeypatch
     given = ["recipe=moire_aug", *TINY, "train.epochs=1", f"runs={tmp_path}", "resume=true"]
     cfg = configured(*given)
     train(start_of(Run(cfg)).config)
-    seen = []
-    monkeypatch.setattr(
-        phases, "train_and_report", lambda run, splits, *plain: seen.extend(plain[:2])
-    )
-    fit.fit(cfg)
+    seen, train_run = [], phases.train_run
+
+    def train_plain_runs(run, splits, start):
+        seen.append(run.config.recipe)
+        return train_run(run, splits, start) if run.config.recipe != "moire_aug" else 1 / 0
+
+    monkeypatch.setattr(phases, "train_run", train_plain_runs)
+    with pytest.raises(ZeroDivisionError):
+        fit.fit(cfg)
     assert "Training is complete: the weights are read from" in capsys.readouterr().out
-    assert [run.recipe for run in seen] == ["clean", "baseline"]
+    assert seen == ["clean", "baseline", "moire_aug"]
 
 
 def test_a_damaged_checkpoint_gets_a_sentence(copied):

@@ -69,9 +69,24 @@ def test_gains_are_over_plain_training_of_as_many_epochs(tmp_path):
     # the same images are right in each pair, so that the difference is the same for every seed
     assert gain.value == pytest.approx(0.2) and gain.low <= 0.2 <= gain.high and gain.low > 0.1
     assert not recipes["scratch"].gains  # its start is not that of baseline
-    text = markdown(list(recipes.values()), found)
+    text = markdown(list(recipes.values()), found, "baseline")
     for words in ("Gain over plain training of at least as many epochs", "| good", "+20.0"):
         assert words in text
+
+
+def test_gains_over_another_recipe(tmp_path, capsys):
+    for seed in range(3):
+        put(tmp_path, "baseline", seed, worst=(0.1, 0.0))
+        put(tmp_path, "rival", seed, worst=(0.2 + 0.05 * seed, 0.2))
+        put(tmp_path, "good", seed, worst=(0.3 + 0.05 * seed, 0.2))
+    command.main([str(tmp_path), "against=rival"])
+    recipes = {r.name: r for r in summarise(read(tmp_path).runs, "rival")}
+    assert recipes["baseline"].gains == recipes["rival"].gains == {}
+    assert recipes["good"].gains["worst_4"].value == pytest.approx(0.1)
+    for text in (capsys.readouterr().out, (tmp_path / "frontier/frontier.md").read_text()):
+        assert "over rival, in points" in text and "+10.0" in text
+    with pytest.raises(SystemExit, match="against must be one of 'baseline', 'good', 'rival'"):
+        command.main([str(tmp_path), "against=best"])
 
 
 def test_the_front_is_what_nothing_dominates():

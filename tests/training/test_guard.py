@@ -47,8 +47,8 @@ def trained(tmp_path, monkeypatch, accuracies, *overrides):
     """Train for three epochs with these accuracies in validation."""
 
     def validated(self, batch, index):
-        for name, accuracy in zip(self._hits, accuracies[self.current_epoch], strict=True):
-            self._hits[name].append(torch.tensor([accuracy]))
+        for name, accuracy in zip(self.figures, accuracies[self.current_epoch], strict=True):
+            self.figures[name].append(torch.tensor([accuracy]))
 
     monkeypatch.setattr(Classifier, "validation_step", validated)
     given = ["recipe=moire_at", *TINY, *ONE_STEP, "data.train=16", "train.init=random"]

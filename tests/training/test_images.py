@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageOps
 
 from moireaug.common.image_files import read_picture, size_of
-from training.config.schema import Data
+from training.config.data_sets import Data
 from training.data.load import load
 
 SIDE = 8

@@ -214,10 +214,10 @@ def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
 def test_an_epochs_loss_is_that_of_all_processes(recipe, monkeypatch):
     if recipe == "demoire":
         module = module_of(configured(name="demoire"))
-        module._losses = [torch.tensor(1.0)]
     else:
         module = classifier_of(configured(f"recipe={recipe}", *TINY), 4)
-        module._loss, module._hits = [torch.tensor(1.0)], {"clean": [torch.ones(2)]}
+        module.figures = {"clean": [torch.ones(2)]}
+    module._losses = [torch.tensor(1.0)]
     module._rng = torch.random.get_rng_state()
     strategy = SimpleNamespace(reduce=lambda value, reduce_op: value + 1)  # the other's is 3
     module._trainer = SimpleNamespace(strategy=strategy, current_epoch=0, global_step=1)

@@ -29,7 +29,7 @@ from training.classifier.module import Classifier
 from training.classifier.tuning import tuning_of
 from training.runs import resume
 from training.runs.run import Run
-from training.trainer import make
+from training.trainer import make, ranks
 from training.trainer.make import EpochLines
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -162,7 +162,7 @@ def test_only_an_interrupted_re_attack_is_done_again(tmp_path, monkeypatch, caps
     train_json = json.loads((folder / "train.json").read_text())
     assert Run(cfg).stage() == "trained"
     monkeypatch.setattr(results, "attack", attack)
-    monkeypatch.setattr(training.ranks, "fit", lambda *args: pytest.fail("trained again"))
+    monkeypatch.setattr(ranks, "fit", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
     assert done["train"] == train_json and done["time"]["train"] == train_json["wall_seconds"]
     assert not (folder / "train.json").exists()
@@ -217,14 +217,16 @@ def test_a_torn_checkpoint_gets_a_sentence(tmp_path, straight):
 
 def test_a_moved_folder_knows_its_best_score(tmp_path):
     def after(kind, *name):
-        old, new = (kind(tmp_path / n, *name, monitor="val_score", mode="max") for n in "ab")
+        old, new = (
+            kind(tmp_path.joinpath(n, *name), monitor="val_score", mode="max") for n in "ab"
+        )
         path = str(tmp_path / "a/best.ckpt")
         old.best_k_models = {path: torch.tensor(0.9)}
         old.best_model_path = old.kth_best_model_path = path
         new.load_state_dict(old.state_dict())
         return new.best_k_models
 
-    kept = after(make.RunCheckpoint, "best")
+    kept = after(make.RunCheckpoint, "best.ckpt")
     assert kept == {str(tmp_path / "b/best.ckpt"): torch.tensor(0.9)}
     assert after(ModelCheckpoint) == {}, (
         "Lightning can do this by itself now: drop RunCheckpoint.load_state_dict"

@@ -15,6 +15,7 @@ from training.comparison import comparable
 from training.config import scenes
 from training.config.checks import check_classifier
 from training.config.schema import Adversary
+from training.recipe.phases import ClassificationTask
 from training.runs import trained
 
 TEXT = "preset: phone_at_monitor\npanel: {lit: [0.6, 0.9]}\nview: {roll: [-3, 3]}\n"
@@ -74,7 +75,7 @@ def test_training_and_re_attack_keep_what_a_scene_file_holds(file, monkeypatch):
         seen.append(cfg)
         raise StopIteration
 
-    monkeypatch.setattr(fit, "check", stop)
+    monkeypatch.setattr(ClassificationTask, "check", lambda task, cfg: stop(cfg))
     monkeypatch.setattr(reattack, "check", stop)
     with pytest.raises(StopIteration):
         fit.fit(configured("recipe=moire_at", *TINY, f"scene={file}"))

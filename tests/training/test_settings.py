@@ -11,7 +11,8 @@ from training import fit, reattack
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of, seed_of_draws, trainer_of
 from training.classifier.tuning import tuning_of
-from training.config.schema import Data, Train, Trainer
+from training.config.data_sets import Data
+from training.config.schema import Train, Trainer
 from training.config.settings import with_absolute_paths
 from training.data.augmentation import augment
 from training.data.load import load

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from training.config.schema import DATA
+from training.config.data_sets import DATA
 from training.data import sign_backgrounds, signs
 from training.data.load import load
 

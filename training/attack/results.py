@@ -20,9 +20,9 @@ from training.attack.subject import Subject
 from training.config.scenes import scene_of, shrink_text
 from training.config.schema import Config, ReattackConfig
 from training.report.examples import run_examples, table_examples
+from training.runs.layout import REPORT
 from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
 from training.runs.run import Run
-from training.system import machine
 
 
 def ladder_metrics(result: AttackResult) -> dict[str, Any]:
@@ -79,20 +79,12 @@ def with_baseline(
 
 def metrics_of(cfg: Config) -> dict[str, Any]:
     """Return the fields of `Metrics` that need no attack: settings, scene, machine and command."""
-    scene, run = scene_of(cfg), Run(cfg)
-    size = cfg.data.size, cfg.data.size
+    scene, size = scene_of(cfg), (cfg.data.size, cfg.data.size)
     return {
-        "recipe": cfg.recipe,
-        "seed": cfg.seed,
-        "data": cfg.data.name,
-        "model": cfg.model,
+        **Run(cfg).facts(),
         "scene_name": scene_title(cfg),
         "scene": scene.to_dict(),
         "plan": "\n\n".join(str(one.plan(size)) for one in scenes_of(scene)),
-        "config": run.settings,
-        "fingerprint": run.fingerprint,
-        "environment": machine.environment(cfg.trainer.accelerator),
-        "command": machine.command(),
     }
 
 
@@ -151,10 +143,10 @@ def attack_and_publish(
         runners[name] = theirs.runner
     main_condition = main_attack(result.tables[0])
     examples = run_examples(runners, main_condition, subject.splits.classes)
-    summary = report.write_run(out / "report.html", metrics, examples)
+    summary = report.write_run(out / REPORT, metrics, examples)
     metrics.write(out)
     print(*summary, sep="\n")
-    print(f"Report: {out / 'report.html'}")
+    print(f"Report: {out / REPORT}")
     return metrics
 
 
@@ -186,5 +178,5 @@ def publish_suite(cfg: ReattackConfig, subject: Subject, result: AttackResult) -
     summary = report.write_suite(out, metrics, result.tables, result.cells, examples)
     metrics.write(out)
     print(*summary, sep="\n")
-    print(f"Report: {out / 'report.html'}")
+    print(f"Report: {out / REPORT}")
     return metrics

@@ -15,6 +15,7 @@ from training.data.load import load
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side, class_names
 from training.runs.identity import fingerprint_of, group_of
+from training.runs.layout import METRICS, REATTACKS, RECORDS
 from training.runs.run import Run
 from training.runs.trained import TrainedRun
 from training.system.files import make_folder
@@ -47,8 +48,8 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
             another.
     """
     lpips = lpips_of(cfg)
-    make_folder(home / "reattack")
-    if not (run.folder / "metrics.json").is_file():
+    make_folder(home / REATTACKS)
+    if not (run.folder / METRICS).is_file():
         print(
             f"note: the run in {run.folder} is not finished; its best checkpoint so far is "
             "attacked."
@@ -61,9 +62,9 @@ def subject_of_run(cfg: ReattackConfig, run: TrainedRun, home: Path) -> Subject:
     model, protocol = run.model(), protocol_of(cfg, splits, lpips, run.original_model())
     same_data = Run(cfg).settings["data"] == Run(run.cfg).settings["data"]
     name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
-    folder = home / "reattack" / name / cfg.suite
+    folder = home / REATTACKS / name / cfg.suite
     seconds = {"data": time.perf_counter() - start}
-    return Subject(cfg.recipe, model, splits, protocol, home / "records", folder, seconds)
+    return Subject(cfg.recipe, model, splits, protocol, home / RECORDS, folder, seconds)
 
 
 def subject_of_weights(cfg: ReattackConfig) -> Subject:
@@ -74,7 +75,7 @@ def subject_of_weights(cfg: ReattackConfig) -> Subject:
             "(or torchvision's name of weights, such as DEFAULT)."
         )
     lpips = lpips_of(cfg)
-    home = Path(cfg.runs) / "reattack" / cfg.model
+    home = Path(cfg.runs) / REATTACKS / cfg.model
     make_folder(home)
     start = time.perf_counter()
     splits = load(cfg.data)
@@ -86,7 +87,7 @@ def subject_of_weights(cfg: ReattackConfig) -> Subject:
     name = protocol_name(cfg, protocol.batches.n, with_data=True)
     folder = home / name / cfg.suite
     seconds = {"data": time.perf_counter() - start}
-    return Subject(cfg.model, model, splits, protocol, home / "records", folder, seconds)
+    return Subject(cfg.model, model, splits, protocol, home / RECORDS, folder, seconds)
 
 
 def lpips_of(cfg: ReattackConfig) -> LPIPS | None:

@@ -19,10 +19,12 @@ from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import ImageTransform
 from moireaug.evaluation.identity import require_identity
 from training.attack.subject import Subject
-from training.config.schema import Data, ReattackConfig
+from training.config.data_sets import Data
+from training.config.schema import ReattackConfig
 from training.data.splits import Splits
 from training.models.classifiers import as_model, model_names
 from training.runs.identity import fingerprint_of
+from training.runs.layout import BEST, NETWORK
 from training.runs.run import Run
 from training.runs.trained import read
 from training.suites import OPTION_SUITES
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
     from lightning import Fabric
 
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
-RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
 # of image quilting: patches of its bank, and images that they are drawn from
 BANK_PATCHES, MAX_DONOR_IMAGES = 50_000, 500
 
@@ -82,7 +83,7 @@ def targets_of(
         )
     models: dict[str, nn.Module | None] = {}
     for name, weights in (targets or {}).items():
-        if isinstance(weights, str) and (Path(weights) / "best.ckpt").is_file():
+        if isinstance(weights, str) and (Path(weights) / BEST).is_file():
             run = read(Path(weights))
             run.check_classes(splits, data)
             models[name] = run.model().to(device)
@@ -130,9 +131,9 @@ def networks_of(networks: Any, device: torch.device) -> dict[str, ImageTransform
         )
     defences: dict[str, ImageTransform] = {}
     for name, place in places.items():
-        file = Path(place) / RUN_WEIGHTS if Path(place).is_dir() else Path(place)
+        file = Path(place) / NETWORK if Path(place).is_dir() else Path(place)
         network = demoire.load(file)
-        if name == Path(RUN_WEIGHTS).stem:  # of a run's own folder
+        if name == Path(NETWORK).stem:  # of a run's own folder
             name = network.name
         if name in demoire.NETWORKS and name != network.name:
             raise ValueError(

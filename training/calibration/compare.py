@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from moireaug import Scene, capture
+from training.data.codes import rounded
 from training.data.real_pairs import ScreenPhoto
 from training.photographs.statistics import STATISTICS, Statistic, compare, measure, percentiles
 from training.report.terminal import aligned
@@ -184,4 +185,4 @@ def photograph_crops(scene: Scene, originals: Tensor, seed: int = 0) -> Tensor:
     for start in range(0, len(originals), PHOTO_BATCH_CROPS):
         rows = slice(start, start + PHOTO_BATCH_CROPS)
         photos.append(capture(originals[rows].float() / 255, shot[rows]))
-    return (255 * torch.cat(photos)).round().clamp(0, 255).to(torch.uint8)
+    return rounded(torch.cat(photos))

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import lightning as L
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -20,6 +18,7 @@ from training.classifier.original import Original, divergence
 from training.classifier.tuning import freeze_but_first, make_optimizer, tuning_of
 from training.config.schema import Adversary, Train
 from training.data.augmentation import augment
+from training.trainer.module import RecordedModule
 
 MIN_COLLAPSE_ACCURACY = 0.2  # of the best epoch: below it a model has nothing to lose yet
 COLLAPSE_FRACTION = 0.5  # share of the best accuracy that counts as a collapse
@@ -37,7 +36,7 @@ def has_collapsed(perturbed: list[float]) -> bool:
     return last < COLLAPSE_FRACTION * max(before)
 
 
-class Classifier(L.LightningModule):
+class Classifier(RecordedModule):
     """Trains a model on images that an adversary has photographed or attacked.
 
     Validation scores the mean of clean accuracy and accuracy under the recipe's own adversary, on
@@ -66,7 +65,7 @@ class Classifier(L.LightningModule):
         augment: str = "none",
         fine: bool = False,
     ) -> None:
-        super().__init__()
+        super().__init__("clean", "perturbed")
         self.model, self.scene, self.seed = model, scene, seed
         self.train_cfg, self.adversary_cfg = train, adversary
         self.augment = augment
@@ -77,11 +76,7 @@ class Classifier(L.LightningModule):
         self.adversary = TrainingAdversary(model, scene, adversary)
         self.validation_adversary = TrainingAdversary(model, scene, strengthen(adversary))
         self.tuning = tuning_of(train, fine=fine)
-        self.history: list[dict[str, float]] = []
         self.collapsed_at: int | None = None
-        self._loss: list[Tensor] = []
-        self._hits: dict[str, list[Tensor]] = {}
-        self._epoch_start, self._training_seconds = time.perf_counter(), 0.0
         own_statistics = not fine if train.batch_statistics is None else train.batch_statistics
         self._fixed_normalisations: list[nn.Module] = []
         if not own_statistics:
@@ -119,7 +114,7 @@ class Classifier(L.LightningModule):
         self.adversary = TrainingAdversary(self.model, self.scene, strengthen(self.adversary_cfg))
 
     def on_train_epoch_start(self) -> None:
-        self._loss, self._epoch_start = [], time.perf_counter()
+        super().on_train_epoch_start()
         if torch.distributed.is_initialized():
             # Each process has its own statistics of batch normalisation, which DDP does not share
             # after a validation; attacks see them. A resumed run begins with the first's.
@@ -137,21 +132,10 @@ class Classifier(L.LightningModule):
         try:
             images = self._attack_and_photograph(images, labels)
         except NoAnswerError:
-            raise self._diverged("loss became nan", index) from None
+            raise self.diverged("loss became nan", index) from None
         logits = self(images)
         loss = F.cross_entropy(logits, labels) if wanted is None else divergence(logits, wanted)
-        if not torch.isfinite(loss):
-            raise self._diverged(f"loss became {loss.item()}", index)
-        self._loss.append(loss.detach())
-        self.log("loss", loss, prog_bar=True, logger=False)
-        return loss
-
-    def _diverged(self, symptom: str, index: int) -> FloatingPointError:
-        return FloatingPointError(
-            f"the {symptom} in epoch {self.current_epoch + 1}, batch {index}. Train with a smaller "
-            "train.lr, or with trainer.precision=32-true; the epochs before this one are kept in "
-            "the run's folder."
-        )
+        return self.recorded(loss, index)
 
     def _attack_and_photograph(self, images: Tensor, labels: Tensor) -> Tensor:
         """Return the images of a batch with the first ones attacked, the next ones photographed and
@@ -173,8 +157,7 @@ class Classifier(L.LightningModule):
         return min(1.0, (self.global_step + 1) / (self.adversary_cfg.warmup * total))
 
     def on_validation_epoch_start(self) -> None:
-        self._training_seconds = time.perf_counter() - self._epoch_start
-        self._hits = {"clean": [], "perturbed": []}
+        super().on_validation_epoch_start()
         self._rng = torch.random.get_rng_state()
         torch.manual_seed(self.seed + self.global_rank)
 
@@ -183,32 +166,22 @@ class Classifier(L.LightningModule):
         images = images.float() / 255
         if self.original:
             labels = self.original.answers(images)
-        self._hits["clean"].append((predicted(self(images)) == labels).float())
+        self.figures["clean"].append((predicted(self(images)) == labels).float())
         if self.adversary_cfg.kind != "none" or self.adversary_cfg.natural:
             try:
                 perturbed = self.validation_adversary(images, labels)
             except NoAnswerError:  # no answer is wrong, attacked or not
                 perturbed = images
-            self._hits["perturbed"].append((predicted(self(perturbed)) == labels).float())
+            self.figures["perturbed"].append((predicted(self(perturbed)) == labels).float())
 
     def on_validation_epoch_end(self) -> None:
         torch.random.set_rng_state(self._rng)
-        means = {k: torch.cat(v).mean() for k, v in self._hits.items() if v}
-        means = {k: self.trainer.strategy.reduce(v, reduce_op="mean") for k, v in means.items()}
-        means["score"] = torch.stack(list(means.values())).mean()
-        if self.collapses([*self.history, means]):
-            means["score"] = torch.zeros_like(means["score"])  # never the best epoch
-        for name, value in means.items():
-            self.log(f"val_{name}", value, prog_bar=True, logger=False)
-        loss = torch.tensor(self._loss, dtype=torch.float32, device=self.device).mean()
-        validation = time.perf_counter() - self._epoch_start - self._training_seconds
-        row = {
-            "epoch": self.current_epoch,
-            "loss": float(self.trainer.strategy.reduce(loss, reduce_op="mean")),
-            "seconds": self._training_seconds,
-            "validation_seconds": validation,
-        }
-        self.history.append(row | {k: float(v) for k, v in means.items()})
+        super().on_validation_epoch_end()
+
+    def score(self, means: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        mean = torch.stack(list(means.values())).mean()
+        # a collapsed epoch is never the best
+        return {"score": 0 * mean if self.collapses([*self.history, means]) else mean}
 
     def collapses(self, history: Sequence[Mapping[str, Any]]) -> bool:
         """Return whether the last of these epochs ends in catastrophic overfitting."""
@@ -234,11 +207,12 @@ class Classifier(L.LightningModule):
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        checkpoint["history"], checkpoint["collapsed_at"] = list(self.history), self.collapsed_at
+        super().on_save_checkpoint(checkpoint)
+        checkpoint["collapsed_at"] = self.collapsed_at
         if self.original:
             checkpoint["original"] = self.original.model.state_dict()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        self.history = list(checkpoint["history"])
+        super().on_load_checkpoint(checkpoint)
         if checkpoint["collapsed_at"] is not None:
             self.harden(checkpoint["collapsed_at"])

@@ -1,13 +1,13 @@
-"""Training of one run: begun, resumed, or read back where it is complete."""
+"""Training of a classifier: its batches, its trainer, its first weights and its cost."""
 
-import json
+from collections.abc import Mapping
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import lightning as L
 
-from moireaug.common.files import write_text
 from moireaug.scene.draws import mix_seeds
 from training.classifier.adversaries import passes
 from training.classifier.guard import CollapseGuard
@@ -20,15 +20,15 @@ from training.data.batches import Batches, require_even
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side
 from training.runs.identity import Origin
+from training.runs.layout import BEST
 from training.runs.metrics import TrainCost
 from training.runs.run import Run, start_of
 from training.runs.trained import read_trained
 from training.system import machine
-from training.system.files import read_checkpoint
 from training.system.messages import count_text
 from training.system.processes import is_first, print_once
-from training.trainer import ranks
-from training.trainer.make import AtomicCheckpointIO, OriginRecord, RunCheckpoint, make_trainer
+from training.trainer.make import AtomicCheckpointIO, make_trainer
+from training.trainer.train import train
 
 
 def try_out(run: Run[Config], splits: Splits) -> None:
@@ -41,8 +41,7 @@ def try_out(run: Run[Config], splits: Splits) -> None:
         )
     classifier = classifier_of(cfg, splits.num_classes)
     check_side(classifier.model, cfg.model, cfg.data.size)
-    origin = Origin.of(cfg.weights, splits.files, splits.classes)
-    trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, origin)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, Origin())
     require_even(cfg.train.batch_size, trainer.world_size)
     for part in (splits.train, splits.val, splits.test):
         _ = part[0]  # raises where it cannot be read
@@ -60,74 +59,75 @@ def train_model(
         start_cost: cost of the run whose weights it starts from, for the totals.
         classifier: to train in place of the settings' own, such as one with another adversary.
 
-    Raises:
-        ValueError: a checkpoint that is missing or damaged.
-        ConnectionError: another process of this run was lost.
-        FloatingPointError: the loss became nan or infinite.
-        OSError: a disk that is full or not writable.
-        KeyboardInterrupt: Ctrl-C or SIGTERM; every complete epoch is kept.
+    Raises: as `training.trainer.train.train`.
     """
     cfg = run.config
     L.seed_everything(cfg.seed, verbose=False)
-    out, resumes = run.folder, run.can_resume()
-    last, best = out / "last.ckpt", out / "best.ckpt"
     classifier = classifier or classifier_of(cfg, splits.num_classes)
-    if is_first():
-        run.write_settings()
-    if resumes and (train := TrainCost.read(out)):
-        classifier.load_state_dict(read_checkpoint(best)["state_dict"])
-        print_once(f"Training is complete: the weights are read from {best}.")
-        return classifier.eval(), train
     start = start_of(run)
-    if start and not resumes:
+    if start and not run.can_resume():
         classifier.model.load_state_dict(read_trained(start).state)
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
-    print_once(_plan_line(cfg, epochs, classifier.tuning.lr, start_cost))
-    history = read_checkpoint(last)["history"] if resumes else []
-    if history:
-        print_once(f"Resuming from {last} after {count_text(len(history), 'epoch')}.")
-    batches = Batches(
+    origin = Origin.of(cfg.weights, splits)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, run.folder, origin)
+
+    def finish(best: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+        shares = {}
+        if classifier.original:
+            path = run.folder / BEST
+            blend = blend_best(classifier, classifier.original, splits, best, path)
+            shares = blend._asdict() if blend else {}
+        # an incomplete last batch is left out of an epoch
+        epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
+        images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
+        whole_cost = TrainCost(
+            **cost_of(cfg, classifier, images, start_cost),
+            wall_seconds=seconds,
+            best_epoch=int(best["epoch"]),
+            **shares,
+        )
+        return asdict(whole_cost)
+
+    batches_from = partial(
+        Batches,
         splits,
         cfg.train.batch_size,
         workers=cfg.data.workers,
         seed=seed_of_draws(cfg),
-        first_epoch=len(history),
     )
-    origin = Origin.of(cfg.weights, splits.files, splits.classes)
-    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin)
-    best_checkpoint, wall_seconds = ranks.fit(trainer, classifier, batches, out)
-    blend = None
-    if classifier.original:
-        blend = blend_best(classifier, classifier.original, splits, best_checkpoint, best)
-    # an incomplete last batch is left out of an epoch
-    epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
-    images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
+    plan = _plan_line(cfg, epochs, classifier.tuning.lr, start_cost)
+    cost = train(run, classifier, trainer, batches_from, finish, plan)
+    return classifier.eval(), TrainCost.of(cost, run.folder)
+
+
+def cost_of(
+    cfg: Config, classifier: Classifier, images: int, start_cost: TrainCost | None
+) -> dict[str, Any]:
+    """Return the fields of `TrainCost` that the history of a training holds.
+
+    Args:
+        images: number of images of an epoch.
+    """
     epochs = len(classifier.history)
     seconds = sum(epoch["seconds"] for epoch in classifier.history)
-    train = TrainCost(
-        init=cfg.train.init,
-        passes=passes(cfg.adversary, cfg.train.target),
-        seconds=seconds,
-        epochs=epochs,
-        images_per_second=images * epochs / max(seconds, 1e-9),
-        collapsed_at=classifier.collapsed_at,
-        history=classifier.history,
-        wall_seconds=wall_seconds,
-        best_epoch=int(best_checkpoint["epoch"]),
-        total_epochs=epochs + (start_cost.epochs if start_cost else 0),
-        total_seconds=seconds + (start_cost.seconds if start_cost else 0.0),
-        **(blend._asdict() if blend else {}),
-    )
-    if is_first():
-        write_text(out / "train.json", json.dumps(asdict(train)))
-    return classifier.eval(), train
+    return {
+        "init": cfg.train.init,
+        "passes": passes(cfg.adversary, cfg.train.target),
+        "seconds": seconds,
+        "epochs": epochs,
+        "images_per_second": images * epochs / max(seconds, 1e-9),
+        "collapsed_at": classifier.collapsed_at,
+        "history": classifier.history,
+        "total_epochs": epochs + (start_cost.epochs if start_cost else 0),
+        "total_seconds": seconds + (start_cost.seconds if start_cost else 0.0),
+    }
 
 
 def blend_best(
     classifier: Classifier,
     original: Original,
     splits: Splits,
-    checkpoint: dict[str, Any],
+    checkpoint: Mapping[str, Any],
     path: Path,
 ) -> Blend | None:
     """Move the best weights towards the original's, as `keep_answers`, and write them; return their
@@ -148,7 +148,8 @@ def blend_best(
             "train with a smaller train.lr, fewer train.epochs, or more pictures."
         )
     if is_first():
-        blended = checkpoint | blend._asdict() | {"state_dict": classifier.state_dict()}
+        state = {"state_dict": classifier.state_dict()}
+        blended = {**checkpoint, **blend._asdict(), **state}
         AtomicCheckpointIO().save_checkpoint(blended, path)
     return blend
 
@@ -183,17 +184,10 @@ def seed_of_draws(cfg: Config) -> int:
 
 
 def trainer_of(
-    settings: Trainer, tuning: Tuning, epochs: int, out: Path, origin: Origin
+    settings: Trainer, tuning: Tuning, epochs: int, folder: Path, origin: Origin
 ) -> L.Trainer:
-    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder."""
-    callbacks = [
-        weight_averaging(tuning),
-        RunCheckpoint(out, "best", monitor="val_score", mode="max"),
-        CollapseGuard(out / "best.ckpt"),
-        RunCheckpoint(out, "last"),
-        OriginRecord(origin),
-    ]
-    trainer_settings = replace(
-        settings, precision=machine.precision(settings.precision, settings.accelerator)
-    )
-    return make_trainer(trainer_settings, epochs, callbacks, tuning.clip)
+    """Return Lightning's trainer of a classifier in a run's folder."""
+    precision = machine.precision(settings.precision, settings.accelerator)
+    settings = replace(settings, precision=precision)
+    callbacks = [weight_averaging(tuning), CollapseGuard(folder / BEST)]
+    return make_trainer(settings, epochs, folder, origin, "val_score", callbacks, tuning.clip)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from training.config.data_sets import is_users_own
 from training.config.schema import Config, Trainer
 from training.config.settings import as_argument, settings_of
 from training.runs.metrics import Metrics, RunMetrics, SuiteMetrics
@@ -82,7 +83,7 @@ def image_settings(metrics: Metrics) -> Settings:
     """Return the settings of the data that its test images depend on."""
     data = metrics.config["data"]
     settings = {name: data[name] for name in ("name", "size", "test", "seed", "class_index")}
-    if data["name"] == "folder":  # other data sets are the same in any folder
+    if is_users_own(data["name"]):
         settings["root"] = data["root"]
     return settings
 
@@ -97,7 +98,8 @@ def protocol_settings(attack: SuiteMetrics) -> Settings:
 def data_name(metrics: Iterable[RunMetrics]) -> str:
     """Return the name of the data set, or of its folder if all runs have the same."""
     data_sets = [m.config["data"] for m in metrics]
-    folders = {Path(data["root"]).resolve().name for data in data_sets if data["name"] == "folder"}
+    own = [data for data in data_sets if is_users_own(data["name"])]
+    folders = {Path(data["root"]).resolve().name for data in own}
     return folders.pop() if len(folders) == 1 else data_sets[0]["name"]
 
 

@@ -20,8 +20,8 @@ from training.comparison.comparable import (
     require_comparable,
 )
 from training.config.settings import as_argument
+from training.runs.layout import METRICS, finished_runs, read_metrics
 from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
-from training.system.files import read_metrics
 
 # of the re-attack that is suggested for a run without one
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
@@ -203,25 +203,22 @@ def read_classifiers(root: Path) -> tuple[dict[Path, RunMetrics], list[str]]:
     """Return the metrics of the finished classifiers in `root`/<recipe>/seed<k>/, and a sentence on
     each that is damaged. A demoiréing network has no adversary and no place in the table."""
     classifiers, warnings = {}, []
-    for path in sorted(root.glob("*/seed*/metrics.json")):
-        folder = path.parent
-        if not folder.name.removeprefix("seed").isdecimal():  # set aside by fit.py
-            continue
+    for folder in finished_runs(root):
         values = read_metrics(folder)
         if values is None:
             warnings.append(
-                f"{path} is damaged, and the run left out: its command, given again, writes it "
-                "anew."
+                f"{folder / METRICS} is damaged, and the run left out: its command, given again, "
+                "writes it anew."
             )
         elif "adversary" in values.get("config", {}) and (metrics := RunMetrics.read(folder)):
             classifiers[folder] = metrics
     if classifiers:
         return classifiers, warnings
     problem = (
-        f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as "
+        f"no finished run in {root}: it must hold <recipe>/seed<k>/{METRICS}, as "
         "training/fit.py writes them."
     )
-    groups = {path.parents[2] for path in root.glob("*/*/seed*/metrics.json")}
+    groups = [folder for folder in root.glob("*") if finished_runs(folder)]
     if groups:
         names = ", ".join(shlex.quote(str(path)) for path in sorted(groups))
         problem += f" A table is of one data set and model: pass one of {names}."

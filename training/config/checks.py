@@ -13,17 +13,9 @@ from torch import nn
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation.suites import check_used
 from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
+from training.config.data_sets import DATA, Data, data_sets_with
 from training.config.scenes import scene_of
-from training.config.schema import (
-    DATA,
-    Adversary,
-    Config,
-    Data,
-    ReattackConfig,
-    RunConfig,
-    Train,
-    Trainer,
-)
+from training.config.schema import Adversary, Config, ReattackConfig, RunConfig, Train, Trainer
 from training.config.settings import as_argument, check, settings_of, value_of, with_values
 from training.suites import OPTION_SUITES
 from training.system.files import has_parts
@@ -79,11 +71,11 @@ def check_answers(cfg: Config) -> None:
             f"recipe={cfg.recipe} keeps the answers of a trained network: pass weights=FILE and "
             "model=NAME."
         )
-    if cfg.data.name == "signs":
+    if cfg.data.name not in data_sets_with("root"):
         raise ValueError(
-            f"recipe={cfg.recipe} tunes a network on pictures like those it is for, and signs are "
-            f"drawn, of {cfg.data.size} px: pass data=folder data.root=DIR, any pictures, and "
-            "data.size=N of the network, such as 224."
+            f"recipe={cfg.recipe} tunes a network on pictures like those it is for, and "
+            f"{cfg.data.name} are drawn, of {cfg.data.size} px: pass data=folder data.root=DIR, "
+            "any pictures, and data.size=N of the network, such as 224."
         )
     if cfg.train.init != "random":
         raise ValueError(

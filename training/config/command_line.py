@@ -16,8 +16,9 @@ from training.config.schema import RunConfig
 from training.config.settings import settings_of
 
 SWEEP_FLAGS = {"-m", "--multirun"}
-# Hydra's flags after which a command prints and ends
-PRINTING_FLAGS = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i"}
+# flags after which a command prints and ends
+HELP_FLAGS = {"--help", "-h"}
+PRINTING_FLAGS = HELP_FLAGS | {"--hydra-help", "--version", "--cfg", "-c", "--info", "-i"}
 
 
 def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:

@@ -18,8 +18,14 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.common.argument_checks import one_of
-from training.config.command_line import SWEEP_FLAGS, quote_paths, require_recipe, why_refused
-from training.config.compose import help_text
+from training.config.command_line import (
+    HELP_FLAGS,
+    SWEEP_FLAGS,
+    quote_paths,
+    require_recipe,
+    why_refused,
+)
+from training.config.compose import HELP_TEXTS, help_text
 from training.config.schema import Config, RunConfig, as_config
 from training.config.settings import check, field_of, settings_of
 from training.system import machine
@@ -67,6 +73,9 @@ def run(
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise errors, do not print them
     folders = [a.removeprefix("runs=").strip("'\"") for a in overrides if a.startswith("runs=")]
     try:
+        if HELP_FLAGS & set(overrides):  # without half a second of Hydra
+            print(HELP_TEXTS[schema], flush=True)
+            return
         if SWEEP_FLAGS & set(overrides):  # Hydra writes into this folder before any job
             make_folder(Path(folders[-1] if folders else schema.runs))
         main()
@@ -135,7 +144,7 @@ def parse(
         example: a valid command, for the error messages.
     """
     prepare_output()
-    if {"-h", "--help"} & set(argv):
+    if HELP_FLAGS & set(argv):
         print(help_text(description, schema, {}))
         raise SystemExit(0)
     cfg, table = OmegaConf.structured(schema), settings_of(schema)

@@ -12,7 +12,8 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from training.config.schema import DATA, DEFAULT_DATA, EPOCHS, RECIPES
+from training.config.data_sets import DATA, DATA_SETS, DEFAULT_DATA
+from training.config.schema import RECIPES
 from training.config.settings import Setting, as_argument, settings_of
 
 HYDRA_FOLDERS = {
@@ -26,6 +27,7 @@ RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean
 # of a line of help
 HELP_WRAPPING: Any = {"width": 100, "initial_indent": " " * 6, "subsequent_indent": " " * 6}
 MIN_FAR_BOUND = 10_000  # a bound that only a mistake exceeds
+HELP_TEXTS: dict[type, str] = {}  # of the registered commands, by their settings
 
 
 def register(
@@ -39,8 +41,9 @@ def register(
     store = ConfigStore.instance()
     for data, node in DATA.items():
         store.store(group="data", name=data, node=node)
-    for data, epochs in EPOCHS.items():
-        store.store(group="epochs", name=data, package="train", node={"epochs": epochs})
+    for data, one in DATA_SETS.items():
+        if one.epochs:
+            store.store(group="epochs", name=data, package="train", node={"epochs": one.epochs})
     default_groups = {key: value for group in defaults for key, value in group.items()}
     if "recipe" in default_groups:
         default_groups["recipe"] = "NAME"  # a command line names its own
@@ -50,9 +53,8 @@ def register(
     store.store(name=f"{name}_schema", node=schema)
     # the settings of a command line stand above those of a recipe
     order = [f"{name}_schema", *defaults, "_self_", *NO_LOGGING]
-    text = help_text(description, schema, default_groups).replace("$", "$$")  # of string.Template
-    help_page = {"help": {"template": text}}
-    store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS | help_page})
+    store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS})
+    HELP_TEXTS[schema] = help_text(description, schema, default_groups)
 
 
 def recipe_files() -> list[Path]:

@@ -1,5 +1,4 @@
-"""Every setting of a classifier's run, and of an attack on it, with the defaults of each data set;
-`recipes/` holds differences.
+"""Every setting of a classifier's run, and of an attack on it; `recipes/` holds differences.
 
 Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 """
@@ -11,16 +10,12 @@ from typing import Any, TypeVar
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
 from moireaug.attacks.bounds import BOUNDS
+from training.config.data_sets import EPOCHS_HELP, MAX_SEED, Data
 from training.config.settings import section, setting
-from training.config.torchvision_sets import TORCHVISION_SETS
 
-AUGMENTATIONS = ("none", "shift", "shift_flip", "crop_flip", "affine")
 ATTACKS = ("moire_attack", "pgd")  # of training
 TARGETS = ("labels", "answers")
-DEFAULT_DATA = "signs"
-EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"
-MAX_SEED = 2**32 - 1
 # weights are float32 in all of them: the average, the attack and every re-attack need that
 PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
 # not mps: it has no float64, which the geometry needs
@@ -30,62 +25,6 @@ SHRINK_HELP = (
     "the scene says"
 )
 Settings = TypeVar("Settings", bound="RunConfig")
-
-
-@dataclass
-class Data:
-    """The images, their size and their numbers."""
-
-    name: str = setting(MISSING, "the data set", choices=("signs", *TORCHVISION_SETS, "folder"))
-    root: str | None = setting(
-        None,
-        "the data's folder; of data=folder, with train/ and test/, or test classes alone; with "
-        "train.target=answers, any pictures",
-        is_path=True,
-        only_for=("folder", *TORCHVISION_SETS),
-        may_differ=True,
-    )
-    size: int = setting(64, "side of the images, in pixels", bounds=(16, 8192))
-    train: int | None = setting(
-        None,
-        "training images; null: all; with train.target=answers, fewer are repeated",
-        bounds=(1, None),
-    )
-    val: int | None = setting(
-        None, "validation images; null: 10 % of the training images", bounds=(1, None)
-    )
-    test: int | None = setting(None, "test images; null: all", bounds=(1, None), tests=True)
-    seed: int = setting(0, "of the drawn images", bounds=(0, MAX_SEED), only_for=("signs",))
-    class_index: str | None = setting(
-        None,
-        "CSV of folder (or wnid) and class_index of published weights",
-        is_path=True,
-        only_for=("folder",),
-    )
-    augment: str = setting(
-        "none",
-        "of clean training images: none, shift (12.5 %), shift_flip, crop_flip, or affine (place, "
-        "form, tone, erased parts)",
-        choices=AUGMENTATIONS,
-        trains=True,
-    )
-    workers: int = setting(0, "processes that read images", bounds=(0, 1024), changes_result=False)
-    download: bool = setting(
-        False,
-        "fetch a published data set",
-        changes_result=False,
-        only_for=tuple(TORCHVISION_SETS),
-    )
-
-
-DATA = {
-    "signs": Data(name="signs", size=48, train=12000, val=320, test=1600),
-    **{
-        name: Data(name=name, root="data", augment=one.augment)
-        for name, one in TORCHVISION_SETS.items()
-    },
-    "folder": Data(name="folder", augment="shift"),
-}
 
 
 @dataclass
@@ -147,7 +86,7 @@ class Train:
         bounds=(0, 1),
         only_for=("answers",),
     )
-    epochs: int = setting(30, "5 for signs", bounds=(1, None), may_differ=True)
+    epochs: int = setting(30, EPOCHS_HELP, bounds=(1, None), may_differ=True)
     length: float = setting(
         1.0,
         "share of the epochs to train",

@@ -4,7 +4,7 @@ import contextlib
 import csv
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,7 @@ from torchvision.transforms import v2
 
 from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import SUFFIXES, files_below
-from training.config.schema import Data
-from training.config.torchvision_sets import TORCHVISION_SETS
+from training.config.data_sets import Data
 from training.data.splits import ImageSet, shuffled_indices
 from training.system.files import has_parts, locked, read_table
 
@@ -30,25 +29,26 @@ def _resize(size: int) -> v2.Compose:
     return v2.Compose([v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
 
 
-def read(cfg: Data) -> ImageSet:
-    """Read a folder of images, or one of torchvision's data sets."""
-    return _read_folder(cfg) if cfg.name == "folder" else _read_from_torchvision(cfg)
-
-
-def _read_from_torchvision(cfg: Data) -> ImageSet:
-    """Read one of torchvision's data sets."""
+def read_from_torchvision(
+    cfg: Data,
+    class_name: str,
+    train: Mapping[str, Any],
+    test: Mapping[str, Any],
+    num_classes: int,
+) -> ImageSet:
+    """Read a data set, and download it first where that is asked for; arguments as in
+    `torchvision_set`."""
     if not cfg.root:
         raise ValueError(
             f"data={cfg.name} needs data.root=DIR, the folder where torchvision has put the "
             "data set, or puts it with data.download=true."
         )
-    described = TORCHVISION_SETS[cfg.name]
-    make = getattr(datasets, described.reader)
+    make = getattr(datasets, class_name)
     options = {"transform": _resize(cfg.size), "download": cfg.download}
     try:
         with _download_lock(cfg):
-            train_set = make(cfg.root, **described.train, **options)
-            test_set = make(cfg.root, **described.test, **options)
+            train_set = make(cfg.root, **train, **options)
+            test_set = make(cfg.root, **test, **options)
     except (RuntimeError, OSError) as error:
         if cfg.download:
             raise ValueError(
@@ -60,7 +60,7 @@ def _read_from_torchvision(cfg: Data) -> ImageSet:
             "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
             "has put it."
         ) from error
-    names = getattr(test_set, "classes", None) or range(described.num_classes)
+    names = getattr(test_set, "classes", None) or range(num_classes)
     return ImageSet(train_set, test_set, dict(enumerate(map(str, names))), len(names))
 
 
@@ -108,7 +108,7 @@ def _root(cfg: Data, content: str) -> Path:
     return root
 
 
-def _read_folder(cfg: Data) -> ImageSet:
+def read(cfg: Data) -> ImageSet:
     """Read a folder with train/ and test/, or one of class folders alone: all are test images."""
     root = _root(cfg, "train/ and test/")
     if not has_parts(root):  # class folders alone: all of it is test data

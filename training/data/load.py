@@ -1,12 +1,8 @@
 """Data sets by name: uint8 images (3, size, size) and labels, split into train, val and test."""
 
-import functools
+import pkgutil
 
-from torch import Tensor
-from torch.utils.data import Dataset
-
-from training.config.schema import DATA, Data
-from training.data import signs
+from training.config.data_sets import DATA_SETS, Data
 from training.data.splits import Splits, repeated, split
 
 
@@ -16,44 +12,11 @@ def load(cfg: Data, target: str = "labels") -> Splits:
     Args:
         target: `train.target`; "answers" needs no labels, and takes a folder of any pictures.
     """
-    if cfg.name == "signs":
-        return _load_signs(cfg)
-    from training.data import image_sets
-
-    if cfg.name == "folder" and target == "answers":
-        splits = split(image_sets.read_unlabelled(cfg), cfg)
+    data_set = DATA_SETS[cfg.name]
+    is_unlabelled = target == "answers" and bool(data_set.unlabelled_reader)
+    name = data_set.unlabelled_reader if is_unlabelled else data_set.reader
+    images = pkgutil.resolve_name(name)(cfg, **data_set.arguments)
+    splits = images if isinstance(images, Splits) else split(images, cfg)
+    if is_unlabelled:
         return splits._replace(train=repeated(splits.train, cfg.train))
-    return split(image_sets.read(cfg), cfg)
-
-
-class Signs(Dataset):
-    """One split of the signs, all of it drawn once the first image is read: an attack on trained
-    weights needs no training images.
-
-    Args: as in `signs.make`.
-    """
-
-    def __init__(self, split: str, n: int, size: int, seed: int) -> None:
-        self.split, self.n, self.size, self.seed = split, n, size, seed
-
-    def __len__(self) -> int:
-        return self.n
-
-    def __getitem__(self, index: int) -> tuple[Tensor, Tensor]:
-        images, labels = self._images_and_labels
-        return images[index], labels[index]
-
-    @functools.cached_property
-    def _images_and_labels(self) -> tuple[Tensor, Tensor]:
-        return signs.make(self.split, self.n, self.size, self.seed)
-
-
-def _load_signs(cfg: Data) -> Splits:
-    parts = {}
-    for part in signs.SPLITS:
-        n = getattr(cfg, part)
-        if n is None:
-            n = getattr(DATA["signs"], part)
-        parts[part] = Signs(part, n, cfg.size, cfg.seed)
-    classes = dict(enumerate(signs.CLASSES))
-    return Splits(parts["train"], parts["val"], parts["test"], classes, len(classes))
+    return splits

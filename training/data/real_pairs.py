@@ -6,13 +6,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-import torch
 from torch import Tensor
 
 from moireaug.common.files import shown
 from moireaug.common.image_files import read_picture, size_of
 from moireaug.synthesis.pictures import SUFFIXES, files_below
+from training.data.codes import codes_of
 from training.photographs.registration import register
 from training.system.files import read_table
 
@@ -125,8 +124,7 @@ def find_images(folder: Path) -> list[Path]:
 
 def read_codes(path: Path) -> Tensor:
     """Return the codes of a picture, (3, H, W) uint8, upright."""
-    picture = read_picture(path)
-    return torch.from_numpy(np.asarray(picture).copy()).permute(2, 0, 1)
+    return codes_of(read_picture(path))
 
 
 def read_pairs(pairs: Iterable[PairFiles]) -> Iterator[ScreenPhoto]:

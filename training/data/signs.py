@@ -6,14 +6,19 @@ any order. Classes are confusable on purpose (30 / 50 / 80, left / right, pictog
 the background holds sign colours too.
 """
 
+import functools
 import math
 
 import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFilter
+from torch import Tensor
+from torch.utils.data import Dataset
 
+from training.config.data_sets import DATA, Data
 from training.data.sign_backgrounds import clutter, noise, scene
 from training.data.sign_faces import FACES, SIGN_COLOURS, STYLES, Pen, face, polygon
+from training.data.splits import Splits
 
 CLASSES: tuple[str, ...] = tuple(FACES)
 SPLITS: tuple[str, ...] = ("train", "val", "test")
@@ -156,7 +161,7 @@ def label_of(split: str, index: int, seed: int = 0) -> int:
     return int(_generator(split, block, seed, stream=1).permutation(len(CLASSES))[place])
 
 
-def make(split: str, n: int, size: int = 48, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
+def make(split: str, n: int, size: int = 48, seed: int = 0) -> tuple[Tensor, Tensor]:
     """Draw the first n images of a split, uint8 (n, 3, size, size), and their classes, int64 (n,).
 
     Args:
@@ -187,3 +192,37 @@ def _check_size(size: int) -> None:
         raise ValueError(
             f"size={size} is too small to tell the signs apart: pass at least 16 pixels."
         )
+
+
+class Signs(Dataset):
+    """One split of the signs, all of it drawn once the first image is read: an attack on trained
+    weights needs no training images.
+
+    Args: as in `make`.
+    """
+
+    def __init__(self, split: str, n: int, size: int, seed: int) -> None:
+        self.split, self.n, self.size, self.seed = split, n, size, seed
+
+    def __len__(self) -> int:
+        return self.n
+
+    def __getitem__(self, index: int) -> tuple[Tensor, Tensor]:
+        images, labels = self._images_and_labels
+        return images[index], labels[index]
+
+    @functools.cached_property
+    def _images_and_labels(self) -> tuple[Tensor, Tensor]:
+        return make(self.split, self.n, self.size, self.seed)
+
+
+def read(cfg: Data) -> Splits:
+    """Return the signs in the numbers that are asked for."""
+    parts = []
+    for part in SPLITS:
+        n = getattr(cfg, part)
+        if n is None:
+            n = getattr(DATA[cfg.name], part)
+        parts.append(Signs(part, n, cfg.size, cfg.seed))
+    train, val, test = parts
+    return Splits(train, val, test, dict(enumerate(CLASSES)), len(CLASSES))

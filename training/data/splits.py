@@ -7,7 +7,8 @@ from torch import Tensor, nn
 from torch.utils.data import Dataset, Subset, default_collate
 
 from moireaug.attacks import predicted
-from training.config.schema import Data, Reattack
+from training.config.data_sets import Data
+from training.config.schema import Reattack
 
 MAX_CACHE_BYTES = 1 << 30  # of decoded images
 # of a batch by default: a few gigabytes for a large network and its gradients

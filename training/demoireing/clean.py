@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from omegaconf import MISSING
 from PIL import Image
@@ -31,6 +30,7 @@ from moireaug.defenses.demoire import DemoireNet
 from moireaug.synthesis.pictures import Pictures
 from training.config.commands import parse, report_errors
 from training.config.settings import setting
+from training.data.codes import codes_of, picture_of, rounded
 from training.demoireing.tiles import TILE_OVERLAP, TILE_SIDE, tiled
 from training.system import machine
 
@@ -139,9 +139,7 @@ def problem_of(error: Exception, path: Path) -> str:
 
 def clean(network: DemoireNet, photo: Image.Image, tile: int) -> Image.Image:
     """Return a photo, cleaned."""
-    codes = torch.from_numpy(np.array(photo)).permute(2, 0, 1)
-    cleaned = clean_codes(network, codes, tile)
-    return Image.fromarray(cleaned.permute(1, 2, 0).contiguous().numpy())
+    return picture_of(clean_codes(network, codes_of(photo), tile))
 
 
 @torch.inference_mode()
@@ -149,8 +147,7 @@ def clean_codes(network: DemoireNet, photo: Tensor, tile: int = TILE_SIDE) -> Te
     """Return a photo (3, H, W) uint8, cleaned, as 8-bit codes."""
     device = next(network.parameters()).device
     images = photo[None].to(device).float() / 255
-    cleaned = tiled(network, images, tile)[0]
-    return (255 * cleaned).round().to(torch.uint8).cpu()
+    return rounded(tiled(network, images, tile)[0]).cpu()
 
 
 def encode_like(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:

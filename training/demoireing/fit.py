@@ -11,11 +11,9 @@ metrics.json, best.ckpt, last.ckpt and config.yaml into runs/<data>-<model>/demo
 same command resumes an interrupted run.
 """
 
-import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import hydra
 from omegaconf import DictConfig
@@ -26,7 +24,7 @@ from moireaug.defenses import demoire
 from moireaug.defenses.demoire.losses import NETWORKS_WITHOUT_FEATURES
 from moireaug.mixtures import as_scene
 from moireaug.synthesis.pairs import check_aligned
-from training.config import commands, scenes
+from training.config import commands
 from training.config.checks import check_run
 from training.config.compose import register
 from training.config.schema import RECIPES, as_config
@@ -35,70 +33,80 @@ from training.demoireing import pictures, report
 from training.demoireing.pairs import training_scenes
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summarise, test_network
-from training.runs.identity import Origin
-from training.runs.resume import require_resumable, require_same_origin
+from training.runs import task
+from training.runs.layout import NETWORK, REPORT, read_metrics, write_metrics
 from training.runs.run import Run
+from training.runs.task import Metrics, Task
 from training.system import machine
-from training.system.files import read_metrics
 from training.system.processes import is_first
 from training.trainer.ranks import run_job
 
-Metrics = dict[str, Any]
+
+class DemoireingTask(Task[DemoireConfig, pictures.Splits]):
+    """Photos without moiré: trained on simulated pairs, and tested on these and on real ones."""
+
+    def check(self, cfg: DemoireConfig) -> None:
+        one_of("model", cfg.model, demoire.NETWORKS)
+        check_run(cfg)
+        if cfg.train.steps % cfg.train.check_every:
+            raise ValueError(
+                "train.steps must be a multiple of train.check_every, so that the last weights are "
+                f"validated; got {cfg.train.steps} and {cfg.train.check_every}."
+            )
+        if cfg.demoire.vgg and cfg.model in NETWORKS_WITHOUT_FEATURES:
+            raise ValueError(
+                f"demoire.vgg= has no effect on {cfg.model}, whose published loss compares no "
+                "features: leave it out."
+            )
+        trained_scenes = training_scenes(cfg)
+        for name in cfg.test.unseen:
+            check_aligned(as_scene(name))
+            if name in trained_scenes:
+                raise ValueError(
+                    f"test.unseen names {name}, which is trained on too: leave it out of one of "
+                    "them."
+                )
+        if cfg.pairs:
+            for pair in find_pairs(Path(cfg.pairs)):
+                require_one_size(pair)
+
+    def finished(self, run: Run[DemoireConfig]) -> tuple[Metrics, list[str]] | None:
+        metrics = read_metrics(run.folder)
+        if not metrics or run.stage() != "finished" or has_other_pairs(run):
+            return None
+        return metrics, report.terminal_parts(metrics)
+
+    def runs_before(self, run: Run[DemoireConfig]) -> list[Run[DemoireConfig]]:
+        return []
+
+    def load(self, cfg: DemoireConfig) -> pictures.Splits:
+        splits = pictures.load(cfg)
+        pictures.require_usable(splits)
+        return splits
+
+    def try_out(self, run: Run[DemoireConfig], data: pictures.Splits) -> None:
+        from training.demoireing.train import try_out  # Lightning takes seconds to import
+
+        try_out(run)
+
+    def train_and_test(
+        self, run: Run[DemoireConfig], data: pictures.Splits, data_seconds: float
+    ) -> Metrics:
+        from training.demoireing.train import train_network  # Lightning takes seconds to import
+
+        network, train = train_network(run, data)
+        if not is_first():
+            return {}
+        demoire.save(network, run.folder / NETWORK)
+        return test_and_report(run, network, train, data)
 
 
 def fit(cfg: DemoireConfig) -> Metrics:
     """Train, test and report a run, or the rest of it; return its metrics.
 
-    Raises:
-        TypeError, ValueError: invalid settings, before any time is spent.
-        ConnectionError, FloatingPointError, OSError: as `train_network`.
+    Raises: as `training.runs.task.fit`.
     """
-    cfg = scenes.with_files(cfg)
-    check(cfg)
-    run = Run(cfg)
-    if cfg.resume is not False:
-        require_same_origin(run, Origin.of(cfg.weights))
-        if run.stage() == "finished" and not has_other_pairs(run):
-            return report_finished(run)  # only read, and where nothing can be written too
-    with run.locked():
-        if cfg.resume and is_first():
-            require_resumable(run)
-        return complete(run)
-
-
-def check(cfg: DemoireConfig) -> None:
-    """Refuse invalid settings before any time is spent."""
-    one_of("model", cfg.model, demoire.NETWORKS)
-    check_run(cfg)
-    if cfg.train.steps % cfg.train.check_every:
-        raise ValueError(
-            "train.steps must be a multiple of train.check_every, so that the last weights are "
-            f"validated; got {cfg.train.steps} and {cfg.train.check_every}."
-        )
-    if cfg.demoire.vgg and cfg.model in NETWORKS_WITHOUT_FEATURES:
-        raise ValueError(
-            f"demoire.vgg= has no effect on {cfg.model}, whose published loss compares no "
-            "features: leave it out."
-        )
-    trained_scenes = training_scenes(cfg)
-    for name in cfg.test.unseen:
-        check_aligned(as_scene(name))
-        if name in trained_scenes:
-            raise ValueError(
-                f"test.unseen names {name}, which is trained on too: leave it out of one of them."
-            )
-    if cfg.pairs:
-        for pair in find_pairs(Path(cfg.pairs)):
-            require_one_size(pair)
-
-
-def report_finished(run: Run[DemoireConfig]) -> Metrics:
-    """Print the figures of a finished run and return its metrics."""
-    metrics = read_metrics(run.folder) or {}
-    if is_first():
-        print(*report.terminal_parts(metrics), sep="\n")
-        print(f"{run.folder} is already finished; resume=false trains it again.")
-    return metrics
+    return task.fit(cfg, DemoireingTask())
 
 
 def has_other_pairs(run: Run[DemoireConfig]) -> bool:
@@ -110,27 +118,6 @@ def has_other_pairs(run: Run[DemoireConfig]) -> bool:
     return fingerprint(pairs) != (read_metrics(run.folder) or {}).get("pairs_fingerprint")
 
 
-def complete(run: Run[DemoireConfig]) -> Metrics:
-    """Train, test and report; returns the metrics, {} in all but one process."""
-    # Lightning takes seconds to import
-    from training.demoireing.train import train_network, try_out
-
-    try_out(run)
-    splits = pictures.load(run.config)
-    pictures.require_usable(splits)
-    if run.config.resume is not False:
-        require_same_origin(run, Origin.of(run.config.weights, splits.files))
-    if is_first():
-        run.prepare()
-    network, train = train_network(run, splits)
-    if not is_first():
-        return {}
-    demoire.save(network, run.folder / "weights.pt")
-    metrics = test_and_report(run, network, train, splits)
-    (run.folder / "train.json").unlink(missing_ok=True)  # metrics.json holds it
-    return metrics
-
-
 def test_and_report(
     run: Run[DemoireConfig], network: demoire.DemoireNet, train: Metrics, splits: pictures.Splits
 ) -> Metrics:
@@ -140,11 +127,8 @@ def test_and_report(
     network.to(machine.device(cfg.trainer.accelerator))  # training leaves it on the CPU
     start = time.perf_counter()
     result = test_network(network, cfg, splits)
-    metrics = {
-        "recipe": cfg.recipe,
-        "seed": cfg.seed,
-        "data": cfg.data.name,
-        "model": cfg.model,
+    metrics: Metrics = {
+        **run.facts(),
         "width": cfg.demoire.width,
         "target": cfg.demoire.target,
         "pairs": cfg.pairs,
@@ -153,20 +137,15 @@ def test_and_report(
         "test": summarise(result.scores),
         "time": {"train": train["wall_seconds"], "test": time.perf_counter() - start},
         "scenes": {name: scene.to_dict() for name, scene in training_scenes(cfg).items()},
-        "config": run.settings,
-        "fingerprint": run.fingerprint,
-        "environment": {
-            **machine.environment(cfg.trainer.accelerator),
-            "precision": str(cfg.trainer.precision or machine.DEFAULT_PRECISION),
-        },
-        "command": machine.command(),
     }
+    precision = str(cfg.trainer.precision or machine.DEFAULT_PRECISION)
+    metrics["environment"]["precision"] = precision
     write_text(folder / "scores.csv", result.scores.to_csv(index=False, float_format="%.6g"))
-    write_text(folder / "report.html", report.page(metrics, result.examples))
-    write_text(folder / "metrics.json", json.dumps(metrics, indent=1))
+    write_text(folder / REPORT, report.page(metrics, result.examples))
+    write_metrics(folder, metrics)
     print(*report.terminal_parts(metrics), sep="\n")
-    print(f"Weights: {folder / 'weights.pt'}")
-    print(f"Report: {folder / 'report.html'}")
+    print(f"Weights: {folder / NETWORK}")
+    print(f"Report: {folder / REPORT}")
     return metrics
 
 

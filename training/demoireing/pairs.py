@@ -1,13 +1,11 @@
 """Simulated pairs as tensors, for training, validation and testing."""
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from PIL import Image
 from torch import Tensor
 from torch.utils.data import Dataset
 
@@ -18,6 +16,7 @@ from moireaug.scenes import Scene
 from moireaug.synthesis import without_moire
 from moireaug.synthesis.pairs import Pair, check_aligned, make_pair, photo_of_codes
 from moireaug.synthesis.pictures import Source
+from training.data.codes import codes_of, picture_of, through_jpeg
 from training.demoireing.pictures import EnlargedCrops, Splits
 from training.demoireing.schema import DemoireConfig
 
@@ -92,7 +91,7 @@ class SimulatedPairs(Dataset):
         photo = shrink(pair.photo, factor, antialias=False)
         if self.jpeg is not None:
             quality = np.random.default_rng((self.seed, k)).integers(self.jpeg, 101)
-            photo = as_jpeg(photo, int(quality))
+            photo = codes_of(through_jpeg(picture_of(photo), int(quality)))
         return photo, shrink(self._target_of(pair), factor, antialias=True)
 
     def _make(self, k: int, factor: int, *, twin: bool) -> Pair:
@@ -145,13 +144,6 @@ def shrink(picture: Tensor, factor: int, *, antialias: bool) -> Tensor:
     size = [length // factor for length in picture.shape[1:]]
     small = F.interpolate(picture[None].float(), size, mode="bilinear", antialias=antialias)
     return small[0].round().to(torch.uint8)
-
-
-def as_jpeg(picture: Tensor, quality: int) -> Tensor:
-    """Return a picture (3, H, W) uint8 as a JPEG file of a quality from 1 to 100 holds it."""
-    file = io.BytesIO()
-    Image.fromarray(picture.permute(1, 2, 0).numpy()).save(file, "JPEG", quality=quality)
-    return torch.from_numpy(np.array(Image.open(file))).permute(2, 0, 1)
 
 
 def test_pairs(cfg: DemoireConfig, splits: Splits) -> Mapping[str, SimulatedPairs]:

@@ -33,6 +33,11 @@ class Splits(NamedTuple):
                 names[split] = source.names
         return fingerprint_of(names) if names else ""
 
+    @property
+    def classes(self) -> dict[int, str]:
+        """No classes: a network that cleans has no logits."""
+        return {}
+
 
 class DrawnPictures:
     """The project's own pictures, a new one for every pair."""

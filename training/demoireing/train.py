@@ -1,6 +1,7 @@
-"""Training of a demoiréing network, from its first weights: begun, resumed, or read back."""
+"""Training of a demoiréing network: its first weights, its trainer and its cost."""
 
-import json
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,6 @@ import torch
 from lightning.pytorch.callbacks import EMAWeightAveraging
 from torch import nn
 
-from moireaug.common.files import write_text
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.defenses.demoire.amnet import AMNet
@@ -20,12 +20,9 @@ from training.demoireing.module import MAX_GRADIENT_NORM, Demoireing
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 from training.runs.identity import Origin
-from training.runs.metrics import training_cost
 from training.runs.run import Run
-from training.system.files import read_checkpoint
-from training.system.processes import is_first, print_once
-from training.trainer import ranks
-from training.trainer.make import OriginRecord, RunCheckpoint, make_trainer
+from training.trainer.make import make_trainer
+from training.trainer.train import train
 
 PLANES = 12  # of half size, which make up an image
 
@@ -48,61 +45,39 @@ def try_out(run: Run[DemoireConfig]) -> None:
 def train_network(run: Run[DemoireConfig], splits: Splits) -> tuple[DemoireNet, dict[str, Any]]:
     """Train, and return the averaged weights that did best on validation, and the cost.
 
-    Raises:
-        ValueError: a checkpoint that is missing or damaged, or pictures that cannot be used.
-        ConnectionError: another process of this run was lost.
-        FloatingPointError: the loss became nan or infinite.
-        OSError: a disk that is full or not writable.
-        KeyboardInterrupt: Ctrl-C or SIGTERM; what was validated is kept.
+    Raises: as `training.trainer.train.train`.
     """
     cfg = run.config
     L.seed_everything(cfg.seed, verbose=False)
-    out, resumes = run.folder, run.can_resume()
-    last, best = out / "last.ckpt", out / "best.ckpt"
     module = module_of(cfg)
-    network = module.network
-    if is_first():
-        run.write_settings()
-    if resumes and (train := training_cost(out)):
-        module.load_state_dict(read_checkpoint(best)["state_dict"])
-        print_once(f"Training is complete: the weights are read from {best}.")
-        return network.eval(), train
-    history = read_checkpoint(last)["history"] if resumes else []
-    millions = sum(weights.numel() for weights in network.parameters()) / 1e6
-    print_once(
-        f"Training {cfg.model} of width {cfg.demoire.width:g} ({millions:.2f} million weights) on "
-        f"pairs of {cfg.data.name}, target {cfg.demoire.target}: {cfg.train.steps} steps of "
-        f"{cfg.train.batch_size}."
+    weights = sum(weights.numel() for weights in module.network.parameters())
+    plan = (
+        f"Training {cfg.model} of width {cfg.demoire.width:g} ({weights / 1e6:.2f} million "
+        f"weights) on pairs of {cfg.data.name}, target {cfg.demoire.target}: {cfg.train.steps} "
+        f"steps of {cfg.train.batch_size}."
     )
-    if history:
-        print_once(f"Resuming from {last} after {history[-1]['steps']:.0f} steps.")
-    batches = PairBatches(cfg, splits, first_epoch=len(history))
-    trainer = trainer_of(cfg, out, Origin.of(cfg.weights, splits.files))
-    best_checkpoint, wall_seconds = ranks.fit(trainer, module, batches, out)
-    train = cost(module.history, cfg.train.batch_size) | {
-        "wall_seconds": wall_seconds,
-        "best_steps": int(best_checkpoint["history"][-1]["steps"]),
-        "weights": round(1e6 * millions),
-    }
-    if is_first():
-        write_text(out / "train.json", json.dumps(train))
-    return network.eval(), train
+    trainer = trainer_of(cfg, run.folder, Origin.of(cfg.weights, splits))
+
+    def finish(best: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+        best_steps = int(best["history"][-1]["steps"])
+        facts = {"wall_seconds": seconds, "best_steps": best_steps, "weights": weights}
+        return cost_of(module.history, cfg.train.batch_size) | facts
+
+    batches_from = partial(PairBatches, cfg, splits)
+    cost = train(run, module, trainer, batches_from, finish, plan)
+    return module.network.eval(), cost
 
 
-def trainer_of(cfg: DemoireConfig, out: Path, origin: Origin) -> L.Trainer:
-    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder, with its
-    origin."""
-    callbacks = [
-        EMAWeightAveraging(decay=cfg.train.ema),
-        RunCheckpoint(out, "best", monitor="val_psnr", mode="max"),
-        RunCheckpoint(out, "last"),
-        OriginRecord(origin),
-    ]
+def trainer_of(cfg: DemoireConfig, folder: Path, origin: Origin) -> L.Trainer:
+    """Return Lightning's trainer of a demoiréing network in a run's folder."""
+    averaging = EMAWeightAveraging(decay=cfg.train.ema)
     epochs = cfg.train.steps // cfg.train.check_every
-    return make_trainer(cfg.trainer, epochs, callbacks, MAX_GRADIENT_NORM)
+    return make_trainer(
+        cfg.trainer, epochs, folder, origin, "val_psnr", [averaging], MAX_GRADIENT_NORM
+    )
 
 
-def cost(history: list[dict[str, float]], batch_size: int) -> dict[str, Any]:
+def cost_of(history: list[dict[str, float]], batch_size: int) -> dict[str, Any]:
     """Return the history of a training, and its time without validation."""
     seconds = sum(h["seconds"] for h in history)
     steps = int(history[-1]["steps"])

@@ -1,7 +1,6 @@
 """Examples for a detector of screen photos: crops at a photo's own pixels, and whole photos made
 small; screens from any camera, and what is none."""
 
-import io
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ from moireaug.synthesis import Room, RoomPhotos, screen_in_room, without_moire
 from moireaug.synthesis.pictures import Source
 from moireaug.synthesis.twins import moire_codes
 from training.data import drawn_pictures
+from training.data.codes import codes_of, picture_of, rounded, through_jpeg
 from training.detection.network import CROP_SIDE, WHOLE_SIDE
 
 CUT_SIDES = (256, 352)  # of crops before they are shrunk, as photos are when they are shared
@@ -173,24 +173,16 @@ def on_screen(rng: np.random.Generator, picture: Image.Image, size: tuple[int, i
 def saved(rng: np.random.Generator, photo: Tensor, side: int) -> Tensor:
     """Return a photo (1, 3, H, W) as a file holds it, saved as JPEG once or twice, and shrunk to
     (3, side, side) uint8."""
-    codes = (photo[0] * 255).round().clamp(0, 255).to(torch.uint8).permute(1, 2, 0).numpy()
-    image = Image.fromarray(codes)
-    image = _through_jpeg(image, int(rng.integers(60, 97)))
+    image = through_jpeg(picture_of(rounded(photo[0])), int(rng.integers(60, 97)))
     if rng.random() < 0.5:
         if image.height != side and rng.random() < 0.5:
             image = image.resize((side, side), Image.Resampling.LANCZOS)
-        image = _through_jpeg(image, int(rng.integers(60, 97)))
+        image = through_jpeg(image, int(rng.integers(60, 97)))
     if image.size != (side, side):
         image = image.resize((side, side), Image.Resampling.LANCZOS)
     if rng.random() < 0.5:
         image = image.transpose(Image.Transpose.FLIP_LEFT_RIGHT)
-    return torch.from_numpy(np.array(image)).permute(2, 0, 1)
-
-
-def _through_jpeg(image: Image.Image, quality: int) -> Image.Image:
-    file = io.BytesIO()
-    image.save(file, "JPEG", quality=quality)
-    return Image.open(file).convert("RGB")
+    return codes_of(image)
 
 
 def _as_examples(
@@ -232,7 +224,7 @@ def part_of(rng: np.random.Generator, picture: Image.Image, size: tuple[int, int
 
 
 def _as_batch(picture: Image.Image) -> Tensor:
-    return torch.from_numpy(np.array(picture)).permute(2, 0, 1)[None].float() / 255
+    return codes_of(picture)[None].float() / 255
 
 
 def _generator(rng: np.random.Generator) -> torch.Generator:

@@ -10,11 +10,11 @@ import torch
 import torch.nn.functional as F
 from PIL import Image
 from torch import Tensor, nn
-from torchvision.transforms.v2.functional import pil_to_tensor
 
 from moireaug.common.files import atomic_replacement
 from moireaug.common.image_checks import check_images
 from moireaug.common.weights import read_weights
+from training.data.codes import codes_of
 from training.models.classifiers import as_model
 
 PHOTO_SIDE = 1024  # longest side at which photos are looked at, pixels: as messengers send them
@@ -141,7 +141,7 @@ def as_photo(picture: Image.Image) -> Tensor:
     """Return a picture as a photo (1, 3, H, W) in [0, 1], at most `PHOTO_SIDE` long."""
     picture = picture.copy()
     picture.thumbnail((PHOTO_SIDE, PHOTO_SIDE), Image.Resampling.LANCZOS)
-    return pil_to_tensor(picture)[None].float() / 255
+    return codes_of(picture)[None].float() / 255
 
 
 @torch.enable_grad()

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from PIL import Image
 from torch import Tensor
 from torch.utils.data import Dataset
 
 from moireaug.synthesis import Pair, Pairs
+from training.data.codes import picture_of
 from training.pairs.raw import npy_of, raw_metadata, reading_of
 
 SUFFIXES = {"png": "png", "webp": "webp", "jpeg": "jpg"}  # by encoding
@@ -90,7 +90,7 @@ def encode(picture: Tensor, encoding: str, quality: int | None) -> bytes:
     else:
         options = {"quality": quality}
     file = io.BytesIO()
-    Image.fromarray(picture.permute(1, 2, 0).numpy()).save(file, encoding, **options)
+    picture_of(picture).save(file, encoding, **options)
     return file.getvalue()
 
 

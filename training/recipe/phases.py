@@ -1,8 +1,7 @@
-"""The phases of a recipe: the plain runs that it needs, its own training, attack and report."""
+"""The task of recipes: the plain runs that one needs, its own training, attack and report."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,14 +9,23 @@ from training import report
 from training.attack.protocol import protocol_of
 from training.attack.results import Rival, attack_and_publish, plain_metrics, run_metrics
 from training.attack.subject import Subject
-from training.config.schema import Config
+from training.config.checks import (
+    check_answers,
+    check_classifier,
+    check_search,
+    require_training_images,
+    require_used,
+)
+from training.config.schema import Adversary, Config
 from training.data.load import load
 from training.data.splits import Splits
-from training.models.classifiers import class_count_of, class_names
+from training.models.classifiers import class_count_of, class_names, require_known
 from training.runs.identity import Origin
+from training.runs.layout import RECORDS
 from training.runs.metrics import ORIGINAL, RunMetrics, TrainCost
-from training.runs.resume import damage, origin_difference, require_same_origin
-from training.runs.run import Run, baseline_of, start_of
+from training.runs.resume import damage, origin_difference
+from training.runs.run import PLAIN_RECIPES, Run, baseline_of, start_of
+from training.runs.task import Metrics, Task
 from training.runs.trained import read_trained
 from training.system import machine
 from training.system.processes import is_first, print_once
@@ -26,13 +34,54 @@ if TYPE_CHECKING:
     from training.classifier.module import Classifier
 
 
-def report_finished(run: Run[Config]) -> RunMetrics | None:
-    """Print the summary of a finished run and return its metrics."""
-    metrics = RunMetrics.read(run.folder)
-    if metrics and is_first():
-        print(*report.run_parts(metrics), sep="\n")
-        print(f"{run.folder} is already finished; resume=false trains it again.")
-    return metrics
+class ClassificationTask(Task[Config, Splits]):
+    """Answers to images: trained by a recipe, attacked, and compared with plain training."""
+
+    def check(self, cfg: Config) -> None:
+        check_classifier(cfg)
+        check_search(cfg)
+        if cfg.train.target == "answers":
+            check_answers(cfg)
+        else:
+            require_training_images(cfg.data)
+        require_known(cfg.model)
+        if cfg.recipe in PLAIN_RECIPES and cfg.adversary != Adversary():
+            raise ValueError(
+                f"recipe={cfg.recipe} is plain training, which the others are compared with: leave "
+                "adversary.* out."
+            )
+        if cfg.recipe == "clean" and cfg.train.init == "clean":
+            raise ValueError(
+                "train.init=clean starts from recipe clean, which has no such start itself: use "
+                "random."
+            )
+        require_used(cfg, "adversary", "train")
+
+    def finished(self, run: Run[Config]) -> tuple[Metrics, list[str]] | None:
+        metrics = RunMetrics.read(run.folder) if run.stage() == "finished" else None
+        return (metrics.to_dict(), report.run_parts(metrics)) if metrics else None
+
+    def runs_before(self, run: Run[Config]) -> list[Run[Config]]:
+        return [one for one in (start_of(run), baseline_of(run)) if one]
+
+    def load(self, cfg: Config) -> Splits:
+        return load_data(cfg)
+
+    def try_out(self, run: Run[Config], data: Splits) -> None:
+        from training.classifier.train import try_out  # Lightning, which takes seconds to import
+
+        try_out(run, data)
+
+    def train_and_test(self, run: Run[Config], data: Splits, data_seconds: float) -> Metrics:
+        start, baseline = plain_runs(run, data)
+        classifier, train = train_run(run, data, start)
+        if not is_first():
+            return {}
+        metrics = trained_metrics(run, train, start)
+        if earlier_metrics := RunMetrics.read(run.folder):  # it was trained before
+            metrics = replace(metrics, environment=earlier_metrics.environment)
+        seconds = {"data": data_seconds, "train": train.wall_seconds}
+        return attack_run(run, data, classifier, replace(metrics, time=seconds), baseline).to_dict()
 
 
 def plain_runs(run: Run[Config], splits: Splits) -> tuple[RunMetrics | None, RunMetrics | None]:
@@ -58,7 +107,7 @@ def plain_run(
         role: "start" or "baseline", for the messages.
     """
     with run.locked():
-        origin = Origin.of(run.config.weights, splits.files, splits.classes)
+        origin = Origin.of(run.config.weights, splits)
         if reason := damage(run) or origin_difference(run, origin):
             print_once(f"The {role} cannot be reused and is trained again: {reason}.")
             run = Run(replace(run.config, resume=False))
@@ -98,8 +147,6 @@ def train_run(
     """Train a run in its folder, or the rest of it; see `train_model`."""
     from training.classifier.train import train_model  # Lightning, which takes seconds to import
 
-    if is_first():
-        run.prepare()
     return train_model(run, splits, start_cost=start.train if start else None)
 
 
@@ -124,47 +171,27 @@ def load_data(cfg: Config) -> Splits:
     return splits._replace(classes=names, num_classes=count)
 
 
-def complete(run: Run[Config]) -> RunMetrics | None:
-    """Load the data, train the plain runs that a run needs, and then the run itself, attack it and
-    report; return its metrics, None in all but one process."""
-    from training.classifier.train import try_out  # Lightning, which takes seconds to import
-
-    start_time = time.perf_counter()
-    splits = load_data(run.config)
-    if run.config.resume is not False:
-        require_same_origin(run, Origin.of(run.config.weights, splits.files, splits.classes))
-    try_out(run, splits)
-    data_seconds = time.perf_counter() - start_time
-    return train_and_report(run, splits, *plain_runs(run, splits), data_seconds)
-
-
-def train_and_report(
+def attack_run(
     run: Run[Config],
     splits: Splits,
-    start: RunMetrics | None,
+    classifier: Classifier,
+    metrics: RunMetrics,
     baseline: RunMetrics | None,
-    data_seconds: float,
-) -> RunMetrics | None:
-    """Train, attack, compare and report one run, as `complete`."""
-    classifier, train = train_run(run, splits, start)
-    if not is_first():
-        return None
-    cfg, records = run.config, run.folder / "records"
+) -> RunMetrics:
+    """Attack a trained run, and what it is compared with; report, and return the metrics.
+
+    Args:
+        metrics, baseline: metrics of its training, and of its baseline.
+    """
+    cfg, records = run.config, run.folder / RECORDS
     original = classifier.original.model if classifier.original else None
     protocol = protocol_of(cfg, splits, original=original)
     subject = Subject(cfg.recipe, classifier.model, splits, protocol, records, run.folder, {})
-    earlier_metrics = RunMetrics.read(run.folder)  # of a run that was trained before
-    metrics = trained_metrics(run, train, start)
-    metrics = replace(
-        metrics,
-        environment=earlier_metrics.environment if earlier_metrics else metrics.environment,
-        time={"data": data_seconds, "train": train.wall_seconds},
-    )
     rival = None
     if original:
         rival = Rival(plain_metrics(cfg, ORIGINAL), original, records)
     elif baseline and (baseline_run := baseline_of(run)):
         # also where its records are there: a folder's images may have changed since
         trained = read_trained(baseline_run)
-        rival = Rival(baseline.plain(), trained.model(), trained.folder / "records")
+        rival = Rival(baseline.plain(), trained.model(), trained.folder / RECORDS)
     return attack_and_publish(subject, metrics, rival)

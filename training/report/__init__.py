@@ -12,6 +12,7 @@ from training.report import page, plots
 from training.report.run_view import run_view
 from training.report.suite_view import suite_view
 from training.report.terminal import parts_of_run, suite_parts
+from training.runs.layout import REPORT
 from training.runs.metrics import RunMetrics, SuiteMetrics
 
 __all__ = ["run_parts", "suite_parts", "write_run", "write_suite"]
@@ -85,7 +86,7 @@ def write_suite(
     write_text(folder / "results.csv", results)
     context = {"suite": suite, "metrics": metrics, "facts": facts | {"scene": metrics.scene_name}}
     write_text(folder / "tables.md", page.render("suite.md.j2", **context))
-    write_text(folder / "report.html", page.render("suite.html.j2", **context))
+    write_text(folder / REPORT, page.render("suite.html.j2", **context))
     return suite_parts(metrics, suite)
 
 

@@ -7,7 +7,7 @@ from training.report.numbers import codes, eps_with_unit, number, percent, point
 from training.report.page import render, title_of
 from training.runs.metrics import RunMetrics, SuiteMetrics
 
-TITLE_WIDTH, NAME_WIDTH = 27, 10
+TITLE_WIDTH, NAME_WIDTH, FACT_WIDTH = 27, 10, 18  # characters
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
@@ -24,28 +24,31 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
 def parts_of_run(metrics: RunMetrics, run: Mapping[str, Any]) -> list[str]:
     """Return the ladder of a view of a run as a table: accuracy of the baseline and of this model,
     and the gain; for attacks also how far the noise moves the photo."""
-    scene, *shrink = metrics.scene_name.split(", shrink ")  # which is not cut
-    facts = [short(name, 18) for name in (metrics.data, metrics.model, scene)]
-    facts += [f"shrink {text}" for text in shrink]
-    facts += [f"n = {run['main']['n']}", "accuracy in %, eps in 1/255"]
-    heads = ["", "eps", "codes", "dB"]
-    heads += [short(side["name"], NAME_WIDTH) for side in run["sides"]]
-    heads.append("gain [95 %]" if run["baseline"] else "95 %")
-    lines = [_line(row) for row in run["rows"]]
+    scene, comma, shrink = metrics.scene_name.partition(", shrink ")
+    names = [short(name, FACT_WIDTH) for name in (metrics.data, metrics.model, scene)]
+    n = run["main"]["n"]
+    facts = f"{', '.join(names)}{comma}{shrink}, n = {n}, accuracy in %, eps in 1/255"
+    sides = [short(side["name"], NAME_WIDTH) for side in run["sides"]]
+    interval = "gain [95 %]" if run["baseline"] else "95 %"
+    rows = [["", "eps", "codes", "dB", *sides, interval]]
+    for row in run["rows"]:
+        rows.append(_line(row))
     text = render("run_lines.j2", run=run)
     below = [line for line in text.splitlines() if line.strip()]
-    return [", ".join(facts), aligned([heads, *lines]), *below]
+    return [facts, aligned(rows), *below]
 
 
 def _line(row: Mapping[str, Any]) -> list[str]:
-    line = [short(row["title"], TITLE_WIDTH), eps_with_unit(row), "", ""]
+    """Return the cells of a row of the ladder."""
+    largest = psnr = ""
     if row["psnr"] is not None:
-        line[2:] = [codes(row["largest"]), number(row["psnr"])]
+        largest, psnr = codes(row["largest"]), number(row["psnr"])
     accuracies = [side["accuracy"] for side in row["sides"].values()]
-    line += [percent(accuracy.value) for accuracy in accuracies]
+    rates = [percent(accuracy.value) for accuracy in accuracies]
+    interval = f"{percent(accuracies[0].low)} – {percent(accuracies[0].high)}"
     if gain := row["gain"]:
-        return [*line, f"{points(gain.value)} [{points(gain.low)}, {points(gain.high)}]"]
-    return [*line, f"{percent(accuracies[0].low)} – {percent(accuracies[0].high)}"]
+        interval = f"{points(gain.value)} [{points(gain.low)}, {points(gain.high)}]"
+    return [short(row["title"], TITLE_WIDTH), eps_with_unit(row), largest, psnr, *rates, interval]
 
 
 def suite_parts(metrics: SuiteMetrics, suite: Mapping[str, Any]) -> list[str]:

@@ -12,9 +12,9 @@ from typing import Any, Self
 
 from omegaconf import OmegaConf
 
-from training.config.schema import DEFAULT_DATA, Config, RunConfig
+from training.config.data_sets import DEFAULT_DATA, is_published, is_users_own
+from training.config.schema import Config, RunConfig
 from training.config.settings import settings_of
-from training.config.torchvision_sets import TORCHVISION_SETS
 from training.system.files import digest
 
 
@@ -23,7 +23,8 @@ class Origin:
     """The data and the first weights of a training, as its checkpoints hold them.
 
     Args:
-        files: fingerprint of the files, as in `Splits`; None where it is not known yet.
+        files: fingerprint of the files that train and validate; empty where the settings determine
+            the data, None where it is not known yet.
         classes: name of each logit of a classifier.
         weights: digest of the file of `weights=`; empty where there is none.
     """
@@ -33,24 +34,25 @@ class Origin:
     weights: str = ""
 
     @classmethod
-    def of(
-        cls,
-        weights: str | None,
-        files: str | None = None,
-        classes: Mapping[int, str] | None = None,
-    ) -> Self:
-        """Return the origin of a training with this `weights=`; without its data as long as they
-        are not loaded."""
+    def of(cls, weights: str | None, data: Any = None) -> Self:
+        """Return the origin of a training with this `weights=`.
+
+        Args:
+            data: its data, which know their `files` and `classes`; None until they are loaded.
+        """
         has_file = weights is not None and Path(weights).is_file()  # not published by a name
-        return cls(files, classes or {}, digest(str(weights)) if has_file else "")
+        weights_digest = digest(str(weights)) if has_file else ""
+        if data is None:
+            return cls(weights=weights_digest)
+        return cls(data.files, data.classes, weights_digest)
 
 
 def group_of(data: Any, model: str) -> str:
     """Return the name of a group of runs that can be compared: "" for default data and model."""
     name = data.name
-    if name == "folder" and data.root:
+    if is_users_own(name) and data.root:
         folder_name = re.sub(r"[^\w.-]+", "_", Path(data.root).resolve().name)
-        name = f"folder-{folder_name}"
+        name = f"{name}-{folder_name}"
     defaults = (DEFAULT_DATA, Config.model)
     return "-".join(part for part in (name, model) if part not in defaults)
 
@@ -70,7 +72,7 @@ def result_fingerprint(settings: Mapping[str, Any]) -> str:
     """Return the fingerprint of the settings that a result depends on; the place of a published
     data set is none of them."""
     decisive = copy.deepcopy(dict(settings))
-    if decisive["data"].get("name") in TORCHVISION_SETS:
+    if is_published(decisive["data"].get("name")):
         _leave_out("data.root", decisive)
     return fingerprint_of(decisive)
 

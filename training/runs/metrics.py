@@ -1,6 +1,5 @@
 """`metrics.json`: the metrics of a run, or of a suite that attacked it, written and read here."""
 
-import json
 import math
 import statistics
 from collections.abc import Mapping
@@ -9,19 +8,13 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from moireaug.common.files import write_text
-from training.system.files import read_json, read_metrics
+from training.runs.layout import COST, METRICS, read_metrics, training_cost, write_metrics
 
 VERSION = 2  # of the records
 ORIGINAL = "original"  # in place of a recipe: a network before it was trained to keep its answers
 # keys that are left out, not null: of what was not attacked, and of a machine that is not known
 ATTACK_KEYS = ("clean_accuracy", "reattack", "correct", "identity", "trust", "trust_n")
 Record = TypeVar("Record")
-
-
-def training_cost(folder: Path) -> Any:
-    """Return the cost of the training in a run's folder, as it was written; None before its end."""
-    return read_json(folder / "train.json") or (read_metrics(folder) or {}).get("train")
 
 
 @dataclass(frozen=True)
@@ -68,10 +61,15 @@ class TrainCost:
         return total
 
     @classmethod
+    def of(cls, values: Any, folder: Path) -> Self:
+        """Return the cost of these plain values, which may be a stranger's, of a run's folder."""
+        return _record(cls, values, folder / COST)
+
+    @classmethod
     def read(cls, folder: Path) -> Self | None:
         """Read the cost from a run's train.json or metrics.json; None where there is neither."""
         values = training_cost(folder)
-        return None if values is None else _record(cls, values, folder / "train.json")
+        return None if values is None else cls.of(values, folder)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,14 +134,13 @@ class Metrics:
 
     def write(self, folder: Path) -> None:
         """Write metrics.json, which replaces train.json."""
-        write_text(folder / "metrics.json", json.dumps(self.to_dict(), indent=1))
-        (folder / "train.json").unlink(missing_ok=True)
+        write_metrics(folder, self.to_dict())
 
     @classmethod
     def read(cls, folder: Path) -> Self | None:
         """Read a folder's metrics; None where they are missing or damaged."""
         values = read_metrics(folder)
-        return None if values is None else _record(cls, values, folder / "metrics.json")
+        return None if values is None else _record(cls, values, folder / METRICS)
 
 
 @dataclass(frozen=True, kw_only=True)

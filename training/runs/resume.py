@@ -5,6 +5,7 @@ from typing import Any
 
 from training.config.schema import Config
 from training.runs.identity import Origin
+from training.runs.layout import BEST, LAST, METRICS, SETTINGS
 from training.runs.metrics import RunMetrics
 from training.runs.run import Run
 from training.runs.trained import read, stored_class_names
@@ -17,15 +18,15 @@ def require_resumable(run: Run[Any], *others: Run[Any] | None) -> None:
     if run.can_resume():
         return
     for other in others:
-        if other and other.can_resume() and not (other.folder / "metrics.json").is_file():
+        if other and other.can_resume() and not (other.folder / METRICS).is_file():
             return
     if run.stage() == "other":
         raise ValueError(
-            f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: "
+            f"resume=true, but {path} was made with other settings, see {path / SETTINGS}: "
             "pass those, or leave resume=true out, and that run is moved aside."
         )
     raise ValueError(
-        f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to start."
+        f"resume=true needs {path / LAST}, which does not exist: leave it out to start."
     )
 
 
@@ -46,13 +47,13 @@ def damage(run: Run[Config]) -> str | None:
     """Return the damage to the files of a run that would be reused or resumed; None if they are
     whole, or if there are none."""
     folder, stage = run.folder, run.stage()
-    if stage == "new" or (stage == "other" and not (folder / "best.ckpt").is_file()):
+    if stage == "new" or (stage == "other" and not (folder / BEST).is_file()):
         return None
     try:
         read(folder)
         RunMetrics.read(folder)
         if stage == "begun":
-            read_checkpoint(folder / "last.ckpt")
+            read_checkpoint(folder / LAST)
     except ValueError as error:
         return str(error).split(". ")[0].rstrip(".")
     return None
@@ -84,7 +85,7 @@ def _checkpoints(run: Run[Any]) -> Iterator[dict[str, Any]]:
     stage = run.stage()
     if stage not in ("begun", "trained", "finished"):
         return
-    for name in ("best.ckpt", "last.ckpt") if stage == "begun" else ("best.ckpt",):
+    for name in (BEST, LAST) if stage == "begun" else (BEST,):
         path = run.folder / name
         if path.is_file():
             yield read_checkpoint(path)

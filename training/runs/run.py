@@ -18,14 +18,18 @@ from training.runs.identity import (
     result_settings,
     training_fingerprint,
 )
-from training.runs.metrics import training_cost
-from training.system.files import (
-    free_name,
-    locked,
-    make_folder,
+from training.runs.layout import (
+    BEST,
+    LAST,
+    METRICS,
+    REPORT,
+    SETTINGS,
     read_metrics,
-    read_settings,
+    run_folder,
+    training_cost,
 )
+from training.system import machine
+from training.system.files import free_name, locked, make_folder, read_settings
 from training.system.processes import is_first
 
 PLAIN_RECIPES = ("clean", "baseline")  # without an adversary: the others are compared with them
@@ -45,7 +49,7 @@ class Run(Generic[Settings]):
         `runs`/<data>-<model>/<recipe>/seed<k> without the part that is the default, as runs in
         different groups cannot be compared."""
         cfg = self.config
-        return Path(cfg.runs) / group_of(cfg.data, cfg.model) / cfg.recipe / f"seed{cfg.seed}"
+        return run_folder(Path(cfg.runs) / group_of(cfg.data, cfg.model), cfg.recipe, cfg.seed)
 
     @functools.cached_property
     def settings(self) -> dict[str, Any]:
@@ -62,6 +66,20 @@ class Run(Generic[Settings]):
         """Twelve hex digits that change with any setting that the weights depend on."""
         return training_fingerprint(self.settings, type(self.config))
 
+    def facts(self) -> dict[str, Any]:
+        """Return what the metrics of any run say of its settings, machine and command."""
+        cfg = self.config
+        return {
+            "recipe": cfg.recipe,
+            "seed": cfg.seed,
+            "data": cfg.data.name,
+            "model": cfg.model,
+            "config": self.settings,
+            "fingerprint": self.fingerprint,
+            "environment": machine.environment(cfg.trainer.accelerator),
+            "command": machine.command(),
+        }
+
     def stage(self) -> str:
         """Return how far the run in the folder has come.
 
@@ -74,9 +92,9 @@ class Run(Generic[Settings]):
         if fingerprint != self.training_fingerprint:
             holds_a_run = fingerprint or metrics or any(path.glob("*.ckpt"))
             return "other" if holds_a_run else "new"
-        if (path / "best.ckpt").is_file() and training_cost(path):
+        if (path / BEST).is_file() and training_cost(path):
             return "finished" if self._has_results(metrics) else "trained"
-        return "begun" if (path / "last.ckpt").is_file() else "new"
+        return "begun" if (path / LAST).is_file() else "new"
 
     def can_resume(self) -> bool:
         """Return whether its training can and may be resumed, or is complete; the same in all its
@@ -93,18 +111,21 @@ class Run(Generic[Settings]):
             aside = free_name(path.with_name(f"{path.name}-{suffix}"))
             os.replace(path, aside)
             other_run = "a run with other settings" if stage == "other" else "this run"
-            print(f"{path} held {other_run}; it is now {aside}")
+            print(
+                f"{path} held {other_run}; it is now {aside}. To go on with that one, move it back "
+                "and pass its settings."
+            )
         path.mkdir(parents=True, exist_ok=True)
         stale_files = list(path.glob(".*.tmp"))
         if self.stage() in ("new", "begun"):
-            stale_files += [path / "metrics.json", path / "report.html"]
+            stale_files += [path / METRICS, path / REPORT]
         for stale in stale_files:
             stale.unlink(missing_ok=True)
 
     def write_settings(self) -> None:
         """Write config.yaml into the folder."""
         values = OmegaConf.create(asdict(self.config))
-        write_text(self.folder / "config.yaml", OmegaConf.to_yaml(values))
+        write_text(self.folder / SETTINGS, OmegaConf.to_yaml(values))
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
@@ -128,7 +149,7 @@ class Run(Generic[Settings]):
         """Return the fingerprint of the training in the folder; None for none, "damaged" where its
         settings cannot be read."""
         try:
-            values, schema = read_settings(self.folder / "config.yaml"), type(self.config)
+            values, schema = read_settings(self.folder / SETTINGS), type(self.config)
             return training_fingerprint(result_settings(values, schema), schema)
         except FileNotFoundError:
             return None

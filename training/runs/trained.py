@@ -13,13 +13,15 @@ from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
 from moireaug.common.argument_checks import one_of
+from training.config.data_sets import DATA, Data
 from training.config.scenes import scene_of
-from training.config.schema import DATA, Config, Data, as_config
+from training.config.schema import Config, as_config
 from training.data.splits import Splits
 from training.models.classifiers import OWN_MODELS, as_model, class_count, model_names
+from training.runs.layout import BEST, METRICS, SETTINGS, read_metrics, run_folder
 from training.runs.metrics import TrainCost
 from training.runs.run import Run, baseline_of
-from training.system.files import read_checkpoint, read_metrics, read_settings
+from training.system.files import read_checkpoint, read_settings
 from training.system.processes import is_first
 
 
@@ -57,7 +59,7 @@ class TrainedRun(NamedTuple):
         try:
             model.load_state_dict(state)
         except RuntimeError as error:
-            path = self.folder / "best.ckpt"
+            path = self.folder / BEST
             raise ValueError(
                 f"{path} does not fit {self.cfg.model} with {self.num_classes} classes: {error}"
             ) from error
@@ -87,10 +89,10 @@ class TrainedRun(NamedTuple):
 
 def read(folder: Path) -> TrainedRun:
     """Read a run's settings and best weights."""
-    config, best = folder / "config.yaml", folder / "best.ckpt"
+    config, best = folder / SETTINGS, folder / BEST
     if not config.is_file() or not best.is_file():
         raise ValueError(
-            f"{folder} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py "
+            f"{folder} is not a run's folder: it must hold {SETTINGS} and {BEST}, as fit.py "
             "writes them."
         )
     # The checkpoint first: a command that replaces a run writes the settings first, so weights of
@@ -166,8 +168,9 @@ def read_baseline_of(run: TrainedRun) -> TrainedRun | None:
     if baseline is None:
         return None
     wanted = baseline.config
-    folder = Path(os.path.abspath(run.folder)).parent.parent / wanted.recipe / f"seed{run.cfg.seed}"
-    if not (folder / "metrics.json").is_file():
+    group = Path(os.path.abspath(run.folder)).parent.parent
+    folder = run_folder(group, wanted.recipe, wanted.seed)
+    if not (folder / METRICS).is_file():
         return None
     try:
         baseline_run = read(folder)

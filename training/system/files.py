@@ -107,11 +107,6 @@ def _digest(path: str, size: int, modified_ns: int) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_metrics(path: Path) -> dict[str, Any] | None:
-    """Read the metrics of a finished run, which are written last; None where there are none."""
-    return read_json(path / "metrics.json")
-
-
 def read_json(path: Path) -> dict[str, Any] | None:
     """Read a JSON file that holds a mapping; None where it is missing or damaged."""
     try:

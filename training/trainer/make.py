@@ -20,6 +20,7 @@ from lightning.pytorch.utilities import rank_zero_only
 from moireaug.common.files import write_bytes
 from training.config.schema import Trainer
 from training.runs.identity import Origin
+from training.runs.layout import BEST, LAST
 from training.system import machine
 from training.system.messages import terminate
 
@@ -63,14 +64,21 @@ class EpochLines(Checkpoint):
 def make_trainer(
     settings: Trainer,
     epochs: int,
+    folder: Path,
+    origin: Origin,
+    monitor: str,
     callbacks: Sequence[L.Callback],
-    max_gradient_norm: float | None = None,
+    max_gradient_norm: float | None,
 ) -> L.Trainer:
-    """Return a trainer that writes checkpoints whole or not at all, and shows a progress bar, or
-    prints a line per epoch if the output is not a terminal.
+    """Return a trainer that keeps the best and the last checkpoint in a run's folder, each written
+    whole or not at all, and shows a progress bar, or prints a line per epoch if the output is not a
+    terminal.
 
     Args:
         settings: settings of Lightning's trainer; a null precision is `machine.DEFAULT_PRECISION`.
+        origin: data and first weights, for the checkpoints.
+        monitor: figure of a validation that is greatest for the best weights.
+        callbacks: further ones.
         max_gradient_norm: norm to which gradients are clipped; None for none.
     """
     silence_lightning()
@@ -87,7 +95,14 @@ def make_trainer(
         **options,
         max_epochs=epochs,
         gradient_clip_val=max_gradient_norm,
-        callbacks=[*callbacks, EndOnSigterm(), progress],
+        callbacks=[
+            *callbacks,
+            RunCheckpoint(folder / BEST, monitor=monitor, mode="max"),
+            RunCheckpoint(folder / LAST),
+            OriginRecord(origin),
+            EndOnSigterm(),
+            progress,
+        ],
         enable_progress_bar=terminal,
         plugins=plugins,
         logger=False,
@@ -127,12 +142,11 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
 
 class RunCheckpoint(ModelCheckpoint):
-    """Keeps one checkpoint under one name in a run's folder."""
+    """Keeps one checkpoint in one file."""
 
-    def __init__(self, folder: Path, name: str, **settings: Any) -> None:
-        super().__init__(
-            folder, name, enable_version_counter=False, save_on_train_epoch_end=True, **settings
-        )
+    def __init__(self, file: Path, **settings: Any) -> None:
+        settings |= {"enable_version_counter": False, "save_on_train_epoch_end": True}
+        super().__init__(file.parent, file.stem, **settings)
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         # the state holds absolute paths: in a moved folder, Lightning would forget the best score

@@ -18,6 +18,7 @@ from torch.distributed import DistError
 
 from training.config.checks import check_devices
 from training.config.schema import Trainer
+from training.runs.layout import BEST, LAST
 from training.system import machine
 from training.system.files import read_checkpoint
 from training.system.messages import (
@@ -33,6 +34,8 @@ from training.system.processes import join_launch
 if TYPE_CHECKING:
     import lightning as L
     from lightning import Fabric
+
+    from training.trainer.module import RecordedModule
 
 LOST_PROCESS = (
     "another process of this run was lost: it was killed, ran out of memory, or failed with the "
@@ -130,7 +133,7 @@ def _run_rank(count: int, job: Callable[..., Any], *args: Any) -> None:
 
 
 def fit(
-    trainer: L.Trainer, module: L.LightningModule, batches: L.LightningDataModule, folder: Path
+    trainer: L.Trainer, module: RecordedModule, batches: L.LightningDataModule, folder: Path
 ) -> tuple[dict[str, Any], float]:
     """Train, and load the best weights into the module.
 
@@ -148,7 +151,7 @@ def fit(
     first_epoch: int = batches.first_epoch  # type: ignore[attr-defined]
     start_time = time.perf_counter()
     try:
-        trainer.fit(module, batches, ckpt_path=folder / "last.ckpt" if first_epoch else None)
+        trainer.fit(module, batches, ckpt_path=folder / LAST if first_epoch else None)
     except SystemExit as end:  # what Lightning makes of both
         if isinstance(end.__context__, Terminated):
             raise Terminated from None
@@ -160,10 +163,9 @@ def fit(
             raise ConnectionError(f"{LOST_PROCESS} ({str(error).splitlines()[0]})") from error
         raise
     seconds = time.perf_counter() - start_time
-    history: Any = module.history
-    for epoch in history[:first_epoch]:
+    for epoch in module.history[:first_epoch]:
         seconds += epoch["seconds"] + epoch["validation_seconds"]
-    best = read_checkpoint(folder / "best.ckpt")
+    best = read_checkpoint(folder / BEST)
     module.load_state_dict(best["state_dict"])
     return best, seconds
 

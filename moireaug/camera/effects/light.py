@@ -114,12 +114,8 @@ class Flicker(Effect):
         why = f"pulses of {format_range(panel.pwm)} Hz, {format_range(panel.duty)} on, through a "
         why += f"shutter of {format_range(sensor.shutter)} s, rows read in "
         why += f"{format_range(sensor.readout)} s"
-        return verdict_of(
-            bounds(sensor.gain)[1] * modulation_depth(scene),
-            scene,
-            why,
-            "no pulses, or no shutter given",
-        )
+        change = bounds(sensor.gain)[1] * modulation_depth(scene)
+        return verdict_of(change, scene, why, "no pulses, or no shutter given")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         _, v = photo_coordinates(shot)
@@ -180,11 +176,9 @@ class Vignetting(Effect):
     name = "vignetting"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        lost = bounds(scene.lens.vignetting)[1]
+        change = bounds(scene.sensor.gain)[1] * bounds(scene.lens.vignetting)[1]
         why = f"{format_range(scene.lens.vignetting)} of the light lost in the corners"
-        return verdict_of(
-            bounds(scene.sensor.gain)[1] * lost, scene, why, "no light lost in the corners"
-        )
+        return verdict_of(change, scene, why, "no light lost in the corners")
 
     def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         u, v = photo_coordinates(shot)

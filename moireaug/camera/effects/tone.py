@@ -28,9 +28,8 @@ class Balance(Effect):
     def verdict(self, scene: SceneRecord) -> Verdict:
         red, blue = scene.develop.red, scene.develop.blue
         why = f"red times {format_range(red)}, blue {format_range(blue)}"
-        return verdict_of(
-            max(deviation(red, 1), deviation(blue, 1)), scene, why, "red and blue as they are read"
-        )
+        change = max(deviation(red, 1), deviation(blue, 1))
+        return verdict_of(change, scene, why, "red and blue as they are read")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return balance(photo, shot.develop.red, shot.develop.blue)
@@ -78,9 +77,8 @@ class Brighten(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         brighten = scene.develop.brighten
-        return verdict_of(
-            deviation(brighten, 0), scene, f"{format_range(brighten)} added", "nothing to add"
-        )
+        why = f"{format_range(brighten)} added"
+        return verdict_of(deviation(brighten, 0), scene, why, "nothing to add")
 
     def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return photo + per_image(shot.develop.brighten, photo)

@@ -9,14 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.footprint import (
-    Footprint,
-    Optics,
-    around,
-    normalised,
-    optics_of,
-    tap_weights,
-)
+from moireaug.camera.exposure.footprint import Footprint, Optics, around, normalised, tap_weights
 from moireaug.camera.exposure.screen import Screen
 from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.grids import RadialCoefficients
@@ -36,51 +29,63 @@ class PanelPoints(NamedTuple):
     step: Tensor
 
 
+class AxisView(NamedTuple):
+    """The view of sensor pixels on one kind of subpixel along x (axis 0) or y (axis 1).
+
+    Args:
+        footprint: of the view, (B, h, w) each, in cells.
+        width: of the subpixel, (B, 1, 1), in cells; `subpixel` says where it lies.
+    """
+
+    subpixel: Subpixel
+    axis: int
+    footprint: Footprint
+    width: Tensor
+
+    @property
+    def period(self) -> int:
+        """Panel pixels along the axis from one copy of the subpixel to the next."""
+        return self.subpixel.period[self.axis]
+
+    @property
+    def pixel(self) -> float:
+        """Where along the axis the middle of the panel pixel lies whose value it shows."""
+        return self.subpixel.pixel[self.axis]
+
+
 class AxisShares(NamedTuple):
     """The shares of sensor pixels' views on the subpixels of one kind around them, along one axis
-    of the panel."""
+    of the panel.
 
-    cells: Tensor  # (B, h, w) float64, position in cells from a subpixel's centre
-    nearest: Tensor  # (B, h, w) float64, the nearest whole cell
-    footprint: Footprint  # (B, h, w) each, narrowed to the taps
-    width: Tensor  # (B, 1, 1), width of the subpixel in cells
-    share: Tensor  # (taps, B, h, w), shares of the view on the subpixels around, which sum to 1
-    # (taps, B, h, w), share of each that is on the picture; None if all are
+    Args:
+        cells: (B, h, w) float64, position in cells from a subpixel's centre. nearest: the nearest
+            whole cell.
+        view: the AxisView, narrowed to the taps.
+        share: (taps, B, h, w), shares of the view on the subpixels around, which sum to 1.
+        on_picture: (taps, B, h, w), share of each that is on the picture; None if all are.
+    """
+
+    cells: Tensor
+    nearest: Tensor
+    view: AxisView
+    share: Tensor
     on_picture: Tensor | None
 
 
-def look_at_panel(
-    rows: Tensor, cols: Tensor, inverse: Tensor, dtype: torch.dtype, shot: ShotRecord
-) -> PanelPoints:
+def look_at_panel(rows: Tensor, cols: Tensor, dtype: torch.dtype, shot: ShotRecord) -> PanelPoints:
     """Return where the sensor pixels at photo coordinates rows x cols look on the panel."""
     points = grids.grid(rows, cols)
-    position = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
-    step = panel_steps(points.to(dtype), inverse, shot.distortion, shot)
+    position = grids.photo_to_image(points, shot.inverse_matrix(), shot.size, shot.distortion)
+    step = panel_steps(points.to(dtype), shot.distortion, shot)
     return PanelPoints(position * shot.panel_scale[:, None, None, None], step)
 
 
-def panel_steps(
-    points: Tensor, inverse: Tensor, lens: RadialCoefficients | None, shot: ShotRecord
-) -> Tensor:
+def panel_steps(points: Tensor, lens: RadialCoefficients | None, shot: ShotRecord) -> Tensor:
     """Return the change in panel pixels per sensor pixel along u and v at photo points (B or 1, h,
-    w, 2): (B, h, w, 2, 2), of their dtype. Other arguments as of `grids.jacobian`."""
-    step = grids.jacobian(points, inverse.to(points.dtype), shot.size, lens)
+    w, 2): (B, h, w, 2, 2), of their dtype. lens: as of `grids.jacobian`."""
+    step = grids.jacobian(points, shot.inverse_matrix().to(points.dtype), shot.size, lens)
     scale = step.new_tensor([pixels.scale for pixels in shot.sampled_pixels()[::-1]])
     return step * shot.panel_scale[:, None, None, None, None].to(points.dtype) / scale
-
-
-class AxisView(NamedTuple):
-    """The view of one kind of subpixel along one axis of the panel.
-
-    Args:
-        footprint: footprint of the view, in cells.
-        width: width of the subpixel, in cells.
-        period: period of the cells, in panel pixels.
-    """
-
-    footprint: Footprint
-    width: Tensor
-    period: int
 
 
 def axis_views(scene: SceneRecord, step: Tensor, optics: Optics) -> list[AxisView]:
@@ -94,8 +99,8 @@ def axis_views(scene: SceneRecord, step: Tensor, optics: Optics) -> list[AxisVie
 def axis_view(
     subpixel: Subpixel, axis: int, step: Tensor, lit: tuple[Tensor, Tensor], optics: Optics
 ) -> AxisView:
-    """Return the view of a subpixel along x (axis 0) or y (axis 1), its footprint (B, h, w) each
-    and its width (B, 1, 1). The slant of a subpixel adds variance to the view.
+    """Return the view of a subpixel along x (axis 0) or y (axis 1), to which its slant adds
+    variance.
 
     Args:
         step: (B, h, w, 2, 2), change in panel pixels per sensor pixel; see `PanelPoints`.
@@ -108,7 +113,8 @@ def axis_view(
     width, slant = torch.maximum(across, down), torch.minimum(across, down).square() / 12
     width, slant = (t.to(step.dtype)[:, None, None] for t in (width, slant))
     footprint = Footprint.of(step[..., axis, :] / period, optics)
-    return AxisView(Footprint(footprint.box, footprint.variance + slant), width, period)
+    footprint = Footprint(footprint.box, footprint.variance + slant)
+    return AxisView(subpixel, axis, footprint, width)
 
 
 def variance_beyond_taps(views: Iterable[AxisView], alpha: Tensor | float, taps: int) -> Tensor:
@@ -121,58 +127,25 @@ def variance_beyond_taps(views: Iterable[AxisView], alpha: Tensor | float, taps:
     return torch.stack(lost).amax(0)
 
 
-def axis_shares(
-    axis: int,
-    subpixel: Subpixel,
-    lit: tuple[Tensor, Tensor],
-    points: PanelPoints,
-    shot: ShotRecord,
-    screen: Screen,
-) -> AxisShares:
-    """Return the shares of sensor pixels' views on the subpixels of one kind around them, along x
-    (axis 0) or y (axis 1); lit: see `axis_view`."""
-    view = axis_view(subpixel, axis, points.step, lit, optics_of(shot))
-    place = SubpixelPosition(axis, subpixel.centre[axis], view.period, subpixel.pixel[axis])
-    at = points.position[..., axis]
-    return axis_shares_at(place, at, view.footprint, view.width, shot, screen)
-
-
-class SubpixelPosition(NamedTuple):
-    """Where one kind of subpixel lies along x (axis 0) or y (axis 1), in panel pixels: its centre
-    in its cell, the cell's period, and the middle of the panel pixel whose value it shows."""
-
-    axis: int
-    centre: float
-    period: int
-    pixel: float
-
-
-def axis_shares_at(
-    place: SubpixelPosition,
-    at: Tensor,
-    footprint: Footprint,
-    width: Tensor,
-    shot: ShotRecord,
-    screen: Screen,
-) -> AxisShares:
-    """Return the AxisShares of views whose middles lie at positions `at` (B, h, w) along the axis,
-    in panel pixels; `footprint` and `width` as of an `AxisView`."""
-    taps, dtype, period = screen.taps, screen.light.dtype, place.period
-    cells = (at - place.centre) / period
+def axis_shares(view: AxisView, at: Tensor, shot: ShotRecord, screen: Screen) -> AxisShares:
+    """Return the shares on the subpixels around of views whose middles lie at positions `at`
+    (B, h, w) along their axis, in panel pixels."""
+    taps, dtype, period, width = screen.taps, screen.light.dtype, view.period, view.width
+    cells = (at - view.subpixel.centre[view.axis]) / period
     nearest = cells.detach().round()
-    narrowed, lost = footprint.fitted(width, taps)
+    narrowed, lost = view.footprint.fitted(width, taps)
     shares = tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)
     share = normalised(shares.to(dtype))
     on_picture = None
     if shot.is_dark_around:
-        ends = screen.alpha * shot.size[1 - place.axis]
-        pixel = nearest * period + place.pixel
-        whole = _share_on_picture(at, footprint, ends, period)
+        ends = screen.alpha * shot.size[1 - view.axis]
+        pixel = nearest * period + view.pixel
+        whole = _share_on_picture(at, view.footprint, ends, period)
         # a narrowed view sees as much of the picture as the whole view does
         tap = pixel + period * around(taps, pixel)
         alone = ((tap >= 0) & (tap < ends)).double()
         on_picture = torch.where(lost > 0, whole, alone).to(dtype)
-    return AxisShares(cells, nearest, narrowed, width, share, on_picture)
+    return AxisShares(cells, nearest, view._replace(footprint=narrowed), share, on_picture)
 
 
 def _share_on_picture(at: Tensor, footprint: Footprint, ends: Tensor, period: int) -> Tensor:
@@ -186,24 +159,23 @@ def _share_on_picture(at: Tensor, footprint: Footprint, ends: Tensor, period: in
 def covered_share(shares: AxisShares) -> Tensor:
     """Return the share of a view that subpixels fill along one axis, (B, h, w), including the tails
     past the taps."""
-    every = 4 * len(shares.share) + 1
-    from_nearest = (shares.cells - shares.nearest).to(shares.width.dtype)
-    share = tap_weights(from_nearest, shares.footprint, shares.width, every)
+    every, view = 4 * len(shares.share) + 1, shares.view
+    from_nearest = (shares.cells - shares.nearest).to(view.width.dtype)
+    share = tap_weights(from_nearest, view.footprint, view.width, every)
     return share.sum(0).to(shares.share.dtype)
 
 
-def panel_pixels(
-    screen: Screen, channel: int, x: AxisShares, y: AxisShares, subpixel: Subpixel
-) -> Tensor:
+def panel_pixels(screen: Screen, channel: int, x: AxisShares, y: AxisShares) -> Tensor:
     """Return the panel pixels that the subpixels around show, weighted by their shares: (B, h, w).
 
     In a photo in the camera's frame, the panel is dark past the picture.
     """
-    across = x.share if x.on_picture is None else x.share * x.on_picture
-    down = y.share if y.on_picture is None else y.share * y.on_picture
-    column, row = (
-        (axis.nearest - screen.taps // 2) * period + math.floor(pixel)
-        for axis, period, pixel in zip((x, y), subpixel.period, subpixel.pixel, strict=True)
+    across, down = (
+        axis.share if axis.on_picture is None else axis.share * axis.on_picture for axis in (x, y)
     )
-    light = screen.look(channel, column, row, subpixel.period)
+    column, row = (
+        (axis.nearest - screen.taps // 2) * axis.view.period + math.floor(axis.view.pixel)
+        for axis in (x, y)
+    )
+    light = screen.look(channel, column, row, (x.view.period, y.view.period))
     return (down * (across * light).sum(1)).sum(0)

@@ -39,46 +39,39 @@ class Bins(NamedTuple):
     triangle: Tensor
 
 
-def bins_at(
-    rows: Tensor, cols: Tensor, inverse: Tensor, dtype: torch.dtype, shot: ShotRecord
-) -> Bins:
+def bins_at(rows: Tensor, cols: Tensor, dtype: torch.dtype, shot: ShotRecord) -> Bins:
     """Return the bins of photo pixels in rows x cols; step, sides and triangle of that dtype.
 
     In the camera's frame they are squares of the sensor; in the image's, of the image. Pixels of
     the image that lie outside the photo get the bin at its nearest edge.
-
-    Args:
-        inverse: (B, 3, 3), see `grids.photo_to_image`.
     """
-    points = grids.grid(rows, cols).expand(len(inverse), -1, -1, -1)
+    points = grids.grid(rows, cols).expand(len(shot), -1, -1, -1)
     if shot.scene.is_rectified:
-        return _bins(points, clamped_photo_points(points, shot)[0], inverse, dtype, shot)
-    frame = shot.frame
+        return _bins(points, clamped_photo_points(points, shot)[0], dtype, shot)
+    frame, inverse = shot.frame, shot.inverse_matrix()
     photo_points = points + frame.photo_corner(points)
     image_points = grids.photo_to_image(photo_points, inverse, frame.size, shot.distortion)
     image_points = image_points - frame.image_corner(points)
-    return _bins(image_points, photo_points, inverse, dtype, shot)
+    return _bins(image_points, photo_points, dtype, shot)
 
 
 def bins_on_image(points: Tensor, shot: ShotRecord) -> Bins:
     """Return the bins that see image points (B, h, w, 2)."""
-    inverse = torch.linalg.inv(shot.matrix())
-    return _bins(points, clamped_photo_points(points, shot)[0], inverse, inverse.dtype, shot)
+    return _bins(points, clamped_photo_points(points, shot)[0], torch.float64, shot)
 
 
 def middle_bins(shot: ShotRecord) -> Bins:
     """Return the bins in the middle of the whole photo, or of its picture, (B, 1, 1)."""
-    inverse, frame, middle = torch.linalg.inv(shot.matrix()), shot.frame, middle_of_photo(shot)
+    frame, middle = shot.frame, middle_of_photo(shot)
     corner = frame.image_corner if shot.scene.is_rectified else frame.photo_corner
     column, row = (middle - corner(middle))[:, 0].unbind(-1)
-    return bins_at(row, column, inverse, inverse.dtype, shot)
+    return bins_at(row, column, torch.float64, shot)
 
 
 def image_middle_bins(shot: ShotRecord) -> Bins:
     """Return the bins in the middle of the image, (B, 1, 1)."""
     row, column = (shot.panel_scale.new_tensor([side / 2]) for side in shot.size)
-    inverse = torch.linalg.inv(shot.matrix())
-    return bins_at(row, column, inverse, inverse.dtype, shot)
+    return bins_at(row, column, torch.float64, shot)
 
 
 def middle_of_photo(shot: ShotRecord) -> Tensor:
@@ -89,18 +82,13 @@ def middle_of_photo(shot: ShotRecord) -> Tensor:
     return torch.stack((none + width / 2, none + height / 2), -1)[:, None, None]
 
 
-def _bins(
-    image_points: Tensor,
-    photo_points: Tensor,
-    inverse: Tensor,
-    dtype: torch.dtype,
-    shot: ShotRecord,
-) -> Bins:
+def _bins(image_points: Tensor, photo_points: Tensor, dtype: torch.dtype, shot: ShotRecord) -> Bins:
     """Return the bins that see image points, about the image's corner, from points of the whole
     photo, (B, h, w, 2) each."""
     alpha, scale = (t[:, None, None, None] for t in (shot.panel_scale, shot.sensor_scale))
     # float64: of a grazing view, float32 would leave nothing of the determinant
-    jacobian = grids.jacobian(photo_points, inverse, shot.frame.size, shot.distortion)
+    inverse, size = shot.inverse_matrix(), shot.frame.size
+    jacobian = grids.jacobian(photo_points, inverse, size, shot.distortion)
     step = (jacobian * (alpha / scale)[..., None]).to(dtype)
     photo_pixel = torch.eye(2, dtype=jacobian.dtype, device=jacobian.device)
     if shot.scene.is_rectified:

@@ -9,13 +9,7 @@ import torch
 from torch import Tensor
 
 from moireaug.camera.exposure.alias_transfer import Wave, plane_waves, power_transfer, times
-from moireaug.camera.exposure.axis_views import (
-    WHOLE_PIXEL,
-    AxisView,
-    SubpixelPosition,
-    axis_shares_at,
-    panel_pixels,
-)
+from moireaug.camera.exposure.axis_views import WHOLE_PIXEL, AxisView, axis_shares, panel_pixels
 from moireaug.camera.exposure.bin_content import BinContent, content_of
 from moireaug.camera.exposure.bin_geometry import (
     Bins,
@@ -58,13 +52,11 @@ class Binned(ClosedForm):
 
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
-        inverse = torch.linalg.inv(shot.matrix())
         content = content_of(shot)
         screen = Screen(light, shot, self.taps, content)
 
         def reading_of(band: Tensor) -> Tensor:
-            bins = bins_at(band, cols, inverse, light.dtype, shot)
-            return self.read(screen, content, bins, shot)
+            return self.read(screen, content, bins_at(band, cols, light.dtype, shot), shot)
 
         elements_per_row = len(cols) * max(self.taps**2, 16 * len(self.harmonics))
         planes = in_bands(reading_of, rows, elements_per_row, light, shot)
@@ -102,16 +94,14 @@ class Binned(ClosedForm):
             box, variance = content.footprint(axis, bins)
             added = content.interpolation_variance.to(dtype)[:, None, None]
             width = content.width[:, channel, axis, None, None].to(dtype)
-            place = SubpixelPosition(axis, centre=0.5, period=1, pixel=0.5)
-            view = Footprint(box, variance + added)
-            shares.append(axis_shares_at(place, at, view, width, shot, screen))
-        x, y = shares
-        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL)
+            view = AxisView(WHOLE_PIXEL, axis, Footprint(box, variance + added), width)
+            shares.append(axis_shares(view, at, shot, screen))
+        return panel_pixels(screen, channel, *shares)
 
     def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:
         content, bins = content_of(shot), bins_on_image(points, shot)
         one = torch.ones_like(shot.panel_scale)[:, None, None]
-        views = [AxisView(content.footprint(axis, bins), one, 1) for axis in (0, 1)]
+        views = [AxisView(WHOLE_PIXEL, axis, content.footprint(axis, bins), one) for axis in (0, 1)]
         return views, content.scale[:, None, None]
 
     def modulation(self, bins: Bins, shot: ShotRecord) -> list[list[Tensor]]:

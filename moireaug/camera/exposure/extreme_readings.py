@@ -10,7 +10,12 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.camera.exposure.axis_views import AxisView, axis_views, variance_beyond_taps
+from moireaug.camera.exposure.axis_views import (
+    WHOLE_PIXEL,
+    AxisView,
+    axis_views,
+    variance_beyond_taps,
+)
 from moireaug.camera.exposure.bin_content import gaussian_optics
 from moireaug.camera.exposure.extremes import (
     FLOAT64_ON_CPU,
@@ -104,7 +109,7 @@ def _views_of_bins(
         box, variance = Footprint.of(per_bin[..., axis, :], bin_optics)
         added = blur_variance(per_sensor_pixel[..., axis, :], pixel_optics)
         widest = Footprint(box.max(), variance.max() + added.max())
-        bin_views.append(AxisView(widest, torch.ones((), **FLOAT64_ON_CPU), 1))
+        bin_views.append(AxisView(WHOLE_PIXEL, axis, widest, torch.ones((), **FLOAT64_ON_CPU)))
     return bin_views
 
 

@@ -22,7 +22,7 @@ from moireaug.scene.geometry.homography import about_corners, camera_pose, focal
 from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SceneRecord
 
-# height and width; bounds for these hold for most images
+# height and width; extremes of these hold for most images
 PHOTO_SHAPES: tuple[tuple[int, int], ...] = ((256, 256), (192, 256), (256, 192))
 STRIP_SHAPES = ((16, 256), (256, 16))  # perspective is strongest along a long strip
 # a scene's plan depends neither on torch's default dtype nor on its default device
@@ -72,21 +72,21 @@ def _extreme_jacobians(
     seen: tuple | None,
     focal_per_side: float | None,
 ) -> Tensor:
-    view, k1, k2 = _poses(v, lens, zoom, bounds(v.fov)[1])
+    view, distortion = _poses(v, lens, zoom, bounds(v.fov)[1])
     jacobians = []
     for size in shapes:
         h, w = size
         focal = focal_per_side * max(size) if focal_per_side else focal_length(view.fov, size)
-        pose, magnification = pose_of(view, k1, k2, size, focal, scale)
+        pose, magnification = pose_of(view, distortion, size, focal, scale)
         m = about_corners(pose, size)
         (left, right), (top, bottom) = seen or ((0, 1), (0, 1))
         corners = [(w * x, h * y) for x, y in itertools.product((left, right), (top, bottom))]
         picture = torch.tensor([*corners, (w / 2, h / 2)], **FLOAT64_ON_CPU)
         points = picture.expand(len(m), -1, -1)
         if seen is None:
-            points = image_to_photo(points, m, size, (k1, k2))
+            points = image_to_photo(points, m, size, distortion)
         points = torch.cat([points, _in_the_photo(points, size)], 1)
-        local = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
+        local = jacobian(points[:, None], torch.linalg.inv(m), size, distortion)
         if magnified:
             local = local * magnification[:, None, None, None, None]
         jacobians.append(local.flatten(0, 2))
@@ -99,14 +99,14 @@ def magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
     `homography.camera_pose`, for the angles and lenses that a scene allows at this zoom."""
     every = []
     for fov in bounds(v.fov):
-        view, k1, k2 = _poses(v, lens, zoom, fov)
+        view, distortion = _poses(v, lens, zoom, fov)
         for size in PHOTO_SHAPES:
-            every.append(camera_pose(view, k1, k2, size, focal_length(view.fov, size))[1])
+            every.append(camera_pose(view, distortion, size, focal_length(view.fov, size))[1])
     return float(torch.cat(every).min()), float(torch.cat(every).max())
 
 
-def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[Any, Tensor, Tensor]:
-    """Return a DrawnView of the angles that a scene allows, k1 and k2, (N,) each."""
+def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[Any, tuple[Tensor, Tensor]]:
+    """Return a DrawnView of the angles that a scene allows, and k1 and k2, (N,) each."""
     turns = [range_points(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = range_points(v.roll, 0.0, 90.0, -90.0, points=9)
     poses = itertools.product(*turns, rolls, range_points(lens.k1), range_points(lens.k2))
@@ -114,7 +114,7 @@ def _poses(v: View, lens: Lens, zoom: float, fov: float) -> tuple[Any, Tensor, T
     fields = {k: torch.zeros_like(yaw) for k in v.ranged}
     fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
     fields |= {"fov": torch.full_like(yaw, fov), "zoom": torch.full_like(yaw, zoom)}
-    return v.drawn(fields), k1, k2
+    return v.drawn(fields), (k1, k2)
 
 
 def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:

@@ -4,6 +4,7 @@ differ in that share alone; mean takes the content of whole panel pixels, and th
 
 from __future__ import annotations
 
+import functools
 import math
 from abc import abstractmethod
 from collections.abc import Callable
@@ -14,11 +15,11 @@ from torch.utils.checkpoint import checkpoint
 
 from moireaug.camera.exposure import extreme_readings
 from moireaug.camera.exposure.axis_views import (
-    WHOLE_PIXEL,
     AxisShares,
     AxisView,
     PanelPoints,
     axis_shares,
+    axis_view,
     axis_views,
     covered_share,
     look_at_panel,
@@ -36,7 +37,6 @@ from moireaug.scene.geometry import grids
 from moireaug.scene.geometry.lattice import CFA, Site, pattern_period
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
-from moireaug.scene.subpixel import Subpixel
 
 # elements of the largest tensor, by device: rows are read in bands that keep to it
 MAX_TENSOR_ELEMENTS = {"cpu": 2**19, "cuda": 2**27}
@@ -87,6 +87,8 @@ def in_bands(
         most = MAX_TENSOR_ELEMENTS.get(light.device.type, MAX_TENSOR_ELEMENTS["cuda"])
         bands = 1 + len(light) * len(rows) * elements_per_row // most
     recompute = shot.requires_grad and torch.is_grad_enabled() and not is_transformed()
+    if recompute:  # what the shot keeps must be there before a band is computed, and again
+        _ = shot.frame, shot.inverse_matrix()
     readings = []
     for band in rows.chunk(bands):
         if recompute:  # a pose's gradient would keep kilobytes per reading
@@ -113,46 +115,33 @@ class FullReading(ClosedForm):
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         cfa, screen = filter_cell_seen(shot), Screen(light, shot, self.taps)
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
-        inverse = torch.linalg.inv(shot.matrix())
         period, planes = pattern_period(cfa), []
         for site in CFA[cfa]:
-            down, across = rows[site.row :: period], cols[site.column :: period]
-            planes.append(self._read_site(site, down, across, inverse, screen, shot))
+            across = cols[site.column :: period]
+            read = functools.partial(self._read_band, site, across, screen, shot)
+            elements_per_row = len(across) * max(self.taps**2, len(self.harmonics))
+            down = rows[site.row :: period]
+            planes.append(in_bands(read, down, elements_per_row, light, shot))
         return through_filters(torch.cat(planes, 1), shot)
 
-    def _read_site(
-        self,
-        site: Site,
-        rows: Tensor,
-        cols: Tensor,
-        inverse: Tensor,
-        screen: Screen,
-        shot: ShotRecord,
+    def _read_band(
+        self, site: Site, cols: Tensor, screen: Screen, shot: ShotRecord, rows: Tensor
     ) -> Tensor:
         """Return the colours that one site of the filter cell sees at photo coordinates
-        rows x cols: (B, channels, h, w).
-
-        `inverse` is the homography (B, 3, 3) from ideal photo to image coordinates.
-        """
+        rows x cols: (B, channels, h, w)."""
         dtype = torch.float64 if self.in_float64 else screen.light.dtype
-
-        def reading_of(band: Tensor) -> Tensor:
-            points = look_at_panel(band, cols, inverse, dtype, shot)
-            colours = [self.read(screen, channel, points, shot) for channel in site.channels]
-            return torch.stack(colours, 1)
-
-        elements_per_row = len(cols) * max(self.taps**2, len(self.harmonics))
-        return in_bands(reading_of, rows, elements_per_row, screen.light, shot)
+        points = look_at_panel(rows, cols, dtype, shot)
+        colours = [self.read(screen, channel, points, shot) for channel in site.channels]
+        return torch.stack(colours, 1)
 
     @abstractmethod
     def read(self, screen: Screen, channel: int, points: PanelPoints, shot: ShotRecord) -> Tensor:
         """Return the sensor pixels' readings of one channel: (B, h, w)."""
 
     def views(self, points: Tensor, shot: ShotRecord) -> tuple[list[AxisView], Tensor]:
-        matrix = shot.matrix()
-        ideal = grids.image_to_photo(points, matrix, shot.size, None)
+        ideal = grids.image_to_photo(points, shot.matrix(), shot.size, None)
         # a lens hardly changes how much a view spreads
-        step = panel_steps(ideal, torch.linalg.inv(matrix), None, shot)
+        step = panel_steps(ideal, None, shot)
         return axis_views(shot.scene, step, optics_of(shot)), shot.panel_scale[:, None, None]
 
 
@@ -161,25 +150,19 @@ class BySubpixel(FullReading):
     the view that the subpixels fill."""
 
     def read(self, screen: Screen, channel: int, points: PanelPoints, shot: ShotRecord) -> Tensor:
-        layout = shot.scene.panel.cell
+        lit, optics = emitting_share(shot.panel), optics_of(shot)
         total = torch.zeros_like(points.position[..., 0], dtype=screen.light.dtype)
-        lit = emitting_share(shot.panel)
-        for subpixel in layout.of(channel):
-            x, y = (axis_shares(axis, subpixel, lit, points, shot, screen) for axis in (0, 1))
-            through = self.transmission(x, y, subpixel, points, shot)
-            total = total + panel_pixels(screen, channel, x, y, subpixel) * through
+        for subpixel in shot.scene.panel.cell.of(channel):
+            views = [axis_view(subpixel, axis, points.step, lit, optics) for axis in (0, 1)]
+            x, y = (axis_shares(v, points.position[..., v.axis], shot, screen) for v in views)
+            through = self.transmission(x, y, points.step, shot)
+            total = total + panel_pixels(screen, channel, x, y) * through
         return total
 
     @abstractmethod
-    def transmission(
-        self,
-        x: AxisShares,
-        y: AxisShares,
-        subpixel: Subpixel,
-        points: PanelPoints,
-        shot: ShotRecord,
-    ) -> Tensor:
-        """Return the share of the view that the subpixels fill, (B, h, w)."""
+    def transmission(self, x: AxisShares, y: AxisShares, step: Tensor, shot: ShotRecord) -> Tensor:
+        """Return the share of the view that the subpixels fill, (B, h, w); step: see
+        `PanelPoints`."""
 
 
 class Spectral(BySubpixel):
@@ -200,15 +183,8 @@ class Spectral(BySubpixel):
         super().__init__(taps, in_float64=in_float64)
         self.harmonics = harmonics
 
-    def transmission(
-        self,
-        x: AxisShares,
-        y: AxisShares,
-        subpixel: Subpixel,
-        points: PanelPoints,
-        shot: ShotRecord,
-    ) -> Tensor:
-        dtype, layout = x.share.dtype, shot.scene.panel.cell
+    def transmission(self, x: AxisShares, y: AxisShares, step: Tensor, shot: ShotRecord) -> Tensor:
+        subpixel, layout, dtype = x.view.subpixel, shot.scene.panel.cell, x.share.dtype
         optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
         width, height = (t.to(dtype)[:, None, None] for t in emitting_share(shot.panel))
         orders = []
@@ -221,7 +197,7 @@ class Spectral(BySubpixel):
         # drop whole cycles before the cast, so that the phase stays precise far from the origin
         phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
         k, l = k.to(dtype), l.to(dtype)
-        across, down = (points.step[..., axis, :].to(dtype) for axis in (0, 1))
+        across, down = (step[..., axis, :].to(dtype) for axis in (0, 1))
         across, down = across / subpixel.period[0], down / subpixel.period[1]
         fu = k * across[..., 0] + l * down[..., 0]
         fv = k * across[..., 1] + l * down[..., 1]
@@ -237,14 +213,7 @@ class Box(BySubpixel):
     name = "box"
     reason = "the overlap of subpixel and aperture"
 
-    def transmission(
-        self,
-        x: AxisShares,
-        y: AxisShares,
-        subpixel: Subpixel,
-        points: PanelPoints,
-        shot: ShotRecord,
-    ) -> Tensor:
+    def transmission(self, x: AxisShares, y: AxisShares, step: Tensor, shot: ShotRecord) -> Tensor:
         return covered_share(x) * covered_share(y)
 
 
@@ -256,6 +225,6 @@ class Mean(FullReading):
 
     def read(self, screen: Screen, channel: int, points: PanelPoints, shot: ShotRecord) -> Tensor:
         shares = mean_light_of(shot).to(screen.light.dtype)
-        one = torch.ones_like(shot.panel.lit)
-        x, y = (axis_shares(axis, WHOLE_PIXEL, (one, one), points, shot, screen) for axis in (0, 1))
-        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * shares[:, channel, None, None]
+        views = axis_views(shot.scene, points.step, optics_of(shot))
+        x, y = (axis_shares(v, points.position[..., v.axis], shot, screen) for v in views)
+        return panel_pixels(screen, channel, x, y) * shares[:, channel, None, None]

@@ -29,7 +29,7 @@ class Sampled(ExposureMethod):
         rows, cols = (axis.positions(light.device) for axis in pixels)
         picture, offsets = DisplayedPicture(light, shot), self.offsets(shot)
         down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
-        inverse, cfa = torch.linalg.inv(shot.matrix()), filter_cell_seen(shot)
+        inverse, cfa = shot.inverse_matrix(), filter_cell_seen(shot)
         period, planes = pattern_period(cfa), []
         for site in CFA[cfa]:
             row, column = rows[site.row :: period], cols[site.column :: period]

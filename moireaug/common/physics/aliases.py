@@ -33,14 +33,14 @@ def least_magnitude(low, high):
 
 
 def max_hold_transfer(low, high, m):
-    """Return a bound of what holding values over pixels leaves of an alias m of frequencies from
+    """Return the most that holding values over pixels leaves of an alias m of frequencies from
     `low` to `high`."""
     nearest = least_magnitude(low - m / 2, high - m / 2)
     return maximum(1 - nearest * nearest, 0.0)
 
 
 def max_mean_transfer(cycles, side_u, side_v, m_u, m_v):
-    """Return a bound of what the mean along a side of bins leaves of an alias.
+    """Return the most that the mean along a side of bins leaves of an alias.
 
     cycles, side_u, side_v: the ranges of a harmonic's cycles along the side and of the side's
         coordinates, low and high.

@@ -40,7 +40,7 @@ def bind(
         copy = FunctionType(function.__code__, names, name)
         copy.__module__, copy.__doc__ = formulas.__name__, function.__doc__
         names[name] = compiled(copy)
-    bound = ModuleType(formulas.__name__)
+    module = ModuleType(formulas.__name__)
     for name in own:
-        setattr(bound, name, names[name])
-    return bound
+        setattr(module, name, names[name])
+    return module

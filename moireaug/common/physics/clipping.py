@@ -39,9 +39,10 @@ def excess_slopes(mean, variance):
 
 
 def greatest_excess(light, noise, pattern):
-    """Return a bound on the mean of max(x - 1, 0) of light x, which is nowhere below 0, with noise;
-    light, pattern: its mean and variance. No light of that mean and variance, however sparse, has a
-    smaller mean when clipped than one of two levels, one of which is 0 (Scarf, 1958)."""
+    """Return the most that the mean of max(x - 1, 0) can be of light x, which is nowhere below 0,
+    with noise; light, pattern: its mean and variance. No light of that mean and variance, however
+    sparse, has a smaller mean when clipped than one of two levels, one of which is 0 (Scarf,
+    1958)."""
     light = maximum(light, MIN_VARIANCE)
     clipped = minimum(light / 2, light * light / (light * light + pattern))
     some = noise > MIN_VARIANCE  # the root has no slope at 0
@@ -56,8 +57,8 @@ def clip_slope(light, noise, pattern, noise_slope):
     by_mean, by_variance = excess_slopes(light - 1, noise + pattern)
     above = by_mean + by_variance * (noise_slope + pattern_slope)
     some = noise > MIN_VARIANCE
-    bound = 1 + where(some, PEAK * noise_slope / (2 * sqrt(where(some, noise, 1.0))), 0.0)
+    at_limit = 1 + where(some, PEAK * noise_slope / (2 * sqrt(where(some, noise, 1.0))), 0.0)
     excess = mean_excess(light - 1, noise + pattern)
-    above = where(greatest_excess(light, noise, pattern) < excess, bound, above)
+    above = where(greatest_excess(light, noise, pattern) < excess, at_limit, above)
     by_mean, by_variance = excess_slopes(-light, noise)
     return 1 - by_mean + by_variance * noise_slope - above

@@ -12,13 +12,7 @@ import numpy as np
 
 from moireaug.engine.cpu import beat_terms, harmonics
 from moireaug.engine.cpu.beat_grid import grid_at, node_counts, sampled_grid, transfer_of
-from moireaug.engine.cpu.beat_terms import (
-    ALIAS_U,
-    ALIAS_V,
-    HARMONIC,
-    alias_transfer,
-    plane_transfers,
-)
+from moireaug.engine.cpu.beat_terms import ALIAS_U, ALIAS_V, HARMONIC
 from moireaug.engine.cpu.coarse_grid import bracket, fill_cubics, node_line
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
 from moireaug.engine.cpu.optics import transfer_at
@@ -41,8 +35,8 @@ def _fill_power_shares(out, fu, fv, bayer, side, triangle):
         m_u = math.floor(2 * fu) - 1 + j
         for k in range(4):
             m_v = math.floor(2 * fv) - 1 + k
-            transfer = alias_transfer(fu, fv, m_u, m_v, side, triangle)
-            coloured, green = plane_transfers(even_u, even_v, m_u, m_v, bayer)
+            transfer = beat_terms.alias_transfer(fu, fv, m_u, m_v, side, triangle)
+            coloured, green = beat_terms.plane_transfers(even_u, even_v, m_u, m_v, bayer)
             out[0] += (transfer * coloured) ** 2
             out[1] += (transfer * green) ** 2
 

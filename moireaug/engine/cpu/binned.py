@@ -12,7 +12,7 @@ from moireaug.engine.cpu.compiling import copy, fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance, panel_irradiance_back
 from moireaug.engine.cpu.register import ImageToPhoto, fill_photo_positions, image_to_photo
-from moireaug.engine.cpu.rows import LIGHT, Row, RowLayout, U, V, X, Y, row_layout_of, row_of
+from moireaug.engine.cpu.rows import Row, RowLayout, U, V, X, Y, row_layout_of, row_of
 from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, read_back, reflect
 from moireaug.engine.cpu.view import inverse, look
 
@@ -60,14 +60,14 @@ def work_of_bins(w, planes, image):
         np.empty((5, w), np.float32),
         passes,
         np.empty((3, w), np.float64),
-        _image_to_photo(image.sensor),
+        _image_to_photo(image.bins.sensor),
     )
 
 
 @jit_in_place
 def locate_bins(work, v, image):
     """Fill where a row of the bins, v about the centre, lies on the photo."""
-    at, sensor = work.row.position, image.sensor
+    at, sensor = work.row.position, image.bins.sensor
     if sensor.rectified != 0:
         first = image.sites.cols[0]
         fill_photo_positions(at[U], at[V], work.ideal, first, v, work.to_photo, sensor)
@@ -99,25 +99,25 @@ def add_modulated(light, content, modulation, passed, mean):
 def expose_rows(raw, slope, panel, image, work, top, bottom):
     """Do the same as `full.expose_rows` for a binned reading.
 
-    image: see `records.BinnedImage`. work: from `work_of_bins`.
+    work: from `work_of_bins`.
     """
     planes, h, w = raw.shape
-    pattern, sites = image.pattern, image.sites
+    bins, sites, pattern = image.bins, image.sites, image.bins.pattern
     row, passes, modulation = work.row, work.passes, work.modulation
     position, first_row = row.position, sites.rows[0]
-    light, noise, bits = row.floats[LIGHT], row.floats[rows.NOISE], row.ints[rows.NOISE_BITS]
+    light, noise, bits = row.floats[rows.LIGHT], row.floats[rows.NOISE], row.ints[rows.NOISE_BITS]
     for r in range(top, bottom):
         v = sites.rows[r]
         locate_bins(work, v, image)
-        if image.stencil.taps > 0:
+        if bins.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
             line = work.lines[0]
-            stencil.content(row.irradiance, line, image.stencil, panel, image.cell, sites, r)
+            stencil.content(row.irradiance, line, bins.stencil, panel, image.cell, sites, r)
         else:
             fill_row_weights(row.weights, image.grid, sites.rows, r, top)
             panel_irradiance(work, panel, image, 0, v)
         beats.fill_modulation(
-            modulation, work.lines, image.terms, pattern, passes, position, v, first_row
+            modulation, work.lines, bins.terms, pattern, passes, position, v, first_row
         )
         for plane in range(planes):
             colour = sites.channel[plane]
@@ -134,7 +134,7 @@ def expose_rows(raw, slope, panel, image, work, top, bottom):
             out, away = raw[plane, r], pattern.lost_noise_variance
             add_noise(light, slope[plane, r], (plane * h + r) * w, image.readout, noise, bits)
             if image.readout.clips:
-                lost = image.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
+                lost = bins.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
                 clip_mean(out, light, slope[plane, r], away[0], away[1], lost)
             else:
                 copy(out, light)
@@ -144,19 +144,20 @@ def expose_rows(raw, slope, panel, image, work, top, bottom):
 def expose_rows_back(panel_grad, grad, slope, image, work):
     """Do the same as `full.expose_rows_back` for a binned reading."""
     planes, h, _ = grad.shape
-    pattern, sites, row, passes = image.pattern, image.sites, work.row, work.passes
-    position, first_row, light = row.position, sites.rows[0], row.floats[LIGHT]
+    bins, sites, row, passes = image.bins, image.sites, work.row, work.passes
+    pattern = bins.pattern
+    position, first_row, light = row.position, sites.rows[0], row.floats[rows.LIGHT]
     modulation, lines = work.modulation, work.lines
     for r in range(h):
         v = sites.rows[r]
         locate_bins(work, v, image)
-        if image.stencil.taps > 0:
+        if bins.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
         else:
             fill_row_weights(row.weights, image.grid, sites.rows, r, 0)
             look(position[X], position[Y], work.layout.u[0], v, image.camera)
         beats.fill_modulation(
-            modulation, lines, image.terms, pattern, passes, position, v, first_row
+            modulation, lines, bins.terms, pattern, passes, position, v, first_row
         )
         fill(row.irradiance.reshape(-1), ZERO)
         for plane in range(planes):
@@ -170,8 +171,8 @@ def expose_rows_back(panel_grad, grad, slope, image, work):
                     passed, mean = image.filters[colour, channel], pattern.mean[channel]
                     content, beat = row.irradiance[channel], modulation[colour, channel]
                     add_modulated(content, light, beat, np.float32(passed), np.float32(mean))
-        if image.stencil.taps > 0:
+        if bins.stencil.taps > 0:
             content, line = row.irradiance, lines[0]
-            stencil.content_back(panel_grad, content, line, image.stencil, image.cell, sites, r)
+            stencil.content_back(panel_grad, content, line, bins.stencil, image.cell, sites, r)
         else:
             panel_irradiance_back(work, panel_grad, image, 0, v)

@@ -8,37 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.engine.cpu import detail as filtering
+from moireaug.engine.cpu import develop, register
 from moireaug.engine.cpu.codes import Workspace, codes_of_row, workspace
 from moireaug.engine.cpu.compiling import copy, fill, jit_in_place, jit_inlined, kernel
-from moireaug.engine.cpu.detail import (
-    BLOCK_ROWS,
-    Filter,
-    blur_block,
-    enter,
-    filter_of,
-    filter_row,
-    first_source_row,
-    rows_at_once,
-    rows_needed,
-)
-from moireaug.engine.cpu.develop import (
-    add_to_photo_rows,
-    clear,
-    clip,
-    develop_rows,
-    develop_rows_back,
-    gradients_of,
-    resize_along_row,
-    source_rows,
-    sum_photo_rows,
-)
-from moireaug.engine.cpu.register import (
-    flat_length,
-    image_to_photo,
-    register,
-    register_back,
-    rows_read,
-)
 from moireaug.engine.cpu.vectors import gather
 
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -53,7 +26,7 @@ class DetailWork(NamedTuple):
             (3, w) float32, those of one row, filtered.
     """
 
-    filter: Filter
+    filter: filtering.Filter
     codes: Workspace
     developed: np.ndarray
     filtered: np.ndarray
@@ -76,7 +49,7 @@ def _resize_row(out, row, y, line, rows, cols, top, bottom):
         for i in range(row.shape[1]):
             row[c, i] = min(max(row[c, i], ZERO), ONE)
         gather(line, row[c], cols.index, cols.weight)
-        add_to_photo_rows(out[c], line, y, rows, top, bottom)
+        develop.add_to_photo_rows(out[c], line, y, rows, top, bottom)
 
 
 @jit_in_place
@@ -84,7 +57,7 @@ def _resize_row_back(photo_grad, unclipped, grad, y, line, rows, cols):
     """Fill row y of photo_grad (3, h, w) from grad (3, H, W); arguments as in `_resize_row`, and
     `unclipped` as in `_fill_unclipped`."""
     for c in range(3):
-        sum_photo_rows(line, grad[c], y, rows)
+        develop.sum_photo_rows(line, grad[c], y, rows)
         gather(photo_grad[c, y], line, cols.back_index[0], cols.back_weight[0])
         for i in range(photo_grad.shape[2]):
             photo_grad[c, y, i] *= np.float32(unclipped[c, y, i])
@@ -93,8 +66,8 @@ def _resize_row_back(photo_grad, unclipped, grad, y, line, rows, cols):
 @jit_inlined
 def detail_work_of(detail, codes_work, image):
     """Return the DetailWork of an image; codes_work: from `codes.workspace`."""
-    f, w = filter_of(detail, image, False), detail.size[1]
-    developed = np.empty((3, rows_at_once(f), w), np.float32)
+    f, w = filtering.filter_of(detail, image, False), detail.size[1]
+    developed = np.empty((3, filtering.rows_at_once(f), w), np.float32)
     return DetailWork(f, codes_work, developed, np.empty((3, w), np.float32))
 
 
@@ -108,26 +81,26 @@ def develop_detail_rows(out, unclipped, raw, codes, detail, work, top, bottom):
         codes, detail: see `development_records`. work: from `detail_work_of`.
     """
     f, developed, step, line = work.filter, work.developed, work.codes.step, work.codes.resized
-    clear(out, top, bottom)
-    first, last = source_rows(detail.rows, top, bottom)
-    entered = first_source_row(f, first) // step * step
-    for start in range(first, last, BLOCK_ROWS):
-        end = min(start + BLOCK_ROWS, last)
-        while entered < rows_needed(f, end - 1):
+    develop.clear(out, top, bottom)
+    first, last = develop.source_rows(detail.rows, top, bottom)
+    entered = filtering.first_source_row(f, first) // step * step
+    for start in range(first, last, filtering.BLOCK_ROWS):
+        end = min(start + filtering.BLOCK_ROWS, last)
+        while entered < filtering.rows_needed(f, end - 1):
             r, slot = entered % step, entered % developed.shape[1]
             if r == 0:
                 codes_of_row(work.codes, raw, entered // step, codes)
             for c in range(3):
-                resize_along_row(developed[c, slot], work.codes, r, c, codes.cols)
-            enter(f, developed, entered)
+                develop.resize_along_row(developed[c, slot], work.codes, r, c, codes.cols)
+            filtering.enter(f, developed, entered)
             entered += 1
-        blur_block(f, start)
+        filtering.blur_block(f, start)
         for y in range(start, end):
-            filter_row(work.filtered, developed, y, y - start, f)
+            filtering.filter_row(work.filtered, developed, y, y - start, f)
             if len(unclipped):
                 _fill_unclipped(unclipped[0], work.filtered, y)
             _resize_row(out, work.filtered, y, line, detail.rows, detail.cols, top, bottom)
-    clip(out, top, bottom)
+    develop.clip(out, top, bottom)
 
 
 @jit_in_place
@@ -142,14 +115,14 @@ def develop_detail_rows_back(codes_grad, grad, unclipped, detail, f, row, line):
         _resize_row_back(codes_grad, unclipped, grad, y, line, detail.rows, detail.cols)
     # in place: a row is written after the last row that is made from it has entered the ring
     entered = 0
-    for start in range(0, h, BLOCK_ROWS):
-        end = min(start + BLOCK_ROWS, h)
-        while entered < rows_needed(f, end - 1):
-            enter(f, codes_grad, entered)
+    for start in range(0, h, filtering.BLOCK_ROWS):
+        end = min(start + filtering.BLOCK_ROWS, h)
+        while entered < filtering.rows_needed(f, end - 1):
+            filtering.enter(f, codes_grad, entered)
             entered += 1
-        blur_block(f, start)
+        filtering.blur_block(f, start)
         for y in range(start, end):
-            filter_row(row, codes_grad, y, y - start, f)
+            filtering.filter_row(row, codes_grad, y, y - start, f)
             for c in range(3):
                 copy(codes_grad[c, y], row[c])
 
@@ -158,12 +131,12 @@ def develop_detail_rows_back(codes_grad, grad, unclipped, detail, f, row, line):
 def _image_to_photo(registration, i):
     """Return the ImageToPhoto of image i."""
     k1, k2 = registration.distortion[i]
-    return image_to_photo(registration.forward[i], k1, k2)
+    return register.image_to_photo(registration.forward[i], k1, k2)
 
 
 def in_camera_length(d) -> int:
     """Return how many values `develop_kernel` needs for a photo in the camera's frame."""
-    return flat_length(*d.size) if d.registers else 0
+    return register.flat_length(*d.size) if d.registers else 0
 
 
 @jit_inlined
@@ -175,16 +148,16 @@ def _fill_photo(out, raw, d, i, top, bottom):
     if d.registers:
         to_photo = _image_to_photo(d.registration, i)
         in_camera = out.in_camera[: 3 * h * w].reshape(3, h, w)
-        highest, lowest = rows_read(to_photo, h, w, top, bottom)
+        highest, lowest = register.rows_read(to_photo, h, w, top, bottom)
     work = workspace(d.codes, i, raw.shape[2], w)
     if d.filters_detail:
         unclipped, detail_work = out.unclipped[i : i + 1], detail_work_of(d.detail, work, i)
         given = detail_work, highest, lowest
         develop_detail_rows(in_camera, unclipped, raw, d.codes, d.detail, *given)
     else:
-        develop_rows(in_camera, raw, d.codes, work, highest, lowest)
+        develop.develop_rows(in_camera, raw, d.codes, work, highest, lowest)
     if d.registers:
-        register(photo, out.in_camera, to_photo, top, bottom)
+        register.register(photo, out.in_camera, to_photo, top, bottom)
 
 
 @kernel
@@ -201,17 +174,17 @@ def _fill_raw_grad(raw_grad, grad, in_camera, unclipped, raw, d, i):
     h, w = d.size
     if d.registers:
         fill(in_camera, ZERO)
-        register_back(in_camera, grad, _image_to_photo(d.registration, i))
+        register.register_back(in_camera, grad, _image_to_photo(d.registration, i))
         grad = in_camera[: 3 * h * w].reshape(3, h, w)
     if d.filters_detail:
         h, w = d.detail.size
         codes_grad = np.empty((3, h, w), np.float32)
-        f, row = filter_of(d.detail, i, True), np.empty((3, w), np.float32)
+        f, row = filtering.filter_of(d.detail, i, True), np.empty((3, w), np.float32)
         line = np.empty(grad.shape[2], np.float32)
         develop_detail_rows_back(codes_grad, grad, unclipped[i], d.detail, f, row, line)
         grad = codes_grad
     work = workspace(d.codes, i, raw.shape[2], grad.shape[2])
-    develop_rows_back(raw_grad, grad, raw, d.codes, work, gradients_of(work))
+    develop.develop_rows_back(raw_grad, grad, raw, d.codes, work, develop.gradients_of(work))
 
 
 @kernel

@@ -12,12 +12,12 @@ from moireaug.engine.cpu import beat_terms, beats, binned, full, panel, picture,
 from moireaug.engine.cpu.coarse_grid import can_follow_view, coarse_grid_of, no_coarse_grid
 from moireaug.engine.cpu.compiling import jit, jit_inlined, kernel
 from moireaug.engine.cpu.records import (
-    BinnedImage,
     BinnedSetup,
-    FullImage,
+    Image,
+    ImageBins,
+    ImagePoints,
     Pattern,
     PixelView,
-    PointImage,
     Readout,
 )
 from moireaug.engine.lower.exposure_records import Camera, Cell, Sites
@@ -111,20 +111,18 @@ def show_kernel(shown, light, pictures, e, at_points, i):
 
 
 @jit_inlined
-def _readout(camera, e, i):
-    """Return the Readout of image i."""
+def _image(e, i, camera, cell, grid, sites, bins, points):
+    """Return the Image i; the rest are its fields."""
+    height, width = (
+        camera.alpha * e.size[0] + camera.lead_y,
+        camera.alpha * e.size[1] + camera.lead_x,
+    )
     read_noise, photons = np.float32(camera.dark_noise), np.float32(camera.photon_noise)
     keys = np.uint32(e.keys[i, 0]), np.uint32(e.keys[i, 1])
-    return Readout(e.noisy, read_noise, photons, keys, e.clips)
-
-
-@jit_inlined
-def _size_on_panel(camera, e):
-    """Return the height and width of a picture on the panel, with what leads it, rounded up."""
-    return (
-        math.ceil(camera.alpha * e.size[0] + camera.lead_y),
-        math.ceil(camera.alpha * e.size[1] + camera.lead_x),
-    )
+    return Image(
+        camera, (math.ceil(height), math.ceil(width)), cell, grid, sites, e.filters[i], e.white[i],
+        e.flicker[i], Readout(e.noisy, read_noise, photons, keys, e.clips), bins, points,
+    )  # fmt: skip
 
 
 @kernel
@@ -136,12 +134,8 @@ def full_grid_kernel(e, view, i):
 
 @jit_inlined
 def full_image(e, grid, i):
-    """Return the FullImage of image i; grid: from `full_grid_kernel`."""
-    camera = camera_of(e.cameras[i])
-    return FullImage(
-        camera, _size_on_panel(camera, e), e.cell, grid, e.sites, e.filters[i], e.white[i],
-        e.flicker[i], _readout(camera, e, i),
-    )  # fmt: skip
+    """Return the Image i of a full reading; grid: from `full_grid_kernel`."""
+    return _image(e, i, camera_of(e.cameras[i]), e.cell, grid, e.sites, None, None)
 
 
 @kernel
@@ -203,14 +197,12 @@ def binned_setup_kernel(e, view, i):
 
 @jit_inlined
 def binned_image(e, view, setup, i):
-    """Return the BinnedImage of image i; view: a BinnedView. setup: from `binned_setup_kernel`."""
+    """Return the Image i; view: a BinnedView. setup: from `binned_setup_kernel`."""
     b, camera = view.beats, camera_of(e.cameras[i])
     pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer)
-    return BinnedImage(
-        camera, camera_of(b.cameras[i]), _size_on_panel(camera, e),
-        _cell_of(e.cell, b.centres[i]), setup.grid, setup.stencil, sites_of(e.sites, camera),
-        setup.terms, pattern, e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
-    )  # fmt: skip
+    bins = ImageBins(camera_of(b.cameras[i]), setup.stencil, setup.terms, pattern)
+    cell, sites = _cell_of(e.cell, b.centres[i]), sites_of(e.sites, camera)
+    return _image(e, i, camera, cell, setup.grid, sites, bins, None)
 
 
 @kernel
@@ -226,12 +218,9 @@ def expose_binned_kernel(raw, slopes, shown, e, view, setup, span):
 
 @jit_inlined
 def point_image(e, view, i):
-    """Return the PointImage of image i; view: a PointView."""
-    camera = camera_of(e.cameras[i])
-    return PointImage(
-        camera, e.size, e.cell, view, view.lit[i], e.sites,
-        e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i), e.dark_around,
-    )  # fmt: skip
+    """Return the Image i; view: a PointView."""
+    points = ImagePoints(e.size, view.rectangles, view.raster, view.lit[i], e.dark_around)
+    return _image(e, i, camera_of(e.cameras[i]), e.cell, None, e.sites, None, points)
 
 
 @kernel

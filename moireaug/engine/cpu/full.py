@@ -7,19 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.engine.cpu import rows
 from moireaug.engine.cpu.coarse_grid import bracket
 from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.irradiance import panel_irradiance, panel_irradiance_back
-from moireaug.engine.cpu.rows import (
-    LIGHT,
-    NOISE,
-    NOISE_BITS,
-    Row,
-    RowLayout,
-    V,
-    row_layout_of,
-    row_of,
-)
+from moireaug.engine.cpu.rows import Row, RowLayout, row_layout_of, row_of
 from moireaug.engine.cpu.sensor import attenuate, read, read_back, reflect
 from moireaug.engine.cpu.tap_weights import blend, weights_per_node
 from moireaug.engine.cpu.vectors import add
@@ -55,8 +47,8 @@ def fill_row_weights(weights, grid, positions, r, top):
     start = r - r % count
     end = min(start + count, len(positions)) - 1
     middle = (positions[start] + positions[end]) / 2
-    kinds, rows = grid.tables.shape[:2]
-    node, t = bracket(middle, positions[0], grid.step_vw, rows, 1)
+    kinds, nodes = grid.tables.shape[:2]
+    node, t = bracket(middle, positions[0], grid.step_vw, nodes, 1)
     for kind in range(kinds):
         n = grid.columns * weights_per_node(grid.phases[kind], grid.taps[kind])[1]
         low, high = grid.tables[kind, node, :n], grid.tables[kind, node + 1, :n]
@@ -71,16 +63,16 @@ def expose_rows(raw, slope, panel, image, work, top, bottom):
         slope: of raw's shape, filled with its derivative in the light before noise and clipping; or
             (planes, h, 0).
         panel: (3, ...) float32, from `panel.fill_panel`.
-        image: see `records.FullImage`. work: from `work_of_pixels`.
+        image: see `records.Image`. work: from `work_of_pixels`.
     """
     planes, h, w = raw.shape
     row, layout, camera, sites = work.row, work.layout, image.camera, image.sites
-    rows, step = sites.rows, sites.step
-    light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
+    step = sites.step
+    light, noise, bits = row.floats[rows.LIGHT], row.floats[rows.NOISE], row.ints[rows.NOISE_BITS]
     for r in range(top * step, bottom * step):
-        v = rows[r]
-        fill_row_weights(row.weights, image.grid, rows, r, top * step)
-        fill(row.position[V], v)
+        v = sites.rows[r]
+        fill_row_weights(row.weights, image.grid, sites.rows, r, top * step)
+        fill(row.position[rows.V], v)
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:
@@ -92,8 +84,8 @@ def expose_rows(raw, slope, panel, image, work, top, bottom):
                 passed = image.filters[sites.channel[plane], colour] * pulse
                 add(light, row.irradiance[colour], np.float32(passed))
             u = layout.u[plane]
-            reflect(light, u, row.position[V], image.white[plane], camera)
-            attenuate(light, u, row.position[V], camera)
+            reflect(light, u, row.position[rows.V], image.white[plane], camera)
+            attenuate(light, u, row.position[rows.V], camera)
             y = r // step
             start = (plane * h + y) * w
             read(raw[plane, y], light, slope[plane, y], start, image.readout, noise, bits)
@@ -105,11 +97,11 @@ def expose_rows_back(panel_grad, grad, slope, image, work):
     as in `expose_rows`."""
     planes, h, _ = grad.shape
     row, layout, sites = work.row, work.layout, image.sites
-    rows, step, light = sites.rows, sites.step, row.floats[LIGHT]
+    step, light = sites.step, row.floats[rows.LIGHT]
     for r in range(h * step):
-        v, y = rows[r], r // step
-        fill_row_weights(row.weights, image.grid, rows, r, 0)
-        fill(row.position[V], v)
+        v, y = sites.rows[r], r // step
+        fill_row_weights(row.weights, image.grid, sites.rows, r, 0)
+        fill(row.position[rows.V], v)
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for first in range(planes):
             if sites.row[first] != r % step or layout.first[first] != first:
@@ -119,7 +111,7 @@ def expose_rows_back(panel_grad, grad, slope, image, work):
                 if layout.first[plane] != first:
                     continue
                 read_back(light, grad[plane, y], slope[plane, y])
-                attenuate(light, layout.u[plane], row.position[V], image.camera)
+                attenuate(light, layout.u[plane], row.position[rows.V], image.camera)
                 for colour in range(3):
                     passed = image.filters[sites.channel[plane], colour] * pulse
                     add(row.irradiance[colour], light, np.float32(passed))

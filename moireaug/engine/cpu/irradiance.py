@@ -136,7 +136,7 @@ def panel_irradiance(work, panel, image, plane, v):
     Args:
         work: a record of the `layout` and the `row` of `rows`.
         panel: as in `full.expose_rows`.
-        image: see `records.FullImage` or `records.BinnedImage`.
+        image: see `records.Image`.
     """
     row, cell, taps = work.row, image.cell, image.grid.taps
     look(row.position[X], row.position[Y], work.layout.u[plane], v, image.camera)

@@ -5,14 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from moireaug.engine.cpu import panel as showing
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
-from moireaug.engine.cpu.panel import (
-    averaged_pixels,
-    blacken,
-    interpolated_pixels,
-    margin,
-    period_of,
-)
 from moireaug.engine.cpu.vectors import add
 
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -34,8 +28,8 @@ def _interpolate_row_back(row, grad, first, share):
 def _enlarge_back(light, panel, alpha, period, ahead, above):
     """Add to the light of one colour (h, w) the gradient in it, from that in its panel (n, m)."""
     (h, w), (n, m) = light.shape, panel.shape
-    y, fy = interpolated_pixels(n, h, alpha, 1, above)
-    x, fx = interpolated_pixels(m, w, alpha, period, ahead)
+    y, fy = showing.interpolated_pixels(n, h, alpha, 1, above)
+    x, fx = showing.interpolated_pixels(m, w, alpha, period, ahead)
     # the gradient in two rows of light that are as wide as the panel: it is narrowed once for each
     lines = np.zeros((2, m), np.float32)
     here = 0
@@ -61,8 +55,8 @@ def shrink_back(light, panel, alpha, period, ahead, above):
     """Add to the light of one colour (h, w) the gradient in it, from that in a panel (n, m) of
     fewer pixels; the rest as in `panel.shrink`."""
     (h, w), (n, m) = light.shape, panel.shape
-    x, across = averaged_pixels(m, w, alpha, period, ahead)
-    y, down = averaged_pixels(n, h, alpha, 1, above)
+    x, across = showing.averaged_pixels(m, w, alpha, period, ahead)
+    y, down = showing.averaged_pixels(n, h, alpha, 1, above)
     row = np.empty(w, np.float32)
     for i in range(n):
         fill(row, ZERO)
@@ -91,12 +85,12 @@ def _surround_back(light, panel, ahead, above):
 def fill_panel_back(light_grad, panel_grad, camera, cell, dark_around):
     """Fill light_grad (3, H, W) with the gradient in a picture's light, from that in its panel,
     which is written to; arguments as in `panel.fill_panel`."""
-    ahead, above, alpha = margin(cell, 0), margin(cell, 1), camera.alpha
+    ahead, above, alpha = showing.margin(cell, 0), showing.margin(cell, 1), camera.alpha
     fill(light_grad.reshape(-1), ZERO)
     for c in range(3):
-        period = period_of(cell, c)
+        period = showing.period_of(cell, c)
         if dark_around:
-            blacken(panel_grad[c], light_grad.shape[1:], alpha, period, ahead, above)
+            showing.blacken(panel_grad[c], light_grad.shape[1:], alpha, period, ahead, above)
         if alpha < 1:
             lead_x, lead_y = ahead + camera.lead_x, above + camera.lead_y
             shrink_back(light_grad[c], panel_grad[c], alpha, period, lead_x, lead_y)

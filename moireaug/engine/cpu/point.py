@@ -183,11 +183,11 @@ class _Work(NamedTuple):
 @jit_inlined
 def work_of_points(w, image):
     """Return the _Work of a reading w wide."""
-    size = image.size
-    raster, alpha = float(image.point.raster), image.camera.alpha
+    (height, width), dark_around = image.points.size, image.points.dark_around
+    raster, alpha = float(image.points.raster), image.camera.alpha
     return _Work(
-        _axis(size[1], alpha, raster, image.dark_around),
-        _axis(size[0], alpha, raster, image.dark_around),
+        _axis(width, alpha, raster, dark_around),
+        _axis(height, alpha, raster, dark_around),
         np.empty(w),
         np.empty(w),
         np.empty(w),
@@ -213,7 +213,7 @@ def locate_points(work, image, plane, v):
 @jit_in_place
 def see(work, image, i):
     """Fill what the pixels see of subpixel i."""
-    x0, y0, x1, y1 = image.point.rectangles[i]
+    x0, y0, x1, y1 = image.points.rectangles[i]
     px, py = image.cell.period[image.cell.subpixel_kind[i]]
     _raster(work.along_x, work.x, x0, x1, float(px), work.columns)
     _raster(work.along_y, work.y, y0, y1, float(py), work.rows)
@@ -223,7 +223,7 @@ def see(work, image, i):
 def expose_rows(raw, slope, shown, image, work, top, bottom):
     """Do the same as `full.expose_rows` for a reading at points.
 
-    shown: from `fill_shown`. image: see `records.PointImage`. work: from `work_of_points`.
+    shown: from `fill_shown`. work: from `work_of_points`.
     """
     planes, h, w = raw.shape
     camera, sites = image.camera, image.sites
@@ -235,13 +235,13 @@ def expose_rows(raw, slope, shown, image, work, top, bottom):
                 continue
             locate_points(work, image, plane, sites.rows[r])
             fill(line, ZERO)
-            for i in range(len(image.point.rectangles)):
+            for i in range(len(image.points.rectangles)):
                 colour = image.cell.channel[i]
                 passed = image.filters[sites.channel[plane], colour] * pulse
                 if passed == 0:
                     continue
                 see(work, image, i)
-                lit = np.float32(image.lit * passed)
+                lit = np.float32(image.points.lit * passed)
                 _add_content(line, shown[colour], work.along_x, work.along_y, width, lit)
             reflect(line, work.u, work.v, image.white[plane], camera)
             attenuate(line, work.u, work.v, camera)

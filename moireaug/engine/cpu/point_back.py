@@ -62,11 +62,11 @@ def expose_rows_back(shown_grad, grad, slope, image, work):
             locate_points(work, image, plane, sites.rows[r])
             read_back(line, grad[plane, r // step], slope[plane, r // step])
             attenuate(line, work.u, work.v, camera)
-            for i in range(len(image.point.rectangles)):
+            for i in range(len(image.points.rectangles)):
                 colour = image.cell.channel[i]
                 passed = image.filters[sites.channel[plane], colour] * pulse
                 if passed == 0:
                     continue
                 see(work, image, i)
-                lit = np.float32(image.lit * passed)
+                lit = np.float32(image.points.lit * passed)
                 _add_content_back(shown_grad[colour], line, work.along_x, work.along_y, width, lit)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.lower.exposure_records import Camera, Cell, PointView, Sites
+from moireaug.engine.lower.exposure_records import Camera, Cell, Sites
 
 
 class PixelView(NamedTuple):
@@ -83,46 +83,6 @@ class Readout(NamedTuple):
     clips: bool
 
 
-class FullImage(NamedTuple):
-    """What one image's full reading is computed from.
-
-    Args:
-        panel_size: height and width of the picture in panel pixels, rounded up.
-        filters, white, flicker: the image's rows of its Exposure; see there.
-    """
-
-    camera: Camera
-    panel_size: tuple[int, int]
-    cell: Cell
-    grid: CoarseGrid
-    sites: Sites
-    filters: np.ndarray
-    white: np.ndarray
-    flicker: np.ndarray
-    readout: Readout
-
-
-class PointImage(NamedTuple):
-    """What one image's point exposure is computed from.
-
-    Args:
-        size: height and width of the picture. lit: share of each subpixel that emits.
-        filters, white, flicker: the image's rows of its Exposure; dark_around: as there.
-    """
-
-    camera: Camera
-    size: tuple[int, int]
-    cell: Cell
-    point: PointView
-    lit: float
-    sites: Sites
-    filters: np.ndarray
-    white: np.ndarray
-    flicker: np.ndarray
-    readout: Readout
-    dark_around: bool
-
-
 class Terms(NamedTuple):
     """The waves of one image's beats, T of them, from `beats.beat_terms_of`.
 
@@ -184,28 +144,56 @@ class BinnedSetup(NamedTuple):
     terms: Terms
 
 
-class BinnedImage(NamedTuple):
-    """What one image's binned reading is computed from.
+class ImageBins(NamedTuple):
+    """What the bins of one image have besides.
 
     Args:
-        camera: of photo pixels. sensor: of sensor pixels. panel_size: as in `FullImage`.
-        grid, stencil, terms: see `BinnedSetup`.
+        sensor: camera of sensor pixels; the image's own is of photo pixels.
+        stencil, terms: see `BinnedSetup`.
+    """
+
+    sensor: Camera
+    stencil: BinStencil
+    terms: Terms
+    pattern: Pattern
+
+
+class ImagePoints(NamedTuple):
+    """What the points of one image have besides.
+
+    Args:
+        size: height and width of the picture. rectangles, raster: of its PointView; lit: the
+            image's there. dark_around: see `exposure_records.Exposure`.
+    """
+
+    size: tuple[int, int]
+    rectangles: np.ndarray
+    raster: int
+    lit: float
+    dark_around: bool
+
+
+class Image(NamedTuple):
+    """What one image's reading is computed from.
+
+    Args:
+        panel_size: height and width of the picture in panel pixels, rounded up.
+        grid: None of a point exposure.
         filters, white, flicker: the image's rows of its Exposure; see there.
+        bins, points: of a binned reading, and of a point exposure; else None.
     """
 
     camera: Camera
-    sensor: Camera
     panel_size: tuple[int, int]
     cell: Cell
-    grid: CoarseGrid
-    stencil: BinStencil
+    grid: CoarseGrid | None
     sites: Sites
-    terms: Terms
-    pattern: Pattern
     filters: np.ndarray
     white: np.ndarray
     flicker: np.ndarray
     readout: Readout
+    bins: ImageBins | None
+    points: ImagePoints | None
 
 
 class Span(NamedTuple):

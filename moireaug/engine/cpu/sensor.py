@@ -12,7 +12,7 @@ from moireaug.engine.cpu.compiling import copy, fill, jit_in_place
 from moireaug.engine.cpu.normal import integral, normal, normal_row
 from moireaug.engine.cpu.physics import sensor
 
-UNCLIPPED_SIGMAS = 5.0  # a mean is clipped by noise only if it is this close to a bound
+UNCLIPPED_SIGMAS = 5.0  # a mean is clipped by noise only if it is this close to 0 or 1
 DARK32 = np.float32(DARK_LEVEL)
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 
@@ -78,7 +78,7 @@ def _mean_excess(mean, variance):
 
 @jit_in_place
 def _greatest_excess(mean, noise, pattern):
-    """Return a bound on the mean of max(x - 1, 0) of light of two levels, one of which is 0."""
+    """Return an upper limit of the mean of max(x - 1, 0): that of light of two levels, one 0."""
     return mean - 1 / (1 + pattern) + math.sqrt(noise / (2 * math.pi))
 
 
@@ -101,8 +101,8 @@ def _clip_slope(value, read_variance, photons, pattern):
     by_mean, by_variance = _excess_slopes(value - 1, variance)
     above = by_mean + by_variance * (more_noise + 2 * value * pattern)
     if value * (1 + pattern) > 2:
-        bound = _greatest_excess(value, noise, pattern)
-        if bound < _mean_excess(value - 1, variance):
+        most = _greatest_excess(value, noise, pattern)
+        if most < _mean_excess(value - 1, variance):
             root = math.sqrt(2 * math.pi * max(noise, MIN_VARIANCE))
             above = 1 + more_noise / (2 * root)
     by_mean, by_variance = _excess_slopes(-value, noise)
@@ -128,7 +128,7 @@ def clip_mean(out, light, slope, read_variance, photons, pattern):
         value = light[i]
         noise = read_variance + photons * max(value, DARK32)
         above = _mean_excess(float(value) - 1.0, noise + value * value * pattern)
-        if value * (1 + pattern) > 2:  # else the bound is never the smaller
+        if value * (1 + pattern) > 2:  # else the limit is never the smaller
             above = min(above, _greatest_excess(float(value), noise, pattern))
         out[i] = np.float32(value + _mean_excess(-float(value), noise) - above)
 

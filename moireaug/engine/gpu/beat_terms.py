@@ -149,7 +149,7 @@ def _sides(step: Arrays, c: Any, beats: Beats) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Aliases(NamedTuple):
-    """The aliases m of harmonics along one axis, and bounds of what is left of each by holding
+    """The aliases m of harmonics along one axis, and the most that is left of each by holding
     values over pixels and by interpolation between them; (H, M) each."""
 
     m: np.ndarray
@@ -175,7 +175,7 @@ def _aliases(frequency: np.ndarray, bayer: bool) -> _Aliases:
 def _max_mean(
     u: np.ndarray, v: np.ndarray, side: np.ndarray, m_u: np.ndarray, m_v: np.ndarray
 ) -> np.ndarray:
-    """Return bounds of what the mean along a side of the bins leaves of aliases, (H, M, M).
+    """Return the most that the mean along a side of the bins leaves of aliases, (H, M, M).
 
     Args:
         u, v: (H, samples), frequencies. side: (2, H, samples), see `_sides`.

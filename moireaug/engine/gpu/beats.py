@@ -109,12 +109,9 @@ def responses(bins, batch, variant: tl.constexpr):
     """Return what bins read of a picture of full light in one channel, through a filter that passes
     all of it, by channel and filter: a tuple of nine."""
     image, sensor = bins.image, batch.beats.cameras + bins.image * CAMERA_FIELDS
-    start_x, start_y = (
-        tl.load(batch.beats.start + 2 * image),
-        tl.load(batch.beats.start + 2 * image + 1),
-    )
-    at_x = fraction((bins.x + start_x) / variant.period_x)
-    at_y = fraction((bins.y + start_y) / variant.period_y)
+    start = batch.beats.start + 2 * image
+    at_x = fraction((bins.x + tl.load(start)) / variant.period_x)
+    at_y = fraction((bins.y + tl.load(start + 1)) / variant.period_y)
     # an alias turns by half a cycle from one sensor pixel to the next; the first is in phase
     from_u = (bins.u + 0.5 * tl.load(sensor + PHOTO_WIDTH)) * tl.load(sensor + SCALE_U) - 0.5
     from_v = (bins.v + 0.5 * tl.load(sensor + PHOTO_HEIGHT)) * tl.load(sensor + SCALE_V) - 0.5

@@ -110,13 +110,7 @@ def _launch(
 
 
 def _shrink_axis(
-    short: Tensor,
-    long: Tensor,
-    axis: int,
-    scale: np.ndarray,
-    cameras: Any,
-    *,
-    back: bool,
+    short: Tensor, long: Tensor, axis: int, scale: np.ndarray, cameras: Any, *, back: bool
 ) -> None:
     """Launch `shrink_kernel` along an axis of (B, 3, h, w); scale: from `pixel_scale_of`."""
     lines, inner = math.prod(long.shape[1:axis]), math.prod(long.shape[axis + 1 :])

@@ -13,70 +13,62 @@ MIN_BASE = tl.constexpr(1e-6)  # of a power
 
 
 @triton.jit
-def where(condition, a, b):
-    """Return one of two values."""
+def _where(condition, a, b):
     return tl.where(condition, a, b)
 
 
 @triton.jit
-def maximum(a, b):
-    """Return the greater value."""
+def _maximum(a, b):
     return tl.maximum(a, b)
 
 
 @triton.jit
-def minimum(a, b):
-    """Return the lesser value."""
+def _minimum(a, b):
     return tl.minimum(a, b)
 
 
 @triton.jit
-def absolute(x):
-    """Return a magnitude."""
+def _absolute(x):
     return tl.abs(x)
 
 
 @triton.jit
-def sqrt(x):
-    """Return a square root."""
+def _sqrt(x):
     return tl.sqrt(x)
 
 
 @triton.jit
-def ceil(x):
-    """Return the next whole number."""
+def _ceil(x):
     return tl.ceil(x)
 
 
 @triton.jit
-def power(x, exponent):
+def _power(x, exponent):
     """Return a power of x, of MIN_BASE at least."""
     return tl.exp2(tl.log2(tl.maximum(x, MIN_BASE)) * exponent)
 
 
 @triton.jit
-def wrapped(x):
-    """Return a uint32 as it is."""
+def _wrapped(x):
     return x
 
 
 @triton.jit
-def shifted(x, bits):
-    """Return a uint32, shifted right."""
+def _shifted(x, bits):
     return x >> bits
 
 
 OPERATIONS = {
     "tl": tl,  # which the interpreter looks for
-    "where": where,
-    "maximum": maximum,
-    "minimum": minimum,
-    "absolute": absolute,
-    "sqrt": sqrt,
-    "ceil": ceil,
-    "power": power,
-    "wrapped": wrapped,
-    "shifted": shifted,
+    "where": _where,
+    "maximum": _maximum,
+    "minimum": _minimum,
+    "absolute": _absolute,
+    "sqrt": _sqrt,
+    "ceil": _ceil,
+    "power": _power,
+    "wrapped": _wrapped,
+    "shifted": _shifted,
     "ONE": tl.constexpr(1.0),
     "TWO": tl.constexpr(2.0),
     "SIX": tl.constexpr(6.0),

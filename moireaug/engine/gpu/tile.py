@@ -106,7 +106,7 @@ def clip(x):
 
 @triton.jit
 def clip_back(grad, x):
-    """Return the gradient in x, from that in its clip: the same at the bounds, too, 0 beyond."""
+    """Return the gradient in x, from that in its clip: the same at 0 and 1, too, 0 beyond."""
     return tl.where((x >= 0.0) & (x <= 1.0), grad, 0.0)
 
 

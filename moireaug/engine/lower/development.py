@@ -4,7 +4,7 @@ in `exposure`; of the last shot, the whole record is."""
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -26,18 +26,8 @@ from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import DEMOSAIC_REACH, ShotRecord, sampled_rows_and_columns
 from moireaug.scene.shot_geometry import HostGeometry
 
-
-class _LastDevelopment(NamedTuple):
-    """A Development, and what it was made of; table: see `HostGeometry`."""
-
-    scene: SceneRecord
-    sizes: tuple[tuple[int, int], tuple[int, int]]
-    effects: tuple[str, ...]
-    table: np.ndarray
-    development: Development
-
-
-_last: _LastDevelopment | None = None
+# a Development, and what it was made of
+_last: tuple[SceneRecord, Any, Development] | None = None
 
 
 def lower_development(
@@ -51,17 +41,10 @@ def lower_development(
     """
     global _last
     geometry = geometry or shot.host_geometry()
-    last, sizes = _last, (shot.size, shot.whole_size)
-    if (
-        last is None
-        or last.scene is not shot.scene
-        or last.sizes != sizes
-        or last.effects != effects
-        or not np.array_equal(last.table, geometry.table)
-    ):
-        development = _development_of(shot, effects, geometry)
-        _last = last = _LastDevelopment(shot.scene, sizes, effects, geometry.table, development)
-    return last.development
+    last, values = _last, (shot.size, shot.whole_size, effects, geometry.table.tobytes())
+    if last is None or last[0] is not shot.scene or last[1] != values:
+        _last = last = shot.scene, values, _development_of(shot, effects, geometry)
+    return last[2]
 
 
 def _development_of(

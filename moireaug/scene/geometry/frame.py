@@ -12,7 +12,8 @@ from moireaug.common.physics.lens import MIN_RAY_DEPTH, radial_factor
 from moireaug.scene.sensor import SHORTER_SIDE
 
 Number = float | Tensor  # a number, or one per image, (B,) float64
-FrameSize = tuple[Any, Any]  # height and width, a `Number` each
+Pair = tuple[Any, Any]  # of numbers, tensors or arrays
+FrameSize = Pair  # height and width, a `Number` each
 
 
 class Frame(NamedTuple):
@@ -72,12 +73,7 @@ def size_of_crops_photo(pixels: float, shrink: Any, size: tuple[int, int]) -> Fr
 
 
 def frame_of_crop(
-    frame: FrameSize,
-    size: tuple[int, int],
-    place: tuple[Any, Any],
-    pose: Any,
-    lens: tuple[Any, Any],
-    xp: ModuleType,
+    frame: FrameSize, size: tuple[int, int], place: Pair, pose: Any, lens: Pair, xp: ModuleType
 ) -> Frame:
     """Return the Frame of a crop that lies at a place in its photo, and whose image is in the
     middle of it.

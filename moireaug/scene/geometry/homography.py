@@ -19,7 +19,7 @@ from torch import Tensor
 from moireaug.common.numeric import array_like
 from moireaug.common.physics.lens import radial_factor
 from moireaug.scene.drawn_parts import DrawnView
-from moireaug.scene.geometry.frame import FrameSize, Number
+from moireaug.scene.geometry.frame import FrameSize, Number, Pair
 
 BEHIND_CAMERA = 1e9  # where points behind the camera are put
 MIN_POINT_DEPTH = 1e-9  # depth above which a point counts as in front of the camera
@@ -55,22 +55,22 @@ def focal_length(fov: Any, size: tuple[int, int], xp: ModuleType = torch) -> Any
 
 
 def camera_pose(
-    view: DrawnView, k1: Any, k2: Any, size: FrameSize, focal: Any, xp: ModuleType = torch
-) -> tuple[Any, Any]:
+    view: DrawnView, lens: Pair, size: FrameSize, focal: Any, xp: ModuleType = torch
+) -> Pair:
     """Return the homography (B, 3, 3) of a pinhole camera, about the centres of image and photo,
     and how many photo pixels an image pixel in the middle of the picture takes along each axis
     before it is turned, (B,).
 
     view: its fields are (B,) tensors or arrays, of the module `xp`: numpy is faster for so few.
-    k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
+    lens: k1 and k2, (B,), so that a fitted picture stays in view after the distortion.
     size: height and width of the whole photo. focal: (B,) focal length in photo pixels.
     """
     h, w = size
     xx, xy, yx, yy, zx, zy = _rotation_columns(view.yaw, view.pitch, view.roll, xp)
     zx, zy, zoom = zx / focal, zy / focal, view.zoom
     if view.fit:
-        x, y, depth = (xp.stack(pair) for pair in ((xx, xy), (yx, yy), (zx, zy)))
-        zoom = zoom * _fitting_zoom(x, y, depth, k1, k2, size, xp)
+        turned = [xp.stack(pair) for pair in ((xx, xy), (yx, yy), (zx, zy))]
+        zoom = zoom * _fitting_zoom(turned, lens, size, xp)
     right, down = view.shift_x * w, view.shift_y * h
     entries = [zoom * xx + right * zx, zoom * xy + right * zy, right]
     entries += [zoom * yx + down * zx, zoom * yy + down * zy, down]
@@ -113,18 +113,12 @@ def released_pose(view: DrawnView, size: tuple[int, int], scale: float) -> Tenso
 
 
 def pose_of(
-    view: DrawnView,
-    k1: Any,
-    k2: Any,
-    size: FrameSize,
-    focal: Any,
-    scale: float,
-    xp: ModuleType = torch,
-) -> tuple[Any, Any]:
+    view: DrawnView, lens: Pair, size: FrameSize, focal: Any, scale: float, xp: ModuleType = torch
+) -> Pair:
     """Return what `camera_pose` does, of whichever pose a view has; of the released one, every
     pixel is as large. scale: sensor pixels per photo pixel, which only that pose reads."""
     if view.pose != "released":
-        return camera_pose(view, k1, k2, size, focal, xp)
+        return camera_pose(view, lens, size, focal, xp)
     one = xp.ones_like(view.zoom)
     if xp is torch:
         return released_pose(view, size, scale), one
@@ -146,13 +140,11 @@ def translation(x: Number, y: Number, like: Tensor) -> Tensor:
     return _matrix([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]], x).to(like.dtype)
 
 
-def _fitting_zoom(
-    x: Any, y: Any, depth: Any, k1: Any, k2: Any, size: tuple[int, int], xp: ModuleType
-) -> Any:
+def _fitting_zoom(turned: list, lens: Pair, size: FrameSize, xp: ModuleType) -> Any:
     """Return the greatest magnification at which the picture's border still lies inside the photo,
-    (B,); x, y, depth: (2, B) each, coefficients of a point (x, y) of the picture in those of the
-    turned picture, whose depth is 1 in its middle."""
-    h, w = size
+    (B,); turned: x, y and depth, (2, B) each, the coefficients of a point (x, y) of the picture in
+    those of the turned picture, whose depth is 1 in its middle."""
+    (h, w), (x, y, depth), (k1, k2) = size, turned, lens
     points = [(right * (w / 2), down * (h / 2)) for right, down in BORDER]
     border = array_like(points, x)
     depth = border @ depth + 1  # (16, B)
