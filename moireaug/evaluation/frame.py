@@ -143,7 +143,7 @@ def _text(cells: pd.DataFrame) -> str:
     """Return the rates of one table as text: a line per cell."""
     lines = {
         "": cells["row"],
-        "model": cells["column"],
+        "column": cells["column"],
         "eps": (255 * cells["eps"]).map("{:g}".format),
         "codes": (255 * cells["largest"]).map("{:.3g}".format),
         "dB": cells["psnr"].map("{:.1f}".format),
