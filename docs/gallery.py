@@ -43,8 +43,8 @@ moiré of {CANDIDATES} samples. Second row:
 moiré's spectrum.
 
 Moiré is the median RMS difference of 8-bit values from the photo without it; milliseconds are CPU
-time per photo of 224 px, in batches of {TIMED_BATCH}, on one thread of {{machine}} (`python docs/gallery.py`;
-the portrait of Grace Hopper is in the public domain).
+time per photo of 224 px, in batches of {TIMED_BATCH}, on one thread of {{machine}}
+(`python docs/gallery.py`; the portrait of Grace Hopper is in the public domain).
 
 | preset | | whole: moiré | ms | crop: moiré | ms |
 |---|---|---|---|---|---|

@@ -21,7 +21,7 @@ class Pictures:
 
     root: str | None = setting(
         None,
-        "folder of pictures, a tenth each for validation and tests, or with train/ and test/; null: "
+        "folder of pictures, a tenth for validation and for tests, or with train/ and test/; null: "
         "drawn",
         is_path=True,
     )
