@@ -42,7 +42,7 @@ class Adversary:
     )
     bound: str = setting(
         "codes",
-        "scale of eps: sRGB, or the raw image's light",
+        "scale of eps: sRGB (codes), or light",
         choices=BOUNDS,
         only_for=("moire_attack",),
     )
@@ -94,8 +94,7 @@ class Train:
     batch_size: int = setting(64, "over all devices", bounds=(1, None))
     lr: float | None = setting(
         None,
-        "peak learning rate; null: 0.02 (Muon), or with weights= 0.002 per 128 images of a batch "
-        "(SGD)",
+        "peak learning rate; null: 0.02 (Muon), or with weights= 0.002 per 128 images (SGD)",
         bounds=(1e-8, 10),
     )
     momentum: float = setting(0.95, "peak of a cycle that falls by 0.1", bounds=(0, 0.9999))
@@ -146,7 +145,7 @@ class Reattack:
         "bounds of the noise; null: the suite's, in the ladder 2, 4 and 8/255",
         example="[0.00784313725,0.0156862745]",
     )
-    bound: str = setting("codes", "scale of eps: sRGB, or the raw image's light", choices=BOUNDS)
+    bound: str = setting("codes", "scale of eps: sRGB (codes), or light", choices=BOUNDS)
     steps: int = setting(20, "steps of each attack", bounds=(0, 100_000))
     seed: int = setting(1234, "of the images, photos and attacks", bounds=(0, MAX_SEED))
 

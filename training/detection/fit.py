@@ -48,7 +48,7 @@ BATCH = 32
 class Config:
     """All settings of the command."""
 
-    images: str | None = setting(None, "folder of ordinary pictures; null: drawn ones")
+    images: str | None = setting(None, "folder of ordinary pictures; null: drawn")
     ordinary: str | None = setting(
         None, "folder of photos without screens, for the threshold; null: a tenth of images"
     )
