@@ -62,7 +62,7 @@ USES = {
     "webcam_at_phone": "A phone held up to a webcam",
     "document_camera_at_tablet": "A tablet under a document camera",
     "dashcam_at_led_sign": "A car at an LED sign",
-    "phone_close_to_lcd": "So close that an LCD's pixels show",
+    "phone_close_to_lcd": "So close that pixels show",
     "phone_at_whole_screen": "A laptop or monitor seen whole",
     "phone_at_tablet_by_window": "A tablet reflecting a window",
     "phone_at_dimmed_phone": "A dimmed OLED phone",

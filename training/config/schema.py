@@ -130,7 +130,7 @@ class Trainer:
         choices=PRECISIONS,
     )
     deterministic: Any = setting(
-        False, "a CPU run is exact anyway; CUDA's bilinear resampling refuses true"
+        False, "CPU runs are exact anyway; CUDA's bilinear resampling refuses true"
     )
 
 
