@@ -3,6 +3,7 @@
     python training/fit.py -m recipe=baseline,moire_at,pgd_at seed=0,1,2 'shrink=[1,3]'
     python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50
     python training/frontier.py runs    # when all runs are attacked
+    python training/frontier.py runs against=pgd_at    # gains over this recipe, not over baseline
     python training/frontier.py runs/frontier/frontier.csv out=DIR    # again, from its CSV
 
 Writes frontier.md, frontier.csv (one line per run) and frontier.png into runs/frontier/, or
@@ -39,18 +40,23 @@ class Config:
     """All settings of the command."""
 
     runs: str = setting(MISSING, "a folder of runs, or a frontier.csv; runs= may be left out")
+    against: str = setting("baseline", "the recipe that gains are over")
     out: str | None = setting(None, "the folder of the table; null: frontier/ in that of the runs")
 
 
-def frontier(source: Path, out: Path) -> list[RecipeSummary]:
+def frontier(source: Path, out: Path, against: str = "baseline") -> list[RecipeSummary]:
     """Read a folder of runs, or the CSV of such tables, and write and print its table; return the
-    recipes, cheapest first."""
+    recipes, cheapest first.
+
+    Args:
+        against: recipe that gains are over.
+    """
     table = read_csv(source) if source.suffix == ".csv" else read(source)
-    recipes = summarise(table.runs)
+    recipes = summarise(table.runs, against)
     write_bytes(out / "frontier.png", draw(recipes, table.shared))
     write_text(out / "frontier.csv", table.to_csv())
-    write_text(out / "frontier.md", markdown(recipes, table))
-    print(*terminal_parts(recipes, table), sep="\n")
+    write_text(out / "frontier.md", markdown(recipes, table, against))
+    print(*terminal_parts(recipes, table, against), sep="\n")
     print(f"Written: {out / 'frontier.md'}")
     return recipes
 
@@ -66,7 +72,7 @@ def main(argv: Sequence[str]) -> None:
         source = Path(cfg.runs)
         if source.suffix == ".csv" and cfg.out is None:  # beside it lie the tables of the runs
             raise ValueError("say where to write the table of a CSV, with out=DIR")
-        frontier(source, Path(cfg.out) if cfg.out else source / FRONTIER)
+        frontier(source, Path(cfg.out) if cfg.out else source / FRONTIER, cfg.against)
 
 
 if __name__ == "__main__":

@@ -93,6 +93,10 @@ class ModelAttack(NamesForeignArguments, ABC):
             )
         return None
 
+    def starting_at(self, search: Search) -> Search:
+        """Return the search that is run in a scene: as it is, or one of other shots."""
+        return search
+
     def __call__(
         self,
         images: Tensor,
@@ -140,7 +144,8 @@ class ModelAttack(NamesForeignArguments, ABC):
                 shot: Shot, images: Tensor, labels: Tensor, targets: Tensor | None
             ) -> Any:
                 problem = self.problem(images, shot, generator)
-                return run(Search(self.model, problem, labels, targets, generator))
+                search = Search(self.model, problem, labels, targets, generator)
+                return run(self.starting_at(search))
 
             def join(rows: list[Tensor], parts: list[Any]) -> Any:
                 if isinstance(parts[0], Tensor):

@@ -119,7 +119,7 @@ class CameraProblem(Problem):
         shots = self.shot.scene.sample(n, self.shot.whole_size, self.generator)
         if self.shot.part_of is not None:
             shots = shots.crop(*self.shot.corner, *self.shot.size)
-        return shots.to(self.images.device)
+        return shots.to(self.shot.device)
 
     def noise_of(self, point: Point) -> Tensor:
         box = self.box

@@ -86,10 +86,7 @@ def check_classes(labels: Tensor, logits: Any, *, rejects: bool = False) -> None
     Args:
         rejects: whether the logits have one more column, that of rejecting the image.
     """
-    if not isinstance(logits, Tensor):
-        raise ValueError(
-            f"the model must return a tensor of logits (B, K); got {_describe_output(logits)}"
-        )
+    check_is_tensor(logits)
     if logits.ndim != 2 or len(logits) != len(labels):
         raise ValueError(
             f"the model must return logits (B, K); got {tuple(logits.shape)} for {len(labels)} "
@@ -111,6 +108,14 @@ def check_classes(labels: Tensor, logits: Any, *, rejects: bool = False) -> None
             f"labels and targets must lie in [0, {n_classes - 1}], the model's classes; got "
             f"{int(labels.max())}. A class_index file maps a folder's classes to a pretrained "
             "model's."
+        )
+
+
+def check_is_tensor(logits: Any) -> None:
+    """Refuse a model's output that is no tensor, and say how to pick its logits: ValueError."""
+    if not isinstance(logits, Tensor):
+        raise ValueError(
+            f"the model must return a tensor of logits (B, K); got {_describe_output(logits)}"
         )
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import cast
 
 import torch
 from torch import Tensor
@@ -132,10 +131,8 @@ class MoireAttack(Attack):
             images, shot, clean, bound, self.noise_at, self.optimise, self.eot, generator
         )
 
-    def in_scenes(self, run: Callable[[Search], Any], *args: Any) -> Any:
-        if self.draws == 1:
-            return super().in_scenes(run, *args)
-        return super().in_scenes(lambda search: run(_at_worst_draw(search, self.draws)), *args)
+    def starting_at(self, search: Search) -> Search:
+        return search if self.draws == 1 else _at_worst_draw(search, self.draws)
 
 
 def _at_worst_draw(search: Search, draws: int) -> Search:

@@ -13,7 +13,7 @@ from torch import Tensor
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.problem import Point, Problem
 from moireaug.common.argument_checks import is_finite
-from moireaug.common.numeric import clip
+from moireaug.common.numeric import clip, widen_half
 
 
 @dataclass(eq=False)
@@ -25,7 +25,7 @@ class PixelProblem(Problem):
 
     def __post_init__(self) -> None:
         self.shape = tuple(self.images.shape)
-        self.base = self.images if self.images.dtype == torch.float64 else self.images.float()
+        self.base = widen_half(self.images)
         self.effective_range = 0.0, 1.0
 
     def render(self, point: Point) -> Tensor:

@@ -16,10 +16,9 @@ others are bright.
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
-from moireaug.common.numeric import clip, is_transformed
+from moireaug.common.numeric import clip, is_transformed, widen_half
 
 MAX_CLIPPED_RMS = 0.18
 MAX_MEAN_OUTSIDE = 0.1
@@ -74,7 +73,7 @@ def channels_last_hint(image: Tensor) -> str:
 
 def _check_pictures(images: Tensor) -> None:
     """Refuse a batch with an image that cannot be a picture in [0, 1]."""
-    images = images if images.dtype == torch.float64 else images.float()
+    images = widen_half(images)
     outside = images - images.clamp(0, 1)
     change = outside.square().mean((1, 2, 3)).sqrt()
     mean = images.mean((2, 3))

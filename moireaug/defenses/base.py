@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.common.image_checks import check_images
+from moireaug.common.numeric import widen_half
 
 
 class Defence(ABC):
@@ -45,8 +46,7 @@ class Defence(ABC):
         if not len(images):
             return images.clone()
         with torch.autocast(images.device.type, enabled=False):
-            x = images if images.dtype == torch.float64 else images.float()
-            return self.apply(x).to(images.dtype)
+            return self.apply(widen_half(images)).to(images.dtype)
 
     @abstractmethod
     def apply(self, images: Tensor) -> Tensor:
@@ -73,12 +73,14 @@ def straight_through(images: Tensor, values: Tensor) -> Tensor:
 def output_of(part: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
     """Return the images that a network or another callable makes of images (B, 3, H, W), clipped to
     [0, 1], in their dtype; the gradient is that of the unclipped ones. A callable that changes the
-    images' shape is refused: ValueError."""
+    images' shape, or returns anything but a tensor, is refused: ValueError."""
     out = part(images.clone())  # it may work in place
-    if out.shape != images.shape:
+    if not isinstance(out, Tensor) or out.shape != images.shape:
         name = getattr(part, "__name__", type(part).__name__)
+        got = f"a {type(out).__name__}: pass a function that picks the images of it"
+        if isinstance(out, Tensor):
+            got = f"{tuple(out.shape)}"
         raise ValueError(
-            f"a defence must keep the images' shape {tuple(images.shape)}; {name} gave "
-            f"{tuple(out.shape)}."
+            f"a defence must keep the images' shape {tuple(images.shape)}; {name} gave {got}."
         )
     return straight_through(out, out.clamp(0, 1)).to(images.dtype)

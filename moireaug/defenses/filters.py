@@ -10,7 +10,7 @@ from torch import Tensor
 from moireaug.camera.effects.jpeg import jpeg
 from moireaug.common.argument_checks import check_real, check_whole
 from moireaug.common.image_checks import check_images
-from moireaug.common.numeric import clip, mirrored_indices
+from moireaug.common.numeric import clip, mirrored_indices, widen_half
 from moireaug.defenses.base import Defence, straight_through
 
 MIN_MEAN = 1 / 255  # to which `Gain` raises a lower mean, so that black stays black
@@ -207,6 +207,6 @@ def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
             f"clean must have the images' shape {tuple(images.shape)}; got {tuple(clean.shape)}. "
             "Give each image its own."
         )
-    x = images if images.dtype == torch.float64 else images.float()
+    x = widen_half(images)
     shift = x.mean((1, 2, 3), keepdim=True) - clean.to(x).mean((1, 2, 3), keepdim=True)
     return clip(x - shift).to(images.dtype)

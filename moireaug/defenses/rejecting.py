@@ -8,6 +8,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from moireaug.attacks.checks import check_is_tensor
 from moireaug.common.argument_checks import check_callable, check_real
 
 
@@ -29,7 +30,7 @@ class Rejecting(nn.Module):
 
     Raises:
         TypeError, ValueError: a part that is not callable, or a threshold that is no finite number;
-            in a call, scores of another shape.
+            in a call, logits that are no tensor, or scores of another shape.
     """
 
     rejects = True
@@ -55,10 +56,11 @@ class Rejecting(nn.Module):
         """Return the logits (B, K + 1) of images (B, 3, H, W) float in [0, 1]. Differentiable in
         images."""
         logits, scores = self.model(images.clone()), self.detector(images)  # may work in place
-        if scores.shape != logits.shape[:1]:
+        check_is_tensor(logits)
+        if not isinstance(scores, Tensor) or scores.shape != logits.shape[:1]:
+            got = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
             raise ValueError(
-                f"the detector must return scores ({len(logits)},), one per image; got "
-                f"{tuple(scores.shape)}."
+                f"the detector must return scores ({len(logits)},), one per image; got {got}."
             )
         threshold, precision = self.threshold.to(scores.device), torch.finfo(logits.dtype)
         excess, top = (scores - threshold).to(logits), logits.amax(1)

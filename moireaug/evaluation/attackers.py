@@ -19,8 +19,7 @@ from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import Condition, EvalBatch, in_255ths
 from moireaug.evaluation.visibility import visibility
 
-PIXEL_ATTACKS = ("pgd", "bim", "mifgsm", "cw", "patch")  # keys of `attacks.ATTACKS`
-MOIRE_SETTINGS = ("rule", "loss", "restarts", "noise_at", "optimise", "draws", "until_fooled")
+PIXEL_ATTACKS = tuple(name for name in ATTACKS if not issubclass(ATTACKS[name], MoireAttack))
 EVERY_STEP = "in_every_step"  # in the name of an attacker that goes on once an image is fooled
 
 
@@ -59,19 +58,15 @@ class Attacker(Condition):
 
     @property
     def base_name(self) -> str:
-        words = [getattr(self, "attack", self.kind)]
-        if self.has_bound:
-            words += [in_255ths(self.eps), "targeted" if self.targeted else ""]
-            words += [getattr(self, "variant", "")]
-            words += [] if getattr(self, "until_fooled", True) else [EVERY_STEP]
+        words = self.name_words
         if self.known_classifier.defence is not None:
             words += ["through", self.known_classifier.name]
         return "_".join(filter(None, words))
 
     @property
-    def has_bound(self) -> bool:
-        """Whether the attack has a bound, and may end where an image is fooled."""
-        return True
+    def name_words(self) -> list[str]:
+        """The words of the name that tell attack and bound; empty ones are left out."""
+        return [self.kind, in_255ths(self.eps), "targeted" if self.targeted else ""]
 
     @abstractmethod
     def attack_on(self, batch: EvalBatch) -> Callable[..., Result]:
@@ -149,9 +144,14 @@ class MoireAttacker(Attacker):
     draws: int = 1
     until_fooled: bool = True
 
+    @property
+    def name_words(self) -> list[str]:
+        return [*super().name_words, self.variant, "" if self.until_fooled else EVERY_STEP]
+
     def attack_on(self, batch: EvalBatch) -> MoireAttack:
-        settings = {name: getattr(self, name) for name in MOIRE_SETTINGS}
-        return self.moire_attack(batch, **settings)
+        shared = {"variant", *(field.name for field in dataclasses.fields(Attacker))}
+        own = [field.name for field in dataclasses.fields(self) if field.name not in shared]
+        return self.moire_attack(batch, **{name: getattr(self, name) for name in own})
 
     def eps_unit(self, bound: str) -> str:
         return bound if self.noise_at == "raw" else "codes"  # a photo is codes
@@ -211,7 +211,15 @@ class PixelAttacker(Attacker):
 
     @property
     def has_bound(self) -> bool:
+        """Whether the attack has a bound, and may end where an image is fooled."""
         return ATTACKS[self.attack].has_bound
+
+    @property
+    def name_words(self) -> list[str]:
+        if not self.has_bound:
+            return [self.attack]
+        _, *others = super().name_words
+        return [self.attack, *others, "" if self.until_fooled else EVERY_STEP]
 
     def attack_on(self, batch: EvalBatch) -> Callable[..., Result]:
         settings: dict[str, Any] = {"steps": self.steps}

@@ -113,10 +113,10 @@ SHOT_STREAM, TARGET_STREAM, CONDITION_STREAM, SHOW_STREAM, ANSWER_STREAM = range
 
 
 @contextlib.contextmanager
-def restored_generators(device: torch.device) -> Iterator[None]:
-    """Restore torch's global generators, of the CPU and of a device, on exit: a randomised model or
-    defence draws from them."""
-    devices = [device] if device.type == "cuda" else []
+def restored_generators() -> Iterator[None]:
+    """Restore torch's global generators, of the CPU and of all GPUs, which `torch.manual_seed`
+    seeds together, on exit: a randomised model or defence draws from them."""
+    devices = range(torch.cuda.device_count()) if torch.cuda.is_initialized() else ()
     with torch.random.fork_rng(devices):
         yield
 

@@ -21,6 +21,7 @@ from moireaug.attacks.bounds import bound_on_reading
 from moireaug.attacks.checks import check_eps
 from moireaug.capture import capture, develop, expose
 from moireaug.common.numeric import clip
+from moireaug.evaluation.identity import plain_or_identity
 from moireaug.mixtures import Mixture
 from moireaug.scene.mixed_shot import per_scene
 from moireaug.scenes import Scene, Shot
@@ -76,8 +77,9 @@ class EvalBatch:
         def compute_in_scene(
             shot: Shot, images: Tensor, labels: Tensor, targets: Tensor, *shown: Tensor
         ) -> Any:
-            settings = self.generator, self.lpips, self.bound, self.max_images
-            batch = EvalBatch(self.model, images, labels, targets, shot, *settings)
+            batch = dataclasses.replace(
+                self, images=images, labels=labels, targets=targets, shot=shot
+            )
             return compute(batch, *shown)
 
         own = self.images, self.labels, self.targets
@@ -96,16 +98,28 @@ class Condition(ABC):
         scene_name: name of that scene, part of this condition's name.
 
     Raises:
+        TypeError: a class with the `kind` of its base.
         ValueError: an eps out of range.
     """
 
-    kind: ClassVar[str]
+    kind: ClassVar[str]  # stands for the class in records
     control: ClassVar[bool] = True  # no attacker
 
     eps: float = 0.0
     targeted: bool = False
     scene: Scene | Mixture | None = None
     scene_name: str = ""
+
+    def __init_subclass__(cls, **settings: Any) -> None:
+        super().__init_subclass__(**settings)
+        for base in cls.__mro__[1:]:
+            base_kind = vars(base).get("kind")
+            if base_kind is not None and base_kind == cls.kind:
+                raise TypeError(
+                    f"{cls.__name__} needs a kind of its own, a text that no other condition has; "
+                    f"got {cls.kind!r}, by which its records would be taken for those of "
+                    f"{base.__name__}."
+                )
 
     def __post_init__(self) -> None:
         check_eps(self.eps)
@@ -133,14 +147,14 @@ class Condition(ABC):
         return ""
 
     def settings(self) -> dict[str, Any]:
-        """Return all settings of this condition but its scene, as plain values; of a classifier,
-        its identity."""
+        """Return all settings of this condition but its scene, as plain values; of a classifier, a
+        tensor, a network and the like, its identity."""
         settings: dict[str, Any] = {"kind": self.kind}
         for field in dataclasses.fields(self):
             if field.name != "scene":
                 value = getattr(self, field.name)
                 name = NAMES_IN_RECORDS.get(field.name, field.name)
-                settings[name] = getattr(value, "identity", value)
+                settings[name] = plain_or_identity(getattr(value, "identity", value))
         return settings
 
     def at(self, scene_name: str, scene: Scene | Mixture) -> Condition:

@@ -130,7 +130,7 @@ def evaluate(
         lpips_network.require_side(min(min(images.shape[-2:]) for images, _ in batches))
     labels = torch.cat([labels for _, labels in batches])
     images = batches[0][0].to(device_of(model))
-    with restored_generators(images.device):  # before its identity holds on to its buffers
+    with restored_generators():  # before its identity holds on to its buffers
         n_classes = class_count(model, images, labels)
     records = Records() if folder is None else RecordFolder(Path(folder))
     setup = EvalSetup(config.scene, seed, bound, lpips_network)

@@ -143,7 +143,7 @@ def _text(cells: pd.DataFrame) -> str:
     """Return the rates of one table as text: a line per cell."""
     lines = {
         "": cells["row"],
-        "model": cells["column"],
+        "column": cells["column"],
         "eps": (255 * cells["eps"]).map("{:g}".format),
         "codes": (255 * cells["largest"]).map("{:.3g}".format),
         "dB": cells["psnr"].map("{:.1f}".format),
@@ -175,12 +175,29 @@ def rates(frame: pd.DataFrame) -> RatesFrame:
     noise; `moire`, the median of moiré in photos, in codes RMS, and `moire_seen`, the share of
     photos with more than `SEEN_CODES`; `outcomes`, a 0 or 1 per image, for paired comparisons; and
     `paper`, empty, for published figures.
+
+    Raises:
+        ValueError: a frame of several evaluations, joined.
     """
+    _refuse_joined(frame)
     lines = [_rates(cell) for _, cell in frame.groupby(CELL_COLUMNS, sort=False)]
     columns = [*CELL_COLUMNS, *CONDITION_COLUMNS, "accuracy", "accuracy_low", "accuracy_high"]
     columns += ["success", "low", "high", "n", "counted", "rejected"]
     columns += ["undecided", "seconds", *MEASURES, *MOIRE_MEASURES, "outcomes", "paper"]
     return RatesFrame(pd.DataFrame(lines).reindex(columns=columns))
+
+
+def _refuse_joined(frame: pd.DataFrame) -> None:
+    """Refuse a frame in which an image stands twice in a cell under one condition: ValueError."""
+    repeated = frame[frame.duplicated([*CELL_COLUMNS, "condition", "image"])]
+    if len(repeated):
+        first = repeated.iloc[0]
+        raise ValueError(
+            f"the frame has image {first['image']} twice in the row {first['row']!r} of the table "
+            f"{first['table']!r}: it seems to join several evaluations, which would be pooled. "
+            "Join their rates instead: pd.concat([rates(a).assign(model='a'), "
+            "rates(b).assign(model='b')])."
+        )
 
 
 def _rates(cell: pd.DataFrame) -> dict[str, object]:

@@ -21,11 +21,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
 
+from moireaug.common.module_state import MODULE_TABLES
+
 NUMBER_TYPES = (int, float, complex, np.generic, torch.dtype)
 PLAIN_TYPES = (*NUMBER_TYPES, str, bytes, type(None), slice, range, enum.Enum, torch.device)
 LIBRARIES = ("torch", "torchvision", "kornia", "timm", "moireaug")  # their functions hold no data
 # of every module: its mode, hooks, and tables of its parts
-MODULE_ATTRIBUTES = {*vars(nn.Module()), "_compiled_call_impl"}
+MODULE_ATTRIBUTES = {*MODULE_TABLES, "_compiled_call_impl"}
 ANSWER_HOOKS = ("_forward_pre_hooks", "_forward_hooks")  # hooks that change a module's answers
 PROCESS_ID = uuid.uuid4().hex  # of this process alone
 
@@ -48,6 +50,15 @@ def identity_of(value: object, stated: str | bytes | None = None) -> str:
         return _digest(value, stated)
     except UnidentifiedError:
         return _sha256(f"{PROCESS_ID} {id(value)}".encode())[:16]
+
+
+def plain_or_identity(value: object) -> object:
+    """Return a value that JSON holds as it is, and the identity of any other."""
+    if value is None or isinstance(value, (str, int, float)):
+        return value
+    if isinstance(value, (tuple, list)):
+        return tuple(map(plain_or_identity, value))
+    return identity_of(value)
 
 
 def require_identity(name: str, value: object) -> None:

@@ -88,7 +88,7 @@ def batch_digest(images: Tensor, labels: Tensor) -> str:
 
 def key_of(fields: Mapping[str, Any]) -> str:
     """Return sixteen hex digits that stand for the settings of a record."""
-    text = json.dumps({"version": KEY_VERSION, **fields}, sort_keys=True, default=str)
+    text = json.dumps({"version": KEY_VERSION, **fields}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

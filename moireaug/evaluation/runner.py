@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -63,7 +63,7 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
         for cell in table.cells:
             for condition in cell.conditions:
                 first = conditions.setdefault(condition.name, condition)
-                if first.settings() != condition.settings() or first.scene != condition.scene:
+                if _identity_in_records(first) != _identity_in_records(condition):
                     raise ValueError(
                         f"two conditions are called {condition.name!r}, and their records would "
                         f"be mixed up: {first!r} and {condition!r}. Give one another name."
@@ -71,6 +71,10 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
                 _add_classifier(cell.classifier, classifiers.setdefault(condition.name, {}))
             _add_classifier(cell.classifier.base, classifiers[CLEAN.name])
     return [Job(conditions[name], tuple(classifiers[name].values())) for name in conditions]
+
+
+def _identity_in_records(condition: Condition) -> tuple[Any, ...]:
+    return type(condition), condition.settings(), condition.scene
 
 
 def _add_classifier(classifier: Classifier, classifiers: dict[str, Classifier]) -> None:
@@ -121,7 +125,7 @@ class Runner:
                 classifiers = self._pending_classifiers(job, index)
                 if classifiers:
                     if batch is None:
-                        with restored_generators(images.device):
+                        with restored_generators():
                             classes = class_count(self.model, images, labels)
                         batch = SeededBatch(self.setup.seed, index, images, labels, classes)
                     self.records.append(self._classify(job.condition, classifiers, batch))
@@ -162,9 +166,17 @@ class Runner:
         """Show the images of a condition to classifiers; return a record of each."""
         shot = batch.shot(self.setup.scene_of(condition))
         generator = batch.generator(CONDITION_STREAM, condition.name)
-        settings = generator, self.setup.lpips, self.setup.bound
-        whole = EvalBatch(self.model, batch.images, batch.labels, batch.targets, shot, *settings)
-        with restored_generators(batch.labels.device), torch.no_grad():
+        whole = EvalBatch(
+            model=self.model,
+            images=batch.images,
+            labels=batch.labels,
+            targets=batch.targets,
+            shot=shot,
+            generator=generator,
+            lpips=self.setup.lpips,
+            bound=self.setup.bound,
+        )
+        with restored_generators(), torch.no_grad():
             torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
             images = whole.in_scenes(partial(within_memory, condition.show))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-import torch
+import numpy as np
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 Z95 = 1.959964
@@ -26,34 +27,39 @@ def wilson(hits: float, n: float) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-def paired_gain(ours: Tensor, theirs: Tensor) -> tuple[float, float, float]:
+def paired_gain(ours: ArrayLike, theirs: ArrayLike) -> tuple[float, float, float]:
     """Return the difference of two accuracies on the same images, with its 95 % interval: (gain,
     low, high).
 
     Args:
-        ours, theirs: (n,) bool, whether each model classifies an image correctly.
+        ours, theirs: (n,) bool, whether each model classifies an image correctly: tensors, arrays,
+            or the column `correct` of a cell in the frames of two evaluations.
 
     The interval is Agresti and Min's (2005): half an image is added to each of the four outcomes,
     so that it keeps its width where the two models agree on every image.
 
     Raises:
-        ValueError, TypeError: outcomes that are not two bool tensors of one length.
+        ValueError, TypeError: outcomes that are not bool, or not of one length.
     """
-    for outcomes in (ours, theirs):
-        if not isinstance(outcomes, Tensor) or outcomes.dtype != torch.bool:
-            got = outcomes.dtype if isinstance(outcomes, Tensor) else type(outcomes).__name__
-            raise TypeError(f"outcomes must be a bool tensor (n,); got {got}.")
-    if ours.shape != theirs.shape or ours.ndim != 1:
+    ours_right, theirs_right = _outcomes(ours), _outcomes(theirs)
+    if ours_right.shape != theirs_right.shape or ours_right.ndim != 1:
         raise ValueError(
             "outcomes of the same images must have one shape (n,); got "
-            f"{tuple(ours.shape)} and {tuple(theirs.shape)}."
+            f"{ours_right.shape} and {theirs_right.shape}."
         )
-    n = len(ours)
+    n = len(ours_right)
     if n == 0:
         return 0.0, -1.0, 1.0
-    n_won = int((ours & ~theirs).sum())
-    n_lost = int((theirs & ~ours).sum())
+    n_won = int((ours_right & ~theirs_right).sum())
+    n_lost = int((theirs_right & ~ours_right).sum())
     a, b, m = n_won + 0.5, n_lost + 0.5, n + 2.0
     centre = (a - b) / m
     half = Z95 * math.sqrt(max(0.0, (a + b) - (a - b) ** 2 / m)) / m
     return (n_won - n_lost) / n, max(-1.0, centre - half), min(1.0, centre + half)
+
+
+def _outcomes(outcomes: ArrayLike) -> np.ndarray:
+    array = np.asarray(outcomes.cpu() if isinstance(outcomes, Tensor) else outcomes)
+    if array.dtype != bool:
+        raise TypeError(f"outcomes must be bool, (n,); got {array.dtype}.")
+    return array

@@ -18,8 +18,8 @@ from moireaug.common.numeric import per_image
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scenes import Scene, Shot
+from moireaug.synthesis.twins import QUIET
 
-QUIET = {"sensor.read_noise": 0.0, "sensor.shot_noise": 0.0}
 # what the room is seen by: the same camera, straight on, without a panel's pattern and glass
 FRONTAL = {"view.yaw": 0.0, "view.pitch": 0.0, "view.roll": 0.0, "view.zoom": 1.0}
 FRONTAL |= {"view.shift_x": 0.0, "view.shift_y": 0.0, "lens.k1": 0.0, "lens.k2": 0.0}

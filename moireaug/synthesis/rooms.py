@@ -17,7 +17,7 @@ from torch import Tensor
 from moireaug.camera.effects.srgb import codes_of_light, light_of_codes
 from moireaug.capture import develop
 from moireaug.common.image_checks import check_images
-from moireaug.common.numeric import per_image
+from moireaug.common.numeric import per_image, widen_half
 from moireaug.mixtures import SceneLike, as_scenes, map_scenes, scenes_of
 from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import Part, Range, bounds, ranged
@@ -113,7 +113,8 @@ def screen_in_room(
         TypeError, ValueError: pictures or surroundings that `capture` refuses, or of different
             numbers; a scene of a full reading; a room that is none.
     """
-    pictures, surroundings = check_images(pictures), check_images(surroundings)
+    dtype = pictures.dtype
+    pictures, surroundings = (widen_half(check_images(x)) for x in (pictures, surroundings))
     if len(pictures) != len(surroundings):
         raise ValueError(
             "a photo needs a picture and its surroundings; got "
@@ -140,7 +141,7 @@ def screen_in_room(
     rooms = _rooms(surroundings, drawn)
     numbers = torch.stack(list(drawn.values()), 1)
     taken = per_scene(shot, _photograph, planes, rooms, boxes, numbers, join=_join)
-    return RoomPhotos(taken[0].to(pictures.dtype), *taken[1:])
+    return RoomPhotos(taken[0].to(dtype), *taken[1:])
 
 
 @functools.lru_cache(maxsize=64)

@@ -14,7 +14,7 @@ from moireaug.scene.shot_checks import check_is_shot
 from moireaug.scenes import Scene, Shot
 
 SEEN_CODES = 2.0  # of moiré, RMS: less is hard to see in a photo
-
+QUIET = {"sensor.read_noise": 0.0, "sensor.shot_noise": 0.0}  # a sensor without noise
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot[Shot])
 
@@ -50,5 +50,4 @@ def without_subpixels(scene: Scene, noise: bool = True) -> Scene:
     scene = with_values(scene, {"sensor.exposure": "mean"})
     if noise:
         return scene
-    quiet = dict.fromkeys(("sensor.read_noise", "sensor.shot_noise", "develop.jpeg"), 0.0)
-    return with_values(scene, quiet)
+    return with_values(scene, QUIET | {"develop.jpeg": 0.0})

@@ -1,30 +1,15 @@
-"""Numpy images (H, W, C) and their masks, boxes and key points, through a shot; and an attacker's
-noise for them, as parameters of a call: nested lists by target."""
+"""Numpy images (H, W, C) and their masks, boxes and key points, through a shot."""
 
 from __future__ import annotations
 
-import itertools
-import operator
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 
-from moireaug.attacks import MoireAttack
-from moireaug.attacks.search import Search
-from moireaug.common.networks import device_of
 from moireaug.scenes import Shot
-from moireaug.transforms._convert import (
-    as_float_rgb,
-    as_model_takes,
-    at_size,
-    model_of_photos,
-    move_boxes,
-    photograph,
-    shot_of_frames,
-)
+from moireaug.transforms._convert import at_size, move_boxes, photograph, shot_of_frames
 
 # name of each target to the depth of its nesting
 IMAGE_TARGETS = {"image": 0, "images": 1, "volume": 1}
@@ -169,75 +154,3 @@ def pictures_of(data: dict[str, Any]) -> dict[str, list[np.ndarray]]:
         if value is not None:
             pictures[target] = list(value) if depth else [value]
     return pictures
-
-
-def attack_pictures(
-    attack: MoireAttack,
-    pictures: dict[str, list[np.ndarray]],
-    shot: Shot,
-    label: int,
-    generator: torch.Generator,
-) -> dict[str, list]:
-    """Return the noise after the attack's last step, as `Attack.last` shows it, for each picture of
-    each target: one or more pictures of one height and width and of one class `label`, which share
-    a shot of one draw but for sensor noise."""
-    counts = [len(of_target) for of_target in pictures.values()]
-    images = [planes(picture) for picture in itertools.chain(*pictures.values())]
-    check_same("height and width", (tuple(image.shape[-2:]) for image in images))
-    model = attack.model
-    rgb = torch.cat([as_float_rgb(image) for image in images]).to(device_of(model))
-    example = max(images, key=lambda image: image.shape[1])  # a colour picture, if there is one
-    attack = replace(attack, model=model_of_photos(model, example.to(rgb.device)))
-
-    taken, labels = as_model_takes(rgb, model), torch.full((len(rgb),), label, device="cpu")
-    shots = shot_of_frames(shot.repeat(len(counts)), counts)
-    rows = iter(last_noise(attack, taken, labels, shots, generator).tolist())
-    return {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
-
-
-def last_noise(
-    attack: MoireAttack,
-    images: torch.Tensor,
-    labels: torch.Tensor,
-    shot: Shot,
-    generator: torch.Generator,
-) -> torch.Tensor:
-    """Return the noise (B, ...) of the images of `Attack.last`; arguments as there."""
-
-    def noise_after_last(search: Search) -> torch.Tensor:
-        return search.problem.noise_of(attack.run(search, keeps=False))
-
-    return attack.in_scenes(noise_after_last, images, labels, None, shot, generator)
-
-
-def noise_of(
-    target: str, n: int, noise: dict[str, list] | None = None, **params: Any
-) -> torch.Tensor | None:
-    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:]), from
-    nested lists by target, or None where no attacker is at work; ValueError if there are fewer."""
-    if noise is None:
-        return None
-    if len(noise.get(target, [])) < n:
-        counts = ", ".join(f"{len(rows)} as {name}" for name, rows in noise.items()) or "none"
-        raise ValueError(
-            f"AdversarialMoire has noise for the pictures that it attacked: {counts}; got {n} as "
-            f"{target}. Pass them to a replay as they were recorded."
-        )
-    return torch.tensor(noise[target][:n], dtype=torch.float32, device="cpu")
-
-
-def label_of(data: dict[str, Any], key: str) -> int:
-    """Return the index of the image's class, which a call passes under a key; refuse none, or one
-    that is no integer: ValueError, TypeError."""
-    if key not in data:
-        raise ValueError(
-            "AdversarialMoire needs the image's class: call the Compose with "
-            f"{key}=<int>, or name another key by label_key; got the keys "
-            f"{', '.join(sorted(data))}."
-        )
-    try:
-        return operator.index(data[key])
-    except TypeError:
-        raise TypeError(
-            f"{key} must be the index of the image's class, an integer; got {data[key]!r}."
-        ) from None

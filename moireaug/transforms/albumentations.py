@@ -30,15 +30,13 @@ from moireaug.transforms._arrays import (
     IMAGE_TARGETS,
     apply_to_all,
     apply_to_one,
-    attack_pictures,
-    label_of,
     move_bboxes,
     move_keypoints,
     move_mask,
-    noise_of,
     pictures_of,
 )
 from moireaug.transforms._convert import at_size
+from moireaug.transforms._noise import attack_pictures, label_of, noise_of
 from moireaug.transforms._scenes import describe, planned_scenes, warn_without_moire
 from moireaug.transforms._workers import seed_worker as seed_worker
 

@@ -146,6 +146,15 @@ def test_draws_for_a_part_of_a_photo_are_of_that_part(settings, model, small):
     assert result.shot.part_of == part.part_of
 
 
+def test_fresh_draws_are_where_the_shot_is(model, small):
+    """Images on a GPU are attacked by a shot on the CPU, with which its rivals are compared."""
+    images, _ = small
+    attack = MoireAttack(model, scene=SCENE, eps=EPS, draws=2)
+    problem = attack.problem(images, SCENE.sample(6, (8, 8)), None)
+    elsewhere = dataclasses.replace(problem, images=images.to("meta"))
+    assert elsewhere._fresh_shots(6).device == problem.shot.device
+
+
 def test_draws_are_at_least_one_and_of_a_known_shot(model):
     assert "draws must be" in refusal(lambda: MoireAttack(model, draws=0))
     assert "set one of them to 1" in refusal(lambda: MoireAttack(model, draws=2, eot=2))

@@ -205,6 +205,8 @@ def test_ones_own_network_is_a_defence_too():
     assert torch.equal(images.grad, torch.ones_like(images))
     with pytest.raises(ValueError, match=r"must keep the images' shape .* mean_of gave"):
         demoire.Demoire(mean_of)(images)
+    with pytest.raises(ValueError, match="gave a list: pass a function that picks the images"):
+        demoire.Demoire(lambda x: [x, x])(images)  # as networks of several scales do
 
 
 def test_a_randomised_network_is_a_randomised_defence():

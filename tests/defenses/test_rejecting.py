@@ -129,6 +129,11 @@ def test_mistakes_get_a_sentence():
         (lambda: Rejecting(bright, Rejecting, 0.5), "detector must be a function"),
         (lambda: Rejecting(bright, red, float("nan")), "must be a finite number; got nan"),
         (lambda: Rejecting(bright, bright, 0.5)(torch.rand(2, 3, 8, 8)), r"scores \(2,\)"),
+        (lambda: Rejecting(bright, vars, 0.5)(torch.rand(2, 3, 8, 8)), "one per image; got dict"),
+        (
+            lambda: Rejecting(vars, red, 0.5)(torch.rand(2, 3, 8, 8)),
+            "tensor of logits .*got a dict",
+        ),
     ):
         with pytest.raises((TypeError, ValueError), match=message):
             make()

@@ -245,7 +245,7 @@ def test_rates_print_as_a_table(known, frame):
     lines = rates(frame)
     head, columns, *rows = str(lines).splitlines()
     assert head.startswith("ladder, accuracy and success in % [95 %], eps in 1/255")
-    assert columns.split() == ["model", "eps", "codes", "dB", "moiré", "accuracy", "success", "n"]
+    assert columns.split() == ["column", "eps", "codes", "dB", "moiré", "accuracy", "success", "n"]
     assert len(rows) == len(lines) and max(map(len, rows)) < 100
     attack = lines.set_index("row").loc["ma_4"]
     low, high = 100 * attack["accuracy_low"], 100 * attack["accuracy_high"]

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import functools
+from contextlib import nullcontext
 
 import pytest
 import torch
@@ -10,6 +11,7 @@ import torch
 from moireaug.defenses import PixelDeflection
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknownAttacker
 from moireaug.evaluation.autoattack import SquareAttacker
+from moireaug.evaluation.batches import restored_generators
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, within_memory
 from moireaug.evaluation.conditions import EvalBatch, RandomNoise
 from tests.evaluation.haze import EPS, SCENE
@@ -122,3 +124,13 @@ def test_what_does_not_fit_at_all_is_refused_with_advice(batch):
     with pytest.raises(torch.OutOfMemoryError, match="not even one") as error:
         within_memory(CONDITIONS["pixels"].show, dataclasses.replace(batch, model=none))
     assert error.value.__notes__ == ["The batch has 6 images: pass smaller batches."]
+
+
+def test_every_generator_is_restored(monkeypatch):
+    """Seeding torch seeds each GPU, also one that computes nothing here."""
+    restored = []
+    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    monkeypatch.setattr(torch.random, "fork_rng", lambda d: restored.extend(d) or nullcontext())
+    with restored_generators():
+        assert restored == [0, 1]

@@ -1,9 +1,13 @@
 """Intervals: published values, and simulated pairs whose truth they hold as often as they say."""
 
+import pandas as pd
 import pytest
 import torch
 
-from moireaug.evaluation import paired_gain, wilson
+from moireaug.evaluation import paired_gain, rates, wilson
+from moireaug.evaluation.conditions import Photo
+from tests.evaluation.conftest import classifier
+from tests.evaluation.haze import frame_of, table_of
 
 
 def test_wilson_against_published_values():
@@ -40,11 +44,28 @@ def test_paired_gain_covers_the_truth():
     ("call", "said"),
     [
         (lambda: wilson(6, 5), r"hits must lie in \[0, n\]; got 6 of 5"),
-        (lambda: paired_gain([True], [False]), "bool tensor .n,.; got list"),
-        (lambda: paired_gain(torch.ones(5), torch.ones(5)), "bool tensor .n,.; got torch.float32"),
+        (lambda: paired_gain("1", "0"), "must be bool, .n,.; got <U1"),
+        (lambda: paired_gain(torch.ones(5), torch.ones(5)), "must be bool, .n,.; got float32"),
         (lambda: paired_gain(torch.ones(5) > 0, torch.ones(5, 1) > 0), r"\(n,\); got \(5,\) and"),
     ],
 )
 def test_outcomes_of_another_form_are_refused(call, said):
     with pytest.raises((ValueError, TypeError), match=said):
         call()
+
+
+def test_a_gain_is_of_the_columns_of_two_frames(known):
+    model, batches = known
+    frames = [frame_of((one, batches), table_of(Photo())) for one in (model, classifier(1))]
+    columns = [frame["correct"] for frame in frames]
+    columns[1].index += 3  # images are matched by their order
+    tensors = [torch.tensor(column.to_numpy()) for column in columns]
+    assert paired_gain(*columns) == paired_gain(*tensors)
+
+
+def test_rates_of_joined_evaluations_are_refused(known):
+    """Two models would be pooled as if they were one, on twice as many images."""
+    frame = frame_of(known, table_of(Photo()))
+    joined = pd.concat([frame.assign(model=name) for name in ("a", "b")])
+    with pytest.raises(ValueError, match=r"image 0 twice in the row 'moire'.*Join their rates"):
+        rates(joined)

@@ -4,6 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+import torch
+from torch import nn
 
 from moireaug import Scene
 from moireaug.attacks import ATTACKS, CW
@@ -14,6 +16,7 @@ from moireaug.evaluation import (
     Cell,
     SuiteConfig,
     Table,
+    evaluate,
     images_frame,
     rates,
     tables_of,
@@ -230,6 +233,30 @@ def test_nothing_fools_a_model_that_does_not_look(known, suite):
         table = dataclasses.replace(table, cells=tuple(c for c in table.cells if c.row in rows))
         assert table.rows == list(rows)
     check_that_nothing_fools_the_deaf(known, table)
+
+
+class Unmoved(nn.Module):
+    """Counts the images it sees, with a gradient and without; noise hardly moves its logits."""
+
+    def __init__(self):
+        super().__init__()
+        self.shown = {True: 0, False: 0}
+
+    def forward(self, images):
+        self.shown[images.requires_grad] += len(images)
+        return torch.tensor([9.0] + 9 * [0.0]) + 1e-3 * images[:, 0, 0, :10]
+
+
+@pytest.mark.parametrize(("suite", "passes"), [("ladder", (15, 0)), ("standard", (16, 50))])
+def test_passes_of_an_image_that_nothing_fools(suite, passes):
+    """docs/evaluation.md states them, per step, of standard also per eps."""
+    shown, batch = {}, (torch.rand(1, 3, 16, 16), torch.zeros(1, dtype=torch.int64))
+    eps = 8 / 255 if suite == "standard" else None
+    for steps in (1, 2):
+        model = Unmoved()
+        evaluate(model, [batch], suite, eps=eps, steps=steps, progress=False)
+        shown[steps] = model.shown
+    assert passes == tuple(shown[2][key] - shown[1][key] for key in (True, False))
 
 
 def test_a_config_takes_the_name_of_a_scene():

@@ -123,6 +123,14 @@ def test_draws_come_from_the_generator():
     assert empty.photos.shape == (0, 3, 60, 50)
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_half_precision_is_computed_in_single(dtype):
+    shown, around = random_pictures(1).to(dtype), random_pictures(1, (60, 50)).to(dtype)
+    photos = screen_in_room(shown, around, LCD, generator=seeded()).photos
+    wide = screen_in_room(shown.float(), around.float(), LCD, generator=seeded()).photos
+    assert photos.dtype == dtype and torch.equal(photos, wide.to(dtype))
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [

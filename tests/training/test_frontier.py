@@ -69,9 +69,24 @@ def test_gains_are_over_plain_training_of_as_many_epochs(tmp_path):
     # the same images are right in each pair, so that the difference is the same for every seed
     assert gain.value == pytest.approx(0.2) and gain.low <= 0.2 <= gain.high and gain.low > 0.1
     assert not recipes["scratch"].gains  # its start is not that of baseline
-    text = markdown(list(recipes.values()), found)
+    text = markdown(list(recipes.values()), found, "baseline")
     for words in ("Gain over plain training of at least as many epochs", "| good", "+20.0"):
         assert words in text
+
+
+def test_gains_over_another_recipe(tmp_path, capsys):
+    for seed in range(3):
+        put(tmp_path, "baseline", seed, worst=(0.1, 0.0))
+        put(tmp_path, "rival", seed, worst=(0.2 + 0.05 * seed, 0.2))
+        put(tmp_path, "good", seed, worst=(0.3 + 0.05 * seed, 0.2))
+    command.main([str(tmp_path), "against=rival"])
+    recipes = {r.name: r for r in summarise(read(tmp_path).runs, "rival")}
+    assert recipes["baseline"].gains == recipes["rival"].gains == {}
+    assert recipes["good"].gains["worst_4"].value == pytest.approx(0.1)
+    for text in (capsys.readouterr().out, (tmp_path / "frontier/frontier.md").read_text()):
+        assert "over rival, in points" in text and "+10.0" in text
+    with pytest.raises(SystemExit, match="against must be one of 'baseline', 'good', 'rival'"):
+        command.main([str(tmp_path), "against=best"])
 
 
 def test_the_front_is_what_nothing_dominates():
@@ -126,6 +141,12 @@ def test_a_table_of_csv_has_the_same_means(tmp_path):
     assert good.gains["worst_4"] == pytest.approx((0.3, 0.3, 0.3))
     assert good.rates["worst_8"] == pytest.approx((0.3, 0.3, 0.3))
     assert "cover the choice of seeds alone" in (tmp_path / "again/frontier.md").read_text()
+
+
+def test_a_csv_that_is_not_there_is_not_to_be_resumed(tmp_path):
+    with pytest.raises(SystemExit, match=r"none.csv is no frontier.csv .*No such file") as error:
+        command.main([str(tmp_path / "none.csv"), f"out={tmp_path}"])
+    assert "resume" not in str(error.value)
 
 
 def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):

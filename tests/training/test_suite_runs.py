@@ -13,7 +13,7 @@ from hydra.errors import HydraException
 from moireaug.defenses import demoire
 from tests.training.forked import Command
 from tests.training.small import wait
-from tests.training.tiny_suites import TINY, cells, configured, folder_of, records_of, suite
+from tests.training.tiny_suites import TINY, cells, configured, folder_of, record_files, suite
 from training import reattack
 from training.attack.subject import subject_of_weights
 from training.attack.suite_config import networks_of, suite_config
@@ -55,7 +55,7 @@ def test_a_killed_evaluation_goes_on_where_it_was(weights, straight, tmp_path):
     process.kill()
     process.communicate()
     assert not list(tmp_path.rglob("metrics.json"))
-    records = records_of(tmp_path / "runs")
+    (records,) = record_files(tmp_path / "runs")
     text = records.read_text()
     before = text[: text.rfind("\n") + 1]
     records.write_text(text + '{"key": "0a", "mo')  # what a kill in the middle of a write leaves

@@ -9,7 +9,7 @@ import pytest
 
 from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.suites.scenes import other_scenes
-from tests.training.tiny_suites import cells, configured, folder_of, records_of, suite
+from tests.training.tiny_suites import cells, configured, folder_of, record_files, suite
 from training.attack import protocol as attacking
 from training.attack.protocol import SuiteAttack, protocol_of
 from training.attack.subject import subject_of_weights
@@ -99,11 +99,10 @@ def test_every_form_of_the_tables_is_written(whole):
 
 def test_another_suite_takes_what_is_there(whole, weights):
     runs = whole[1].parents[3]
-    records = records_of(runs)
-    before = records.read_bytes()
+    before = [file.read_bytes() for file in record_files(runs)]
     again = suite("jpeg", weights, runs, "reattack.n=3")
     assert cells(again) == {key: cell for key, cell in cells(whole[0]).items() if key[0] == "jpeg"}
-    assert records.read_bytes() == before
+    assert [file.read_bytes() for file in record_files(runs)] == before
     page = (folder_of(runs, "jpeg", 3) / "report.html").read_text()
     assert page.count('<div class="cell"') == 8  # the other suite's pictures are shown again
 

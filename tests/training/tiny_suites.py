@@ -22,10 +22,9 @@ def folder_of(runs, name, n=6):
     return found
 
 
-def records_of(runs):
-    """The one file of records."""
-    (found,) = (runs / "reattack/small_resnet/records").glob("records-*.jsonl")
-    return found
+def record_files(runs):
+    """The files of records, one for each command that wrote some."""
+    return sorted((runs / "reattack/small_resnet/records").glob("records-*.jsonl"))
 
 
 def cells(metrics):

@@ -11,7 +11,7 @@ from moireaug import Shot
 from moireaug.capture import capture
 from moireaug.scene.by_name import with_values
 from moireaug.scene.track import DEFAULT_HAND, TRIPOD, track_of
-from moireaug.transforms import _arrays, torchvision
+from moireaug.transforms import _noise, torchvision
 from moireaug.transforms import albumentations as moire
 from moireaug.transforms._convert import shot_of_frames
 from tests.transforms.common import CAMERA, FRAMES, REGISTERED
@@ -79,14 +79,14 @@ def test_the_masks_of_a_volume_move_alike(repeated):
 def test_the_photos_are_those_that_the_attack_found(targets, repeated, monkeypatch):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
     adversarial = moire.AdversarialMoire(model, REGISTERED, eps=0.1, steps=2, p=1)
-    found, last_noise = [], _arrays.last_noise
+    found, last_noise = [], _noise.last_noise
 
     def recorded(attack, images, labels, shot, generator):
         noise = last_noise(attack, images, labels, shot, generator)
         found.append(capture(images, shot, noise))
         return noise
 
-    monkeypatch.setattr(_arrays, "last_noise", recorded)
+    monkeypatch.setattr(_noise, "last_noise", recorded)
     steps = A.Compose([adversarial], is_check_shapes=False, seed=0)
     out = steps(**{target: of_target(target, repeated) for target in targets}, label=1)
     photos = np.concatenate([out[target].reshape(-1, *SHAPE) for target in targets])

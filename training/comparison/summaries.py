@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
+from moireaug.common.argument_checks import one_of
 from moireaug.evaluation.statistics import Z95, wilson
 from training.comparison.frame import RATES
 
@@ -32,7 +33,7 @@ class RecipeSummary:
 
     Args:
         rates: accuracies in [0, 1], by the names of `RATES`.
-        gains: their gains over plain training with the same seeds; empty where that was not
+        gains: their gains over another recipe with the same seeds; empty where that was not
             attacked.
         seconds, start_seconds, passes, images_per_second: means over seeds of the columns of
             `RunTable`.
@@ -55,17 +56,27 @@ class RecipeSummary:
     is_on_front: bool = False
 
 
-def summarise(runs: pd.DataFrame) -> list[RecipeSummary]:
-    """Return the recipes, cheapest first."""
+def summarise(runs: pd.DataFrame, against: str = "baseline") -> list[RecipeSummary]:
+    """Return the recipes, cheapest first.
+
+    Args:
+        against: recipe that gains are over. Plain training has none, nor have recipes of more
+            epochs than `baseline` or another start.
+
+    Raises:
+        ValueError: another recipe than `baseline` that is not among the runs.
+    """
+    names = sorted({*runs["recipe"], "baseline"})
+    rivals = runs[runs["recipe"] == one_of("against", against, names)]
     runs = runs.assign(relative_time=relative_times(runs))
-    baseline = runs[runs["recipe"] == "baseline"]
     summaries, places = [], []
     for name, seeds in runs.groupby("recipe", sort=False):
+        has_gains = seeds["baseline"].notna().all()  # plain training has no baseline, either
         summary = RecipeSummary(
             name,
             seeds=tuple(sorted(seeds["seed"])),
             rates={rate: estimate_rate(seeds[rate]) for rate in RATES},
-            gains=estimate_gains(seeds, baseline) if seeds["baseline"].notna().all() else {},
+            gains=estimate_gains(seeds, rivals) if has_gains and name != against else {},
             relative_time=estimate_cost(seeds["relative_time"].tolist()),
             collapsed_count=int(seeds["collapsed"].sum()),
             **seeds[COSTS].mean(),
@@ -107,13 +118,13 @@ def estimate_rate(correct: pd.Series) -> Estimate:
     return Estimate(mean, max(0.0, low), min(1.0, high))
 
 
-def estimate_gains(seeds: pd.DataFrame, baseline: pd.DataFrame) -> dict[str, Estimate]:
-    """Return the mean differences to plain training of the same seeds, on the same images; empty
+def estimate_gains(seeds: pd.DataFrame, rivals: pd.DataFrame) -> dict[str, Estimate]:
+    """Return the mean differences to another recipe of the same seeds, on the same images; empty
     where none of its runs has the same seeds."""
-    pairs = seeds.merge(baseline, on="seed", suffixes=("", "_plain"))
+    pairs = seeds.merge(rivals, on="seed", suffixes=("", "_rival"))
     gains = {}
     for rate in RATES if len(pairs) else ():
-        differences = np.stack((pairs[rate] - pairs[f"{rate}_plain"]).tolist())
+        differences = np.stack((pairs[rate] - pairs[f"{rate}_rival"]).tolist())
         gains[rate] = Estimate(float(differences.mean()), *_interval(differences))
     return gains
 

@@ -39,13 +39,18 @@ def caption(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
     return " ".join(line for line in text.splitlines() if line)
 
 
-def markdown(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
-    """Return the table, its caption, warnings, and the commands that would complete it."""
+def markdown(recipes: Sequence[RecipeSummary], table: RunTable, against: str) -> str:
+    """Return the table, its caption, warnings, and the commands that would complete it.
+
+    Args:
+        against: recipe that gains are over.
+    """
     return render(
         "frontier.md.j2",
         name_of=name_of,
         recipes=recipes,
         gained=[recipe for recipe in recipes if recipe.gains],
+        rival=rival_text(against),
         titles=RATE_TITLES,
         caption=caption(recipes, table),
         warnings=table.warnings,
@@ -53,7 +58,7 @@ def markdown(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
     )
 
 
-def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable) -> list[str]:
+def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable, against: str) -> list[str]:
     """Return the same for the terminal, in at most 100 columns."""
     rows = [["", "seeds", *TERMINAL_HEADS]]
     for recipe in recipes:
@@ -71,11 +76,16 @@ def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable) -> list[st
     for text in (caption(recipes, table), *table.warnings):
         parts.append(textwrap.fill(text, TERMINAL_WIDTH))
     if any(recipe.gains for recipe in recipes):
-        parts.append("Gain: at 4/255, over plain training of at least as many epochs, in points.")
+        parts.append(f"Gain: at 4/255, over {rival_text(against)}, in points.")
     if table.commands:
         parts += ["", "Left out, because they were not attacked yet:"]
         parts += [f"  {command}" for command in table.commands]
     return parts
+
+
+def rival_text(against: str) -> str:
+    """Return what gains are over, in words."""
+    return "plain training of at least as many epochs" if against == "baseline" else against
 
 
 def name_of(recipe: RecipeSummary, width: int | None = None) -> str:

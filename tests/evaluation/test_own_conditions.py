@@ -1,0 +1,55 @@
+"""Conditions of one's own: what they hold tells their records apart, and their class, too."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+
+from moireaug.evaluation.conditions import Condition, Photo
+from moireaug.evaluation.records import RecordFolder
+from moireaug.evaluation.runner import jobs_of
+from tests.evaluation.haze import ran, table_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stamped(Condition):
+    """The image with a stamp on it, of any type."""
+
+    kind = "stamped"
+    stamp: object
+    suffix: str = ""
+
+    @property
+    def base_name(self):
+        return f"{self.kind}{self.suffix}"
+
+    def show(self, batch):
+        return (batch.images + torch.as_tensor(self.stamp)).clamp(0, 1)
+
+
+STAMPS = {
+    "tensor": lambda value: torch.full((3, 16, 16), value),
+    "array": lambda value: np.full((3, 16, 16), value, np.float32),
+    "number of NumPy's": np.float32,
+}
+
+
+@pytest.mark.parametrize("make", STAMPS.values(), ids=STAMPS.keys())
+def test_a_condition_of_ones_own_may_hold_anything(make, known, tmp_path):
+    """Its records are found again, and those of another are not taken for them."""
+    settings = {"records": RecordFolder(tmp_path)}
+    first = ran(known, table_of(Stamped(stamp=make(0.1))), **settings)
+    again = Stamped(stamp=make(0.1))
+    assert first.missing(jobs_of([table_of(again)]), (0, 1)) == 0
+    assert first.missing(jobs_of([table_of(Stamped(stamp=make(0.2)))]), (0, 1)) == 2
+    with pytest.raises(ValueError, match="two conditions are called 'stamped'"):
+        jobs_of([table_of(again), table_of(Stamped(stamp=make(0.2)))])
+
+
+def test_a_condition_is_no_other_with_the_same_settings():
+    with pytest.raises(TypeError, match=r"Brighter needs a kind of its own.*'moire'.*of Photo"):
+        type("Brighter", (Photo,), {"show": lambda self, batch: batch.images})
+    other_class = type("Other", (Condition,), {"kind": "moire", "show": Photo.show})
+    with pytest.raises(ValueError, match="two conditions are called 'moire'"):
+        jobs_of([table_of(Photo()), table_of(other_class())])
