@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from moireaug.common.physics.lens import MIN_LENS_SLOPE, radius_slope
+from moireaug.common.physics.lens import MIN_LENS_SLOPE
 from moireaug.scene.fields import Part, Range, bounds, ranged
 
 
@@ -58,4 +58,4 @@ def least_lens_slope(k1: float, k2: float) -> float:
     squared_radii = [0.0, 1.0]
     if k2:
         squared_radii.append(min(max(-0.3 * k1 / k2, 0.0), 1.0))
-    return min(radius_slope(r2, k1, k2) for r2 in squared_radii)
+    return min(1 + 3 * k1 * r2 + 5 * k2 * r2 * r2 for r2 in squared_radii)

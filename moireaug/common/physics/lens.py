@@ -18,11 +18,6 @@ def radial_factor(r2, k1, k2):
     return 1 + r2 * (k1 + k2 * r2)
 
 
-def radius_slope(r2, k1, k2):
-    """Return the derivative of the ideal radius, r times `radial_factor`, at a squared radius."""
-    return 1 + r2 * (3 * k1 + 5 * k2 * r2)
-
-
 def newton_start(ideal, k1, k2):
     """Return the radius in the photo from which Newton's method never goes back and forth for good:
     where the lens's curve changes its bend, or else the ideal radius."""
@@ -34,8 +29,8 @@ def newton_start(ideal, k1, k2):
 def newton_step(r, ideal, k1, k2):
     """Return a better radius that a lens takes to an ideal one, from 0 to the photo's corner, 1."""
     r2 = r * r
-    error = r * radial_factor(r2, k1, k2) - ideal
-    slope = maximum(radius_slope(r2, k1, k2), MIN_LENS_SLOPE)
+    error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
+    slope = maximum(1 + r2 * (3 * k1 + 5 * k2 * r2), MIN_LENS_SLOPE)
     return minimum(maximum(r - error / slope, 0.0), 1.0)
 
 
@@ -58,7 +53,7 @@ def image_jacobian(u, v, lens, h):
     h00, h01, h02, h10, h11, h12, h20, h21, h22 = h
     r2 = radius_scale * (u * u + v * v)
     # the lens scales a point by a factor, which itself changes along the radius
-    factor, along = radial_factor(r2, k1, k2), 2 * radius_scale * (k1 + 2 * k2 * r2)
+    factor, along = 1 + r2 * (k1 + k2 * r2), 2 * radius_scale * (k1 + 2 * k2 * r2)
     uu, uv, vv = factor + along * u * u, along * u * v, factor + along * v * v
     p, q = u * factor, v * factor
     nearness = 1 / maximum(h20 * p + h21 * q + h22, MIN_RAY_DEPTH)

@@ -8,14 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.cpu import optics
-from moireaug.engine.cpu.coarse_grid import VIEW_SAMPLES, fewest_nodes, node_count, sample
+from moireaug.engine.cpu.coarse_grid import VIEW_SAMPLES, sample
 from moireaug.engine.cpu.compiling import jit, jit_in_place
 from moireaug.engine.cpu.physics import bins
 from moireaug.engine.cpu.view import jacobian
 from moireaug.engine.lower.budget import REFERENCE_AMPLITUDE
 
 MAX_BEAT_NODES = 192  # along each axis of the photo; the reference exposes what needs more
-MIN_BEAT_STEPS = 5e-6  # of a change that is more than rounding
 
 
 class BeatGrid(NamedTuple):
@@ -109,16 +108,21 @@ def _fastest_change(grid, amplitude, axis, least):
     return most * (VIEW_SAMPLES - 1)
 
 
+@jit_in_place
+def _node_count(steps, fewest, pixels):
+    """Return how many nodes a change of frequency by so many steps needs: at most one per pixel,
+    and at most MAX_BEAT_NODES + 1."""
+    if steps < 5e-6:
+        return 4
+    return int(min(max(steps + 2, fewest), max(pixels, 4), MAX_BEAT_NODES + 1))
+
+
 @jit
 def node_counts(grid, amplitude, sites, camera, budget):
-    """Return how many nodes the amplitudes need along u and v, at most one per pixel, and at most
-    MAX_BEAT_NODES + 1; grid: from `sampled_grid`, amplitude: from `beat_terms.max_amplitudes`,
-    budget: an `ErrorBudget`."""
-    count, pixels = np.empty(2, np.int64), (len(sites.cols), len(sites.rows))
-    for axis in range(2):
-        change = _fastest_change(grid, amplitude, axis, budget.beat_amplitude)
-        steps = change / budget.beat_cycles
-        most = min(max(pixels[axis], 4), MAX_BEAT_NODES + 1)
-        fewest = fewest_nodes(camera)
-        count[axis] = 4 if steps < MIN_BEAT_STEPS else node_count(steps, fewest, most)
-    return count[0], count[1]
+    """Return how many nodes the amplitudes need along u and v; grid: from `sampled_grid`,
+    amplitude: from `beat_terms.max_amplitudes`, budget: an `ErrorBudget`."""
+    fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
+    across = _fastest_change(grid, amplitude, 0, budget.beat_amplitude) / budget.beat_cycles
+    down = _fastest_change(grid, amplitude, 1, budget.beat_amplitude) / budget.beat_cycles
+    n_u = _node_count(across, fewest, len(sites.cols))
+    return n_u, _node_count(down, fewest, len(sites.rows))

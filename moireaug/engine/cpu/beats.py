@@ -7,7 +7,6 @@ interpolated by cubics.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from moireaug.engine.cpu.coarse_grid import bracket, fill_cubics, node_line
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
 from moireaug.engine.cpu.optics import transfer_at
 from moireaug.engine.cpu.records import Terms
+from moireaug.engine.cpu.rows import U, V, X, Y
 from moireaug.engine.cpu.vectors import load, store
 
 ONE, ZERO = np.float32(1), np.float32(0)
@@ -155,27 +155,9 @@ def beat_terms_of(b, i, camera, filters, sites, budget):
     return Terms(harmonic, wave, sign, lines, peak, budget.beat_amplitude, step_v, lost)
 
 
-class Wave(NamedTuple):
-    """A beat along a row of pixels, (w,) float32 each: cycles from -1/2 to 1/2, their cosine and
-    sine, and its amplitude in the planes of red and blue, and of green."""
-
-    cycles: np.ndarray
-    cos: np.ndarray
-    sin: np.ndarray
-    coloured: np.ndarray
-    green: np.ndarray
-
-
-@jit
-def wave_of(w):
-    """Return a Wave, without values."""
-    cycles, cos, sin = np.empty(w, np.float32), np.empty(w, np.float32), np.empty(w, np.float32)
-    return Wave(cycles, cos, sin, np.empty(w, np.float32), np.empty(w, np.float32))
-
-
 @jit_in_place
 def _phase(out, at, wave):
-    x, y, u, v = at
+    x, y, u, v = at[X], at[Y], at[U], at[V]
     per_x, per_y, per_u, per_v = wave[PER_X], wave[PER_Y], wave[PER_U], wave[PER_V]
     first = wave[IN_MIDDLE]
     for i in range(len(out)):
@@ -200,25 +182,27 @@ def _add_beat(out, amplitude, cos, sin, real, imaginary):
 
 
 @jit_in_place
-def fill_modulation(out, wave, terms, pattern, passes, position, v, first_row):
+def fill_modulation(out, work, terms, pattern, passes, position, v, first_row):
     """Fill out (3, 3, w), by colour filter and channel, with the sum of the terms on a row v.
 
     Args:
-        wave: workspace, a Wave. terms: from `beat_terms_of`. pattern: see `records.Pattern`.
+        work: (5, w) float32, workspace.
+        terms: from `beat_terms_of`. pattern: see `records.Pattern`.
         passes: (3, 3) bool, which channels a filter passes.
-        position: a `rows.Position`. first_row: row of the first nodes.
+        position: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of
+            the first nodes.
     """
     w = out.shape[2]
     fill(out.reshape(-1), ZERO)
     node, t = bracket(v, first_row, terms.step_v, len(terms.lines), 3)
     four = harmonics.cubic_weights32(t)
-    cycles, cos, sin, coloured, green = wave
+    d, cos, sin, coloured, green = work[0], work[1], work[2], work[3], work[4]
     for i in range(len(terms.harmonic)):
         peak = terms.peak[node : node + 4, i]
         if max(peak[0], peak[1], peak[2], peak[3]) < terms.least_amplitude:
             continue
-        _phase(cycles, position, terms.wave[i])
-        harmonics.fill_fundamental(cos, sin, cycles)
+        _phase(d, position, terms.wave[i])
+        harmonics.fill_fundamental(cos, sin, d)
         a, b, c = 2 * i * w, (2 * i + 1) * w, (2 * i + 2) * w
         first, second = terms.lines[node], terms.lines[node + 1]
         third, fourth = terms.lines[node + 2], terms.lines[node + 3]

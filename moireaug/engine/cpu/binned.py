@@ -7,18 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.cpu import beats, stencil
+from moireaug.engine.cpu import beats, rows, stencil
 from moireaug.engine.cpu.compiling import copy, fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.full import fill_row_weights
 from moireaug.engine.cpu.irradiance import panel_irradiance, panel_irradiance_back
-from moireaug.engine.cpu.register import (
-    Ideal,
-    ImageToPhoto,
-    fill_photo_positions,
-    ideal_of,
-    image_to_photo,
-)
-from moireaug.engine.cpu.rows import Row, RowLayout, row_layout_of, row_of
+from moireaug.engine.cpu.register import ImageToPhoto, fill_photo_positions, image_to_photo
+from moireaug.engine.cpu.rows import Row, RowLayout, U, V, X, Y, row_layout_of, row_of
 from moireaug.engine.cpu.sensor import add_noise, attenuate, clip_mean, read_back, reflect
 from moireaug.engine.cpu.view import inverse, look
 
@@ -29,19 +23,17 @@ class _Work(NamedTuple):
     """What a row of bins is computed in.
 
     Args:
-        layout, row: see `rows`. modulation: (3, 3, w) float32, see `beats.fill_modulation`. wave:
-            of a beat. line: (w,) float32, of the stencil.
-        passes: (3, 3) bool, which channels each colour filter passes.
+        layout, row: see `rows`. modulation: (3, 3, w) float32, see `beats.fill_modulation`. lines:
+            (5, w) float32. passes: (3, 3) bool, which channels each colour filter passes.
         ideal, to_photo: see `register.fill_photo_positions`; of a rectified camera.
     """
 
     layout: RowLayout
     row: Row
     modulation: np.ndarray
-    wave: beats.Wave
-    line: np.ndarray
+    lines: np.ndarray
     passes: np.ndarray
-    ideal: Ideal
+    ideal: np.ndarray
     to_photo: ImageToPhoto
 
 
@@ -65,10 +57,9 @@ def work_of_bins(w, planes, image):
         row_layout_of(w, planes, image.sites, image.grid, every_colour),
         row_of(w, image.cell, image.grid),
         np.empty((3, 3, w), np.float32),
-        beats.wave_of(w),
-        np.empty(w, np.float32),
+        np.empty((5, w), np.float32),
         passes,
-        ideal_of(w),
+        np.empty((3, w), np.float64),
         _image_to_photo(image.bins.sensor),
     )
 
@@ -79,10 +70,11 @@ def locate_bins(work, v, image):
     at, sensor = work.row.position, image.bins.sensor
     if sensor.rectified != 0:
         first = image.sites.cols[0]
-        fill_photo_positions(at.u, at.v, work.ideal, first, v, work.to_photo, sensor)
+        fill_photo_positions(at[U], at[V], work.ideal, first, v, work.to_photo, sensor)
         return
-    copy(at.u, work.layout.u[0])
-    fill(at.v, v)
+    u = work.layout.u[0]
+    for i in range(len(u)):
+        at[U, i], at[V, i] = u[i], v
 
 
 @jit_in_place
@@ -112,19 +104,20 @@ def expose_rows(raw, slope, panel, image, work, top, bottom):
     planes, h, w = raw.shape
     bins, sites, pattern = image.bins, image.sites, image.bins.pattern
     row, passes, modulation = work.row, work.passes, work.modulation
-    position, first_row, light = row.position, sites.rows[0], row.light
+    position, first_row = row.position, sites.rows[0]
+    light, noise, bits = row.floats[rows.LIGHT], row.floats[rows.NOISE], row.ints[rows.NOISE_BITS]
     for r in range(top, bottom):
         v = sites.rows[r]
         locate_bins(work, v, image)
         if bins.stencil.taps > 0:
-            stencil.look_straight(position.x, position.y, r)
-            line = work.line
+            stencil.look_straight(position[X], position[Y], r)
+            line = work.lines[0]
             stencil.content(row.irradiance, line, bins.stencil, panel, image.cell, sites, r)
         else:
             fill_row_weights(row.weights, image.grid, sites.rows, r, top)
             panel_irradiance(work, panel, image, 0, v)
         beats.fill_modulation(
-            modulation, work.wave, bins.terms, pattern, passes, position, v, first_row
+            modulation, work.lines, bins.terms, pattern, passes, position, v, first_row
         )
         for plane in range(planes):
             colour = sites.channel[plane]
@@ -135,12 +128,11 @@ def expose_rows(raw, slope, panel, image, work, top, bottom):
                     content, mean = row.irradiance[channel], pattern.mean[channel]
                     add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
             if len(image.flicker) > 0:
-                flicker(light, image.flicker, position.v, image.camera)
-            reflect(light, position.u, position.v, image.white[plane], image.camera)
-            attenuate(light, position.u, position.v, image.camera)
+                flicker(light, image.flicker, position[V], image.camera)
+            reflect(light, position[U], position[V], image.white[plane], image.camera)
+            attenuate(light, position[U], position[V], image.camera)
             out, away = raw[plane, r], pattern.lost_noise_variance
-            noise, bits, start = row.noise, row.noise_bits, (plane * h + r) * w
-            add_noise(light, slope[plane, r], start, image.readout, noise, bits)
+            add_noise(light, slope[plane, r], (plane * h + r) * w, image.readout, noise, bits)
             if image.readout.clips:
                 lost = bins.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
                 clip_mean(out, light, slope[plane, r], away[0], away[1], lost)
@@ -154,31 +146,33 @@ def expose_rows_back(panel_grad, grad, slope, image, work):
     planes, h, _ = grad.shape
     bins, sites, row, passes = image.bins, image.sites, work.row, work.passes
     pattern = bins.pattern
-    position, first_row, light = row.position, sites.rows[0], row.light
-    modulation, wave = work.modulation, work.wave
+    position, first_row, light = row.position, sites.rows[0], row.floats[rows.LIGHT]
+    modulation, lines = work.modulation, work.lines
     for r in range(h):
         v = sites.rows[r]
         locate_bins(work, v, image)
         if bins.stencil.taps > 0:
-            stencil.look_straight(position.x, position.y, r)
+            stencil.look_straight(position[X], position[Y], r)
         else:
             fill_row_weights(row.weights, image.grid, sites.rows, r, 0)
-            look(position.x, position.y, work.layout.u[0], v, image.camera)
-        beats.fill_modulation(modulation, wave, bins.terms, pattern, passes, position, v, first_row)
+            look(position[X], position[Y], work.layout.u[0], v, image.camera)
+        beats.fill_modulation(
+            modulation, lines, bins.terms, pattern, passes, position, v, first_row
+        )
         fill(row.irradiance.reshape(-1), ZERO)
         for plane in range(planes):
             colour = sites.channel[plane]
             read_back(light, grad[plane, r], slope[plane, r])
-            attenuate(light, position.u, position.v, image.camera)
+            attenuate(light, position[U], position[V], image.camera)
             if len(image.flicker) > 0:
-                flicker(light, image.flicker, position.v, image.camera)
+                flicker(light, image.flicker, position[V], image.camera)
             for channel in range(3):
                 if passes[colour, channel]:
                     passed, mean = image.filters[colour, channel], pattern.mean[channel]
                     content, beat = row.irradiance[channel], modulation[colour, channel]
                     add_modulated(content, light, beat, np.float32(passed), np.float32(mean))
         if bins.stencil.taps > 0:
-            content, line = row.irradiance, work.line
+            content, line = row.irradiance, lines[0]
             stencil.content_back(panel_grad, content, line, bins.stencil, image.cell, sites, r)
         else:
             panel_irradiance_back(work, panel_grad, image, 0, v)

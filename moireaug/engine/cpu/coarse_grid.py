@@ -127,15 +127,10 @@ def _motion_change(jacobians, camera, blur_camera, axis_of_photo):
 
 
 @jit_in_place
-def fewest_nodes(camera):
-    """Return how many nodes an axis of a view that changes at all has at least, for cubics."""
-    return 9 if camera.k1 != 0 or camera.k2 != 0 else 6
-
-
-@jit_in_place
-def node_count(steps, fewest, most):
-    """Return how many nodes, from `fewest` to `most`, a change of so many steps needs."""
-    return int(min(max(steps + 2, fewest), most))
+def _count(steps, fewest):
+    """Return how many nodes a change of so many steps needs: at least `fewest`, and at most
+    MAX_NODES + 1."""
+    return int(min(max(steps + 2, fewest), MAX_NODES + 1))
 
 
 @jit
@@ -156,15 +151,15 @@ def counts(sites, view, budget):
     passed = PASSED_CYCLES_PER_BLUR / max(camera.blur, 1e-6)
     for k in range(2):
         change[k], cycles[k] = _fastest_change(scales, k, highest, passed)
+    fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
     for k in range(2):
         if max(change[0], change[1]) < budget.flat_log_scale:
             out[0, k], out[1, k] = 4, 2
             continue
         steps = max(cycles[k] / budget.amplitude_cycles, change[k] / budget.amplitude_log_scale)
-        out[0, k] = node_count(steps, fewest_nodes(camera), MAX_NODES + 1)
+        out[0, k] = _count(steps, fewest)
         motion_steps = _motion_change(jacobians, camera, blur_camera, k) / budget.weight_motion
-        steps = max(change[k] / budget.weight_log_scale, motion_steps)
-        out[1, k] = node_count(steps, 5, MAX_NODES + 1)
+        out[1, k] = _count(max(change[k] / budget.weight_log_scale, motion_steps), 5)
     return out
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.engine.cpu import rows
 from moireaug.engine.cpu.coarse_grid import bracket
 from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.irradiance import panel_irradiance, panel_irradiance_back
@@ -67,11 +68,11 @@ def expose_rows(raw, slope, panel, image, work, top, bottom):
     planes, h, w = raw.shape
     row, layout, camera, sites = work.row, work.layout, image.camera, image.sites
     step = sites.step
-    light, at_v = row.light, row.position.v
+    light, noise, bits = row.floats[rows.LIGHT], row.floats[rows.NOISE], row.ints[rows.NOISE_BITS]
     for r in range(top * step, bottom * step):
         v = sites.rows[r]
         fill_row_weights(row.weights, image.grid, sites.rows, r, top * step)
-        fill(at_v, v)
+        fill(row.position[rows.V], v)
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:
@@ -83,12 +84,11 @@ def expose_rows(raw, slope, panel, image, work, top, bottom):
                 passed = image.filters[sites.channel[plane], colour] * pulse
                 add(light, row.irradiance[colour], np.float32(passed))
             u = layout.u[plane]
-            reflect(light, u, at_v, image.white[plane], camera)
-            attenuate(light, u, at_v, camera)
+            reflect(light, u, row.position[rows.V], image.white[plane], camera)
+            attenuate(light, u, row.position[rows.V], camera)
             y = r // step
             start = (plane * h + y) * w
-            out, noise, bits = raw[plane, y], row.noise, row.noise_bits
-            read(out, light, slope[plane, y], start, image.readout, noise, bits)
+            read(raw[plane, y], light, slope[plane, y], start, image.readout, noise, bits)
 
 
 @jit_in_place
@@ -97,11 +97,11 @@ def expose_rows_back(panel_grad, grad, slope, image, work):
     as in `expose_rows`."""
     planes, h, _ = grad.shape
     row, layout, sites = work.row, work.layout, image.sites
-    step, light, at_v = sites.step, row.light, row.position.v
+    step, light = sites.step, row.floats[rows.LIGHT]
     for r in range(h * step):
         v, y = sites.rows[r], r // step
         fill_row_weights(row.weights, image.grid, sites.rows, r, 0)
-        fill(at_v, v)
+        fill(row.position[rows.V], v)
         pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for first in range(planes):
             if sites.row[first] != r % step or layout.first[first] != first:
@@ -111,7 +111,7 @@ def expose_rows_back(panel_grad, grad, slope, image, work):
                 if layout.first[plane] != first:
                     continue
                 read_back(light, grad[plane, y], slope[plane, y])
-                attenuate(light, layout.u[plane], at_v, image.camera)
+                attenuate(light, layout.u[plane], row.position[rows.V], image.camera)
                 for colour in range(3):
                     passed = image.filters[sites.channel[plane], colour] * pulse
                     add(row.irradiance[colour], light, np.float32(passed))

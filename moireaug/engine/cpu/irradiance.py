@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.cpu import harmonics, lookup
+from moireaug.engine.cpu import harmonics, lookup, rows
 from moireaug.engine.cpu.coarse_grid import bracket
 from moireaug.engine.cpu.compiling import fill, jit_inlined
 from moireaug.engine.cpu.panel import margin
 from moireaug.engine.cpu.records import TapWeights
+from moireaug.engine.cpu.rows import X, Y
 from moireaug.engine.cpu.tap_weights import weights_per_node
 from moireaug.engine.cpu.view import look
 
@@ -19,40 +20,59 @@ ZERO = np.float32(0)
 
 
 @jit_inlined
-def _cells(image, kind, axis):
-    """Return what `lookup.split_into_cells` takes of a kind's cells along x (0) or y (1)."""
-    return image.cell.period[kind, axis], image.panel_size[1 - axis], image.cell.radius
+def _locate_along_x(row, image, kind):
+    """Fill where the pixels look along x in the cells of a kind, and the waves there."""
+    offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
+    period = image.cell.period[kind, 0]
+    cells = period, image.panel_size[1], image.cell.radius
+    lookup.split_into_cells(offset, nearest, row.position[X], cells, 0.0)
+    harmonics.fill_waves(row.wave[rows.COS_X], row.wave[rows.SIN_X], offset)
 
 
 @jit_inlined
-def _fill_waves(along, position, cells, centre):
-    """Fill where the pixels look along an axis in cells about a centre, and the waves there."""
-    lookup.split_into_cells(along.offset, along.nearest, position, cells, centre)
-    harmonics.fill_waves(along.cos, along.sin, along.offset)
+def _locate_along_y(row, image, i):
+    """Fill where the pixels look along y about subpixel i, and the waves there."""
+    offset, nearest = row.floats[rows.CELL_OFFSET_Y], row.ints[rows.NEAREST_CELL_Y]
+    cell, centre = image.cell, image.cell.centre[i, 1]
+    period = cell.period[cell.subpixel_kind[i], 1]
+    cells = period, image.panel_size[0], cell.radius
+    lookup.split_into_cells(offset, nearest, row.position[Y], cells, centre)
+    harmonics.fill_waves(row.wave_y[rows.COS_Y], row.wave_y[rows.SIN_Y], offset)
 
 
 @jit_inlined
-def _tap_weights(work, along, grid, plane, kind, axis):
-    """Fill the first cell that each pixel sees along x (0) or y (1); return their TapWeights, until
-    those along another axis are asked for."""
-    row, layout, taps = work.row, work.layout, grid.taps[kind]
-    start, phases = layout.weight_start[kind, axis, plane], grid.phases[kind, axis]
-    lookup.locate_taps(along, row.weight_index, row.phase_share, start, phases, taps)
-    to_next = np.int32(weights_per_node(grid.phases[kind], taps)[1])
-    node_share = layout.node_share[plane]
-    return TapWeights(row.weights[kind], to_next, row.weight_index, row.phase_share, node_share)
+def _tap_weights(work, grid, plane, kind):
+    """Return the pixels' TapWeights along the axis for which `lookup.locate_taps` was last
+    called."""
+    row, node_share = work.row, work.layout.node_share[plane]
+    to_next = np.int32(weights_per_node(grid.phases[kind], grid.taps[kind])[1])
+    index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
+    return TapWeights(row.weights[kind], to_next, index, phase_share, node_share)
+
+
+@jit_inlined
+def _fill_weights_along_y(work, grid, plane, kind):
+    """Fill the tap weights of the pixels along y."""
+    row, start = work.row, work.layout.weight_start[kind, 1, plane]
+    index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
+    offset, nearest = row.floats[rows.CELL_OFFSET_Y], row.ints[rows.NEAREST_CELL_Y]
+    first, phases, taps = row.ints[rows.FIRST_CELL_Y], grid.phases[kind, 1], grid.taps[kind]
+    lookup.locate_taps(first, index, phase_share, offset, nearest, start, phases, taps)
+    lookup.fill_weights(row.weights_y, _tap_weights(work, grid, plane, kind), taps)
 
 
 @jit_inlined
 def _add_up_harmonics(row, grid, sites, plane, kind, v):
     """Fill the harmonics along x of a kind's light at the pixels, those along y added up."""
     node, t = bracket(v, sites.rows[0], grid.step_v, grid.lines.shape[1], 3)
-    cubic, orders = harmonics.cubic_weights32(t), row.orders[kind]
-    lines = grid.lines[sites.col[plane], node : node + 4]
-    even, odd, x, y = row.even[:orders], row.odd[:orders], row.along_x, row.along_y
-    in_phase, quadrature = row.in_phase[:orders], row.quadrature[:orders]
-    harmonics.row_amplitudes(even, odd, grid.terms, kind, lines, cubic, y.cos, y.sin)
-    harmonics.rotate_phase(in_phase, quadrature, even, odd, x.cos, x.sin)
+    cubic = harmonics.cubic_weights32(t)
+    lines, orders = grid.lines[sites.col[plane], node : node + 4], row.orders[kind]
+    even, odd = row.wave[rows.EVEN, :orders], row.wave[rows.ODD, :orders]
+    in_phase, quadrature = row.wave[rows.IN_PHASE, :orders], row.wave[rows.QUADRATURE, :orders]
+    cos_x, sin_x = row.wave[rows.COS_X], row.wave[rows.SIN_X]
+    cos_y, sin_y = row.wave_y[rows.COS_Y], row.wave_y[rows.SIN_Y]
+    harmonics.row_amplitudes(even, odd, grid.terms, kind, lines, cubic, cos_y, sin_y)
+    harmonics.rotate_phase(in_phase, quadrature, even, odd, cos_x, sin_x)
 
 
 @jit_inlined
@@ -67,38 +87,43 @@ def _origin(cell, i, stride):
 def _locate_content(work, stride, image, plane, i):
     """Fill the index of the first cell that each pixel sees of subpixel i, on its colour's
     flattened panel; return the pixels' TapWeights along x."""
-    row, cell, kind = work.row, image.cell, image.cell.subpixel_kind[i]
-    x, y, cells, centre = row.along_x, row.along_y, _cells(image, kind, 0), cell.centre[i, 0]
-    lookup.split_into_cells(x.offset, x.nearest, row.position.x, cells, centre)
-    weights = _tap_weights(work, x, image.grid, plane, kind, 0)
-    down, origin = np.int32(cell.period[kind, 1] * stride), _origin(cell, i, stride)
-    lookup.fill_base(row.base, x.first, y.first, down, origin)
-    return weights
+    row, cell, grid = work.row, image.cell, image.grid
+    kind, period = cell.subpixel_kind[i], cell.period[cell.subpixel_kind[i]]
+    start, first = work.layout.weight_start[kind, 0, plane], row.ints[rows.FIRST_CELL_X]
+    index, phase_share = row.ints[rows.WEIGHT_INDEX], row.floats[rows.PHASE_SHARE]
+    offset, nearest = row.floats[rows.CELL_OFFSET_X], row.ints[rows.NEAREST_CELL_X]
+    cells, centre = (period[0], image.panel_size[1], cell.radius), cell.centre[i, 0]
+    lookup.split_into_cells(offset, nearest, row.position[X], cells, centre)
+    lookup.locate_taps(
+        first, index, phase_share, offset, nearest, start, grid.phases[kind, 0], grid.taps[kind]
+    )
+    down, origin = np.int32(period[1] * stride), _origin(cell, i, stride)
+    lookup.fill_base(row.ints[rows.BASE_INDEX], first, row.ints[rows.FIRST_CELL_Y], down, origin)
+    return _tap_weights(work, grid, plane, kind)
 
 
 @jit_inlined
 def _fill_modulation(row, cell, i):
     """Fill the modulation of subpixel i's content."""
-    orders, cos, sin = row.orders[cell.subpixel_kind[i]], row.centre_cos[i], row.centre_sin[i]
-    in_phase, quadrature = row.in_phase[:orders], row.quadrature[:orders]
-    harmonics.fill_modulation(row.modulation, in_phase, quadrature, cos, sin)
+    orders = row.orders[cell.subpixel_kind[i]]
+    in_phase, quadrature = row.wave[rows.IN_PHASE, :orders], row.wave[rows.QUADRATURE, :orders]
+    modulation = row.floats[rows.MODULATION]
+    harmonics.fill_modulation(modulation, in_phase, quadrature, row.cos[i], row.sin[i])
 
 
 @jit_inlined
 def _locate_subpixel(work, stride, image, plane, v, i, before):
     """Fill what the pixels on row v need of subpixel i, and subpixel `before`, if any, has not
     filled already; return their TapWeights along x."""
-    row, cell, grid = work.row, image.cell, image.grid
-    x, y, position = row.along_x, row.along_y, row.position
+    row, cell = work.row, image.cell
     kind, is_first = cell.subpixel_kind[i], before < 0
     if is_first or cell.period[kind, 0] != cell.period[cell.subpixel_kind[before], 0]:
-        _fill_waves(x, position.x, _cells(image, kind, 0), 0.0)
+        _locate_along_x(row, image, kind)
     if is_first or cell.y_group[i] != cell.y_group[before]:
-        _fill_waves(y, position.y, _cells(image, kind, 1), cell.centre[i, 1])
+        _locate_along_y(row, image, i)
     if is_first or cell.kind_y_group[i] != cell.kind_y_group[before]:
-        weights = _tap_weights(work, y, grid, plane, kind, 1)
-        lookup.fill_weights(row.weights_y, weights, grid.taps[kind])
-        _add_up_harmonics(row, grid, image.sites, plane, kind, v)
+        _fill_weights_along_y(work, image.grid, plane, kind)
+        _add_up_harmonics(row, image.grid, image.sites, plane, kind, v)
     _fill_modulation(row, cell, i)
     return _locate_content(work, stride, image, plane, i)
 
@@ -114,7 +139,7 @@ def panel_irradiance(work, panel, image, plane, v):
         image: see `records.Image`.
     """
     row, cell, taps = work.row, image.cell, image.grid.taps
-    look(row.position.x, row.position.y, work.layout.u[plane], v, image.camera)
+    look(row.position[X], row.position[Y], work.layout.u[plane], v, image.camera)
     fill(row.irradiance.reshape(-1), ZERO)
     stride = panel.shape[2]
     pixels = panel.reshape(3, panel.shape[1] * stride)
@@ -125,9 +150,11 @@ def panel_irradiance(work, panel, image, plane, v):
             continue
         weights = _locate_subpixel(work, stride, image, plane, v, i, before)
         before = i
-        content, shown, down = row.content, pixels[colour], np.int32(cell.period[kind, 1] * stride)
-        lookup.content(content, shown, row.base, down, weights, row.weights_y, taps[kind])
-        harmonics.add_product(row.irradiance[colour], content, row.modulation)
+        content, base = row.floats[rows.CONTENT], row.ints[rows.BASE_INDEX]
+        down = np.int32(cell.period[kind, 1] * stride)
+        shown, weights_y = pixels[colour], row.weights_y
+        lookup.content(content, shown, base, down, weights, weights_y, taps[kind])
+        harmonics.add_product(row.irradiance[colour], content, row.floats[rows.MODULATION])
 
 
 @jit_inlined
@@ -135,7 +162,7 @@ def panel_irradiance_back(work, panel_grad, image, plane, v):
     """Add the gradient in the panel, of its shape, from that in a plane's irradiance on row v,
     which the row holds; work: as in `panel_irradiance`."""
     row, cell, taps = work.row, image.cell, image.grid.taps
-    look(row.position.x, row.position.y, work.layout.u[plane], v, image.camera)
+    look(row.position[X], row.position[Y], work.layout.u[plane], v, image.camera)
     stride = panel_grad.shape[2]
     pixels = panel_grad.reshape(3, panel_grad.shape[1] * stride)
     before = -1
@@ -146,8 +173,9 @@ def panel_irradiance_back(work, panel_grad, image, plane, v):
         weights = _locate_subpixel(work, stride, image, plane, v, i, before)
         before = i
         lookup.fill_weights(row.weights_x, weights, taps[kind])
-        content, grad, down = row.content, pixels[colour], np.int32(cell.period[kind, 1] * stride)
+        content, base = row.floats[rows.CONTENT], row.ints[rows.BASE_INDEX]
         fill(content, ZERO)
-        harmonics.add_product(content, row.irradiance[colour], row.modulation)
-        across, below = row.weights_x, row.weights_y
-        lookup.content_back(grad, content, row.base, down, across, below, taps[kind])
+        harmonics.add_product(content, row.irradiance[colour], row.floats[rows.MODULATION])
+        down = np.int32(cell.period[kind, 1] * stride)
+        shown_grad, weights_x, weights_y = pixels[colour], row.weights_x, row.weights_y
+        lookup.content_back(shown_grad, content, base, down, weights_x, weights_y, taps[kind])

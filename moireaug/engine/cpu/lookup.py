@@ -43,17 +43,16 @@ def split_into_cells(offset, cell, position, cells, centre):
 
 
 @jit_in_place
-def locate_taps(along, index, phase_share, start, phases, taps):
+def locate_taps(first, index, phase_share, offset, nearest, start, phases, taps):
     """Find each pixel's first tap along one axis, and its weights in a table of
     `tap_weights.weight_tables`.
 
     Args:
-        along: a `rows.AxisCells` that `split_into_cells` has filled; its `first` is filled. index,
-            phase_share: (n,) int32 and float32, filled as in `records.TapWeights`.
-        start: (n,) int32, index in the table of the left node's weights along this axis. phases,
-            taps: see `records.CoarseGrid`.
+        first: (n,) int32, filled with the cell of the first tap. index, phase_share: (n,) int32 and
+            float32, filled as in `records.TapWeights`.
+        offset, nearest: (n,), from `split_into_cells`. start: (n,) int32, index in the table of the
+            left node's weights along this axis. phases, taps: see `records.CoarseGrid`.
     """
-    offset, nearest, first = along.offset, along.nearest, along.first
     scale, last = np.float32(phases), np.int32(phases - 1)
     size, half = np.int32(taps), np.int32(taps // 2)
     for i in range(len(offset)):

@@ -15,6 +15,9 @@ from moireaug.engine.cpu.view import undistorted
 UNDISTORTION_STEPS = 1024  # of a table
 ONE = np.float32(1)
 ONE32 = np.int32(1)
+# rows of a _Row's arrays
+X, Y = range(2)
+SQUARE = WEIGHT = 2
 
 
 def flat_length(h: int, w: int) -> int:
@@ -49,50 +52,33 @@ def image_to_photo(forward, k1, k2):
     return ImageToPhoto(forward, factor, UNDISTORTION_STEPS / edge)
 
 
-class Ideal(NamedTuple):
-    """Where the pixels of a row look on a photo without distortion: x and y about the centre, and
-    the square of the radius as a place in the table of an ImageToPhoto; (w,) float64 each."""
-
-    x: np.ndarray
-    y: np.ndarray
-    square: np.ndarray
-
-
-@jit_inlined
-def ideal_of(w):
-    """Return the Ideal of a row w wide."""
-    return Ideal(np.empty(w), np.empty(w), np.empty(w))
-
-
 class _Row(NamedTuple):
     """Where the pixels of a row look on the photo.
 
     Args:
-        ideal: see there.
-        at: (w,) int32, the upper left pixels that are looked at. fx, fy: (w,) float32, how far
-            towards the right and the lower ones.
-        weight: (w,) float32, 1 inside the photo, 0 outside.
+        ideal: (3, w) float64, X and Y about the centre on a photo without distortion, and the
+            SQUARE of the radius as a place in the table of an ImageToPhoto.
+        at: (w,) int32, the upper left pixels that are looked at.
+        share: (3, w) float32, fractions towards the lower right ones, along X and Y, and the
+            WEIGHT: 1 inside the photo, 0 outside.
     """
 
-    ideal: Ideal
+    ideal: np.ndarray
     at: np.ndarray
-    fx: np.ndarray
-    fy: np.ndarray
-    weight: np.ndarray
+    share: np.ndarray
 
 
 @jit_inlined
 def _row_of(w):
     """Return the _Row of a photo w wide."""
-    fx, fy, weight = np.empty(w, np.float32), np.empty(w, np.float32), np.empty(w, np.float32)
-    return _Row(ideal_of(w), np.empty(w, np.int32), fx, fy, weight)
+    return _Row(np.empty((3, w)), np.empty(w, np.int32), np.empty((3, w), np.float32))
 
 
 @jit_in_place
-def _fill_ideal(ideal, first, v, to_photo, radius_scale):
-    """Fill an Ideal for a row v of an image, whose columns are `first` and those a pixel apart to
-    the right of it; both about the centre. radius_scale: see `exposure_records.Camera`."""
-    x, y, square = ideal
+def _fill_ideal(x, y, square, first, v, to_photo, radius_scale):
+    """Fill x, y and square (w,), the `_Row`'s ideal, for a row v of an image, whose columns are
+    `first` and those a pixel apart to the right of it; both about the centre. radius_scale: see
+    `exposure_records.Camera`."""
     forward, per_square, last = to_photo.forward, to_photo.per_square, UNDISTORTION_STEPS + 0.5
     ax, bx = forward[0, 0], forward[0, 1] * v + forward[0, 2]
     ay, by = forward[1, 0], forward[1, 1] * v + forward[1, 2]
@@ -120,25 +106,25 @@ def fill_photo_positions(u, v, ideal, first, row, to_photo, camera):
     pixels that it does not show are put at its nearest edge.
 
     Args:
-        ideal: workspace, an Ideal. to_photo: an ImageToPhoto. first, row: of the first pixel, see
-            `_fill_ideal`.
+        ideal: (3, w) float64, workspace. to_photo: an ImageToPhoto. first, row: of the first pixel,
+            see `_fill_ideal`.
     """
     half_h, half_w = camera.photo_height / 2, camera.photo_width / 2
-    _fill_ideal(ideal, first, row, to_photo, camera.radius_scale)
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], first, row, to_photo, camera.radius_scale)
     for i in range(len(u)):
-        lens_factor = _factor_at(to_photo.factor, load(ideal.square, i))
-        store(u, i, min(max(load(ideal.x, i) * lens_factor, -half_w), half_w))
-        store(v, i, min(max(load(ideal.y, i) * lens_factor, -half_h), half_h))
+        lens_factor = _factor_at(to_photo.factor, load(ideal[SQUARE], i))
+        store(u, i, min(max(load(ideal[X], i) * lens_factor, -half_w), half_w))
+        store(v, i, min(max(load(ideal[Y], i) * lens_factor, -half_h), half_h))
 
 
 @jit_in_place
-def _distort(row, factor, h, w):
-    """Fill the rest of a `_Row` from its `ideal`."""
-    ideal, at, fx, fy, weight = row
+def _distort(at, share, ideal, factor, h, w):
+    """Fill `at` and share of a `_Row` from its `ideal`."""
+    fx, fy, weight = share[X], share[Y], share[WEIGHT]
     half_w, half_h = w / 2, h / 2
     for i in range(len(at)):
-        lens_factor = _factor_at(factor, load(ideal.square, i))
-        x, y = load(ideal.x, i) * lens_factor, load(ideal.y, i) * lens_factor
+        lens_factor = _factor_at(factor, load(ideal[SQUARE], i))
+        x, y = load(ideal[X], i) * lens_factor, load(ideal[Y], i) * lens_factor
         inside = (abs(x) <= half_w) & (abs(y) <= half_h)
         x, y = min(max(x + half_w - 0.5, 0.0), w - 1.0), min(max(y + half_h - 0.5, 0.0), h - 1.0)
         left, top = np.int32(x), np.int32(y)
@@ -151,15 +137,17 @@ def _distort(row, factor, h, w):
 @jit_in_place
 def _place(row, r, to_photo, h, w):
     """Fill the _Row with where row r of an image (h, w) looks."""
+    ideal = row.ideal
     # in a loop without look-ups, which vectorises
-    _fill_ideal(row.ideal, 0.5 - w / 2, r + 0.5 - h / 2, to_photo, 4.0 / (h * h + w * w))
-    _distort(row, to_photo.factor, h, w)
+    first, v, radius_scale = 0.5 - w / 2, r + 0.5 - h / 2, 4.0 / (h * h + w * w)
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], first, v, to_photo, radius_scale)
+    _distort(row.at, row.share, ideal, to_photo.factor, h, w)
 
 
 @jit_in_place
-def _sample(out, photo, row, down):
+def _sample(out, photo, at, share, down):
     """Fill a row from a plane of the photo, whose rows lie `down` apart."""
-    at, fx, fy, weight, right = row.at, row.fx, row.fy, row.weight, ONE32
+    fx, fy, weight, right = share[X], share[Y], share[WEIGHT], ONE32
     for i in range(len(out)):
         k, f = load(at, i), load(fx, i)
         a, b = load(photo, k), load(photo, np.int32(k + right))
@@ -170,9 +158,9 @@ def _sample(out, photo, row, down):
 
 
 @jit_in_place
-def _scatter(photo, grad, row, down):
+def _scatter(photo, grad, at, share, down):
     """Add the gradient in a row to that in a plane of the photo."""
-    at, fx, fy, weight = row.at, row.fx, row.fy, row.weight
+    fx, fy, weight = share[X], share[Y], share[WEIGHT]
     right, down = np.uint32(1), np.uint32(down)
     for i in range(len(grad)):
         # unsigned, so that numba does not look for indices from the end
@@ -214,7 +202,7 @@ def register(out, photo, to_photo, top, bottom):
     for r in range(top, bottom):
         _place(row, r, to_photo, h, w)
         for c in range(3):
-            _sample(out[c, r], photo[c * h * w :], row, np.int32(w))
+            _sample(out[c, r], photo[c * h * w :], row.at, row.share, np.int32(w))
 
 
 @jit_inlined
@@ -226,4 +214,4 @@ def register_back(photo_grad, grad, to_photo):
     for r in range(h):
         _place(row, r, to_photo, h, w)
         for c in range(3):
-            _scatter(photo_grad[c * h * w :], grad[c, r], row, np.int32(w))
+            _scatter(photo_grad[c * h * w :], grad[c, r], row.at, row.share, np.int32(w))

@@ -9,10 +9,18 @@ import numpy as np
 
 from moireaug.engine.cpu import harmonics, lookup
 from moireaug.engine.cpu.coarse_grid import bracket
-from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
+from moireaug.engine.cpu.compiling import fill, jit_in_place, jit_inlined
 from moireaug.engine.cpu.tap_weights import weights_per_node
 
 ZERO, ONE = np.float32(0), np.float32(1)
+
+# what the rows of a Row's arrays hold
+X, Y, U, V = range(4)
+NEAREST_CELL_X, NEAREST_CELL_Y, FIRST_CELL_X, FIRST_CELL_Y, BASE_INDEX = range(5)
+WEIGHT_INDEX, NOISE_BITS = range(5, 7)
+CELL_OFFSET_X, CELL_OFFSET_Y, PHASE_SHARE, CONTENT, MODULATION, LIGHT, NOISE = range(7)
+EVEN, ODD, IN_PHASE, QUADRATURE, COS_X, SIN_X = range(6)
+COS_Y, SIN_Y = range(2)
 
 
 class RowLayout(NamedTuple):
@@ -84,92 +92,49 @@ def row_layout_of(w, planes, sites, grid, filters):
     return RowLayout(u, start, node_share, first, needs_colour)
 
 
-class Position(NamedTuple):
-    """Where a row's pixels look, x and y in panel pixels, and where they lie on the photo, u and v
-    about the centre: (w,) float64 each."""
-
-    x: np.ndarray
-    y: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-
-
-class AxisCells(NamedTuple):
-    """The cells that a row's pixels see along one axis of the panel, and the waves there.
-
-    Args:
-        nearest: (w,) int32, the cell nearest to where each pixel looks. offset: (w,) float32, how
-            far that is from there, in cells.
-        first: (w,) int32, the cell of the first tap.
-        cos, sin: (orders, w) float32, see `harmonics.fill_waves`.
-    """
-
-    nearest: np.ndarray
-    offset: np.ndarray
-    first: np.ndarray
-    cos: np.ndarray
-    sin: np.ndarray
-
-
 class Row(NamedTuple):
     """What a row of pixels is computed in.
 
     Args:
-        position: where they look and lie. along_x, along_y: the cells that they see.
-        weights: (kinds, ...) float32, the tap weights at this row's nodes. weight_index,
-            phase_share: (w,) int32 and float32, see `records.TapWeights`.
-        weights_x, weights_y: (w * WIDE_TAPS,) float32, the tap weights along x, of the gradient
-            alone, and along y. base: (w,) int32, the first cell of both on the flattened panel.
-        even, odd, in_phase, quadrature: (K + 1, w) float32, see `harmonics`. orders: (kinds,)
-            int64, how many k each kind has, 0 included. centre_cos, centre_sin: (n, K + 1) float32,
-            from `_fill_centre_waves`.
-        content, modulation: (w,) float32, the content of a subpixel, and the modulation of it.
+        weights: (kinds, ...) float32, the tap weights at this row's nodes.
+        position: (4, w) float64, where each pixel looks, X and Y in panel pixels, and where it lies
+            on the photo, U and V about the centre.
+        ints: (7, w) int32, the cell nearest to where each pixel looks, the FIRST_CELL of its taps,
+            the BASE_INDEX of that on the flattened panel, and the WEIGHT_INDEX of
+            `records.TapWeights`; the NOISE_BITS that random numbers are made from.
+        floats: (7, w) float32, each pixel's CELL_OFFSET from the nearest cell, in cells, and its
+            PHASE_SHARE of `records.TapWeights`; a subpixel's CONTENT, and the MODULATION
+            of it; the LIGHT of all colours, and the sensor's NOISE.
         irradiance: (3, w) float32, the panel's light of each colour, or the gradient in it.
-        light, noise: (w,) float32, the light of all colours, and the sensor's noise. noise_bits:
-            (w,) int32, that random numbers are made from.
+        weights_x, weights_y: (w * WIDE_TAPS,) float32, the tap weights along x, of the gradient
+            alone, and along y.
+        wave: (6, K + 1, w), EVEN to SIN_X, and wave_y: (2, L + 1, w), COS_Y and SIN_Y, float32; see
+            `harmonics`.
+        orders: (kinds,) int64, how many k each kind has, 0 included.
+        cos, sin: (n, K + 1) float32, from `_shifts`.
     """
 
-    position: Position
-    along_x: AxisCells
-    along_y: AxisCells
     weights: np.ndarray
-    weight_index: np.ndarray
-    phase_share: np.ndarray
+    position: np.ndarray
+    ints: np.ndarray
+    floats: np.ndarray
+    irradiance: np.ndarray
     weights_x: np.ndarray
     weights_y: np.ndarray
-    base: np.ndarray
-    even: np.ndarray
-    odd: np.ndarray
-    in_phase: np.ndarray
-    quadrature: np.ndarray
+    wave: np.ndarray
+    wave_y: np.ndarray
     orders: np.ndarray
-    centre_cos: np.ndarray
-    centre_sin: np.ndarray
-    content: np.ndarray
-    modulation: np.ndarray
-    irradiance: np.ndarray
-    light: np.ndarray
-    noise: np.ndarray
-    noise_bits: np.ndarray
+    cos: np.ndarray
+    sin: np.ndarray
 
 
 @jit_in_place
-def _fill_centre_waves(cos, sin, cell):
+def _shifts(cos, sin, cell):
     """Fill cos and sin (n, K + 1) with those of 2 pi k x at each subpixel's centre x."""
     for i in range(len(cos)):
         for k in range(cos.shape[1]):
             angle = 2 * math.pi * k * cell.centre[i, 0] / cell.period[cell.subpixel_kind[i], 0]
             cos[i, k], sin[i, k] = math.cos(angle), math.sin(angle)
-
-
-@jit
-def _axis_cells(w, orders):
-    """Return the AxisCells of w pixels, with the waves of order 0."""
-    cos, sin = np.empty((orders, w), np.float32), np.empty((orders, w), np.float32)
-    fill(cos[0], ONE)
-    fill(sin[0], ZERO)
-    nearest, first = np.empty(w, np.int32), np.empty(w, np.int32)
-    return AxisCells(nearest, np.empty(w, np.float32), first, cos, sin)
 
 
 @jit_inlined
@@ -181,30 +146,26 @@ def row_of(w, cell, grid):
         kind, k = grid.terms[i, harmonics.KIND], grid.terms[i, harmonics.K] + 1
         orders[kind], n_k = max(orders[kind], k), max(n_k, k)
         n_l = max(n_l, grid.terms[i, harmonics.L] + 1)
+    wave, wave_y = np.empty((6, n_k, w), np.float32), np.empty((2, n_l, w), np.float32)
+    # those of k = 0 and l = 0
+    fill(wave[COS_X, 0], ONE)
+    fill(wave[SIN_X, 0], ZERO)
+    fill(wave_y[COS_Y, 0], ONE)
+    fill(wave_y[SIN_Y, 0], ZERO)
     subpixels = len(cell.channel)
     cos, sin = np.empty((subpixels, n_k), np.float32), np.empty((subpixels, n_k), np.float32)
-    _fill_centre_waves(cos, sin, cell)
+    _shifts(cos, sin, cell)
     return Row(
-        position=Position(np.empty(w), np.empty(w), np.empty(w), np.empty(w)),
-        along_x=_axis_cells(w, n_k),
-        along_y=_axis_cells(w, n_l),
-        weights=np.empty((kinds, n), np.float32),
-        weight_index=np.empty(w, np.int32),
-        phase_share=np.empty(w, np.float32),
-        weights_x=np.empty(w * lookup.WIDE_TAPS, np.float32),
-        weights_y=np.empty(w * lookup.WIDE_TAPS, np.float32),
-        base=np.empty(w, np.int32),
-        even=np.empty((n_k, w), np.float32),
-        odd=np.empty((n_k, w), np.float32),
-        in_phase=np.empty((n_k, w), np.float32),
-        quadrature=np.empty((n_k, w), np.float32),
-        orders=orders,
-        centre_cos=cos,
-        centre_sin=sin,
-        content=np.empty(w, np.float32),
-        modulation=np.empty(w, np.float32),
-        irradiance=np.empty((3, w), np.float32),
-        light=np.empty(w, np.float32),
-        noise=np.empty(w, np.float32),
-        noise_bits=np.empty(w, np.int32),
+        np.empty((kinds, n), np.float32),
+        np.empty((4, w), np.float64),
+        np.empty((7, w), np.int32),
+        np.empty((7, w), np.float32),
+        np.empty((3, w), np.float32),
+        np.empty(w * lookup.WIDE_TAPS, np.float32),
+        np.empty(w * lookup.WIDE_TAPS, np.float32),
+        wave,
+        wave_y,
+        orders,
+        cos,
+        sin,
     )
