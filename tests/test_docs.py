@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from training.config.compose import recipe_files
 from training.config.data_sets import DATA
+from training.config.recipes import recipe_files
 from training.config.settings import settings_of
 
 ROOT = Path(__file__).parents[1]

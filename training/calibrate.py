@@ -47,6 +47,7 @@ from training.calibration.compare import (
 from training.calibration.page import crop_table, draw, example_blocks, page
 from training.config import scenes
 from training.config.commands import parse, report_errors
+from training.config.data_sets import MAX_SEED
 from training.config.settings import setting
 from training.data.real_pairs import (
     ScreenPhoto,
@@ -58,7 +59,7 @@ from training.data.real_pairs import (
 )
 from training.photographs.statistics import MIN_CROP_SIDE
 from training.runs.identity import fingerprint_of
-from training.system.files import free_name, make_folder
+from training.system.files import free_name, make_folder, require_outside
 
 EXAMPLE = "python training/calibrate.py pairs=FILE.csv scene=screen_photo"
 
@@ -74,7 +75,7 @@ class Config:
     out: str | None = setting(None, "the folder of the results; null: one in runs/calibrate/")
     size: int = setting(384, "side of the crops, in pixels", bounds=(MIN_CROP_SIDE, None))
     crops: int = setting(6, "crops of each picture", bounds=(1, None))
-    seed: int = setting(0, "of the photos and the search", bounds=(0, None))
+    seed: int = setting(0, "of the photos and the search", bounds=(0, MAX_SEED - 1))
     fit: bool = setting(False, "search the scene's ranges")
     evaluations: int = setting(400, "of the fit, at most", bounds=(1, None))
     seconds: float = setting(900.0, "of the fit, at most", bounds=(0, None))
@@ -87,6 +88,8 @@ def calibrate(cfg: Config) -> list[StatisticRow]:
     if cfg.pairs or cfg.picture:
         check_aligned(scene)
     out = Path(cfg.out) if cfg.out else folder_of(cfg, scene)
+    if cfg.photos:
+        require_outside(out, cfg.photos, "photos")
     make_folder(out, "out=DIR")
     crops = cut_crops(pictures_of(cfg), cfg.size, cfg.crops, cfg.seed)
     real = measure_crops(crops.photos, crops.originals)

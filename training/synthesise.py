@@ -36,7 +36,7 @@ from training.config.commands import parse, report_errors
 from training.pairs.files import FORMATS
 from training.pairs.make import Config, make
 from training.pairs.sets import PairSet, Share, claim, share_of
-from training.system.files import locked
+from training.system.files import locked, require_outside
 from training.system.messages import count_text
 
 EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
@@ -58,12 +58,8 @@ def check(cfg: Config) -> None:
     """Refuse invalid settings that `Pairs` does not check."""
     if cfg.encoding == "png" and cfg.quality is not None:
         raise ValueError("quality= is for encoding=webp and jpeg; PNG is lossless: leave it out.")
-    images, out = Path(cfg.images).resolve(), Path(cfg.out).resolve()
-    if out.is_relative_to(images):
-        raise ValueError(
-            f"out={cfg.out} lies in images={cfg.images}, and what is written would be taken for "
-            "pictures: name a folder outside it."
-        )
+    out = Path(cfg.out)
+    require_outside(out, cfg.images, "images")
     if out.exists() and not out.is_dir():
         raise ValueError(f"out={cfg.out} cannot be a folder: there is a file of that name.")
 

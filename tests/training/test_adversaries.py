@@ -6,16 +6,22 @@ from torch import nn
 
 from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
-from training.classifier.adversaries import TrainingAdversary, passes
+from training.classifier.adversaries import ATTACK_OF_KIND, TrainingAdversary, passes
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of
 from training.config.checks import check_adversary
-from training.config.schema import RECIPES, Adversary
+from training.config.schema import ATTACKS, RECIPES, Adversary
 from training.recipe.phases import ClassificationTask
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 SCENE = Scene.preset("screen_photo")
+
+
+def test_every_kind_of_attack_has_one_and_an_unknown_kind_is_not_left_unattacked():
+    assert set(ATTACK_OF_KIND) == set(ATTACKS)
+    with pytest.raises(KeyError, match="mifgsm"):
+        TrainingAdversary(nn.Identity(), SCENE, Adversary(kind="mifgsm", share=0.5))
 
 
 class Counting(nn.Module):

@@ -126,6 +126,9 @@ WRONG = {
     "pairs=a picture=b": "leave it out with pairs=",
     "photos=a fit=true": "fit=true needs to know",
     "pairs=a size=8": "size must be at least 32",
+    "pairs=a seed=4294967295": r"seed must be in \[0, 4294967294\]",  # the search takes the next
+    "photos=. out=new": "out=new lies in photos=., and what is written would be taken for",
+    "photos=.": r"out=runs/calibrate/\S* lies in photos=",
     "pairs=a scene=paper": "camera's frame",
     "pairs=nowhere.csv": "neither a CSV file nor a folder",
     "pairs=a scene=none.yaml": "could not be read",

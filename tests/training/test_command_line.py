@@ -10,9 +10,10 @@ from hydra.errors import HydraException
 from tests.training.small import configured, inside
 from training import fit
 from training.config.checks import check_overrides
-from training.config.command_line import quote_paths, require_recipe, why_refused
+from training.config.command_line import quote_paths, why_refused
 from training.config.commands import parse
-from training.config.compose import recipe_files
+from training.config.compose import RECIPE_GROUPS, register
+from training.config.recipes import recipe_files, require_recipe
 from training.config.schema import Config
 from training.demoireing import clean
 
@@ -88,6 +89,32 @@ def test_what_to_train_must_be_said():
         assert listed == [path.stem for path in recipe_files()], "with a line each"
     for given in (["--help"], ["--cfg", "job"], ["-c", "job", "seed=1"], ["+recipe=clean"]):
         require_recipe(given)
+
+
+UNUSABLE = [
+    ("train: {init: clean", r"could not be read as YAML: .*expected ',' or '}'"),
+    ("- clean", "must be a YAML mapping of settings"),
+    ("recipe: other", "which is the name of the file"),
+    ("advers: {share: 1}", r"'advers' must be one of .*Did you mean 'adversary'\?"),
+    ("train: {lrr: 1}", r"must be one of .*Did you mean 'lr'\?"),
+    ("train: 3", r"train: .* Its settings: train\.target, "),
+    ("seed: often", "seed: Value 'often' of type 'str'"),
+]
+
+
+@pytest.mark.parametrize(("text", "sentence"), UNUSABLE)
+def test_a_recipe_that_cannot_be_used_stops_its_own_run(text, sentence, tmp_path, monkeypatch):
+    monkeypatch.setattr("training.config.recipes.RECIPES", tmp_path)
+    (tmp_path / "good.yaml").write_text("# Good.\ntrain: {init: clean}\n")
+    (tmp_path / "bad.yaml").write_text(f"# Bad.\n{text}\n")
+    (tmp_path / ".#good.yaml").symlink_to("an editor's lock")
+    for given in (["recipe=bad"], ["-m", "recipe=good,bad"]):
+        with pytest.raises(SystemExit, match=rf"error: .*bad\.yaml.*{sentence}"):
+            require_recipe(given)
+    require_recipe(["recipe=good"])
+    register("test", Config, RECIPE_GROUPS, "")
+    with pytest.raises(SystemExit, match=r"recipe=bad\n      Bad\n  recipe=good\n"):
+        require_recipe([])
 
 
 def test_a_recipe_is_not_given_to_an_attack():

@@ -152,6 +152,24 @@ print(cfg.data.augment, len(splits.train), len(splits.test), splits.num_classes)
     assert done.stdout.split() == ["shift", "8", "5", "10"], done.stderr
 
 
+def grey_set(root, transform, download, **part):
+    return [(transform(Image.new("L", (28, 28), 60)), k % 2) for k in range(4)]
+
+
+@pytest.mark.parametrize("num_classes", [2, 0])
+def test_grey_images_become_colour_and_classes_must_be_known(num_classes, monkeypatch, tmp_path):
+    monkeypatch.setattr(datasets, "Grey", grey_set, raising=False)
+    row = torchvision_set("Grey", {"train": True}, {"train": False}, "shift", num_classes)
+    monkeypatch.setitem(DATA_SETS, "grey", row)
+    cfg = Data(name="grey", root=str(tmp_path), size=16, val=1)
+    if num_classes:
+        image, _ = load(cfg).train[0]
+        assert image.shape == (3, 16, 16) and image.unique().tolist() == [60]
+    else:
+        with pytest.raises(ValueError, match=r"num_classes, in the row 'grey' of DATA_SETS"):
+            load(cfg)
+
+
 def test_a_single_class_is_refused(root, monkeypatch):
     monkeypatch.chdir(root)
     for half, name in (("train", "n01"), ("test", "n03")):

@@ -110,6 +110,20 @@ def test_a_detector_replays_from_its_file_and_rejects_photos(trained):
     assert rejecting(photos).shape[0] == 2
 
 
+def test_two_calls_at_once_do_not_mix_their_features():
+    detector = Detector("resnet18").eval()
+    ours, theirs = torch.rand(2, 1, 3, 64, 64, generator=torch.Generator().manual_seed(0))
+    alone = detector.features(ours)
+    stage = detector.network.model.layer2
+
+    def call_again(*_):
+        handle.remove()
+        detector.features(theirs)
+
+    handle = stage.register_forward_hook(call_again)
+    assert torch.equal(detector.features(ours), alone)
+
+
 @pytest.mark.parametrize(
     ("command", "message"),
     [
@@ -120,6 +134,7 @@ def test_a_detector_replays_from_its_file_and_rejects_photos(trained):
         (["train", "weights=null", "images=nowhere"], "nowhere is not a folder"),
         (["train", "weights=null", "n=3"], "n must"),
         (["score", "in=nowhere", "detector=none.pt"], "none.pt"),
+        (["score", "in=.", "detector=none.pt"], "out=runs/scores lies in in=., and what"),
     ],
 )
 def test_a_wrong_command_is_refused(command, message, tmp_path, monkeypatch):

@@ -143,6 +143,12 @@ def test_a_table_of_csv_has_the_same_means(tmp_path):
     assert "cover the choice of seeds alone" in (tmp_path / "again/frontier.md").read_text()
 
 
+def test_a_csv_that_is_not_there_is_not_to_be_resumed(tmp_path):
+    with pytest.raises(SystemExit, match=r"none.csv is no frontier.csv .*No such file") as error:
+        command.main([str(tmp_path / "none.csv"), f"out={tmp_path}"])
+    assert "resume" not in str(error.value)
+
+
 def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
     lines = read(root).to_csv().splitlines()
     for text, said in (

@@ -6,6 +6,8 @@ from torch import nn
 from torchvision.models import VisionTransformer
 
 from moireaug.attacks import Normalized
+from training.config.schema import Config
+from training.config.settings import settings_of
 from training.models import classifiers as models
 from training.models.pooling import AttentionPooling
 from training.models.small_convnet import AttentionConvNet
@@ -89,6 +91,10 @@ def test_a_size_that_a_model_cannot_take_is_refused():
 def test_own_models_take_images_as_they_are():
     built = {name: models.as_model(name, 5, None) for name in models.OWN_MODELS}
     assert not any(isinstance(model, Normalized) for model in built.values())
+
+
+def test_the_help_names_every_own_model():
+    assert all(name in settings_of(Config)["model"].help for name in models.OWN_MODELS)
 
 
 def test_names_hold_classifiers_only():

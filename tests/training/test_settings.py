@@ -11,7 +11,7 @@ from training import fit, reattack
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of, seed_of_draws, trainer_of
 from training.classifier.tuning import tuning_of
-from training.config.data_sets import Data
+from training.config.data_sets import AUGMENTATIONS, Data
 from training.config.schema import Train, Trainer
 from training.config.settings import with_absolute_paths
 from training.data.augmentation import augment
@@ -90,6 +90,13 @@ def test_wrong_settings_get_a_sentence(given, sentence, tmp_path):
 def test_untrained_weights_are_not_attacked():
     with pytest.raises(ValueError, match="nothing to attack"):
         reattack.reattack(configured(name="reattack"), [])
+
+
+def test_an_augmentation_is_never_that_of_another_name():
+    images = torch.rand(1, 3, 16, 16)
+    assert all(augment(images, kind).shape == images.shape for kind in AUGMENTATIONS)
+    with pytest.raises(KeyError, match="mirror"):
+        augment(images, "mirror")
 
 
 @pytest.mark.parametrize("kind", ["shift", "shift_flip"])

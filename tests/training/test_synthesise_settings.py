@@ -104,6 +104,7 @@ WRONG = {
     "n=1e6": r"n: Value '1e6' of type 'str' could not be converted to Integer",
     "out=null": "out: ",
     "out=${DIR}": "DIR",
+    "shrink=[1,3": r"shrink=\[1,3 cannot be read: pass shrink=\[1,3\], say",
     "shard=3/3": r"0 <= i < n, .*; got 3/3. It counts from 0: with Slurm, --array=0-15",
     "shard=1": "shard must be i/n",
     "format=zip": "format must be one of 'webdataset', 'imagefolder'",

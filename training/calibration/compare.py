@@ -158,8 +158,8 @@ def cut_crops(pictures: Iterable[ScreenPhoto], side: int, each: int, seed: int =
         height, width = photo.shape[-2:]
         if min(height, width) < side:
             raise ValueError(
-                f"{name} is {width} x {height} pixels, smaller than a crop of {side}: make the "
-                "crops smaller."
+                f"{name} is {width} x {height} pixels, smaller than a crop of {side}: pass "
+                "a smaller size=N."
             )
         for _ in range(each):
             y = int(draw.integers(0, height - side + 1))

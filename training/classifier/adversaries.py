@@ -21,7 +21,9 @@ class TrainingAdversary:
         if not cfg.moire:
             scene = map_scenes(scene, without_subpixels)
         self.scene, self.cfg = scene, cfg
-        self.attack = _attack(model, scene, cfg)
+        self.attack: Attack | None = None
+        if cfg.kind != "none":
+            self.attack = ATTACK_OF_KIND[cfg.kind](model, scene, cfg)
 
     def __call__(self, images: Tensor, labels: Tensor, strength: float = 1.0) -> Tensor:
         """Return images (B, 3, H, W) in [0, 1] under attack, without gradient; where the kind is
@@ -40,21 +42,24 @@ class TrainingAdversary:
         return capture(images, self.scene.sample(len(images), size))
 
 
-def _attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack | None:
-    if cfg.kind == "moire_attack":
-        return MoireAttack(
-            model,
-            scene=scene,
-            eps=cfg.eps,
-            bound=cfg.bound,
-            steps=cfg.steps,
-            random_start=1.0,
-            optimise=tuple(cfg.optimise),
-            draws=cfg.draws,
-        )
-    if cfg.kind == "pgd":
-        return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
-    return None
+def _moire_attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack:
+    return MoireAttack(
+        model,
+        scene=scene,
+        eps=cfg.eps,
+        bound=cfg.bound,
+        steps=cfg.steps,
+        random_start=1.0,
+        optimise=tuple(cfg.optimise),
+        draws=cfg.draws,
+    )
+
+
+def _pgd(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack:
+    return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
+
+
+ATTACK_OF_KIND = {"moire_attack": _moire_attack, "pgd": _pgd}
 
 
 def strengthen(cfg: Adversary) -> Adversary:

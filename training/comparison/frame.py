@@ -92,7 +92,7 @@ def read_csv(file: Path) -> RunTable:
         runs = runs.assign(**{name: [np.array([mean]) for mean in runs[name]] for name in RATES})
         shared = {name: runs[name].unique().tolist() for name in SHARED_COLUMNS}
         seeds = runs.groupby("recipe")["seed"].nunique()
-    except (KeyError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+    except (OSError, KeyError, ValueError) as error:  # ValueErrors: no UTF-8, no CSV, nothing in it
         raise ValueError(
             f"{file} is no frontier.csv ({error}). Pass the folder of the runs instead."
         ) from error

@@ -149,15 +149,12 @@ def check_devices(trainer: Trainer) -> None:
     on_cpu = kind == "cpu" or (kind == "auto" and not gpus)
     # two processes can be tried on any machine
     available = max(2, os.cpu_count() or 1) if on_cpu else gpus
-    unit = "processes (CPU cores)" if on_cpu else "GPUs"
+    unit = "processes (CPU cores)" if on_cpu else "GPUs, a list of them such as [0,2],"
     is_list = isinstance(devices, (list, tuple))
     if devices == "auto" or (not on_cpu and (devices == -1 or is_list)):
         return
     if type(devices) is not int or not 1 <= devices <= available:
-        raise ValueError(
-            f"trainer.devices must be 1 to {available} {unit}, a list of GPUs such as [0,2], or "
-            f"auto; got {devices}."
-        )
+        raise ValueError(f"trainer.devices must be 1 to {available} {unit} or auto; got {devices}.")
 
 
 def check_overrides(cfg: ReattackConfig, overrides: Sequence[str]) -> None:

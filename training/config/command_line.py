@@ -2,15 +2,14 @@
 words."""
 
 import os
-import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.common.argument_checks import one_of
-from training.config.compose import HELP_WRAPPING, purpose, recipe_files
 from training.config.scenes import SUFFIXES
 from training.config.schema import RunConfig
 from training.config.settings import settings_of
@@ -19,6 +18,8 @@ SWEEP_FLAGS = {"-m", "--multirun"}
 # flags after which a command prints and ends
 HELP_FLAGS = {"--help", "-h"}
 PRINTING_FLAGS = HELP_FLAGS | {"--hydra-help", "--version", "--cfg", "-c", "--info", "-i"}
+# of a line of help
+HELP_WRAPPING: Any = {"width": 100, "initial_indent": " " * 6, "subsequent_indent": " " * 6}
 
 
 def quote_paths(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
@@ -59,36 +60,27 @@ def _quote_path(key: str, path: str) -> str:
     return f"{key}={path}" if as_it_is else f"{key}='{escaped}'"
 
 
-def require_recipe(overrides: Sequence[str]) -> None:
-    """Refuse a command line without a recipe, unless it only prints, as --help and --cfg do.
-
-    Raises:
-        SystemExit: no recipe; lists what each is for.
-    """
-    has_recipe = any(override.lstrip("+").startswith("recipe=") for override in overrides)
-    if has_recipe or any(override.partition("=")[0] in PRINTING_FLAGS for override in overrides):
-        return
-    lines = ["error: say what to train, with one of these recipes:"]
-    for path in recipe_files():
-        lines += [f"  recipe={path.stem}", textwrap.fill(purpose(path), **HELP_WRAPPING)]
-    raise SystemExit("\n".join(lines))
-
-
 def why_refused(error: HydraException, schema: type[RunConfig]) -> str:
     """Return the reason why Hydra refused a command line, and what it takes instead."""
-    cause, table = error.__cause__, settings_of(schema)
+    cause = error.__cause__
     if not isinstance(cause, OmegaConfBaseException) or not cause.full_key:
         return str(error).partition("\nConfig search path")[0]
-    key = cause.full_key.partition("[")[0]
+    return reason_of(cause, schema)
+
+
+def reason_of(error: OmegaConfBaseException, schema: type[RunConfig]) -> str:
+    """Return the reason why a key or a value was refused, and what is taken instead."""
+    table = settings_of(schema)
+    key = (error.full_key or "").partition("[")[0]
     outer, _, name = key.rpartition(".")
-    if isinstance(cause, AttributeError) and outer not in table:
+    if isinstance(error, (AttributeError, KeyError)) and outer not in table:
         prefix = f"{outer}." if outer else ""
         known = [one.removeprefix(prefix) for one in table if one.startswith(prefix)]
         try:
             one_of(f"a key in {key!r}", name, dict.fromkeys(one.split(".")[0] for one in known))
         except ValueError as unknown:
             return str(unknown)
-    reason = f"{key}: {str(cause).splitlines()[0].rstrip('.')}."
+    reason = f"{key}: {str(error).splitlines()[0].rstrip('.')}."
     if inner := [one for one in table if one.startswith(f"{key}.")]:
         return f"{reason} Its settings: {', '.join(inner)}."
     for one in (key, outer):

@@ -22,10 +22,10 @@ from training.config.command_line import (
     HELP_FLAGS,
     SWEEP_FLAGS,
     quote_paths,
-    require_recipe,
     why_refused,
 )
 from training.config.compose import HELP_TEXTS, help_text
+from training.config.recipes import require_recipe
 from training.config.schema import Config, RunConfig, as_config
 from training.config.settings import check, field_of, settings_of
 from training.system import machine
@@ -162,8 +162,12 @@ def parse(
             raise ValueError(f"{', '.join(missing)} must be given, as in: {example}")
         key = "the settings"
         settings: Schema = as_config(cfg)
-    except (OmegaConfBaseException, yaml.YAMLError) as error:
+    except OmegaConfBaseException as error:
         raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
+    except yaml.YAMLError as error:
+        raise ValueError(
+            f"{argument} cannot be read: pass {key}={table[key].example}, say."
+        ) from error
     check(settings)
     return settings
 

@@ -1,19 +1,17 @@
 """The configurations that Hydra composes, of settings, data sets and recipes; and the text of
 --help."""
 
+import contextlib
 import inspect
-import itertools
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import OmegaConf
 
+from training.config.command_line import HELP_WRAPPING
 from training.config.data_sets import DATA, DATA_SETS, DEFAULT_DATA
-from training.config.schema import RECIPES
+from training.config.recipes import read_recipe, recipe_files
 from training.config.settings import Setting, as_argument, settings_of
 
 HYDRA_FOLDERS = {
@@ -24,8 +22,6 @@ HYDRA_FOLDERS = {
 NO_LOGGING = ({"override hydra/job_logging": "none"}, {"override hydra/hydra_logging": "none"})
 DATA_GROUPS = ({"data": DEFAULT_DATA},)
 RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean"})
-# of a line of help
-HELP_WRAPPING: Any = {"width": 100, "initial_indent": " " * 6, "subsequent_indent": " " * 6}
 MIN_FAR_BOUND = 10_000  # a bound that only a mistake exceeds
 HELP_TEXTS: dict[type, str] = {}  # of the registered commands, by their settings
 
@@ -48,25 +44,14 @@ def register(
     if "recipe" in default_groups:
         default_groups["recipe"] = "NAME"  # a command line names its own
         for path in recipe_files():
-            recipe = {"recipe": path.stem, **OmegaConf.load(path)}
-            store.store(group="recipe", name=path.stem, package="_global_", node=recipe)
+            with contextlib.suppress(ValueError):  # `require_recipe` says why, where it is chosen
+                recipe = read_recipe(path)
+                store.store(group="recipe", name=path.stem, package="_global_", node=recipe)
     store.store(name=f"{name}_schema", node=schema)
     # the settings of a command line stand above those of a recipe
     order = [f"{name}_schema", *defaults, "_self_", *NO_LOGGING]
     store.store(name=name, node={"defaults": order, "hydra": HYDRA_FOLDERS})
     HELP_TEXTS[schema] = help_text(description, schema, default_groups)
-
-
-def recipe_files() -> list[Path]:
-    """Return the files of the recipes."""
-    return sorted(RECIPES.glob("*.yaml"))
-
-
-def purpose(recipe: Path) -> str:
-    """Return what a recipe is for: the first sentence of the comment that its file begins with."""
-    lines = recipe.read_text("utf-8").splitlines()
-    comment = itertools.takewhile(lambda line: line.startswith("#"), lines)
-    return " ".join(line.removeprefix("#").strip() for line in comment).split(". ")[0].rstrip(".")
 
 
 def help_text(description: str | None, schema: type, default_groups: Mapping[str, str]) -> str:

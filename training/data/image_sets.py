@@ -44,7 +44,8 @@ def read_from_torchvision(
             "data set, or puts it with data.download=true."
         )
     make = getattr(datasets, class_name)
-    options = {"transform": _resize(cfg.size), "download": cfg.download}
+    transform = v2.Compose([v2.RGB(), _resize(cfg.size)])  # some sets are grey
+    options = {"transform": transform, "download": cfg.download}
     try:
         with _download_lock(cfg):
             train_set = make(cfg.root, **train, **options)
@@ -61,6 +62,11 @@ def read_from_torchvision(
             "has put it."
         ) from error
     names = getattr(test_set, "classes", None) or range(num_classes)
+    if not names:
+        raise ValueError(
+            f"torchvision names no classes of {class_name}: give their number, num_classes, in the "
+            f"row {cfg.name!r} of DATA_SETS."
+        )
     return ImageSet(train_set, test_set, dict(enumerate(map(str, names))), len(names))
 
 

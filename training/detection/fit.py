@@ -17,14 +17,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from omegaconf import MISSING
-from torch import Tensor
+from torch import Tensor, nn
 from torch.utils.data import DataLoader
-from torchmetrics.functional.classification import binary_auroc
 from tqdm import tqdm
 
 from moireaug.common.files import write_text
@@ -34,6 +33,7 @@ from training.config.commands import parse, report_errors
 from training.config.settings import setting
 from training.demoireing.pictures import DrawnPictures, split_tenths
 from training.detection.examples import PHOTO_SIDE, Examples
+from training.detection.measures import auc
 from training.detection.network import LOOKS, Detector, as_photo, fit_head
 from training.system.files import make_folder
 
@@ -60,7 +60,16 @@ class Config:
     penalty: float = setting(0.5, "of the heads' squared weights", bounds=(0, None))
     false_alarms: float = setting(0.1, "share of ordinary photos called screens", bounds=(0, 1))
     seed: int = setting(0, "of the examples", bounds=(0, 2**31))
-    workers: int = setting(0, "processes; 0: this one", bounds=(0, None))
+    workers: int = setting(0, "processes; 0: this one", bounds=(0, 1024))
+
+
+class SeenExample(NamedTuple):
+    """An example as a head sees it: its features (F,), and the number of its round."""
+
+    features: Tensor
+    is_screen: bool
+    kind: str
+    number: int
 
 
 def train(cfg: Config) -> dict[str, Any]:
@@ -73,42 +82,58 @@ def train(cfg: Config) -> dict[str, Any]:
     start = time.perf_counter()
     detector = Detector(cfg.backbone, cfg.weights)
     pictures, ordinary = sources(cfg)
+    rounds = Examples(pictures, scenes.load(cfg.scene), cfg.seed)
     out = Path(cfg.out)
     make_folder(out, "out=DIR")
-    rounds = Examples(pictures, scenes.load(cfg.scene), cfg.seed)
-    numbers, workers = range(cfg.n), cfg.workers
+    seen = look_at(detector, rounds, cfg)
+    areas = {look: fit_look(detector.heads[look], seen[look], cfg) for look in LOOKS}
+    scores = torch.tensor([score_of(detector, picture) for picture in ordinary])
+    detector.threshold.fill_(float(torch.quantile(scores, 1 - cfg.false_alarms)))
+    kinds = Counter(f"{look}: {one.kind}" for look in LOOKS for one in seen[look])
+    metrics: dict[str, Any] = {
+        "settings": vars(cfg),
+        "examples": dict(kinds),
+        "auc": areas,
+        "threshold": detector.threshold.item(),
+        "seconds": time.perf_counter() - start,
+    }
+    detector.save(out / "detector.pt")
+    write_text(out / "metrics.json", json.dumps(metrics, indent=1))
+    figures = ", ".join(f"{look} {area:.3f}" for look, area in areas.items())
+    print(f"AUC on simulated photos that were left out: {figures}")
+    print(f"Written in {metrics['seconds']:.0f} s: {out / 'detector.pt'}")
+    return metrics
+
+
+def look_at(detector: Detector, rounds: Examples, cfg: Config) -> dict[str, list[SeenExample]]:
+    """Make the examples of all rounds, and return their features by look."""
     loader = DataLoader(
-        rounds, batch_size=None, sampler=numbers, num_workers=workers, collate_fn=list
+        rounds,
+        batch_size=None,
+        sampler=range(cfg.n),
+        num_workers=cfg.workers,
+        collate_fn=list,
     )
-    seen: dict[str, list[tuple[Tensor, bool, int]]] = {look: [] for look in LOOKS}
-    kinds: Counter[str] = Counter()
+    seen: dict[str, list[SeenExample]] = {look: [] for look in LOOKS}
     for number, examples in enumerate(tqdm(loader, unit="round", disable=None)):
         for look in LOOKS:
             of_look = [example for example in examples if example.look == look]
             features = features_of(detector, [example.image for example in of_look])
             for row, example in zip(features, of_look, strict=True):
-                seen[look].append((row, example.is_screen, number))
-                kinds[f"{look}: {example.kind}"] += 1
-    metrics: dict[str, Any] = {"settings": vars(cfg), "examples": dict(kinds), "auc": {}}
-    held_out = range(0, cfg.n, HELD_OUT_DIVISOR)
-    for look in LOOKS:
-        x = torch.stack([row for row, _, _ in seen[look]])
-        truth = torch.tensor([is_screen for _, is_screen, _ in seen[look]])
-        tests = torch.tensor([number in held_out for _, _, number in seen[look]])
-        fit_head(detector.heads[look], x[~tests], truth[~tests].tolist(), cfg.penalty)
-        with torch.no_grad():
-            scores = detector.heads[look](x[tests])[:, 0]
-        metrics["auc"][look] = binary_auroc(scores, truth[tests].long()).item()
-    scores = torch.tensor([score_of(detector, picture) for picture in ordinary])
-    detector.threshold.fill_(float(torch.quantile(scores, 1 - cfg.false_alarms)))
-    metrics["threshold"] = detector.threshold.item()
-    metrics["seconds"] = time.perf_counter() - start
-    detector.save(out / "detector.pt")
-    write_text(out / "metrics.json", json.dumps(metrics, indent=1))
-    found = ", ".join(f"{look} {auc:.3f}" for look, auc in metrics["auc"].items())
-    print(f"AUC on simulated photos that were left out: {found}")
-    print(f"Written in {metrics['seconds']:.0f} s: {out / 'detector.pt'}")
-    return metrics
+                seen[look].append(SeenExample(row, example.is_screen, example.kind, number))
+    return seen
+
+
+def fit_look(head: nn.Module, seen: Sequence[SeenExample], cfg: Config) -> float:
+    """Fit the head of a look to most rounds; return its area under the ROC curve on the others."""
+    features = torch.stack([one.features for one in seen])
+    is_screen = torch.tensor([one.is_screen for one in seen])
+    is_held_out = torch.tensor([one.number % HELD_OUT_DIVISOR == 0 for one in seen])
+    fit_head(head, features[~is_held_out], is_screen[~is_held_out].tolist(), cfg.penalty)
+    with torch.no_grad():
+        logits = head(features[is_held_out])[:, 0].numpy()
+    truth = is_screen[is_held_out].numpy()
+    return auc(logits[truth], logits[~truth])
 
 
 def sources(cfg: Config) -> tuple[Source, list[Any]]:

@@ -11,6 +11,7 @@ import torch.nn.functional as F
 from PIL import Image
 from torch import Tensor, nn
 
+from moireaug.attacks import Normalized
 from moireaug.common.files import atomic_replacement
 from moireaug.common.image_checks import check_images
 from moireaug.common.weights import read_weights
@@ -21,7 +22,8 @@ PHOTO_SIDE = 1024  # longest side at which photos are looked at, pixels: as mess
 CROP_SIDE, WHOLE_SIDE = 224, 256  # of what the network sees, pixels
 # middles of the crops, as shares of a photo's height and width
 PLACES = ((0.2, 0.25), (0.2, 0.75), (0.5, 0.5), (0.8, 0.25), (0.8, 0.75))
-STAGES = ("layer1", "layer2", "layer3", "layer4")  # of torchvision's ResNets
+# of torchvision's ResNets, in the order of their forward pass
+STEM, STAGES = ("conv1", "bn1", "relu", "maxpool"), ("layer1", "layer2", "layer3", "layer4")
 LOOKS = ("crop", "whole")
 FILE_ADVICE = "Pass a file that training/detect.py train wrote."
 
@@ -47,31 +49,31 @@ class Detector(nn.Module):
     def __init__(self, backbone: str, weights: str | None = None) -> None:
         super().__init__()
         network = as_model(backbone, 1000, weights)
-        stages = dict(network.named_modules())
-        missing = [stage for stage in STAGES if f"model.{stage}" not in stages]
+        parts = dict(network.named_modules())
+        missing = [part for part in (*STEM, *STAGES) if f"model.{part}" not in parts]
         if missing:
             raise ValueError(
                 f"backbone must be a ResNet of torchvision, with the stages {', '.join(STAGES)}; "
                 f"{backbone!r} has no {missing[0]}. Pass backbone=resnet18."
             )
         self.backbone, self.network = backbone, network.requires_grad_(False).eval()
-        self._means: list[Tensor] = []
-        for stage in STAGES:
-            stages[f"model.{stage}"].register_forward_hook(self._keep)
+        self.normalise = Normalized(nn.Identity())
         with torch.no_grad():
             width = self.features(torch.zeros(1, 3, CROP_SIDE, CROP_SIDE)).shape[1]
         self.heads = nn.ModuleDict({look: nn.Linear(width, 1) for look in LOOKS})
         self.register_buffer("threshold", torch.zeros(()))
 
-    def _keep(self, stage: nn.Module, inputs: Any, output: Tensor) -> None:
-        self._means += [output.mean((2, 3)), output.std((2, 3))]
-
     def features(self, images: Tensor) -> Tensor:
         """Return features (B, F) of images (B, 3, H, W) in [0, 1]."""
-        self._means = []
-        self.network(images)
-        pooled, self._means = torch.cat([mean.float() for mean in self._means], 1), []
-        return pooled
+        resnet: Any = self.network.model
+        x = self.normalise(images)
+        for part in STEM:
+            x = getattr(resnet, part)(x)
+        pooled = []
+        for stage in STAGES:
+            x = getattr(resnet, stage)(x)
+            pooled += [x.mean((2, 3)).float(), x.std((2, 3)).float()]
+        return torch.cat(pooled, 1)
 
     def train(self, mode: bool = True) -> Detector:
         """Leave the network's batch statistics alone."""

@@ -28,7 +28,7 @@ from training.config.settings import setting
 from training.detection.fit import score_of
 from training.detection.measures import MISTAKES, measures, roc_plot, sheet
 from training.detection.network import Detector
-from training.system.files import make_folder
+from training.system.files import make_folder, require_outside
 
 EXAMPLE = "python training/detect.py score in=DIR detector=runs/detect/detector.pt"
 LABELS = {"real": False, "screen": True}
@@ -83,9 +83,10 @@ def score(cfg: Config) -> pd.DataFrame:
             in each collection.
         OSError: the disk is full or not writable.
     """
+    out = Path(cfg.out)
+    require_outside(out, cfg.in_, "in")
     detector, pictures = Detector.load(cfg.detector), Pictures(cfg.in_, 1)
     require_judgeable(pictures.names)
-    out = Path(cfg.out)
     make_folder(out, "out=DIR")
     rows: list[dict[str, Any]] = []
     for name in tqdm(pictures.names, unit="photo", disable=None):

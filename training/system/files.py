@@ -57,6 +57,19 @@ def make_folder(path: Path, setting: str = "runs=DIR") -> None:
         ) from error
 
 
+def require_outside(out: Path, folder: str, setting: str) -> None:
+    """Refuse results in the folder that pictures are read from, where they would be read as some.
+
+    Args:
+        setting: setting that names that folder.
+    """
+    if out.resolve().is_relative_to(Path(folder).resolve()):
+        raise ValueError(
+            f"out={out} lies in {setting}={folder}, and what is written would be taken for "
+            "pictures: pass out=DIR of a folder outside it."
+        )
+
+
 def has_parts(root: str | Path) -> bool:
     """Return whether a folder of images is split into train/ and test/: either alone may be the
     name of a class."""
