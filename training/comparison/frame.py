@@ -104,6 +104,13 @@ def read_csv(file: Path) -> RunTable:
             f"{seeds.idxmin()} has one seed in {file}, where intervals take two or more. "
             "Pass the folder of the runs instead."
         )
+    repeated = runs[runs.duplicated(["recipe", "seed"])]
+    if len(repeated):
+        recipe, seed = repeated[["recipe", "seed"]].iloc[0]
+        raise ValueError(
+            f"{file} has {recipe}, seed {seed}, more than once, which would count as further "
+            "seeds. Keep one line of it."
+        )
     values = {name: value for name, (value,) in shared.items()}
     return RunTable(runs, values, commands=[], warnings=[], is_of_means=True)
 
