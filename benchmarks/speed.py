@@ -30,6 +30,7 @@ from benchmarks.rows import Row, Size, report, time_row
 from moireaug import Lens, Scene, Sensor, View, capture, develop, engine, expose
 from moireaug.nn import ScreenCamera
 from moireaug.transforms import RandomMoire
+from moireaug.transforms import albumentations as albumentations_transforms
 from moireaug.transforms import kornia as kornia_transforms
 
 QUICK_SETTINGS = Size(
@@ -175,6 +176,29 @@ def layer(size: Size) -> Iterator[Row]:
     torch.set_num_threads(threads)
 
 
+def single(size: Size) -> Iterator[Row]:
+    """Yield an image as a DataLoader's worker transforms it: alone, or one of a batch in its
+    `collate_fn`; whole photos and crops, uint8, on one thread, in the time of the thread."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    for side in (size.side // 2, size.side):
+        images = (255 * torch.rand(size.batch, 3, side, side)).to(torch.uint8)
+        array = images[0].permute(1, 2, 0).numpy().copy()
+        for name, shrink in (("whole photo", None), ("crop, shrink 1 to 3", (1.0, 3.0))):
+            moire = RandomMoire(p=1, shrink=shrink)
+            numpy_moire = albumentations_transforms.RandomMoire(p=1, shrink=shrink)
+            calls: dict[str, Callable] = {
+                "torchvision, alone": partial(moire, images[0]),
+                "albumentations, alone": partial(numpy_moire, image=array),
+                f"torchvision, of {size.batch}": partial(moire, images),
+            }
+            times = timed_together(calls, size.calls, warmup=2, clock=time.process_time)
+            for how, own in times.items():
+                share = own if how.endswith("alone") else own / size.batch
+                yield time_row(f"RandomMoire(p=1), {name} of {side} px, {how}", share)
+    torch.set_num_threads(threads)
+
+
 def executions(size: Size) -> Iterator[Row]:
     """Yield the stages of a capture by the engine against the reference."""
     images = size.images()
@@ -209,6 +233,7 @@ GROUPS = (
     image_gradient,
     executions,
     layer,
+    single,
     memory_and_starts.memory,
     memory_and_starts.large_photo,
     memory_and_starts.starts,

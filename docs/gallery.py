@@ -39,7 +39,8 @@ INTRODUCTION = f"""# Gallery
 One photograph of {SIDE} px in every preset. First row: whole photos, the strongest, middle and
 weakest moiré of {CANDIDATES} samples. Second row: three
 [crops](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's own resolution
-(`shrink={CROP:g}`). Last, the middle of the first photo, magnified, and its moiré's spectrum.
+(`shrink={CROP:g}`), if the scene has both. Last, the middle of the first photo, magnified, and its
+moiré's spectrum.
 
 Moiré is the median RMS difference of 8-bit values from the same photo without it. Milliseconds
 are CPU time per photo of 224 px, in batches of {TIMED_BATCH}, on one thread of {{machine}}

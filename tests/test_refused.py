@@ -127,6 +127,9 @@ MISTAKEN = [
     (lambda: SHOT.to_photo(np.zeros((1, 2, 2))), "points must be a torch.Tensor; got ndarray."),
     (lambda: SHOT.to_photo_mask([[1]]), "a mask must be a torch.Tensor; got list. Convert it with"),
     (lambda: MIXED.to_photo([[1.0, 2.0]]), "points must be a torch.Tensor; got list."),
+    (lambda: SHOT["view.yaw"], "got 'view.yaw'. Its numbers are fields, such as shot.view.yaw."),
+    (lambda: MIXED[True], "a shot is indexed like a batch, by whole numbers, a slice or a mask"),
+    (lambda: Scene().sample_track(1, 2, (4, 4), hand=3), "hand must be a Hand"),
 ]
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from moireaug.common.argument_checks import one_of
 from moireaug.scene.fields import Part, Range, check_off_or_on, ranged
 
-DEMOSAIC_NAMES = ("bilinear", "malvar")
+# sensor pixels to each side from which a colour is demosaiced
+DEMOSAIC_REACH = {"bilinear": 1, "malvar": 2}
 DENOISER_NAMES = ("nlm", "bilateral")
 RESIZES = ("area", "antialias", "point")
 
@@ -71,6 +72,6 @@ class Develop(Part):
         super().__post_init__()
         check_off_or_on("Develop.jpeg", self.jpeg, 1.0, "no JPEG")
         one_of("Develop.resize", self.resize, RESIZES)
-        one_of("Develop.demosaic", self.demosaic, DEMOSAIC_NAMES)
+        one_of("Develop.demosaic", self.demosaic, DEMOSAIC_REACH)
         if self.denoise is not None:
             one_of("Develop.denoise", self.denoise, DENOISER_NAMES)

@@ -45,6 +45,11 @@ class Draws(ABC):
 
     def __getitem__(self, rows: Any) -> Self:
         """Return some rows: of a slice, a mask, an index tensor or list, or one integer."""
+        if isinstance(rows, str | bool):
+            raise TypeError(
+                "a shot is indexed like a batch, by whole numbers, a slice or a mask; got "
+                f"{rows!r}. Its numbers are fields, such as shot.view.yaw."
+            )
         if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
             rows = [int(rows)]
         return self.map_rows(lambda t: t[rows])

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from moireaug.common.numeric import as_dtype
 from moireaug.scene.by_name import by_part, parts_with, values_of
+from moireaug.scene.develop import DEMOSAIC_REACH
 from moireaug.scene.drawn_parts import DrawnDevelop, DrawnLens, DrawnPanel, DrawnSensor, DrawnView
 from moireaug.scene.draws import Draws, check_drawn
 from moireaug.scene.geometry import lattice
@@ -22,9 +23,6 @@ from moireaug.scene.geometry.homography import about_corners
 from moireaug.scene.plan import Plan
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot_geometry import HostGeometry, ShotGeometry
-
-# sensor pixels to each side from which a colour is demosaiced
-DEMOSAIC_REACH = {"bilinear": 1, "malvar": 2}
 
 
 def check_tensor(name: str, values: object) -> Tensor:

@@ -98,6 +98,8 @@ def track_of(shot: AnyShot, counts: Sequence[int], hand: Hand) -> AnyShot:
     moved as the hand moves it in k / hand.rate seconds, which the row's seed alone decides; and the
     phase of the panel's pulses then. The scene's ranges are wider by as much as a hand moves.
     """
+    if not isinstance(hand, Hand):
+        raise TypeError(f"hand must be a Hand, such as Hand(turn=0.5); got {hand!r}.")
     rows = torch.from_numpy(np.repeat(np.arange(len(shot)), counts)).to(shot.device)
     frames = torch.tensor([k for n in counts for k in range(n)], device=shot.device).long()
     chosen = shot[rows]
@@ -152,7 +154,7 @@ def _travelled(start: ShotRecord, moved: ShotRecord) -> tuple[Tensor, Tensor]:
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def filmed_by(scene: SceneRecord, hand: Hand) -> SceneRecord:
     """Return a scene whose ranges hold what a hand makes of its draws; one with View.pose =
-    "released" is refused: ValueError."""
+    "released", and a hand that may reach the screen, are refused: ValueError."""
     if not hand.amplitudes().any():
         return scene
     if scene.view.pose != "camera":
@@ -163,6 +165,11 @@ def filmed_by(scene: SceneRecord, hand: Hand) -> SceneRecord:
     reach = dict(zip(MOVED_FIELDS, 2 * PEAK * hand.amplitudes(), strict=True))
     # nearer by its own motion, and by View.fit, which keeps a turned picture in the photo
     nearer = reach["view.zoom"] + math.radians(reach["view.roll"])
+    if nearer >= 1 and scene.sensor.pitch:
+        raise ValueError(
+            f"{hand!r} may move the camera into the screen: 5.7 times `zoom`, and 0.1 times `turn` "
+            f"in degrees, must sum to less than 1; got {nearer:.2g}. Lower them."
+        )
     values, wider = values_of(scene), {}
     for name, low, high in zip(values, *limits()[..., 0].tolist(), strict=True):
         least, most = bounds(values[name])

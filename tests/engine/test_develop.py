@@ -7,6 +7,8 @@ from moireaug import Develop, Lens, Scene, Sensor, View, develop
 from moireaug.camera import pipeline
 from moireaug.engine import execution
 from moireaug.scene.by_name import with_values
+from moireaug.scene.presets import PRESETS
+from tests.engine.scenes import SCENES as EXPOSED
 
 BENT = Lens(k1=0.05, k2=-0.02)
 TURNED = View(yaw=20.0, pitch=-8.0, roll=10.0)
@@ -85,6 +87,13 @@ def assert_equals_the_reference(scene, size):
     (slope,) = torch.autograd.grad(expected, precise, ahead.double())
     assert (photo - expected).abs().max() < 1e-5
     assert (grad - slope).norm() <= 1e-4 * slope.norm()
+
+
+def test_every_effect_that_is_said_to_have_a_kernel_is_compared():
+    scenes, compared = [*SCENES.values(), *EXPOSED.values()], set()
+    for scene in [*scenes, *map(Scene.preset, PRESETS)]:
+        compared |= {*scene.plan().exposing, *scene.plan().developing}
+    assert compared >= execution.ENGINE_EXPOSING | execution.ENGINE_DEVELOPING
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -127,6 +127,9 @@ def test_what_no_hand_can_film_is_refused():
             Hand(**wrong)
     with pytest.raises(ValueError, match="frames"):
         track(CROP, frames=0)
+    for far in (Hand(turn=11.0), Hand(zoom=0.2)):
+        with pytest.raises(ValueError, match="into the screen"):
+            track(PHONE, hand=far)
 
 
 def test_ranges_end_where_their_fields_do():

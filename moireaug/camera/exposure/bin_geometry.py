@@ -98,9 +98,7 @@ def _bins(image_points: Tensor, photo_points: Tensor, dtype: torch.dtype, shot: 
     window = sides = (photo_pixel * wide).to(dtype).expand_as(step)
     if shot.scene.develop.resize == "point":
         sides = torch.eye(2, dtype=dtype, device=step.device).expand_as(step)
-    triangle = torch.zeros_like(enlarged)
-    if shot.scene.develop.resize == "antialias":  # which interpolates between larger sensor pixels
-        triangle = 1 / enlarged
+    triangle = triangle_factor(enlarged, shot.scene)
     corner = shot.panel_corner[:, None, None]
     position, centre = image_points * alpha + corner, photo_points * scale
     return Bins(position, centre, step, sides, window, triangle.to(dtype)[:, None, None])
@@ -112,6 +110,13 @@ def enlargement(bin_scale: Any, scene: SceneRecord) -> Any:
     numpy."""
     factor = 1 / bin_scale
     return factor if scene.develop.resize == "point" else factor.clip(min=1)
+
+
+def triangle_factor(enlarged: Any, scene: SceneRecord) -> Any:
+    """Return the factor (B,) on bins' sides for a second mean over them, 0 for none, from their
+    `enlargement`. Of torch or numpy."""
+    # the photo interpolates between larger sensor pixels
+    return 1 / enlarged if scene.develop.resize == "antialias" else 0 * enlarged
 
 
 def clamped_photo_points(image_points: Tensor, shot: ShotRecord) -> tuple[Tensor, Tensor]:

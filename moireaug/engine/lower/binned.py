@@ -7,7 +7,11 @@ import torch
 
 from moireaug.camera.effects.sensor import lost_noise_variances, pixels_per_value
 from moireaug.camera.exposure.bin_content import BinContent, content_of
-from moireaug.camera.exposure.bin_geometry import clamped_photo_points, enlargement
+from moireaug.camera.exposure.bin_geometry import (
+    clamped_photo_points,
+    enlargement,
+    triangle_factor,
+)
 from moireaug.camera.exposure.extremes import FLOAT64_ON_CPU
 from moireaug.camera.panel import amplitudes_of, mean_light_of
 from moireaug.engine.lower.exposure_records import Beats, BinnedView, Cell, FullView
@@ -112,16 +116,15 @@ def _picture_view(blur_cameras: np.ndarray, content: BinContent) -> FullView:
 def _beats_of(geometry: HostGeometry, sensors: np.ndarray, content: BinContent) -> Beats:
     """Return a shot's Beats; sensors: the cameras of sensor pixels."""
     scene, plan, bin_scale = geometry.scene, geometry.plan, geometry.bin_scale
-    harmonics, resize = plan.method.harmonics, scene.develop.resize
+    harmonics = plan.method.harmonics
     waves = np.stack(amplitudes_of(geometry, harmonics), -1)
     waves = np.ascontiguousarray(waves.transpose(2, 0, 1, 3))  # (B, 3, K, 2)
     enlarged = enlargement(bin_scale, scene)
-    triangle = 1 / enlarged if resize == "antialias" else np.zeros(len(sensors))
     return Beats(
         cameras=sensors,
         enlargement=enlarged,
-        sampled=resize == "point",
-        triangle=triangle,
+        sampled=scene.develop.resize == "point",
+        triangle=triangle_factor(enlarged, scene),
         ratio=content.ratio,
         centres=0.5 + content.shift,
         start=np.ascontiguousarray(content.start),

@@ -20,10 +20,11 @@ from moireaug.engine.lower.development_records import (
     Resize,
 )
 from moireaug.engine.lower.resampling import demosaic_weights, lower_means, lower_resize
+from moireaug.scene.develop import DEMOSAIC_REACH
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.geometry.lattice import SampledPixels
 from moireaug.scene.record import SceneRecord
-from moireaug.scene.shot import DEMOSAIC_REACH, ShotRecord, sampled_rows_and_columns
+from moireaug.scene.shot import ShotRecord, sampled_rows_and_columns
 from moireaug.scene.shot_geometry import HostGeometry
 
 # a Development, and what it was made of
