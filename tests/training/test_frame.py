@@ -32,7 +32,7 @@ def test_the_command_states_what_a_suite_does_not_take_from_the_run(tmp_path):
     metrics = metrics_in(folder)
     metrics["config"]["reattack"] |= {"n": 100, "steps": 50}
     write(folder, metrics)
-    with pytest.raises(ValueError, match="suite=recipes reattack.steps=50$"):
+    with pytest.raises(ValueError, match=r"suite=recipes reattack\.steps=50$"):
         read(tmp_path)
 
 
