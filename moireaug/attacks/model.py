@@ -225,6 +225,6 @@ def class_count(model: Callable[[Tensor], Tensor], images: Tensor, labels: Tenso
 def repeats_answers(model: Callable[[Tensor], Tensor], images: Tensor) -> Tensor:
     """Return whether a model, asked twice, answers each image (B, 3, H, W) the same, (B,) bool; see
     `is_same_answer`. Its state is restored."""
-    return is_same_answer(
-        logits_without_gradient(model, images), logits_without_gradient(model, images)
-    )
+    # in one block: a layer may draw from the beginning each time that it enters evaluation mode
+    with evaluating(model, images), torch.no_grad():
+        return is_same_answer(model(images.clone()), model(images.clone()))

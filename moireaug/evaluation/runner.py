@@ -15,6 +15,7 @@ from torch import Tensor
 
 from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
+from moireaug.common.image_checks import check_images
 from moireaug.common.networks import device_of
 from moireaug.common.progress import progress_bar
 from moireaug.evaluation.batches import (
@@ -179,7 +180,7 @@ class Runner:
         with restored_generators(), torch.no_grad():
             torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
-            images = whole.in_scenes(partial(within_memory, condition.show))
+            images = whole.in_scenes(partial(within_memory, partial(_shown, condition)))
             seconds_shown = _seconds_since(start, images.device)
             measure = partial(within_memory, condition.measure)
             measured = whole.in_scenes(measure, images, join=_by_name)
@@ -208,6 +209,22 @@ class Runner:
         if batch.index == 0:
             self.records.keep_picture(self.picture_name(condition), images)
         return records
+
+
+def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
+    """Return the images (B, 3, H, W) that a condition shows, clipped to [0, 1]. No model is asked
+    about what is no image: TypeError, ValueError."""
+    images = condition.show(batch)
+    try:
+        images = check_images(images)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"what the condition {condition.name!r} shows: {error}") from None
+    if len(images) != len(batch.images):
+        raise ValueError(
+            f"the condition {condition.name!r} must show one image for each of the batch's "
+            f"{len(batch.images)}; got {len(images)}."
+        )
+    return images
 
 
 def _by_name(

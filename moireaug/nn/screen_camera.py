@@ -53,7 +53,8 @@ class ScreenCamera(nn.Module):
     In training mode each call draws a shot for each image, from torch's global generator. In
     evaluation mode draws come from a generator that `eval()` sets to `seed`: a pass over a data set
     that begins with `eval()` takes the same photos each time, though two calls in it do not. So in
-    both modes it says `randomised = True` to defences and evaluations.
+    both modes it says `randomised = True` to defences and evaluations. The seed of an evaluation
+    does not reach these draws: call `eval()` before each `evaluate`.
 
     It has no weights and no buffers, and computes where the images are. Gradients reach the images,
     and a `noise` if given. torch.compile breaks the graph at a mixture of scenes.

@@ -53,3 +53,24 @@ def test_a_condition_is_no_other_with_the_same_settings():
     other_class = type("Other", (Condition,), {"kind": "moire", "show": Photo.show})
     with pytest.raises(ValueError, match="two conditions are called 'moire'"):
         jobs_of([table_of(Photo()), table_of(other_class())])
+
+
+NO_IMAGES = {
+    "0 to 255": (lambda images: 255 * images, ValueError, r"'odd' shows: .*look like 0 to 255"),
+    "NaN": (lambda images: images * float("nan"), ValueError, "'odd' shows: .*NaN in image 0"),
+    "array": (lambda images: images.numpy(), TypeError, "'odd' shows: .*got ndarray"),
+    "fewer": (lambda images: images[:1], ValueError, r"'odd' must show one image for each .*got 1"),
+}
+
+
+@pytest.mark.parametrize(("change", "error", "message"), NO_IMAGES.values(), ids=NO_IMAGES.keys())
+def test_what_is_no_image_is_shown_to_no_model(change, error, message, known):
+    show = {"kind": "odd", "show": lambda self, batch: change(batch.images)}
+    with pytest.raises(error, match=message):
+        ran(known, table_of(type("Odd", (Condition,), show)()))
+
+
+def test_an_image_a_little_outside_is_clipped(known):
+    brighter = {"kind": "brighter", "show": lambda self, batch: batch.images + 0.05}
+    pictures = ran(known, table_of(type("Brighter", (Condition,), brighter)())).records.pictures
+    assert max(float(shown.max()) for shown in pictures.values()) == 1.0

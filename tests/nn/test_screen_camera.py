@@ -55,8 +55,8 @@ def test_evaluation_takes_the_same_photos_in_each_pass(camera, images):
 def test_before_a_model_it_is_a_random_defence_in_evaluation_too(camera, images):
     camera.eval()
     assert Compose((camera,)).randomised and averaging_classifier("camera", camera).draws == 20
-    model = Defended(nn.Flatten(), camera).eval()
-    assert model.randomised and not repeats_answers(model, images).any()
+    for model in (Defended(nn.Flatten(), camera).eval(), Defended(nn.Flatten(), camera).train()):
+        assert model.randomised and not repeats_answers(model, images).any()
 
 
 def test_a_draw_replays_and_has_a_twin(camera, images):

@@ -19,7 +19,7 @@ from moireaug.engine.cpu.physics import OPERATIONS
 from moireaug.engine.lower.budget import TRANSFER_MARGIN
 
 # limits; the reference exposes what is beyond them
-MAX_BEAT_TERMS = 4096
+MAX_BEAT_TERMS = 32768
 MAX_BEAT_AMPLITUDES = 2**25  # of all terms at all nodes
 MAX_FREQUENCY_RANGE = 512.0  # of a harmonic over the photo, cycles per sensor pixel
 
