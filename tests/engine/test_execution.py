@@ -1,5 +1,6 @@
 """Which photos the engine takes, and what it leaves to the reference."""
 
+import contextlib
 import dataclasses
 import logging
 from unittest.mock import Mock
@@ -15,7 +16,9 @@ from moireaug.camera.effects.base import Effect, called
 from moireaug.common.numeric import repeat_edges
 from moireaug.engine import backends, execution, explain, kernel_stage, reference, stages
 from moireaug.engine.backends import BACKENDS
+from moireaug.mixtures import as_scenes
 from moireaug.scene.by_name import with_values
+from moireaug.scene.presets import MIXTURES
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -225,3 +228,23 @@ def test_on_a_gpu_the_photo_of_a_reading_that_is_not_finite_is_nan():
     assert marked[1].isnan().all() and torch.equal(marked[[0, 2, 3]], photo[[0, 2, 3]])
     marked[0].sum().backward()
     assert photo.grad[0].eq(1).all() and not photo.grad[1:].any()
+
+
+@pytest.mark.parametrize("shrink", [None, 4.0])
+def test_kernels_follow_every_screen_at_1024_px(monkeypatch, shrink):
+    """The reference takes minutes for such a photo. An LED board has thousands of beats."""
+    followed = {}
+
+    def stop(stage, records):
+        followed[stage.shot.scene] = stage.kernels.fits(*records)
+        raise InterruptedError
+
+    monkeypatch.setattr(stages.Exposing, "can_follow", stop)
+    torch.manual_seed(0)
+    for name in MIXTURES["anywhere"]:
+        scene = as_scenes(name, shrink)
+        shot = scene.sample(4, (1024, 1024))
+        with contextlib.suppress(InterruptedError):
+            capture(torch.zeros(4, 3, 1024, 1024), shot)
+    assert len(followed) == len(MIXTURES["anywhere"])
+    assert all(one.all() for one in followed.values())

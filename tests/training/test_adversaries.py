@@ -8,10 +8,12 @@ from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
 from training.classifier.adversaries import ATTACK_OF_KIND, TrainingAdversary, passes
 from training.classifier.module import Classifier
-from training.classifier.train import classifier_of
+from training.classifier.train import classifier_of, try_out
 from training.config.checks import check_adversary
 from training.config.schema import ATTACKS, RECIPES, Adversary
+from training.data.load import load
 from training.recipe.phases import ClassificationTask
+from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -118,6 +120,21 @@ def test_a_batch_has_its_parts(recipe, share, natural):
     assert sum(map(len, photographed)) == end - n
     for photo in photographed:
         assert torch.equal(photo, images[n:end] / 255)
+
+
+def test_a_batch_too_small_for_its_parts_is_not_left_unattacked(tmp_path):
+    """Half of a single image is none."""
+    for recipe, settings, sentence in (
+        ("moire_fast", ["train.batch_size=1"], "share=0.5 of the 1 image .* larger train.batch_si"),
+        ("moire_aug", ["adversary.natural=0.02"], "adversary.natural=0.02 of the 16 images"),
+        ("moire_aug", ["adversary.natural=0.1", "data.train=4"], "natural=0.1 of the 4 images"),
+    ):
+        cfg = configured(f"recipe={recipe}", *TINY, f"runs={tmp_path}", *settings)
+        with pytest.raises(ValueError, match=sentence):
+            try_out(Run(cfg), load(cfg.data))
+    for recipe in ("moire_at", "moire_fast", "pgd_at", "moire_aug", "clean"):
+        cfg = configured(f"recipe={recipe}", *TINY, "train.batch_size=2", f"runs={tmp_path}")
+        try_out(Run(cfg), load(cfg.data))
 
 
 def test_adversaries_that_cannot_be_get_a_sentence():

@@ -52,6 +52,7 @@ def test_the_scripts_expand_a_home_too():
 KEYS = [
     ("train.epoch=3", "Did you mean 'epochs'?"),
     ("recipe=moire_att", "Available options in 'recipe':\n\tbaseline\n\tclean\n\tmoire_at\n"),
+    ("epochs=3", "a key in 'epochs' must be one of 'recipe', "),
     ("sceen=paper", "Did you mean 'scene'?"),
     ("moire_at", "Error parsing override 'moire_at'\nmissing EQUAL"),
     ("reattack.eps=4/255", "Pass reattack.eps whole, as in reattack.eps=[0.00784313725"),
@@ -71,6 +72,15 @@ def test_what_hydra_refuses_gets_a_sentence(override, sentence):
     with pytest.raises(HydraException) as error:
         configured("recipe=clean", override)
     assert sentence in why_refused(error.value, Config)
+
+
+@pytest.mark.parametrize("override", ["+advers=3", "+adversary.step=1", "++train.lrr=0.1"])
+def test_an_added_setting_that_nothing_reads_is_refused(override):
+    """Hydra adds any key after a plus."""
+    key = override.lstrip("+").partition("=")[0]
+    with pytest.raises(ValueError, match=f"a key in '{key}' must be one of"):
+        configured("recipe=clean", override)
+    assert configured("recipe=clean", "+train.lr=0.1").train.lr == 0.1
 
 
 def test_a_refused_line_of_a_sweep_ends_before_its_first_job(tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ from training import detect
 from training.detection import fit, score
 from training.detection.examples import Examples
 from training.detection.measures import auc, equal_error_rate, found_at, measures
-from training.detection.network import CROP_SIDE, WHOLE_SIDE, Detector, fit_head
+from training.detection.network import CROP_SIDE, WHOLE_SIDE, Detector, as_photo, fit_head
 
 SCENE = "phone_at_monitor"
 
@@ -108,6 +108,15 @@ def test_a_detector_replays_from_its_file_and_rejects_photos(trained):
     threshold = scores.mean().item()
     rejecting = defenses.Rejecting(classifier, detector, threshold)
     assert rejecting(photos).shape[0] == 2
+
+
+def test_ordinary_photos_are_kept_as_small_as_they_are_scored(tmp_path):
+    put(tmp_path, sizes=[(3000, 2000)])
+    (kept,) = fit.readable(Pictures(tmp_path, 1))
+    assert max(kept.size) == 1024
+    (name,) = Pictures(tmp_path, 1).names
+    with Image.open(tmp_path / name) as photo:
+        assert torch.equal(as_photo(kept), as_photo(photo.convert("RGB")))
 
 
 def test_two_calls_at_once_do_not_mix_their_features():

@@ -26,6 +26,16 @@ def test_a_run_without_attack_is_left_out_with_its_command(root):
     assert "    python training/" in (root / "out/frontier.md").read_text()
 
 
+def test_the_command_states_what_a_suite_does_not_take_from_the_run(tmp_path):
+    """The size of the ladder that a run ends with is not that of its other suites."""
+    folder = put(tmp_path, "good", 0, attacked=False)
+    metrics = metrics_in(folder)
+    metrics["config"]["reattack"] |= {"n": 100, "steps": 50}
+    write(folder, metrics)
+    with pytest.raises(ValueError, match=r"suite=recipes reattack\.steps=50$"):
+        read(tmp_path)
+
+
 def test_a_start_that_was_not_attacked_is_not_asked_for(tmp_path):
     put(tmp_path, "clean", 0, attacked=False)
     with pytest.raises(ValueError, match=r"run=\S+/clean/seed0 suite=recipes"):

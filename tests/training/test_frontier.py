@@ -166,6 +166,27 @@ def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
         command.main([str(tmp_path / "table.csv")])
 
 
+def test_a_seed_given_twice_does_not_narrow_the_intervals(tmp_path):
+    for recipe in ("baseline", "good"):
+        for seed in range(2):
+            put(tmp_path, recipe, seed, worst=(0.3 + 0.1 * seed, 0.1))
+    head, *lines = read(tmp_path).to_csv().splitlines()
+    (tmp_path / "joined.csv").write_text("\n".join([head, *lines, *lines]))
+    with pytest.raises(SystemExit, match="has baseline, seed 0, more than once"):
+        command.main([str(tmp_path / "joined.csv"), f"out={tmp_path / 'out'}"])
+
+
+def test_a_single_number_has_no_gain(tmp_path):
+    """A shared seed of two tables, or a single image: no interval follows from it."""
+    for recipe, seeds in (("baseline", (0, 1)), ("good", (1, 2))):
+        for seed in seeds:
+            put(tmp_path / "runs", recipe, seed, n=1)
+    recipes = command.frontier(tmp_path / "runs", tmp_path / "out")
+    assert [recipe.gains for recipe in recipes] == [{}, {}]
+    recipes = command.frontier(tmp_path / "out/frontier.csv", tmp_path / "again")
+    assert [recipe.gains for recipe in recipes] == [{}, {}]
+
+
 def test_names_are_whole_and_apart(tmp_path):
     costs = {"moire_aug": 14.0, "moire_fast": 18.0, "pgd_at": 24.0, "moire_at": 40.0}
     for recipe, worst in zip(("clean", *costs), (0.0, 0.0, 0.4, 0.1, 0.5), strict=True):

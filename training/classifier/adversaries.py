@@ -10,6 +10,7 @@ from moireaug.mixtures import Mixture, map_scenes
 from moireaug.scenes import Scene
 from moireaug.synthesis.twins import without_subpixels
 from training.config.schema import Adversary
+from training.system.messages import count_text
 
 MIN_STRONG_STEPS = 3  # of the validation's attack, and of training once fewer have failed
 
@@ -60,6 +61,23 @@ def _pgd(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack:
 
 
 ATTACK_OF_KIND = {"moire_attack": _moire_attack, "pgd": _pgd}
+
+
+def part_counts(cfg: Adversary, images: int) -> tuple[int, int]:
+    """Return how many of a batch's images are attacked, and how many are only photographed."""
+    attacked = round(cfg.share * images)
+    return attacked, round((cfg.share + cfg.natural) * images) - attacked
+
+
+def require_parts(cfg: Adversary, images: int) -> None:
+    """Refuse a batch of a process that is too small for a share of it to be an image."""
+    shares = {"share": cfg.share, "natural": cfg.natural}
+    for (name, share), count in zip(shares.items(), part_counts(cfg, images), strict=True):
+        if share and not count:
+            raise ValueError(
+                f"adversary.{name}={share:g} of the {count_text(images, 'image')} that a process "
+                "trains on at a time is none: pass a larger train.batch_size."
+            )
 
 
 def strengthen(cfg: Adversary) -> Adversary:

@@ -13,7 +13,12 @@ from moireaug.attacks import NoAnswerError, predicted
 from moireaug.mixtures import Mixture
 from moireaug.scene.draws import mix_seeds
 from moireaug.scenes import Scene
-from training.classifier.adversaries import MIN_STRONG_STEPS, TrainingAdversary, strengthen
+from training.classifier.adversaries import (
+    MIN_STRONG_STEPS,
+    TrainingAdversary,
+    part_counts,
+    strengthen,
+)
 from training.classifier.original import Original, divergence
 from training.classifier.tuning import freeze_but_first, make_optimizer, tuning_of
 from training.config.schema import Adversary, Train
@@ -140,8 +145,8 @@ class Classifier(RecordedModule):
     def _attack_and_photograph(self, images: Tensor, labels: Tensor) -> Tensor:
         """Return the images of a batch with the first ones attacked, the next ones photographed and
         the rest clean; batches are shuffled, so that each part is random."""
-        n = round(self.adversary_cfg.share * len(images))
-        end = round((self.adversary_cfg.share + self.adversary_cfg.natural) * len(images))
+        n, photo_count = part_counts(self.adversary_cfg, len(images))
+        end = n + photo_count
         attacked, photos, clean = images[:n], images[n:end], images[end:]
         if len(photos):
             photos = self.adversary.photograph(photos)

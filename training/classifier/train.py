@@ -9,7 +9,7 @@ from typing import Any
 import lightning as L
 
 from moireaug.scene.draws import mix_seeds
-from training.classifier.adversaries import passes
+from training.classifier.adversaries import passes, require_parts
 from training.classifier.guard import CollapseGuard
 from training.classifier.module import Classifier
 from training.classifier.original import Blend, Original, keep_answers
@@ -43,6 +43,8 @@ def try_out(run: Run[Config], splits: Splits) -> None:
     check_side(classifier.model, cfg.model, cfg.data.size)
     trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, Origin())
     require_even(cfg.train.batch_size, trainer.world_size)
+    batch_size = min(cfg.train.batch_size, len(splits.train))  # type: ignore[arg-type]
+    require_parts(cfg.adversary, max(1, batch_size // trainer.world_size))
     for part in (splits.train, splits.val, splits.test):
         _ = part[0]  # raises where it cannot be read
 

@@ -19,6 +19,8 @@ from training.comparison.comparable import (
     protocol_settings,
     require_comparable,
 )
+from training.config.checks import LADDER_SETTINGS
+from training.config.schema import Reattack
 from training.config.settings import as_argument
 from training.runs.layout import METRICS, finished_runs, read_metrics
 from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
@@ -104,6 +106,10 @@ def read_csv(file: Path) -> RunTable:
             f"{seeds.idxmin()} has one seed in {file}, where intervals take two or more. "
             "Pass the folder of the runs instead."
         )
+    repeated = runs[runs.duplicated(["recipe", "seed"])]
+    if len(repeated):
+        recipe, seed = repeated[["recipe", "seed"]].iloc[0]
+        raise ValueError(f"{file} has {recipe}, seed {seed}, more than once. Keep one line of it.")
     values = {name: value for name, (value,) in shared.items()}
     return RunTable(runs, values, commands=[], warnings=[], is_of_means=True)
 
@@ -144,7 +150,10 @@ def _commands(trained: Runs, attacked: Attacks) -> list[str]:
             continue
         command = f"python training/reattack.py run={shlex.quote(str(folder))} suite=recipes"
         for key, value in protocol.items():
-            if metrics.config["reattack"][key.removeprefix("reattack.")] != value:
+            name = key.removeprefix("reattack.")
+            of_run = metrics.config["reattack"][name]
+            taken = getattr(Reattack, name) if key in LADDER_SETTINGS else of_run
+            if taken != value:
                 command += f" {key}={as_argument(value)}"
         commands.append(command)
     return commands

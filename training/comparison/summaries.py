@@ -120,11 +120,13 @@ def estimate_rate(correct: pd.Series) -> Estimate:
 
 def estimate_gains(seeds: pd.DataFrame, rivals: pd.DataFrame) -> dict[str, Estimate]:
     """Return the mean differences to another recipe of the same seeds, on the same images; empty
-    where none of its runs has the same seeds."""
+    where none of its runs has the same seeds, or a single number says nothing of an interval."""
     pairs = seeds.merge(rivals, on="seed", suffixes=("", "_rival"))
-    gains = {}
+    gains: dict[str, Estimate] = {}
     for rate in RATES if len(pairs) else ():
         differences = np.stack((pairs[rate] - pairs[f"{rate}_rival"]).tolist())
+        if differences.size < 2:
+            return {}
         gains[rate] = Estimate(float(differences.mean()), *_interval(differences))
     return gains
 

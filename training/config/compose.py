@@ -21,7 +21,7 @@ HYDRA_FOLDERS = {
 }
 NO_LOGGING = ({"override hydra/job_logging": "none"}, {"override hydra/hydra_logging": "none"})
 DATA_GROUPS = ({"data": DEFAULT_DATA},)
-RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs": "${data}"}, {"recipe": "clean"})
+RECIPE_GROUPS = (*DATA_GROUPS, {"optional epochs_of_data": "${data}"}, {"recipe": "clean"})
 MIN_FAR_BOUND = 10_000  # a bound that only a mistake exceeds
 HELP_TEXTS: dict[type, str] = {}  # of the registered commands, by their settings
 
@@ -39,7 +39,9 @@ def register(
         store.store(group="data", name=data, node=node)
     for data, one in DATA_SETS.items():
         if one.epochs:
-            store.store(group="epochs", name=data, package="train", node={"epochs": one.epochs})
+            store.store(
+                group="epochs_of_data", name=data, package="train", node={"epochs": one.epochs}
+            )
     default_groups = {key: value for group in defaults for key, value in group.items()}
     if "recipe" in default_groups:
         default_groups["recipe"] = "NAME"  # a command line names its own

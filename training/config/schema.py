@@ -11,7 +11,7 @@ from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
 from moireaug.attacks.bounds import BOUNDS
 from training.config.data_sets import EPOCHS_HELP, MAX_SEED, Data
-from training.config.settings import section, setting
+from training.config.settings import require_declared, section, setting
 
 ATTACKS = ("moire_attack", "pgd")  # of training
 TARGETS = ("labels", "answers")
@@ -237,5 +237,8 @@ def as_config(cfg: DictConfig | ListConfig) -> Any:
 
     Raises:
         omegaconf.errors.MissingMandatoryValue: a setting without a value.
+        ValueError: a setting that is not declared.
     """
-    return OmegaConf.to_object(cfg)
+    config = OmegaConf.to_object(cfg)
+    require_declared(config)
+    return config

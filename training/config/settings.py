@@ -131,6 +131,16 @@ def with_values(cfg: Schema, values: Mapping[str, Any]) -> Schema:
     return cfg
 
 
+def require_declared(cfg: Any, prefix: str = "") -> None:
+    """Refuse settings that a command line has added with Hydra's +key=: nothing would read them."""
+    declared = {one.name: getattr(cfg, one.name) for one in dataclasses.fields(cfg)}
+    for name in vars(cfg):
+        one_of(f"a key in {prefix + name!r}", name, declared)
+    for name, value in declared.items():
+        if is_dataclass(value):
+            require_declared(value, f"{prefix}{name}.")
+
+
 def check(cfg: Any) -> None:
     """Refuse numbers out of their bounds, and words that are none of the choices.
 

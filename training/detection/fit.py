@@ -34,7 +34,7 @@ from training.config.settings import setting
 from training.demoireing.pictures import DrawnPictures, split_tenths
 from training.detection.examples import PHOTO_SIDE, Examples
 from training.detection.measures import auc
-from training.detection.network import LOOKS, Detector, as_photo, fit_head
+from training.detection.network import LOOKS, Detector, as_photo, fit_head, shrunk
 from training.system.files import make_folder
 
 EXAMPLE = "python training/detect.py train images=DIR weights=resnet18.pth"
@@ -151,7 +151,8 @@ def sources(cfg: Config) -> tuple[Source, list[Any]]:
 
 
 def readable(pictures: Pictures) -> list[Any]:
-    """Return the usable ones among pictures.
+    """Return the usable ones among pictures, as large as a detector looks at them: thousands of a
+    camera's own size fill the memory.
 
     Raises:
         NoPictureError: none is usable.
@@ -159,7 +160,8 @@ def readable(pictures: Pictures) -> list[Any]:
     found = []
     for number in range(len(pictures)):
         try:
-            found.append(pictures.subset([number]).draw(np.random.default_rng(0))[1])
+            picture = pictures.subset([number]).draw(np.random.default_rng(0))[1]
+            found.append(shrunk(picture))
         except ValueError as error:
             reason = error
     if not found:

@@ -139,11 +139,16 @@ def crops_of(photos: Tensor) -> Tensor:
     return torch.stack(crops, 1)
 
 
-def as_photo(picture: Image.Image) -> Tensor:
-    """Return a picture as a photo (1, 3, H, W) in [0, 1], at most `PHOTO_SIDE` long."""
+def shrunk(picture: Image.Image) -> Image.Image:
+    """Return a picture at most `PHOTO_SIDE` long."""
     picture = picture.copy()
     picture.thumbnail((PHOTO_SIDE, PHOTO_SIDE), Image.Resampling.LANCZOS)
-    return codes_of(picture)[None].float() / 255
+    return picture
+
+
+def as_photo(picture: Image.Image) -> Tensor:
+    """Return a picture as a photo (1, 3, H, W) in [0, 1], at most `PHOTO_SIDE` long."""
+    return codes_of(shrunk(picture))[None].float() / 255
 
 
 @torch.enable_grad()
