@@ -36,14 +36,14 @@ BANNER_CROP = (1.0, 3.0)
 
 INTRODUCTION = f"""# Gallery
 
-One photograph of {SIDE} px in every preset. First row: whole photos, the strongest, middle and
-weakest moiré of {CANDIDATES} samples. Second row: three
-[crops](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's own resolution
+A picture of {SIDE} px in every preset. First row: whole photos, the strongest, middle and weakest
+moiré of {CANDIDATES} samples. Second row:
+[crops](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's resolution
 (`shrink={CROP:g}`), if the scene has both. Last, the middle of the first photo, magnified, and its
 moiré's spectrum.
 
-Moiré is the median RMS difference of 8-bit values from the same photo without it. Milliseconds
-are CPU time per photo of 224 px, in batches of {TIMED_BATCH}, on one thread of {{machine}}
+Moiré is the median RMS difference of 8-bit values from the photo without it; milliseconds are CPU
+time per photo of 224 px, in batches of {TIMED_BATCH}, on one thread of {{machine}}
 (`python docs/gallery.py`; the portrait of Grace Hopper is in the public domain).
 
 | preset | | whole: moiré | ms | crop: moiré | ms |
@@ -62,7 +62,7 @@ USES = {
     "webcam_at_phone": "A phone held up to a webcam",
     "document_camera_at_tablet": "A tablet under a document camera",
     "dashcam_at_led_sign": "A car at an LED sign",
-    "phone_close_to_lcd": "So close that an LCD's pixels show",
+    "phone_close_to_lcd": "So close that pixels show",
     "phone_at_whole_screen": "A laptop or monitor seen whole",
     "phone_at_tablet_by_window": "A tablet reflecting a window",
     "phone_at_dimmed_phone": "A dimmed OLED phone",

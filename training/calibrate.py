@@ -68,11 +68,11 @@ EXAMPLE = "python training/calibrate.py pairs=FILE.csv scene=screen_photo"
 class Config:
     """All settings of the command."""
 
-    pairs: str | None = setting(None, "a CSV file or a folder")
-    photos: str | None = setting(None, "a folder of photos of one picture, or of unknown ones")
-    picture: str | None = setting(None, "the file that the screen showed in all photos")
-    scene: str = setting("screen_photo", "a preset, or a YAML file of a scene")
-    out: str | None = setting(None, "the folder of the results; null: one in runs/calibrate/")
+    pairs: str | None = setting(None, "CSV file or a folder")
+    photos: str | None = setting(None, "folder of photos of one picture, or of unknown ones")
+    picture: str | None = setting(None, "what the screen showed in all photos")
+    scene: str = setting("screen_photo", "preset, or YAML file")
+    out: str | None = setting(None, "folder of the results; null: in runs/calibrate/")
     size: int = setting(384, "side of the crops, in pixels", bounds=(MIN_CROP_SIDE, None))
     crops: int = setting(6, "crops of each picture", bounds=(1, None))
     seed: int = setting(0, "of the photos and the search", bounds=(0, MAX_SEED - 1))

@@ -39,9 +39,9 @@ EXAMPLE = "python training/frontier.py runs"
 class Config:
     """All settings of the command."""
 
-    runs: str = setting(MISSING, "a folder of runs, or a frontier.csv; runs= may be left out")
-    against: str = setting("baseline", "the recipe that gains are over")
-    out: str | None = setting(None, "the folder of the table; null: frontier/ in that of the runs")
+    runs: str = setting(MISSING, "folder of runs, or frontier.csv; runs= may be left out")
+    against: str = setting("baseline", "recipe that gains are over")
+    out: str | None = setting(None, "folder of the table; null: frontier/ in runs")
 
 
 def frontier(source: Path, out: Path, against: str = "baseline") -> list[RecipeSummary]:

@@ -97,10 +97,10 @@ def is_users_own(name: Any) -> bool:
 class Data:
     """The images, their size and their numbers."""
 
-    name: str = setting(MISSING, "the data set", choices=tuple(DATA_SETS))
+    name: str = setting(MISSING, "data set", choices=tuple(DATA_SETS))
     root: str | None = setting(
         None,
-        "the data's folder; of data=folder, with train/ and test/, or test classes alone; with "
+        "folder of the data; for data=folder, with train/ and test/, or test classes alone; with "
         "train.target=answers, any pictures",
         is_path=True,
         only_for=data_sets_with("root"),

@@ -21,8 +21,7 @@ PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
 # not mps: it has no float64, which the geometry needs
 ACCELERATORS = ("auto", "cpu", "gpu", "cuda")
 SHRINK_HELP = (
-    "sensor pixels per image pixel of crops, a number or [low, high]; null: whole photos, or as "
-    "the scene says"
+    "sensor pixels per image pixel of crops, or [low, high]; null: the scene's, or whole photos"
 )
 Settings = TypeVar("Settings", bound="RunConfig")
 
@@ -43,15 +42,14 @@ class Adversary:
     )
     bound: str = setting(
         "codes",
-        "scale of eps: sRGB, or the raw image's light",
+        "scale of eps: sRGB (codes), or light",
         choices=BOUNDS,
         only_for=("moire_attack",),
     )
     steps: int = setting(0, "steps of the attack", bounds=(0, 10_000), only_for=ATTACKS)
     optimise: list[str] = setting(
         lambda: ["noise"],
-        "what moire_attack changes: noise and, at three to ten times the cost, parts of the scene "
-        "such as view",
+        "what moire_attack changes: noise and, at 3 to 10 times the cost, parts of the scene",
         example="[noise,view]",
         only_for=("moire_attack",),
     )
@@ -75,14 +73,14 @@ class Train:
 
     target: str = setting(
         "labels",
-        "labels, or the answers of the network with weights= to the clean images",
+        "labels, or answers to clean images by the network in weights=",
         choices=TARGETS,
     )
     layers: float = setting(1.0, "share of layers trained, from the image on", bounds=(0, 1))
     kept: float = setting(
         0.97,
-        "with train.target=answers, share of validation answers to keep, by averaging with the "
-        "old weights",
+        "with train.target=answers, share of validation answers kept, by averaging with the old "
+        "weights",
         bounds=(0, 1),
         only_for=("answers",),
     )
@@ -93,11 +91,10 @@ class Train:
         bounds=(0.01, 1),
         may_differ=True,
     )
-    batch_size: int = setting(64, "of all devices together", bounds=(1, None))
+    batch_size: int = setting(64, "over all devices", bounds=(1, None))
     lr: float | None = setting(
         None,
-        "peak learning rate; null: 0.02 (Muon), or with weights= 0.002 per 128 images of a batch "
-        "(SGD)",
+        "peak learning rate; null: 0.02 (Muon), or with weights= 0.002 per 128 images (SGD)",
         bounds=(1e-8, 10),
     )
     momentum: float = setting(0.95, "peak of a cycle that falls by 0.1", bounds=(0, 0.9999))
@@ -112,7 +109,7 @@ class Train:
         None, "decay per step of the averaged weights; null: 0.98", bounds=(0, 0.999999)
     )
     batch_statistics: bool | None = setting(
-        None, "whether batch normalisation uses a batch's; null: without weights="
+        None, "whether to normalise by the batch's statistics; null: without weights="
     )
     compile: bool = setting(False, "torch.compile of the model")
 
@@ -133,7 +130,7 @@ class Trainer:
         choices=PRECISIONS,
     )
     deterministic: Any = setting(
-        False, "a CPU run is exact anyway; CUDA's bilinear resampling refuses true"
+        False, "CPU runs are exact anyway; CUDA's bilinear resampling refuses true"
     )
 
 
@@ -145,10 +142,10 @@ class Reattack:
     batch_size: int | None = setting(None, "null: 96, or fewer large images", bounds=(1, None))
     eps: list[float] | None = setting(
         None,
-        "bounds of the noise; null: the suite's, for the ladder 2, 4 and 8/255",
+        "bounds of the noise; null: the suite's, in the ladder 2, 4 and 8/255",
         example="[0.00784313725,0.0156862745]",
     )
-    bound: str = setting("codes", "scale of eps: sRGB, or the raw image's light", choices=BOUNDS)
+    bound: str = setting("codes", "scale of eps: sRGB (codes), or light", choices=BOUNDS)
     steps: int = setting(20, "steps of each attack", bounds=(0, 100_000))
     seed: int = setting(1234, "of the images, photos and attacks", bounds=(0, MAX_SEED))
 
@@ -157,20 +154,19 @@ class Reattack:
 class RunConfig:
     """The settings that every run has, whatever it trains."""
 
-    recipe: str = setting(MISSING, "a file of recipes/, without .yaml", trains=True)
+    recipe: str = setting(MISSING, "file of recipes/, without .yaml", trains=True)
     seed: int = setting(0, "of the weights and of all samples", bounds=(0, MAX_SEED), trains=True)
-    runs: str = setting("runs", "the folder of all runs", is_path=True, changes_result=False)
+    runs: str = setting("runs", "folder of all runs", is_path=True, changes_result=False)
     scene: Any = setting(
         "screen_photo",
-        "a preset, a YAML file, a mapping of fields and `preset`, or a list of these, a random one "
-        "per image",
+        "preset, YAML file, mapping of fields and `preset`, or a list of these, random per image",
         example="'{preset: paper, ...}'",
     )
     shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
     model: str = setting(MISSING, "the network's name", run_has="its own model")
     weights: str | None = setting(
         None,
-        "a state_dict file, or torchvision's name of weights",
+        "state_dict file, or torchvision's name of weights",
         is_path=True,
         from_run=False,
         run_has="its own model",
@@ -207,8 +203,8 @@ class ReattackConfig(Config):
     recipe: str = setting("pretrained", "of the run", trains=True)
     run: str | None = setting(
         None,
-        "a run's folder; its settings hold unless given here, reattack.n, eps and steps for the "
-        "ladder",
+        "a run's folder; its settings hold unless given here, in the ladder also reattack.n, eps "
+        "and steps",
         is_path=True,
     )
     suite: str = setting(
@@ -217,17 +213,17 @@ class ReattackConfig(Config):
     )
     targets: Any = setting(
         None,
-        "of transfer, trust and paper: names and files of weights, or runs",
+        "for transfer, trust and paper: names and files of weights, or runs",
         example="'{resnet18: FILE, ...}'",
     )
     networks: Any = setting(
         None,
-        "of demoireing and paper: the same, or a folder of weights",
+        "for demoireing and paper: the same, or a folder of weights",
         example="'{mopnet: FILE, ...}'",
     )
     demoire: str | None = setting(
         None,
-        "package.module:callable on images in [0, 1], a further defence",
+        "another defence, package.module:callable on images in [0, 1]",
     )
     lpips: str | None = setting(
         None,

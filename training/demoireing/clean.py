@@ -50,9 +50,9 @@ FORMAT_OPTIONS: dict[str, dict[str, Any]] = {
 class Config:
     """All settings of the command."""
 
-    in_: str = setting(MISSING, "a folder of photos")
-    out: str = setting(MISSING, "the folder of the cleaned ones")
-    weights: str = setting("screen", "the released weights, or a file")
+    in_: str = setting(MISSING, "folder of photos")
+    out: str = setting(MISSING, "folder of the results")
+    weights: str = setting("screen", "released weights, or a file")
     device: str = setting("auto", "or cpu, cuda, cuda:1, mps")
     tile: int = setting(
         TILE_SIDE,

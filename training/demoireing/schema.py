@@ -21,14 +21,14 @@ class Pictures:
 
     root: str | None = setting(
         None,
-        "a folder of pictures, 10 % each for validation and tests, or with train/ and test/; null: "
-        "drawn pictures",
+        "folder of pictures, a tenth for validation and for tests, or with train/ and test/; null: "
+        "drawn",
         is_path=True,
     )
     size: int = setting(128, "side of the training crops", bounds=SIZE_RANGE)
     subsample: int = setting(
         3,
-        "training photos are taken at up to this factor, and shrunk unfiltered",
+        "training photos are up to this much larger, then shrunk unfiltered",
         bounds=(1, 8),
     )
     jpeg: int | None = setting(
@@ -37,7 +37,7 @@ class Pictures:
     pairs: int = setting(2000, "training pairs, also turned and mirrored", bounds=(1, None))
     candidates: int = setting(
         2,
-        "pairs, of which the one with the strongest coarse colour is kept",
+        "pairs to choose from, the strongest in coarse colour",
         bounds=(1, None),
     )
     val: int = setting(32, "validation pairs", bounds=(1, None))
@@ -56,8 +56,7 @@ class Demoire:
 
     target: str = setting(
         "clean",
-        "the photo without moiré (twin), or moiré and noise (clean), or what the screen showed "
-        "(original)",
+        "photo without moiré (twin) and noise (clean), or what the screen showed (original)",
         choices=("clean", "twin", "original"),
     )
     width: float = setting(0.25, "factor on the published channels")
@@ -70,7 +69,7 @@ class Train:
 
     steps: int = setting(2000, "in all", bounds=(1, None))
     check_every: int = setting(100, "steps between validations", bounds=(1, None))
-    batch_size: int = setting(4, "of all devices together", bounds=(1, None))
+    batch_size: int = setting(4, "over all devices", bounds=(1, None))
     lr: float = setting(0.02, "peak of Muon; falls to 0 by a cosine", bounds=(1e-8, 10))
     warmup: int = setting(50, "steps over which it rises", bounds=(0, None))
     ema: float = setting(0.99, "decay per step of the averaged weights", bounds=(0, 0.999999))
@@ -92,7 +91,7 @@ class TestPairs:
 class DemoireConfig(RunConfig):
     """All settings of a run."""
 
-    recipe: str = setting("demoire", "a name for the run's folder")
+    recipe: str = setting("demoire", "name for the run's folder")
     scene: Any = setting(
         lambda: list(TRAINED_SCENES),
         "those of a list take turns",
@@ -100,7 +99,7 @@ class DemoireConfig(RunConfig):
     )
     shrink: Any = setting(lambda: [1.0, 3.0], SHRINK_HELP, example="[1,3]")
     model: str = setting("esdnet", "one of moireaug.defenses.demoire.NETWORKS")
-    weights: str | None = setting(None, "a file of weights to start from", is_path=True)
+    weights: str | None = setting(None, "file of weights to start from", is_path=True)
     data: Pictures = section(Pictures)
     demoire: Demoire = section(Demoire)
     train: Train = section(Train)

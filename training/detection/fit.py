@@ -48,14 +48,14 @@ BATCH = 32
 class Config:
     """All settings of the command."""
 
-    images: str | None = setting(None, "a folder of ordinary pictures; null: drawn ones")
+    images: str | None = setting(None, "folder of ordinary pictures; null: drawn")
     ordinary: str | None = setting(
-        None, "a folder of photos without screens, to set the threshold; null: a tenth of images"
+        None, "folder of photos without screens, for the threshold; null: a tenth of images"
     )
-    scene: str = setting("anywhere", "of the screens: a preset, or a YAML file")
-    weights: str | None = setting(MISSING, "of the backbone: a file, a name, or null for random")
-    backbone: str = setting("resnet18", "a ResNet of torchvision")
-    out: str = setting("runs/detect", "the folder of the results")
+    scene: str = setting("anywhere", "of the screens: preset, or YAML file")
+    weights: str | None = setting(MISSING, "of the backbone: file, name, or null for random")
+    backbone: str = setting("resnet18", "ResNet of torchvision")
+    out: str = setting("runs/detect", "folder of the results")
     n: int = setting(300, "rounds of about eleven examples", bounds=(4, None))
     penalty: float = setting(0.5, "of the heads' squared weights", bounds=(0, None))
     false_alarms: float = setting(0.1, "share of ordinary photos called screens", bounds=(0, 1))

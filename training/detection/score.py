@@ -38,9 +38,9 @@ LABELS = {"real": False, "screen": True}
 class Config:
     """All settings of the command."""
 
-    in_: str = setting(MISSING, "a folder of photos")
-    detector: str = setting(MISSING, "a file that training/detect.py train wrote")
-    out: str = setting("runs/scores", "the folder of the results")
+    in_: str = setting(MISSING, "folder of photos")
+    detector: str = setting(MISSING, "file by training/detect.py train")
+    out: str = setting("runs/scores", "folder of the results")
 
 
 def truth_of(name: str) -> bool | None:

@@ -32,10 +32,10 @@ MOIRE_SAMPLE_PAIRS = 16  # pairs whose moiré is told before the work begins
 class Config:
     """All settings of the command."""
 
-    images: str = setting(MISSING, "a folder of pictures")
-    out: str = setting(MISSING, "the folder of the pairs")
+    images: str = setting(MISSING, "folder of pictures")
+    out: str = setting(MISSING, "folder of the pairs")
     n: int = setting(MISSING, "pairs, over all shards")
-    scene: str = setting("screen_photo", "a preset, or a YAML file of a scene or a list")
+    scene: str = setting("screen_photo", "preset, or YAML file of a scene or a list")
     shrink: Any = setting(None, SHRINK_HELP, example="[1,3]")
     size: int = setting(512, "side of the crops, in pixels")
     twin: bool = setting(False, "add the same photo without moiré")
