@@ -47,7 +47,9 @@ def test_every_transform_computes_it_in_float32(name, monkeypatch):
 
 def test_capture_computes_it_in_float64(monkeypatch):
     called, expose = [], pipeline.expose
-    monkeypatch.setattr(pipeline, "expose", lambda *given: called.append(1) or expose(*given))
+    monkeypatch.setattr(
+        pipeline, "expose", lambda *given, **named: called.append(1) or expose(*given, **named)
+    )
     assert capture(IMAGE, SCENE.sample(1, (12, 16))).dtype == torch.float64 and called
 
 
