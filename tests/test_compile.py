@@ -1,6 +1,7 @@
 """torch.compile takes the whole capture as one graph, for a scene whose plan is known. On the CPU,
 the graph calls the engine; where a photo would have the reference, it follows that."""
 
+import dataclasses
 import math
 import pickle
 
@@ -62,6 +63,15 @@ def test_a_graph_gives_the_photo_of_the_engine(name):
 
     assert torch.equal(compiled(capture, noted)(images, shot), capture(images, shot))
     assert {"moireaug.expose", "moireaug.develop"} <= set(called)
+
+
+def test_a_graph_knows_a_part_that_is_the_whole():
+    # the photo of a part is not dark around
+    images, shot = torch.rand(2, 3, *SIZE), with_values(PLAIN_BINS, {"view.zoom": 0.5})
+    shot = dataclasses.replace(shot, develop=Develop(registered=False)).sample(2, SIZE)
+    part = shot.crop(0, 0, *SIZE)
+    assert not torch.equal(capture(images, part), capture(images, shot))
+    assert torch.equal(compiled(capture)(images, part), capture(images, part))
 
 
 def test_a_graph_gives_the_photo_of_the_reference():

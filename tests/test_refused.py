@@ -68,6 +68,10 @@ REFUSED = [
     (lambda: capture(X, with_values(SHOT, {"lens.k1": ONE * -0.5})), "fold the photo onto itself"),
     (lambda: capture(X, dataclasses.replace(SHOT, seed=SHOT.seed.float())), "(B,) int64; got (1,)"),
     (lambda: changed(size=[8.0, 8.0]), "in whole numbers; got [8.0, 8.0]"),
+    (
+        lambda: capture(X, SHOT, torch.full(SHOT.raw_shape(), 1e300, dtype=torch.float64)),
+        "noise must be finite in float32",
+    ),
     (lambda: changed(size=[8, 8, 8]), "in whole numbers; got [8, 8, 8]"),
     (lambda: changed(size=[0, -1]), "at least 1 x 1 pixels"),
     (lambda: changed(seed=5), "seed must be a list of whole numbers; got 5"),

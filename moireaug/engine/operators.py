@@ -23,8 +23,8 @@ from moireaug.scene.by_name import values_of
 from moireaug.scene.draws import MAX_CACHED_SCENES
 from moireaug.scene.shot import ShotRecord
 
-# a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and its size, whole size and
-# corner, a pair each
+# a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and its size and, of a part,
+# whole size and corner, a pair each
 SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
 
 Stage = Union["KernelStage", "OperatorStage"]
@@ -114,7 +114,9 @@ class OperatorStage:
     def _shot_arguments(self) -> tuple[Any, ...]:
         """Return the shot as `SHOT_SCHEMA` takes it."""
         shot = self.shot
-        sizes = [*shot.size, *shot.whole_size, *shot.corner]
+        sizes = [*shot.size]
+        if shot.part_of is not None:  # also of the whole, whose photo is not dark around
+            sizes += [*shot.whole_size, *shot.corner]
         return list(shot.numbers().values()), shot.seed, shot.scene.as_json(), sizes
 
     def __call__(self, values: Tensor) -> Tensor:
@@ -210,10 +212,11 @@ def implement(
         """Return the shot that `SHOT_SCHEMA` describes."""
         scene = scene_from_json(text)
         drawn = dict(zip(values_of(scene), numbers, strict=True))
-        height, width, whole_height, whole_width, top, left = size
+        height, width, *part = size
+        if not part:
+            return scene.shot_from_numbers((height, width), drawn, seeds)
+        whole_height, whole_width, top, left = part
         whole = scene.shot_from_numbers((whole_height, whole_width), drawn, seeds)
-        if (height, width) == whole.size:
-            return whole
         return whole.crop(top, left, height, width)
 
     for name, stage in (("expose", finite_reading_of), ("develop", develop)):

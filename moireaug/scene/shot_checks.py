@@ -105,9 +105,11 @@ def check_noise(noise: object, shot: ShotRecord) -> None:
             f"noise must be a floating point tensor, in raw units; got a tensor of {noise.dtype}."
         )
     _check_noise_shape("noise", noise, shot.raw_shape())
-    if not is_transformed() and not noise.isfinite().all():
+    # readings are float32, where a larger number would become infinite
+    if not is_transformed() and not noise.float().isfinite().all():
         raise ValueError(
-            "noise must be finite; got NaN or infinity. Look for it in the attack's gradients."
+            "noise must be finite in float32; got NaN, infinity or more. Look for it in the "
+            "attack's gradients."
         )
 
 

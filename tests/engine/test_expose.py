@@ -8,7 +8,7 @@ import torch
 
 from moireaug import Layout, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.camera import pipeline
-from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
+from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE, is_blurred, neighbour_share
 from moireaug.capture import reading_of
 from moireaug.engine import execution
 from moireaug.engine.cpu import run
@@ -122,6 +122,19 @@ def test_bytes_are_read_as_they_are(name):
     given = lower_exposure(shot, decoded=False)
     got, expected = (run.launch_expose(c, False, *given)[0] for c in (codes, codes.float() / 255))
     assert (got - expected).abs().max() < 2e-6
+
+
+def test_a_crop_that_its_prefilter_leaves_sharp_is_not_blurred_as_the_photos_middle_is():
+    scene = Scene(
+        view=View(pitch=23.0, shift_y=-0.5), lens=Lens(motion_y=5.0),
+        sensor=Sensor(pitch=1.5, shrink=2.0, exposure="mean"),
+    )  # fmt: skip
+    shot = scene.sample(1, (16, 16), torch.Generator().manual_seed(1))
+    assert shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
+    assert neighbour_share(shot) > 0.1
+    assert not is_blurred(shot).any()
+    images = torch.rand(1, 3, 16, 16)
+    assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
 
 
 def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():

@@ -1,5 +1,7 @@
 """In the camera's frame the picture moves, and so do masks, boxes and points with it."""
 
+import math
+
 import pytest
 import torch
 from torchvision import tv_tensors
@@ -88,6 +90,13 @@ def test_whole_points_are_rounded():
     shot = CAMERA.sample(1, (48, 64), torch.Generator().manual_seed(0))
     points = torch.tensor([[[12, 4], [40, 30], [5, 44]]])
     assert torch.equal(shot.to_photo(points), shot.to_photo(points.double()).round().long())
+
+
+def test_points_that_nobody_has_seen_stay_unknown():
+    shot = CAMERA.sample(1, (48, 64), torch.Generator().manual_seed(0))
+    moved = shot.to_photo(torch.tensor([[[math.nan, math.nan], [40.0, 30.0]]]))
+    assert moved[0, 0].isnan().all()
+    assert torch.equal(moved[:, 1:], shot.to_photo(torch.tensor([[[40.0, 30.0]]])))
 
 
 def test_points_and_masks_of_other_shapes_are_refused():

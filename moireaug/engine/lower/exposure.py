@@ -53,7 +53,9 @@ def lower_exposure(
     black, share = np.zeros((2, len(shot)), np.float32)
     if "black_level" in plan and not decoded:
         black[:] = drawn["panel.black"]
-    if "prefilter" in plan and not decoded:
+    # a larger variance is one for each place, and 0 in images that are not decoded before
+    is_even = plan.prefilter_variance <= prefilter.MAX_NEIGHBOUR_VARIANCE
+    if "prefilter" in plan and is_even and not decoded:
         share[:] = prefilter.neighbour_share(shot).detach().float().numpy()
     budget = ErrorBudget.of(shot.scene.tolerance, exactness)
     if not shot.scene.is_binned:  # full readings err less, and take longer

@@ -158,8 +158,9 @@ def _fitting_zoom(turned: list, lens: Pair, size: FrameSize, xp: ModuleType) -> 
 
 def apply_homography(m: Tensor, points: Tensor) -> Tensor:
     """Map points (B, N, 2) by homographies (B, 3, 3). Points behind the camera land far away, where
-    kornia's `transform_points` mirrors them to the front."""
+    kornia's `transform_points` mirrors them to the front. What is NaN, such as a keypoint that
+    nobody has seen, stays NaN."""
     lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
-    ahead = lifted[..., 2:] > MIN_POINT_DEPTH
-    depth = torch.where(ahead, lifted[..., 2:], 1.0)
-    return torch.where(ahead, lifted[..., :2] / depth, BEHIND_CAMERA)
+    behind = lifted[..., 2:] <= MIN_POINT_DEPTH
+    depth = torch.where(behind, 1.0, lifted[..., 2:])
+    return torch.where(behind, BEHIND_CAMERA, lifted[..., :2] / depth)
