@@ -137,6 +137,14 @@ def test_a_crop_that_its_prefilter_leaves_sharp_is_not_blurred_as_the_photos_mid
     assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
 
 
+def test_a_lens_may_have_the_pictures_middle_off_a_photo_that_saturates():
+    scene = Scene(
+        panel=Panel(glare=2.0), view=View(shift_x=-0.6), lens=Lens(k1=-0.15),
+        sensor=Sensor(pitch=2.5, shrink=1.5, crop_x=0.2, crop_y=0.5),
+    )  # fmt: skip
+    assert_equal(*readings(scene, (8, 8)))
+
+
 def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():
     shot = SCENES["black level, prefilter that varies"].sample(2, (20, 24))
     assert shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
