@@ -17,12 +17,10 @@ from torch import Tensor
 
 from moireaug.camera import pipeline
 from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE, is_blurred
-from moireaug.camera.exposure.bin_geometry import clamped_photo_points, middle_of_photo
 from moireaug.engine import kernel_stage
 from moireaug.engine.execution import Call
 from moireaug.engine.kernel_stage import KernelStage
 from moireaug.engine.operators import OperatorStage, run_kernels
-from moireaug.scene.fields import deviation
 from moireaug.scene.mixed_shot import join_rows
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
     from moireaug.engine.lower.exposure_records import Exposure, PanelView
 
 DECODING = ("decode", "black_level", "prefilter")  # effects on the picture, before the panel
-LEAST_OFF_SHIFT = 0.25  # of a picture whose middle a lens can have off the photo
 # scenes of which it was said that the reference computes some of their photos
 _reported: set[SceneRecord] = set()
 
@@ -108,7 +105,7 @@ def exposing(call: Call, batch: int = 0) -> Callable[[Tensor], Tensor]:
     if is_decoded:
         effects = tuple(name for name in effects if name not in DECODING)
     stage = Exposing(call, kernels, effects, shot.plan.exposure, is_decoded)
-    followed = torch.from_numpy(stage.can_follow(stage.records)) & _has_middle(shot)
+    followed = torch.from_numpy(stage.can_follow(stage.records))
     if followed.all():
         return stage
     _report_unfollowed(shot.scene, int((~followed).sum()), batch)
@@ -117,18 +114,6 @@ def exposing(call: Call, batch: int = 0) -> Callable[[Tensor], Tensor]:
     # each image by itself, so that its reading does not depend on the rest of the batch
     others = functools.partial(pipeline.expose, shot=call.part(~followed).shot)
     return _split(followed, stage.part(followed), others)
-
-
-def _has_middle(shot: ShotRecord) -> Tensor:
-    """Return whether kernels find the pattern that bins average away, of which saturation takes a
-    part, in the picture's middle, (B,) bool: not behind a lens that has it off the photo."""
-    scene, view = shot.scene, shot.scene.view
-    shift = max(deviation(view.shift_x, 0.0), deviation(view.shift_y, 0.0))
-    is_off = shift > LEAST_OFF_SHIFT and scene.is_rectified and scene.is_bent
-    if not (is_off and "saturate" in shot.plan):
-        return torch.ones(len(shot), dtype=torch.bool, device="cpu")
-    middle = middle_of_photo(shot)
-    return clamped_photo_points(middle - shot.frame.image_corner(middle), shot)[1].flatten().cpu()
 
 
 def _report_unfollowed(scene: SceneRecord, n: int, total: int) -> None:

@@ -10,7 +10,7 @@ from moireaug import Layout, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.camera import pipeline
 from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE, is_blurred, neighbour_share
 from moireaug.capture import reading_of
-from moireaug.engine import execution
+from moireaug.engine import execution, stages
 from moireaug.engine.cpu import run
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.scene.by_name import with_values
@@ -143,6 +143,8 @@ def test_a_lens_may_have_the_pictures_middle_off_a_photo_that_saturates():
         sensor=Sensor(pitch=2.5, shrink=1.5, crop_x=0.2, crop_y=0.5),
     )  # fmt: skip
     assert_equal(*readings(scene, (8, 8)))
+    call = execution.call_of(scene.sample(1, (8, 8)), None, torch.zeros(1, 3, 8, 8))
+    assert isinstance(stages.exposing(call), stages.Exposing)  # not the reference, with a warning
 
 
 def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():

@@ -32,31 +32,39 @@ class BeatGrid(NamedTuple):
     triangle: float
 
 
+@jit_in_place
+def fill_bin(frequency, side, steps, camera, b, i, orders):
+    """Fill frequency (K, 2) and side (4,) of a `BeatGrid` at a point.
+
+    steps: panel pixels per sensor pixel there, from `view.jacobian`. The rest as in `grid_at`.
+    """
+    xu, xv, yu, yv = steps
+    for h in range(len(orders)):
+        k, l = orders[h, 0] / b.period[0], orders[h, 1] / b.period[1]
+        frequency[h, 0] = k * xu + l * yu
+        frequency[h, 1] = k * xv + l * yv
+    side[0], side[1], side[2], side[3] = camera.scale_u * b.enlargement[i], 0.0, 0.0, 0.0
+    side[3] = camera.scale_v * b.enlargement[i]
+    if b.sampled:
+        side[0], side[3] = 1.0, 1.0
+    elif camera.rectified != 0:
+        pixel = camera.alpha * b.enlargement[i]
+        first, second = bins.image_pixel_sides(xu, xv, yu, yv, pixel)
+        side[0], side[1], side[2], side[3] = first[0], first[1], second[0], second[1]
+
+
 @jit
 def grid_at(us, vs, camera, b, i, orders):
     """Return the BeatGrid of image i and some orders at points of a reading about its centre.
 
     camera: of its sensor pixels. b: see `exposure_records.Beats`.
     """
-    n, enlargement = len(orders), b.enlargement[i]
-    frequency = np.empty((len(vs), len(us), n, 2), np.float64)
+    frequency = np.empty((len(vs), len(us), len(orders), 2), np.float64)
     sides = np.empty((len(vs), len(us), 4), np.float64)
     for r in range(len(vs)):
         for c in range(len(us)):
-            xu, xv, yu, yv = jacobian(us[c], vs[r], camera)
-            for h in range(n):
-                k, l = orders[h, 0] / b.period[0], orders[h, 1] / b.period[1]
-                frequency[r, c, h, 0] = k * xu + l * yu
-                frequency[r, c, h, 1] = k * xv + l * yv
-            side = sides[r, c]
-            side[0], side[1], side[2], side[3] = camera.scale_u * enlargement, 0.0, 0.0, 0.0
-            side[3] = camera.scale_v * enlargement
-            if b.sampled:
-                side[0], side[3] = 1.0, 1.0
-            elif camera.rectified != 0:
-                pixel = camera.alpha * enlargement
-                first, second = bins.image_pixel_sides(xu, xv, yu, yv, pixel)
-                side[0], side[1], side[2], side[3] = first[0], first[1], second[0], second[1]
+            steps = jacobian(us[c], vs[r], camera)
+            fill_bin(frequency[r, c], sides[r, c], steps, camera, b, i, orders)
     return BeatGrid(frequency, sides, b.triangle[i])
 
 

@@ -11,18 +11,27 @@ import math
 import numpy as np
 
 from moireaug.engine.cpu import beat_terms, harmonics
-from moireaug.engine.cpu.beat_grid import grid_at, node_counts, sampled_grid, transfer_of
+from moireaug.engine.cpu.beat_grid import (
+    fill_bin,
+    grid_at,
+    node_counts,
+    sampled_grid,
+    transfer_of,
+)
 from moireaug.engine.cpu.beat_terms import ALIAS_U, ALIAS_V, HARMONIC
 from moireaug.engine.cpu.coarse_grid import bracket, fill_cubics, node_line
 from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
 from moireaug.engine.cpu.optics import transfer_at
+from moireaug.engine.cpu.physics import lens
 from moireaug.engine.cpu.records import Terms
 from moireaug.engine.cpu.rows import U, V, X, Y
 from moireaug.engine.cpu.vectors import load, store
+from moireaug.engine.cpu.view import to_photo
 
 ONE, ZERO = np.float32(1), np.float32(0)
 PER_X, PER_Y, PER_U, PER_V, IN_MIDDLE = range(5)  # columns of a wave
-BLUE, GREEN = range(2)  # columns of a sign
+GREEN, BLUE = 1, 2  # planes
+PHASE, COS, SIN, COLOURED_AMPLITUDE, GREEN_AMPLITUDE = range(5)  # rows of a term's workspace
 
 
 @jit_in_place
@@ -58,13 +67,18 @@ def lost_pattern_variance(out, b, i, filters, camera, table, steps_per_cycle):
 
     b: see `exposure_records.Beats`. table, steps_per_cycle: from `beat_grid.transfer_of`.
     """
-    middle = np.zeros(1, np.float64)
-    grid = grid_at(middle, middle, camera, b, i, b.orders)
+    u, v, half_w, half_h = 0.0, 0.0, camera.photo_width / 2, camera.photo_height / 2
+    if camera.rectified != 0:
+        u, v = to_photo(u, v, camera)
+    # of a picture whose middle lies off the photo, at the photo's nearest edge
+    u, v = min(max(u, -half_w), half_w), min(max(v, -half_h), half_h)
+    frequency, side = np.empty((len(b.orders), 2), np.float64), np.empty(4, np.float64)
+    fill_bin(frequency, side, lens.panel_jacobian(u, v, camera), camera, b, i, b.orders)
     power, shares = np.zeros(3, np.float64), np.empty(2, np.float64)
     for h in range(len(b.orders)):
-        fu, fv = grid.frequency[0, 0, h]
+        fu, fv = frequency[h]
         passed = transfer_at(fu, fv, table, steps_per_cycle, camera)
-        _fill_power_shares(shares, fu, fv, b.bayer, grid.sides[0, 0], grid.triangle)
+        _fill_power_shares(shares, fu, fv, b.bayer, side, b.triangle[i])
         for plane in range(3):
             lost = 1 - min(shares[1 if plane == 1 else 0], 1.0)
             power[plane] += passed * passed / 2 * lost * _power_of(b, i, h, filters, plane)
@@ -93,8 +107,8 @@ def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
 @jit_in_place
 def _fill_waves(wave, sign, terms, strong, cycles, start, camera):
     """Fill wave (T, 5) with each term's cycles per pixel of the shown panel along x and y, per
-    photo pixel along u and v, and in the photo's middle; and sign (T, 2) with its sign in the
-    planes of BLUE and of GREEN.
+    photo pixel along u and v, and in the photo's middle; and sign (T, 3) with its sign in each
+    plane, 0 where that of green does not read it.
 
     Args:
         cycles: (H, 2), of each harmonic along x and y. start: where the shown panel begins, in its
@@ -109,8 +123,10 @@ def _fill_waves(wave, sign, terms, strong, cycles, start, camera):
         wave[t, PER_U], wave[t, PER_V] = -m_u * scale / 2, -m_v * scale / 2
         before = x * start[0] + y * start[1]
         wave[t, IN_MIDDLE] = before - (m_u * across + m_v * down) / 2
-        sign[t, BLUE] = ONE if (m_u + m_v) % 2 == 0 else -ONE
-        sign[t, GREEN] = ONE if m_u % 2 == 0 else -ONE
+        is_odd = (m_u + m_v) % 2 != 0
+        sign[t, 0], sign[t, BLUE] = ONE, -ONE if is_odd else ONE
+        in_green = ONE if m_u % 2 == 0 else -ONE
+        sign[t, GREEN] = ZERO if is_odd else in_green
 
 
 @jit_inlined
@@ -146,7 +162,7 @@ def beat_terms_of(b, i, camera, filters, sites, budget):
         harmonic[t] = used[terms[strong[t], HARMONIC]]
         shown[t] = strength[terms[strong[t], HARMONIC]]
     _fill_lines(lines, peak, amplitude, strong, ends, weight, shown)
-    wave, sign = np.empty((len(strong), 5), np.float64), np.empty((len(strong), 2), np.float32)
+    wave, sign = np.empty((len(strong), 5), np.float64), np.empty((len(strong), 3), np.float32)
     start = b.start[i, 0] / b.ratio[i], b.start[i, 1] / b.ratio[i]
     _fill_waves(wave, sign, terms, strong, cycles, start, camera)
     lost = np.zeros(3, np.float32)
@@ -167,18 +183,39 @@ def _phase(out, at, wave):
 
 
 @jit_in_place
-def _blend(out, first, second, third, fourth, weight):
+def _blend(out, lines, start, weight):
+    """Fill out (w,) with a line's amplitudes on a row, from those `start` on of four rows of
+    nodes."""
     wa, wb, wc, wd = weight
+    end = start + len(out)
+    first, second, third, fourth = (
+        lines[0, start:end], lines[1, start:end], lines[2, start:end], lines[3, start:end],
+    )  # fmt: skip
     for i in range(len(out)):
         low = wa * load(first, i) + wb * load(second, i)
         store(out, i, low + (wc * load(third, i) + wd * load(fourth, i)))
 
 
 @jit_in_place
-def _add_beat(out, amplitude, cos, sin, real, imaginary):
-    for i in range(len(out)):
-        seen = real * load(cos, i) - imaginary * load(sin, i)
-        store(out, i, out[i] + load(amplitude, i) * seen)
+def _add_beat(out, term, sign, coefficients, h, passes):
+    """Add a term to out (3, 3, w).
+
+    Args:
+        term: (5, w) float32, from PHASE on. sign: (3,). coefficients: see `records.Pattern`.
+        h: its harmonic. passes: as in `fill_modulation`.
+    """
+    cos, sin = term[COS], term[SIN]
+    for plane in range(3):
+        amplitude = term[GREEN_AMPLITUDE if plane == GREEN else COLOURED_AMPLITUDE]
+        for channel in range(3):
+            if sign[plane] == 0 or not passes[plane, channel]:
+                continue
+            row = out[plane, channel]
+            real = sign[plane] * coefficients[channel, h, 0]
+            imaginary = sign[plane] * coefficients[channel, h, 1]
+            for i in range(len(row)):
+                seen = real * load(cos, i) - imaginary * load(sin, i)
+                store(row, i, row[i] + load(amplitude, i) * seen)
 
 
 @jit_in_place
@@ -195,31 +232,14 @@ def fill_modulation(out, work, terms, pattern, passes, position, v, first_row):
     w = out.shape[2]
     fill(out.reshape(-1), ZERO)
     node, t = bracket(v, first_row, terms.step_v, len(terms.lines), 3)
-    four = harmonics.cubic_weights32(t)
-    d, cos, sin, coloured, green = work[0], work[1], work[2], work[3], work[4]
+    weight, lines = harmonics.cubic_weights32(t), terms.lines[node : node + 4]
     for i in range(len(terms.harmonic)):
-        peak = terms.peak[node : node + 4, i]
+        peak, sign = terms.peak[node : node + 4, i], terms.sign[i]
         if max(peak[0], peak[1], peak[2], peak[3]) < terms.least_amplitude:
             continue
-        _phase(d, position, terms.wave[i])
-        harmonics.fill_fundamental(cos, sin, d)
-        a, b, c = 2 * i * w, (2 * i + 1) * w, (2 * i + 2) * w
-        first, second = terms.lines[node], terms.lines[node + 1]
-        third, fourth = terms.lines[node + 2], terms.lines[node + 3]
-        _blend(coloured, first[a:b], second[a:b], third[a:b], fourth[a:b], four)
-        if pattern.bayer:
-            _blend(green, first[b:c], second[b:c], third[b:c], fourth[b:c], four)
-        h = terms.harmonic[i]
-        for plane in range(3):
-            sign = ONE
-            if pattern.bayer and plane > 0:
-                sign = terms.sign[i, BLUE if plane == 2 else GREEN]
-            for channel in range(3):
-                if not passes[plane, channel]:
-                    continue
-                real = sign * pattern.coefficients[channel, h, 0]
-                imaginary = sign * pattern.coefficients[channel, h, 1]
-                if pattern.bayer and plane == 1:
-                    _add_beat(out[plane, channel], green, cos, sin, real, imaginary)
-                else:
-                    _add_beat(out[plane, channel], coloured, cos, sin, real, imaginary)
+        _phase(work[PHASE], position, terms.wave[i])
+        harmonics.fill_fundamental(work[COS], work[SIN], work[PHASE])
+        _blend(work[COLOURED_AMPLITUDE], lines, 2 * i * w, weight)
+        if sign[GREEN] != 0:
+            _blend(work[GREEN_AMPLITUDE], lines, (2 * i + 1) * w, weight)
+        _add_beat(out, work, sign, pattern.coefficients, terms.harmonic[i], passes)

@@ -199,7 +199,7 @@ def binned_setup_kernel(e, view, i):
 def binned_image(e, view, setup, i):
     """Return the Image i; view: a BinnedView. setup: from `binned_setup_kernel`."""
     b, camera = view.beats, camera_of(e.cameras[i])
-    pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer)
+    pattern = Pattern(b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates)
     bins = ImageBins(camera_of(b.cameras[i]), setup.stencil, setup.terms, pattern)
     cell, sites = _cell_of(e.cell, b.centres[i]), sites_of(e.sites, camera)
     return _image(e, i, camera, cell, setup.grid, sites, bins, None)

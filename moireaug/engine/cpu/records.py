@@ -87,7 +87,7 @@ class Terms(NamedTuple):
     """The waves of one image's beats, T of them, from `beats.beat_terms_of`.
 
     Args:
-        harmonic: (T,) int64. wave: (T, 5) float64 and sign: (T, 2) float32, see
+        harmonic: (T,) int64. wave: (T, 5) float64 and sign: (T, 3) float32, see
             `beats._fill_waves`.
         lines: (rows of nodes, T * 2 * w) float32, each term's amplitude at each pixel of a row, as
             the planes of red and blue, and of green, read it. peak: (rows, T) float32, the greatest
@@ -114,7 +114,6 @@ class Pattern(NamedTuple):
     mean: np.ndarray
     lost_noise_variance: np.ndarray
     saturates: bool
-    bayer: bool
 
 
 class BinStencil(NamedTuple):
