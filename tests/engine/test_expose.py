@@ -3,19 +3,21 @@ are."""
 
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 
-from moireaug import Layout, Lens, Panel, Scene, Sensor, View, expose
+from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose
 from moireaug.camera import pipeline
 from moireaug.camera.effects.prefilter import MAX_NEIGHBOUR_VARIANCE, is_blurred, neighbour_share
+from moireaug.camera.effects.sensor import lost_variances
 from moireaug.capture import reading_of
 from moireaug.engine import execution, stages
-from moireaug.engine.cpu import run
+from moireaug.engine.cpu import expose_kernels, run
 from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.scene.by_name import with_values
 from moireaug.scene.presets import PRESETS
-from tests.engine.readings import assert_equal, readings
+from tests.engine.readings import RMS, assert_equal, readings
 from tests.engine.scenes import SCENES, random_scene
 
 
@@ -145,6 +147,30 @@ def test_a_lens_may_have_the_pictures_middle_off_a_photo_that_saturates():
     assert_equal(*readings(scene, (8, 8)))
     call = execution.call_of(scene.sample(1, (8, 8)), None, torch.zeros(1, 3, 8, 8))
     assert isinstance(stages.exposing(call), stages.Exposing)  # not the reference, with a warning
+
+
+def test_a_crop_may_see_the_panel_much_larger_than_the_photos_middle_does():
+    scene = Scene(
+        panel=Panel(layout="led", lit=0.4, glare=1.0), view=View(yaw=75.0), lens=Lens(blur=0.1),
+        sensor=Sensor(pitch=2.2, shrink=1.5, gain=2.5, focal=0.4, crop_x=0.0, crop_y=0.4),
+        develop=Develop(registered=False),
+    )  # fmt: skip
+    shot = scene.sample(1, (12, 12))
+    terms = expose_kernels.binned_setup_kernel(*lower_exposure(shot, decoded=False), 0).terms
+    expected = lost_variances(shot)[2][0].float().numpy()
+    np.testing.assert_allclose(terms.lost_pattern_variance, expected, rtol=1e-3)
+
+
+def test_beats_that_are_very_many_are_read_alike_at_nodes():
+    scene = Scene.preset("dashcam_at_led_sign")
+    scene = with_values(scene, {"sensor.read_noise": 0.0, "sensor.shot_noise": 0.0})
+    shot = scene.sample(1, (8, 1024), torch.Generator().manual_seed(0))
+    terms = expose_kernels.binned_setup_kernel(*lower_exposure(shot, decoded=False), 0).terms
+    assert terms.lines.shape[1] < len(terms.harmonic) * 1024
+    even, part = torch.full((1, 3, 8, 1024), 0.7), shot.crop(0, 480, 8, 32)
+    difference = expose(even, shot)[..., 480:512] - pipeline.expose(even[..., :32].double(), part)
+    # what each beat that is left out adds to the error
+    assert difference.square().mean().sqrt() < 2 * RMS
 
 
 def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():

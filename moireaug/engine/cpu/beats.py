@@ -20,8 +20,8 @@ from moireaug.engine.cpu.beat_grid import (
 )
 from moireaug.engine.cpu.beat_terms import ALIAS_U, ALIAS_V, HARMONIC
 from moireaug.engine.cpu.coarse_grid import bracket, fill_cubics, node_line
-from moireaug.engine.cpu.compiling import fill, jit, jit_in_place, jit_inlined
-from moireaug.engine.cpu.optics import transfer_at
+from moireaug.engine.cpu.compiling import copy, fill, jit, jit_in_place, jit_inlined
+from moireaug.engine.cpu.optics import transfer_at, transfer_steps, transfer_table
 from moireaug.engine.cpu.physics import lens
 from moireaug.engine.cpu.records import Terms
 from moireaug.engine.cpu.rows import U, V, X, Y
@@ -29,6 +29,9 @@ from moireaug.engine.cpu.vectors import load, store
 from moireaug.engine.cpu.view import to_photo
 
 ONE, ZERO = np.float32(1), np.float32(0)
+# terms times pixels of a row, above which amplitudes are kept at nodes: at pixels, a photo's would
+# take hundreds of megabytes
+MAX_LINE_VALUES = 2**19
 PER_X, PER_Y, PER_U, PER_V, IN_MIDDLE = range(5)  # columns of a wave
 GREEN, BLUE = 1, 2  # planes
 PHASE, COS, SIN, COLOURED_AMPLITUDE, GREEN_AMPLITUDE = range(5)  # rows of a term's workspace
@@ -74,6 +77,12 @@ def lost_pattern_variance(out, b, i, filters, camera, table, steps_per_cycle):
     u, v = min(max(u, -half_w), half_w), min(max(v, -half_h), half_h)
     frequency, side = np.empty((len(b.orders), 2), np.float64), np.empty(4, np.float64)
     fill_bin(frequency, side, lens.panel_jacobian(u, v, camera), camera, b, i, b.orders)
+    most = 0.0
+    for h in range(len(frequency)):
+        most = max(most, abs(frequency[h, 0]), abs(frequency[h, 1]))
+    if most * steps_per_cycle > len(table):  # a part may see the panel larger than the middle does
+        steps = transfer_steps(most)
+        table, steps_per_cycle = transfer_table(camera, most, steps), steps / most
     power, shares = np.zeros(3, np.float64), np.empty(2, np.float64)
     for h in range(len(b.orders)):
         fu, fv = frequency[h]
@@ -92,14 +101,19 @@ def lost_pattern_variance(out, b, i, filters, camera, table, steps_per_cycle):
 @jit_in_place
 def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
     """Fill lines (rows, T * 2 * w) with the amplitudes of the `strong` terms at the pixels of each
-    row of nodes, and peak (rows, T) with the greatest of each, times strength (T,)."""
-    w = weight.shape[1]
+    row of nodes, or at the nodes; and peak (rows, T) with the greatest of each, times strength
+    (T,)."""
+    width = lines.shape[1] // max(2 * len(strong), 1)
     for r in range(len(lines)):
         for t in range(len(strong)):
             peak[r, t] = ZERO
             for plane in range(2):
-                start, values = (2 * t + plane) * w, amplitude[r, :, strong[t], plane]
-                harmonics.interpolate_line(lines[r, start : start + w], values, ends, weight)
+                start, values = (2 * t + plane) * width, amplitude[r, :, strong[t], plane]
+                line = lines[r, start : start + width]
+                if width == weight.shape[1]:
+                    harmonics.interpolate_line(line, values, ends, weight)
+                else:
+                    copy(line, values)
                 for c in range(len(values)):
                     peak[r, t] = max(peak[r, t], abs(values[c]) * strength[t])
 
@@ -155,7 +169,8 @@ def beat_terms_of(b, i, camera, filters, sites, budget):
     w = len(sites.cols)
     ends, weight = np.empty(n_u - 2, np.int64), np.empty((4, w), np.float32)
     fill_cubics(ends, weight, sites.cols, us[0], step_u)
-    lines = np.empty((n_v, len(strong) * 2 * w), np.float32)
+    width = w if len(strong) * w <= MAX_LINE_VALUES else n_u
+    lines = np.empty((n_v, len(strong) * 2 * width), np.float32)
     peak = np.empty((n_v, len(strong)), np.float32)
     harmonic, shown = np.empty(len(strong), np.int64), np.empty(len(strong), np.float32)
     for t in range(len(strong)):
@@ -168,7 +183,9 @@ def beat_terms_of(b, i, camera, filters, sites, budget):
     lost = np.zeros(3, np.float32)
     if b.saturates:
         lost_pattern_variance(lost, b, i, filters, camera, table, steps_per_cycle)
-    return Terms(harmonic, wave, sign, lines, peak, budget.beat_amplitude, step_v, lost)
+    return Terms(
+        harmonic, wave, sign, lines, peak, budget.beat_amplitude, step_v, ends, weight, lost
+    )
 
 
 @jit_in_place
@@ -194,6 +211,35 @@ def _blend(out, lines, start, weight):
     for i in range(len(out)):
         low = wa * load(first, i) + wb * load(second, i)
         store(out, i, low + (wc * load(third, i) + wd * load(fourth, i)))
+
+
+@jit_in_place
+def _interpolate(out, values, ends, weight):
+    """Do the same as `harmonics.interpolate_line`, and as fast for a single row."""
+    for j in range(len(ends) - 1):
+        low, high = ends[j], ends[j + 1]
+        line, a, b, c, d = out[low:high], values[j], values[j + 1], values[j + 2], values[j + 3]
+        first, second = weight[0, low:high], weight[1, low:high]
+        third, fourth = weight[2, low:high], weight[3, low:high]
+        for i in range(len(line)):
+            left = a * load(first, i) + b * load(second, i)
+            store(line, i, left + (c * load(third, i) + d * load(fourth, i)))
+
+
+@jit_in_place
+def _fill_amplitude(out, nodes, terms, line, lines, weight):
+    """Fill out (w,) with a term's amplitudes on a row.
+
+    Args:
+        nodes: (w,) float32, workspace. line: the number of the amplitudes' line.
+        lines: four rows of `terms.lines`. weight: of each.
+    """
+    width = lines.shape[1] // (2 * len(terms.harmonic))
+    if width == len(out):
+        _blend(out, lines, line * width, weight)
+    else:
+        _blend(nodes[:width], lines, line * width, weight)
+        _interpolate(out, nodes, terms.ends, terms.weight)
 
 
 @jit_in_place
@@ -229,7 +275,6 @@ def fill_modulation(out, work, terms, pattern, passes, position, v, first_row):
         position: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of
             the first nodes.
     """
-    w = out.shape[2]
     fill(out.reshape(-1), ZERO)
     node, t = bracket(v, first_row, terms.step_v, len(terms.lines), 3)
     weight, lines = harmonics.cubic_weights32(t), terms.lines[node : node + 4]
@@ -239,7 +284,7 @@ def fill_modulation(out, work, terms, pattern, passes, position, v, first_row):
             continue
         _phase(work[PHASE], position, terms.wave[i])
         harmonics.fill_fundamental(work[COS], work[SIN], work[PHASE])
-        _blend(work[COLOURED_AMPLITUDE], lines, 2 * i * w, weight)
+        _fill_amplitude(work[COLOURED_AMPLITUDE], work[PHASE], terms, 2 * i, lines, weight)
         if sign[GREEN] != 0:
-            _blend(work[GREEN_AMPLITUDE], lines, (2 * i + 1) * w, weight)
+            _fill_amplitude(work[GREEN_AMPLITUDE], work[PHASE], terms, 2 * i + 1, lines, weight)
         _add_beat(out, work, sign, pattern.coefficients, terms.harmonic[i], passes)

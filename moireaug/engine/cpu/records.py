@@ -90,9 +90,10 @@ class Terms(NamedTuple):
         harmonic: (T,) int64. wave: (T, 5) float64 and sign: (T, 3) float32, see
             `beats._fill_waves`.
         lines: (rows of nodes, T * 2 * w) float32, each term's amplitude at each pixel of a row, as
-            the planes of red and blue, and of green, read it. peak: (rows, T) float32, the greatest
-            of a row; those below least_amplitude are left out there. step_v: from one row of nodes
-            to the next.
+            the planes of red and blue, and of green, read it; of very many terms at each node,
+            (rows, T * 2 * cols). peak: (rows, T) float32, the greatest of a row; those below
+            least_amplitude are left out there. step_v: from one row of nodes to the next. ends,
+            weight: of the columns of nodes, see `harmonics.interpolate_line`.
         lost_pattern_variance: (3,) float32, of the panel's pattern that bins average away, as a
             share of the squared mean light, by colour filter; 0 if it cannot saturate.
     """
@@ -104,6 +105,8 @@ class Terms(NamedTuple):
     peak: np.ndarray
     least_amplitude: float
     step_v: float
+    ends: np.ndarray
+    weight: np.ndarray
     lost_pattern_variance: np.ndarray
 
 
