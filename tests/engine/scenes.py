@@ -1,10 +1,11 @@
-"""Scenes of full readings, with what a camera and a screen may do."""
+"""Scenes with what a camera and a screen may do, of full readings but for the last."""
 
 import dataclasses
 
 import torch
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View
+from moireaug.scene.by_name import with_values
 
 DELTA = Layout(
     ((0, 0, 0, 1.2, 0.5), (1, 0.4, 0.5, 2, 1.0), (2, 1, 1, 1.9, 1.9), (2, 0.1, 1.1, 0.8, 1.8)),
@@ -102,3 +103,18 @@ def random_scene(i):
     )  # fmt: skip
     develop = Develop(registered=one_of(True, False), linear_light=one_of(True, False))
     return Scene(panel=panel, view=view, lens=lens, sensor=sensor, develop=develop)
+
+
+def random_binned_scene(i):
+    """A `random_scene` of a binned reading: of a whole picture, a crop of a screen or a crop of an
+    object in turn."""
+    scene = random_scene(i)
+    width, pitch, shrink = 20 * scene.panel.scale, 2 * scene.panel.scale, scene.sensor.scale
+    stated = (
+        {"panel.width": width, "sensor.pitch": pitch},
+        {"sensor.pitch": pitch, "sensor.shrink": shrink},
+        {"panel.width": width, "sensor.shrink": shrink},
+    )[i % 3]
+    rest = {"panel.scale": 1.0, "sensor.scale": 1.0, "sensor.gain": min(scene.sensor.gain, 1.5)}
+    rest |= {"develop.resize": ("area", "point", "antialias")[i // 3 % 3]}
+    return with_values(scene, rest | stated)

@@ -18,7 +18,7 @@ from moireaug.engine.lower.exposure import lower_exposure
 from moireaug.scene.by_name import with_values
 from moireaug.scene.presets import PRESETS
 from tests.engine.readings import RMS, assert_equal, readings
-from tests.engine.scenes import SCENES, random_scene
+from tests.engine.scenes import SCENES, random_binned_scene, random_scene
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -73,6 +73,12 @@ def test_random_scenes(part):
         images = torch.rand(1, 3, 14, 19, generator=torch.Generator().manual_seed(i))
         if not execution.call_of(shot, None, images).execution.why_not_expose:
             assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
+
+
+@pytest.mark.parametrize("part", range(3))
+def test_random_binned_scenes(part):
+    for i in range(6 * part, 6 * part + 6):
+        assert_equal(*readings(random_binned_scene(i), (14, 19), n=1))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (12, 1), (2, 2), (7, 33), (67, 30)])
