@@ -116,7 +116,7 @@ def test_every_file_is_whole(root, capsys):
         assert len({line.count("|") for line in table.splitlines()}) == 1
     with Image.open(out / "frontier.png") as image:
         image.load()
-        assert image.size == (1000, 490)
+        assert image.size == (640, 740)
     printed = capsys.readouterr().out.split("\nAccuracy")[0]
     assert max(map(len, printed.splitlines())) <= 100
 
