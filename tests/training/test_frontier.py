@@ -153,7 +153,10 @@ def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
     lines = read(root).to_csv().splitlines()
     for text, said in (
         ("", "is no frontier.csv"),
-        ("recipe,seed\ngood,0\n", "is no frontier.csv .*'clean'"),
+        ("recipe,seed\ngood,0\n", "is no frontier.csv .*lacks baseline, clean, collapsed"),
+        ("\n".join(lines).replace("total_seconds", "seconds_in_all"), "lacks total_seconds"),
+        ("\n".join(lines).replace(",0.9,", ",,"), r"clean must be at least 0, .*got \[nan"),
+        ("\n".join(lines).replace(",0.9,", ",90,"), r"an accuracy at most 1; got \[90"),
         ("\n".join(line.rpartition(",")[0] for line in lines), "is no frontier.csv .*'bound'"),
         ("\n".join(lines), "lone has one seed in"),
         ("\n".join([*lines[:4], lines[4].replace(",50", ",20")]), "runs of different steps"),

@@ -29,6 +29,8 @@ from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainC
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
+TIME_COLUMNS = ("seconds", "start_seconds", "total_seconds", "plain_seconds")
+COST_COLUMNS = (*TIME_COLUMNS, "passes", "images_per_second", "collapsed")
 SHARED_COLUMNS = ("data", "model", "scene", "n", "steps", "bound")  # what the runs of a table share
 # each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
 RATES = {
@@ -91,6 +93,7 @@ def read_csv(file: Path) -> RunTable:
     """Read the table that `RunTable.to_csv` wrote, without the outcomes of single images."""
     try:
         runs = pd.read_csv(file)
+        _require_figures(runs)
         runs = runs.assign(**{name: [np.array([mean]) for mean in runs[name]] for name in RATES})
         shared = {name: runs[name].unique().tolist() for name in SHARED_COLUMNS}
         seeds = runs.groupby("recipe")["seed"].nunique()
@@ -112,6 +115,19 @@ def read_csv(file: Path) -> RunTable:
         raise ValueError(f"{file} has {recipe}, seed {seed}, more than once. Keep one line of it.")
     values = {name: value for name, (value,) in shared.items()}
     return RunTable(runs, values, commands=[], warnings=[], is_of_means=True)
+
+
+def _require_figures(runs: pd.DataFrame) -> None:
+    """Refuse lines of a CSV that lack a figure, or have one that no run has."""
+    if missing := {*RATES, *COST_COLUMNS, "baseline"} - set(runs.columns):
+        raise ValueError(f"it lacks {', '.join(sorted(missing))}")
+    figures = runs[[*RATES, *COST_COLUMNS]].astype(float)
+    figures = figures.fillna({"plain_seconds": 1.0})  # which need not be known
+    is_valid = figures.ge(0) & figures.lt(np.inf)
+    is_valid[list(RATES)] &= figures[list(RATES)].le(1)
+    for name in figures.columns[~is_valid.all()]:
+        values = runs[name][~is_valid[name]].tolist()
+        raise ValueError(f"{name} must be at least 0, and an accuracy at most 1; got {values}")
 
 
 def _table(root: Path, trained: Runs) -> RunTable:
