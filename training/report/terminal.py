@@ -61,7 +61,7 @@ def suite_parts(metrics: SuiteMetrics, suite: Mapping[str, Any]) -> list[str]:
             rows.append([title_of(row["name"], "rows"), *rates])
         if parts:
             parts.append("")
-        parts += [f"{title_of(table['name'], 'tables')}: fooled, %", aligned(rows)]
+        parts += [f"{table['title']}: fooled, %", aligned(rows)]
         if table["moire"]:
             parts.append(f"moiré, photo minus the same without: {table['moire']}")
     if suite["unanswered"]:
