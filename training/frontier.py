@@ -28,7 +28,7 @@ from training.comparison.frame import read, read_csv
 from training.comparison.plot import draw
 from training.comparison.summaries import RecipeSummary, summarise
 from training.comparison.table import markdown, terminal_parts
-from training.config.commands import parse, report_errors
+from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.runs.layout import FRONTIER
 
