@@ -118,11 +118,13 @@ def read_csv(file: Path) -> RunTable:
 
 
 def _require_figures(runs: pd.DataFrame) -> None:
-    """Refuse lines of a CSV that lack a figure, or have a cost that no run has."""
+    """Refuse lines of a CSV that lack a name or a figure, or have one that no run has."""
     needed = {"recipe", "seed", "baseline", *RATES, *map(OUTCOMES.format, RATES)}
     if missing := {*needed, *COST_COLUMNS, *SHARED_COLUMNS} - set(runs.columns):
         raise ValueError(f"it lacks {', '.join(sorted(missing))}")
-    figures = runs[[*COST_COLUMNS]].astype(float)
+    if runs["recipe"].isna().any():
+        raise ValueError("a line names no recipe")
+    figures = runs[["seed", *RATES, *COST_COLUMNS]].astype(float)
     figures = figures.fillna({"plain_seconds": 1.0})  # which need not be known
     is_valid = figures.ge(0) & figures.lt(np.inf)
     for name in figures.columns[~is_valid.all()]:
