@@ -35,15 +35,25 @@ COST_COLUMNS = (*TIME_COLUMNS, "passes", "images_per_second", "collapsed")
 # what the runs of a table share
 SHARED_COLUMNS = ("data", "data_seed", "model", "scene", "n", "steps", "bound")
 OUTCOMES = "{}_outcomes"  # name of the column of a CSV with an accuracy's outcomes
-# each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
+
+
+class RateCell(NamedTuple):
+    """An accuracy of a run: its title, and the cell of suite `recipes` that it is read from."""
+
+    title: str
+    table: str
+    row: str
+    column: str
+
+
 RATES = {
-    "clean": ("worst_case", "eps_4", "clean"),
-    "natural": ("unseen", OWN_SCENE_ROW, "moire"),
-    "unseen_mean": ("unseen", MEAN_ROW, "moire"),
-    "unseen_worst": ("unseen", WORST_ROW, "moire"),
-    "worst_4": ("worst_case", "eps_4", "worst"),
-    "worst_8": ("worst_case", "eps_8", "worst"),
-    "pgd_4": ("worst_case", "eps_4", "pgd"),
+    "clean": RateCell("clean", "worst_case", "eps_4", "clean"),
+    "natural": RateCell("photo", "unseen", OWN_SCENE_ROW, "moire"),
+    "unseen_mean": RateCell("unseen, mean", "unseen", MEAN_ROW, "moire"),
+    "unseen_worst": RateCell("unseen, worst", "unseen", WORST_ROW, "moire"),
+    "worst_4": RateCell("worst case 4/255", "worst_case", "eps_4", "worst"),
+    "worst_8": RateCell("worst case 8/255", "worst_case", "eps_8", "worst"),
+    "pgd_4": RateCell("PGD 4/255", "worst_case", "eps_4", "pgd"),
 }
 
 
@@ -192,7 +202,7 @@ def _commands(trained: Runs, attacked: Attacks) -> list[str]:
 def _row(metrics: RunMetrics, attack: SuiteMetrics) -> dict[str, Any]:
     row: dict[str, Any] = {"recipe": metrics.recipe, "seed": metrics.seed, "n": attack.n}
     for name, cell in RATES.items():
-        row[name] = _correct(attack, *cell)
+        row[name] = _correct(attack, cell)
     train = _cost(metrics)
     seconds, start_seconds = train.steady_seconds, _start_seconds(train, metrics)
     plain_seconds = None
@@ -222,18 +232,18 @@ def _cost(metrics: RunMetrics | PlainMetrics | None) -> TrainCost:
     return metrics.train
 
 
-def _correct(attack: SuiteMetrics, table: str, row: str, column: str) -> np.ndarray:
+def _correct(attack: SuiteMetrics, rate: RateCell) -> np.ndarray:
     """Return the outcomes of a cell, one per image; over all scenes but the run's own, their mean
     or those of the worst scene."""
-    of_other_scenes = row in (MEAN_ROW, WORST_ROW)
+    of_other_scenes = rate.row in (MEAN_ROW, WORST_ROW)
     scenes = []
-    for cell in attack.tables[table]:
-        in_row = cell["row"] != OWN_SCENE_ROW if of_other_scenes else cell["row"] == row
-        if in_row and cell["column"] == column:
+    for cell in attack.tables[rate.table]:
+        in_row = cell["row"] != OWN_SCENE_ROW if of_other_scenes else cell["row"] == rate.row
+        if in_row and cell["column"] == rate.column:
             scenes.append(np.array([float(outcome) for outcome in cell["outcomes"]]))
     if not scenes:
-        raise KeyError(f"{table}, {row}, {column}")
-    if row == WORST_ROW:
+        raise KeyError(f"{rate.table}, {rate.row}, {rate.column}")
+    if rate.row == WORST_ROW:
         return min(scenes, key=lambda scene: float(scene.mean()))
     return np.mean(scenes, axis=0).round(6)
 
