@@ -81,6 +81,8 @@ def name_of(recipe: RecipeSummary, width: int | None = None) -> str:
     Args:
         width: width with the marks, in characters, to which the name is cut; None is any.
     """
-    marks = f"{' ●' if recipe.is_on_front else ''}{' †' if recipe.collapsed_count else ''}"
+    marks = " ●" if recipe.is_on_front else ""
+    if recipe.collapsed_count:
+        marks += " †"
     name = recipe.name if width is None else recipe.name[: width - len(marks)]
     return name + marks
