@@ -10,16 +10,14 @@ import pandas as pd
 
 from moireaug.attacks import REJECTED, UNDECIDED
 from moireaug.evaluation.classifiers import Classifier
-from moireaug.evaluation.conditions import Condition
+from moireaug.evaluation.conditions import CELL_COLUMNS, CONDITION_COLUMNS, Condition
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.tables import Table
 from moireaug.synthesis.twins import SEEN_CODES
 
-CELL_COLUMNS = ["table", "row", "column"]
 MEASURES = ("psnr", "ssim", "ciede2000", "largest", "lpips")
 MOIRE_MEASURES = ("moire", "moire_seen")  # of photos without noise: see `rates`
-CONDITION_COLUMNS = ("condition", "control", "eps", "bound", "steps", "targeted", "judge")
 # without which rates are printed as a plain frame
 PRINTED_COLUMNS = {*CELL_COLUMNS, "eps", "largest", "psnr", "moire", "accuracy", "success", "n"}
 
