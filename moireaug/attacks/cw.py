@@ -10,13 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.base import ModelAttack
-from moireaug.attacks.losses import (
-    has_prediction,
-    is_success,
-    loss_curve,
-    margin,
-    mean_cross_entropy,
-)
+from moireaug.attacks.losses import has_prediction, is_success, loss_curve, margin
 from moireaug.attacks.model import check_differentiable, require_gradient
 from moireaug.attacks.pixel import PixelProblem
 from moireaug.attacks.result import Result
@@ -125,7 +119,7 @@ class CW(ModelAttack):
             (gradient,) = torch.autograd.grad((distance + c * shortfall).sum(), w)
             w.grad = gradient.nan_to_num()
             adam.step()
-            search.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
+            search.losses.append(search.mean_loss(logits))
             is_enough = (lead >= self.confidence) | ~has_prediction(logits)
             success = is_success(logits, labels, targets) & is_enough
             is_nearer = success & (distance < nearest_distance)

@@ -74,7 +74,6 @@ class MultiTargeted(NamesForeignArguments):
         repeats = bool(is_same_answer(logits, second_logits).all())
         search.drops_fooled = repeats and self.attack.until_fooled
         search.keep(point, logits.repeat(search.problem.views, 1))
-        search.losses = []  # of a run's steps alone
         values, classes = likeliest_wrong_classes(logits, search.labels, self.targets)
         for value, targets in zip(values.T, classes.T, strict=True):
             search.drop(~value.isfinite())  # minus infinity rules a class out, and those after it
