@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from moireaug.attacks.checks import check_eps
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import Attacker
@@ -121,8 +123,8 @@ class SuiteConfig:
             as a preset's name.
         shrink: images are crops, in every scene of a suite; see `Scene.with_shrink`. None leaves
             the scenes as they are.
-        eps: bounds of the noise, in [0, 1] units. A suite that compares at one bound takes the
-            middle one. None leaves each suite its own.
+        eps: bounds of the noise, in [0, 1] units, or one alone. A suite that compares at one bound
+            takes the middle one. None leaves each suite its own.
         steps: gradient steps of every attack.
         targets: name to model for transfer; None where its weights are missing.
         defences: name to defence: by default the paper's.
@@ -141,8 +143,9 @@ class SuiteConfig:
     def __post_init__(self) -> None:
         object.__setattr__(self, "scene", as_scenes(self.scene, self.shrink))
         if self.eps is not None:
-            check_bounds(self.eps)
-            object.__setattr__(self, "eps", tuple(map(_exact, self.eps)))
+            bounds = np.atleast_1d(self.eps).tolist()
+            check_bounds(bounds)
+            object.__setattr__(self, "eps", tuple(map(_exact, bounds)))
             if len(set(self.eps)) < len(self.eps):
                 raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
         check_names([*self.targets, *self.defences])
