@@ -71,7 +71,6 @@ class CW(ModelAttack):
         photo = pixels.to(images.dtype)
         with torch.no_grad():
             logits = search.logits(photo, labels)
-        search.check(logits)  # without steps, nothing was checked yet
         clean_correct = search.is_right_without_noise()
         correct = search.is_right(photo, logits)
         noise = pixels - base
@@ -108,7 +107,6 @@ class CW(ModelAttack):
             photo = candidate.to(search.problem.images.dtype)
             logits = search.logits(photo, labels)
             if k == 0:
-                search.check(logits)
                 check_differentiable(logits)
                 slopes = torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)
                 require_gradient(self.model, photo, labels, slopes, rejects=search.rejects)

@@ -43,7 +43,7 @@ class Search:
         rounding: (n,) margins that rounding, which differs between batches, may bring about.
         losses: mean cross-entropy before each step of the last run, see `follow`.
         drops_fooled: whether fooled images take no further steps.
-        is_checked: whether logits have been checked, see `check`.
+        is_checked: whether logits have been checked, see `logits`.
         rejects: whether the model rejects images, see `networks.rejects_of`.
     """
 
@@ -93,28 +93,24 @@ class Search:
             return labels, None
         return labels, self.active_rows(targets).repeat(self.active.views)
 
-    def check(self, logits: Tensor) -> None:
-        """Refuse the first logits of the active images where they do not match the classes, or
-        where neither they nor those of the clean images are finite."""
-        labels, targets = self.active_goals(self.loss_targets)
-        check_classes(labels if targets is None else torch.maximum(labels, targets), logits)
-        # in a later run, the images that go on may well be those without an answer
-        if len(self.rows) == len(self.labels):
-            check_answers(logits, self.model, self.problem.images)
-        self.is_checked = True
-
     def logits(self, images: Tensor, labels: Tensor) -> Tensor:
-        """Return the model's logits (N, K) of images (N, 3, H, W), see `attacked_logits`."""
-        return attacked_logits(self.model, images, labels, rejects=self.rejects)
+        """Return the model's logits (N, K) of images (N, 3, H, W), see `attacked_logits`. The first
+        are refused where they do not match the classes, or where neither they nor those of the
+        clean images are finite."""
+        logits = attacked_logits(self.model, images, labels, rejects=self.rejects)
+        if not self.is_checked:
+            check_classes(labels, logits)
+            if self.targets is not None:
+                check_classes(self.targets, logits[: len(self.targets)])
+            check_answers(logits, self.model, self.problem.images)
+            self.is_checked = True
+        return logits
 
     @torch.no_grad()
     def active_logits(self, point: Point) -> Tensor:
         """Return the logits (views * b, K) of the active images at a point."""
         images = self.active.forward_views(self.active_point(point))
-        logits = self.logits(images, self.active_goals(None)[0])
-        if not self.is_checked:
-            self.check(logits)
-        return logits
+        return self.logits(images, self.active_goals(None)[0])
 
     @torch.no_grad()
     def images_and_logits(self, point: Point) -> tuple[Tensor, Tensor]:
