@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.attacks.checks import check_answers, check_classes
-from moireaug.attacks.losses import attack_margin, is_same_answer, mean_cross_entropy, predicted
+from moireaug.attacks.losses import attack_margin, is_same_answer, predicted
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.problem import Point, Problem
 from moireaug.common.networks import rejects_of
@@ -136,9 +137,10 @@ class Search:
         return self.clean_correct
 
     def mean_loss(self, logits: Tensor) -> Tensor:
-        """Return the mean cross-entropy of the logits (views * b, K) of the active images."""
+        """Return the mean cross-entropy of the logits (views * b, K) of the active images, which a
+        Result reports."""
         labels, targets = self.active_goals(self.targets)
-        return mean_cross_entropy(logits, labels if targets is None else targets)
+        return F.cross_entropy(logits.detach().float(), labels if targets is None else targets)
 
     def follow(self, iterates: Iterates, *, until_fooled: bool) -> None:
         """Keep the best points of a run, until no image takes a further step.

@@ -36,7 +36,7 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
     `moire`, of photos: their RMS difference from the same photo without moiré, of 255.
     """
     condition_frames: dict[tuple[str, str], pd.DataFrame] = {}
-    cell_frames = []
+    cell_frames: dict[tuple[str, str, str], pd.DataFrame] = {}
     for table in tables:
         for cell in table.cells:
             frames = []
@@ -46,14 +46,12 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
                     frame = _condition_frame(condition, cell.classifier, runner, indices)
                     condition_frames[key] = frame
                 frames.append(condition_frames[key])
-            cell_frame = _worst(frames) if cell.worst else pd.concat(frames, ignore_index=True)
-            cell_frame = cell_frame.assign(table=table.name, row=cell.row, column=cell.column)
-            cell_frames.append(cell_frame)
+            cell_frame = _worst(frames) if cell.worst else pd.concat(frames)
+            cell_frames[table.name, *cell.place] = cell_frame
     if not cell_frames:
         return pd.DataFrame(columns=[*CELL_COLUMNS, *CONDITION_COLUMNS, "image", "correct"])
-    frame = pd.concat(cell_frames, ignore_index=True)
-    other_columns = [name for name in frame.columns if name not in CELL_COLUMNS]
-    return frame[[*CELL_COLUMNS, *other_columns]]
+    frame = pd.concat(cell_frames, names=CELL_COLUMNS)
+    return frame.reset_index(CELL_COLUMNS).reset_index(drop=True)
 
 
 def _condition_frame(

@@ -165,15 +165,13 @@ class Runner:
         self, condition: Condition, classifiers: Sequence[Classifier], batch: SeededBatch
     ) -> list[Record]:
         """Show the images of a condition to classifiers; return a record of each."""
-        shot = batch.shot(self.setup.scene_of(condition))
-        generator = batch.generator(CONDITION_STREAM, condition.name)
         whole = EvalBatch(
             model=self.model,
             images=batch.images,
             labels=batch.labels,
             targets=batch.targets,
-            shot=shot,
-            generator=generator,
+            shot=batch.shot(self.setup.scene_of(condition)),
+            generator=batch.generator(CONDITION_STREAM, condition.name),
             lpips=self.setup.lpips,
             bound=self.setup.bound,
         )

@@ -87,16 +87,14 @@ DEFAULT_EPS = (2 / 255, 4 / 255, 8 / 255)  # unless a suite has its own
 RESERVED_NAMES = ("model", "undefended", "attacked", "as_it_is", "restored", "rounded")
 
 
-def check_bounds(bounds: object) -> None:
-    """Refuse the bounds of an evaluation that are neither an `eps` nor a list of one or more:
-    ValueError."""
-    values = bounds if isinstance(bounds, (list, tuple)) else [bounds]
-    if not values:
+def check_bounds(bounds: Sequence[object]) -> None:
+    """Refuse bounds of an evaluation that are none, or not each an `eps`: ValueError."""
+    if not bounds:
         raise ValueError(
             f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {bounds!r}."
         )
-    for value in values:
-        check_eps(value)
+    for eps in bounds:
+        check_eps(eps)
 
 
 def check_names(names: Sequence[str]) -> None:
