@@ -6,10 +6,9 @@
     python training/frontier.py runs against=pgd_at    # gains over this recipe, not over baseline
     python training/frontier.py runs/frontier/frontier.csv out=DIR    # again, from its CSV
 
-Writes frontier.md, frontier.csv (one line per run) and frontier.png into runs/frontier/, or
-where out=DIR says, which a CSV needs. A run that was not attacked yet is left out, and the command
-that attacks it is printed. Lines of several CSVs make one table; its intervals cover the choice of
-seeds alone.
+Writes frontier.md, frontier.csv (one line per run, with the outcome of each image) and frontier.png
+into runs/frontier/, or where out=DIR says, which a CSV needs. A run that was not attacked yet is
+left out, and the command that attacks it is printed. Lines of several CSVs make one table.
 """
 
 import sys

@@ -57,7 +57,8 @@ def test_a_number_beyond_its_bounds_is_refused(key):
     [
         ("train.batch_size=0", "train.batch_size must be at least 1; got 0"),
         ("trainer.devices=99999", "trainer.devices must be 1 to .* or auto; got 99999"),
-        ("reattack.eps=[0.01,0.01]", "reattack.eps must be different bounds"),
+        ("reattack.eps=[0.01,0.01]", "eps must be one or more different bounds"),
+        ("reattack.eps=[0.0156862745,0.015686274509803921]", "different bounds"),  # 4/255, rounded
         ("trainer.deterministic=foo", "trainer.deterministic must be true, false or warn"),
         ("trainer.precision=bf16-true", "trainer.precision must be one of .*bf16-mixed"),
         ("trainer.precision=64", "trainer.precision must be one of"),

@@ -110,6 +110,12 @@ def test_a_detector_replays_from_its_file_and_rejects_photos(trained):
     assert rejecting(photos).shape[0] == 2
 
 
+def test_a_detector_that_does_not_fit_gets_a_sentence(tmp_path):
+    torch.save({"backbone": "resnet18", "state": {}}, tmp_path / "old.pt")
+    with pytest.raises(ValueError, match=r"old.pt' holds no detector of this version"):
+        Detector.load(tmp_path / "old.pt")
+
+
 def test_ordinary_photos_are_kept_as_small_as_they_are_scored(tmp_path):
     put(tmp_path, sizes=[(3000, 2000)])
     (kept,) = fit.readable(Pictures(tmp_path, 1))
@@ -142,6 +148,7 @@ def test_two_calls_at_once_do_not_mix_their_features():
         (["train", "weights=null", "backbone=mobilenet_v2"], "backbone must be a ResNet"),
         (["train", "weights=null", "images=nowhere"], "nowhere is not a folder"),
         (["train", "weights=null", "n=3"], "n must"),
+        (["train", "weights=null", "scene=paper"], "scene=paper has no screen of a known size"),
         (["score", "in=nowhere", "detector=none.pt"], "none.pt"),
         (["score", "in=.", "detector=none.pt"], "out=runs/scores lies in in=., and what"),
     ],

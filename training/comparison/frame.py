@@ -1,6 +1,7 @@
 """Finished runs and their re-attacks as one frame, a row per run, which is written as CSV and read
 from it; or a sentence that says why there is none."""
 
+import math
 import shlex
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +30,11 @@ from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainC
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
-SHARED_COLUMNS = ("data", "model", "scene", "n", "steps", "bound")  # what the runs of a table share
+TIME_COLUMNS = ("seconds", "start_seconds", "total_seconds", "plain_seconds")
+COST_COLUMNS = (*TIME_COLUMNS, "passes", "images_per_second", "collapsed")
+# what the runs of a table share
+SHARED_COLUMNS = ("data", "data_seed", "model", "scene", "n", "steps", "bound")
+OUTCOMES = "{}_outcomes"  # name of the column of a CSV with an accuracy's outcomes
 # each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
 RATES = {
     "clean": ("worst_case", "eps_4", "clean"),
@@ -48,29 +53,31 @@ class RunTable(NamedTuple):
     Args:
         runs: a row per attacked run. Columns: `recipe`, `seed`; `n`, number of images; outcomes
             (n,) by the names of `RATES`, 1 where the run is right, 0 where it is wrong, the mean
-            over scenes in between, or read from CSV their mean (1,); `seconds` of its own training,
+            over scenes in between, to six digits; `seconds` of its own training,
             by its median epoch, `start_seconds` of that of its first weights, 0 for random ones,
             `total_seconds` of both, `plain_seconds` of plain training with the same seed and
             settings, its start included, missing where it is not known; `passes` forward and
             backward per image of its own training; `images_per_second`; `collapsed`, whether its
             training ended in catastrophic overfitting once; `baseline`, recipe that it is compared
             with.
-        shared: data, model, scene, n, steps, and what eps counts, which they share.
+        shared: values of `SHARED_COLUMNS`.
         commands: commands that attack the other runs.
         warnings: sentences for the reader.
-        is_of_means: whether it was read from CSV, without the outcomes of single images.
     """
 
     runs: pd.DataFrame
     shared: dict[str, Any]
     commands: list[str]
     warnings: list[str]
-    is_of_means: bool = False
 
     def to_csv(self) -> str:
-        """Return the runs as CSV, each with its mean accuracies."""
+        """Return the runs as CSV, each with its accuracies, and last the outcome of each image."""
         means = {name: self.runs[name].map(np.mean) for name in RATES}
-        return self.runs.assign(**means, **self.shared).to_csv(index=False)
+        outcomes = {
+            OUTCOMES.format(name): [" ".join(f"{one:g}" for one in run) for run in self.runs[name]]
+            for name in RATES
+        }
+        return self.runs.assign(**means, **self.shared, **outcomes).to_csv(index=False)
 
 
 def read(root: Path) -> RunTable:
@@ -88,30 +95,50 @@ def read(root: Path) -> RunTable:
 
 
 def read_csv(file: Path) -> RunTable:
-    """Read the table that `RunTable.to_csv` wrote, without the outcomes of single images."""
+    """Read the table that `RunTable.to_csv` wrote."""
     try:
-        runs = pd.read_csv(file)
-        runs = runs.assign(**{name: [np.array([mean]) for mean in runs[name]] for name in RATES})
+        runs = pd.read_csv(file, dtype={OUTCOMES.format(name): str for name in RATES})
+        _require_figures(runs)
+        outcomes = {name: _outcomes_of(runs, name) for name in RATES}
         shared = {name: runs[name].unique().tolist() for name in SHARED_COLUMNS}
-        seeds = runs.groupby("recipe")["seed"].nunique()
-    except (OSError, KeyError, ValueError) as error:  # ValueErrors: no UTF-8, no CSV, nothing in it
+    except (OSError, ValueError) as error:  # ValueErrors: no UTF-8, no CSV, nothing in it
         raise ValueError(
             f"{file} is no frontier.csv ({error}). Pass the folder of the runs instead."
         ) from error
     for name, values in shared.items():
         if len(values) != 1:
             raise ValueError(f"{file} has runs of different {name}: {values}. Keep those of one.")
-    if (seeds == 1).any():
-        raise ValueError(
-            f"{seeds.idxmin()} has one seed in {file}, where intervals take two or more. "
-            "Pass the folder of the runs instead."
-        )
     repeated = runs[runs.duplicated(["recipe", "seed"])]
     if len(repeated):
         recipe, seed = repeated[["recipe", "seed"]].iloc[0]
         raise ValueError(f"{file} has {recipe}, seed {seed}, more than once. Keep one line of it.")
     values = {name: value for name, (value,) in shared.items()}
-    return RunTable(runs, values, commands=[], warnings=[], is_of_means=True)
+    runs = runs.drop(columns=[OUTCOMES.format(name) for name in RATES]).assign(**outcomes)
+    return RunTable(runs, values, commands=[], warnings=[])
+
+
+def _require_figures(runs: pd.DataFrame) -> None:
+    """Refuse lines of a CSV that lack a figure, or have a cost that no run has."""
+    needed = {"recipe", "seed", "baseline", *RATES, *map(OUTCOMES.format, RATES)}
+    if missing := {*needed, *COST_COLUMNS, *SHARED_COLUMNS} - set(runs.columns):
+        raise ValueError(f"it lacks {', '.join(sorted(missing))}")
+    figures = runs[[*COST_COLUMNS]].astype(float)
+    figures = figures.fillna({"plain_seconds": 1.0})  # which need not be known
+    is_valid = figures.ge(0) & figures.lt(np.inf)
+    for name in figures.columns[~is_valid.all()]:
+        raise ValueError(f"{name} must be at least 0; got {runs[name][~is_valid[name]].tolist()}")
+
+
+def _outcomes_of(runs: pd.DataFrame, name: str) -> list[np.ndarray]:
+    """Return the outcomes (n,) of each line of a CSV."""
+    column = OUTCOMES.format(name)
+    outcomes = [np.array(str(text).split(), float) for text in runs[column]]
+    for one, n, mean in zip(outcomes, runs["n"], runs[name], strict=True):
+        if len(one) != n or not ((one >= 0) & (one <= 1)).all():
+            raise ValueError(f"{column} must be {n} numbers between 0 and 1 in each line")
+        if not math.isclose(one.mean(), mean, abs_tol=1e-9):
+            raise ValueError(f"{name} is {mean}, but the mean of {column} {one.mean():.6g}")
+    return outcomes
 
 
 def _table(root: Path, trained: Runs) -> RunTable:
@@ -131,8 +158,9 @@ def _table(root: Path, trained: Runs) -> RunTable:
         rows[-1]["baseline"] = baseline_recipe(metrics, trained.values())
     runs = pd.DataFrame(rows)
     folder, attack = next(iter(attacked.items()))  # any: they share these
-    shared: dict[str, Any] = {"data": data_name(trained.values()), "model": trained[folder].model}
-    shared["scene"] = trained[folder].scene_name
+    shared: dict[str, Any] = {"data": data_name(trained.values())}
+    shared["data_seed"] = attack.config["data"]["seed"]
+    shared |= {"model": trained[folder].model, "scene": trained[folder].scene_name}
     shared |= {name: getattr(attack, name) for name in ("n", "steps", "bound")}
     return RunTable(runs, shared, commands, caveats(runs, trained, attacked))
 
@@ -205,7 +233,7 @@ def _correct(attack: SuiteMetrics, table: str, row: str, column: str) -> np.ndar
         raise KeyError(f"{table}, {row}, {column}")
     if row == WORST_ROW:
         return min(scenes, key=lambda scene: float(scene.mean()))
-    return np.mean(scenes, axis=0)
+    return np.mean(scenes, axis=0).round(6)
 
 
 def read_classifiers(root: Path) -> tuple[dict[Path, RunMetrics], list[str]]:

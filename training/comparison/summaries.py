@@ -105,16 +105,16 @@ def relative_times(runs: pd.DataFrame) -> pd.Series:
 
 def estimate_rate(correct: pd.Series) -> Estimate:
     """Return a mean accuracy with an interval over seeds and images; for a single seed, over its
-    images alone (Wilson); of means, over seeds alone.
+    images alone (Wilson).
 
     Args:
-        correct: (seeds,) of (n,) whether each image is right, or of their mean (1,).
+        correct: (seeds,) of (n,) whether each image is right.
     """
     values = np.stack(correct.tolist())
     mean = float(values.mean())
     if len(values) == 1:
         return Estimate(mean, *wilson(mean * values.size, values.size))
-    low, high = _interval(values)
+    low, high = bootstrap(values)
     return Estimate(mean, max(0.0, low), min(1.0, high))
 
 
@@ -127,13 +127,8 @@ def estimate_gains(seeds: pd.DataFrame, rivals: pd.DataFrame) -> dict[str, Estim
         differences = np.stack((pairs[rate] - pairs[f"{rate}_rival"]).tolist())
         if differences.size < 2:
             return {}
-        gains[rate] = Estimate(float(differences.mean()), *_interval(differences))
+        gains[rate] = Estimate(float(differences.mean()), *bootstrap(differences))
     return gains
-
-
-def _interval(values: np.ndarray) -> tuple[float, float]:
-    """Return the interval of a mean over seeds and images, or of means (seeds, 1) over seeds."""
-    return t_interval(values[:, 0].tolist()) if values.shape[1] == 1 else bootstrap(values)
 
 
 def estimate_cost(values: Sequence[float]) -> Estimate:

@@ -34,8 +34,7 @@ TERMINAL_HEADS = (
 
 def caption(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
     """Return the caption: the meaning of the figures and their intervals."""
-    facts = {"shared": table.shared, "is_of_means": table.is_of_means}
-    text = render("frontier_caption.j2", recipes=recipes, **facts)
+    text = render("frontier_caption.j2", recipes=recipes, shared=table.shared)
     return " ".join(line for line in text.splitlines() if line)
 
 

@@ -12,7 +12,7 @@ from torch import nn
 
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation.suites import check_used
-from moireaug.evaluation.tables import DEFAULT_EPS, check_bounds
+from moireaug.evaluation.tables import SuiteConfig
 from training.config.data_sets import DATA, Data, data_sets_with
 from training.config.scenes import scene_of
 from training.config.schema import Adversary, Config, ReattackConfig, RunConfig, Train, Trainer
@@ -29,11 +29,8 @@ def check_classifier(cfg: Config) -> None:
     check_run(cfg)
     require_used(cfg, "data")
     check_adversary(cfg.adversary)
-    eps = DEFAULT_EPS if cfg.reattack.eps is None else cfg.reattack.eps
-    if len(set(eps)) < len(eps):
-        raise ValueError(f"reattack.eps must be different bounds; got {list(eps)}.")
-    check_bounds(eps)
-    scene_of(cfg)  # raises where it is none
+    eps = cfg.reattack.eps
+    SuiteConfig(scene=scene_of(cfg), eps=None if eps is None else tuple(eps))  # raises
 
 
 def require_used(cfg: Config, *sections: str) -> None:

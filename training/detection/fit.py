@@ -27,6 +27,7 @@ from torch.utils.data import DataLoader
 from tqdm import tqdm
 
 from moireaug.common.files import write_text
+from moireaug.mixtures import scenes_of
 from moireaug.synthesis.pictures import Pictures, Source
 from training.config import scenes
 from training.config.commands import parse, report_errors
@@ -82,7 +83,13 @@ def train(cfg: Config) -> dict[str, Any]:
     start = time.perf_counter()
     detector = Detector(cfg.backbone, cfg.weights)
     pictures, ordinary = sources(cfg)
-    rounds = Examples(pictures, scenes.load(cfg.scene), cfg.seed)
+    scene = scenes.load(cfg.scene)
+    if not all(one.is_binned for one in scenes_of(scene)):
+        raise ValueError(
+            f"scene={cfg.scene} has no screen of a known size or distance: pass one that states "
+            "panel.width or sensor.pitch, such as phone_at_monitor."
+        )
+    rounds = Examples(pictures, scene, cfg.seed)
     out = Path(cfg.out)
     make_folder(out, "out=DIR")
     seen = look_at(detector, rounds, cfg)

@@ -107,7 +107,14 @@ class Detector(nn.Module):
         if not isinstance(content, dict) or set(content) != {"backbone", "state"}:
             raise ValueError(f"the file {str(path)!r} holds no detector. {FILE_ADVICE}")
         detector = Detector(content["backbone"])
-        detector.load_state_dict(content["state"])
+        try:
+            detector.load_state_dict(content["state"])
+        except (RuntimeError, TypeError) as error:
+            reason = str(error).splitlines()[0].rstrip(":")
+            raise ValueError(
+                f"the file {str(path)!r} holds no detector of this version ({reason}). "
+                f"{FILE_ADVICE}"
+            ) from error
         return detector.eval()
 
 
