@@ -87,16 +87,6 @@ DEFAULT_EPS = (2 / 255, 4 / 255, 8 / 255)  # unless a suite has its own
 RESERVED_NAMES = ("model", "undefended", "attacked", "as_it_is", "restored", "rounded")
 
 
-def check_bounds(bounds: Sequence[object]) -> None:
-    """Refuse bounds of an evaluation that are none, or not each an `eps`: ValueError."""
-    if not bounds:
-        raise ValueError(
-            f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {bounds!r}."
-        )
-    for eps in bounds:
-        check_eps(eps)
-
-
 def check_names(names: Sequence[str]) -> None:
     """Refuse names of targets and defences that are reserved, or given twice: ValueError."""
     for name in names:
@@ -142,10 +132,13 @@ class SuiteConfig:
         object.__setattr__(self, "scene", as_scenes(self.scene, self.shrink))
         if self.eps is not None:
             bounds = np.atleast_1d(self.eps).tolist()
-            check_bounds(bounds)
+            for eps in bounds:
+                check_eps(eps)
             object.__setattr__(self, "eps", tuple(map(_exact, bounds)))
-            if len(set(self.eps)) < len(self.eps):
-                raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
+            if not self.eps or len(set(self.eps)) < len(self.eps):
+                raise ValueError(
+                    f"eps must be one or more different bounds, in [0, 1] units; got {self.eps!r}."
+                )
         check_names([*self.targets, *self.defences])
 
     @property
