@@ -21,7 +21,6 @@ from moireaug.defenses import demoire
 from moireaug.evaluation.visibility import psnr
 from moireaug.synthesis import without_moire
 from training.data import drawn_pictures
-from training.demoireing.pairs import part_of
 
 # what is photographed, and where
 PICTURES = {
@@ -31,8 +30,8 @@ PICTURES = {
     "interface": "phone_at_led_wall",
 }
 SIDE, SHOWN_SIDE = 256, 160  # pixels of the photo, and of its middle, which is shown
-PHOTO_SIDE = 1000  # pixels of the photo that it is part of
-DRAWS = 8  # shots of a scene, of which the one with the strongest moiré is shown
+SHRINK = (1, 3)  # sensor pixels per pixel of the photo, which is a crop
+DRAWS = 32  # shots of a scene, of which the one with the strongest moiré is shown
 STRONGER = 4  # times, of what was removed
 
 
@@ -44,7 +43,7 @@ def draw(weights: str) -> None:
     for row, (kind, name) in zip(rows, PICTURES.items(), strict=True):
         render, _ = drawn_pictures.KINDS[kind]
         picture = to_tensor(render(np.random.default_rng(1), SIDE))[None]
-        scene = part_of(Scene.preset(name), SIDE / PHOTO_SIDE)
+        scene = Scene.preset(name).with_shrink(SHRINK)
         shots = scene.sample(DRAWS, (SIDE, SIDE), torch.Generator().manual_seed(0))
         photos = capture(picture.expand(DRAWS, -1, -1, -1), shots)
         twins = capture(picture.expand(DRAWS, -1, -1, -1), without_moire(shots))

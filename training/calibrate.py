@@ -46,8 +46,8 @@ from training.calibration.compare import (
 )
 from training.calibration.page import crop_table, draw, example_blocks, page
 from training.config import scenes
-from training.config.commands import parse, report_errors
 from training.config.data_sets import MAX_SEED
+from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.data.real_pairs import (
     ScreenPhoto,

@@ -27,7 +27,7 @@ from typing import Any
 import hydra
 from omegaconf import DictConfig
 
-from training.config import commands
+from training.config import hydra_commands
 from training.config.compose import RECIPE_GROUPS, register
 from training.config.schema import RECIPES, Config, as_config
 
@@ -47,7 +47,7 @@ def fit(cfg: Config) -> dict[str, Any]:
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="fit")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.report_job_errors(kept_work="Every complete epoch is kept"):
+    with hydra_commands.report_job_errors(kept_work="Every complete epoch is kept"):
         from training.trainer.ranks import run_job
 
         config: Config = as_config(cfg)
@@ -56,4 +56,4 @@ def main(cfg: DictConfig) -> None:
 
 register("fit", Config, RECIPE_GROUPS, __doc__)
 if __name__ == "__main__":
-    commands.run(main, Config)
+    hydra_commands.run(main, Config)

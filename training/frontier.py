@@ -23,11 +23,12 @@ from dataclasses import dataclass
 from omegaconf import MISSING
 
 from moireaug.common.files import write_bytes, write_text
-from training.comparison.frame import read, read_csv
+from training.comparison.csv_file import read_csv, to_csv
+from training.comparison.frame import read
 from training.comparison.plot import draw
 from training.comparison.summaries import RecipeSummary, summarise
 from training.comparison.table import markdown, terminal_parts
-from training.config.commands import parse, report_errors
+from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.runs.layout import FRONTIER
 
@@ -53,7 +54,7 @@ def frontier(source: Path, out: Path, against: str = "baseline") -> list[RecipeS
     table = read_csv(source) if source.suffix == ".csv" else read(source)
     recipes = summarise(table.runs, against)
     write_bytes(out / "frontier.png", draw(recipes, table.shared))
-    write_text(out / "frontier.csv", table.to_csv())
+    write_text(out / "frontier.csv", to_csv(table))
     write_text(out / "frontier.md", markdown(recipes, table, against))
     print(*terminal_parts(recipes, table, against), sep="\n")
     print(f"Written: {out / 'frontier.md'}")

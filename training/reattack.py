@@ -43,7 +43,7 @@ from training.attack.results import (
 )
 from training.attack.subject import Subject, subject_of_run, subject_of_weights
 from training.attack.suite_config import suite_config
-from training.config import commands, scenes
+from training.config import hydra_commands, scenes
 from training.config.checks import check_classifier, check_overrides, keys_of, merge_run_settings
 from training.config.compose import DATA_GROUPS, register
 from training.config.schema import RECIPES, ReattackConfig, as_config
@@ -143,7 +143,7 @@ def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> AttackResult | Non
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="reattack")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.report_job_errors(kept_work="Every record is kept"):
+    with hydra_commands.report_job_errors(kept_work="Every record is kept"):
         config: ReattackConfig = as_config(cfg)
         overrides = list(HydraConfig.get().overrides.task)
         if config.suite == "ladder":  # in one process
@@ -155,4 +155,4 @@ def main(cfg: DictConfig) -> None:
 
 register("reattack", ReattackConfig, DATA_GROUPS, __doc__)
 if __name__ == "__main__":
-    commands.run(main, ReattackConfig)
+    hydra_commands.run(main, ReattackConfig)

@@ -32,7 +32,7 @@ import torch
 from moireaug.common.files import remove
 from moireaug.synthesis import Pairs
 from training.config import scenes
-from training.config.commands import parse, report_errors
+from training.config.plain_commands import parse, report_errors
 from training.pairs.files import FORMATS
 from training.pairs.make import Config, make
 from training.pairs.sets import PairSet, Share, claim, share_of

@@ -18,7 +18,7 @@ from hydra.core.global_hydra import GlobalHydra
 from tests.training.forked import ALONE, LONG, ROOT
 from training import fit, reattack
 from training.classifier.train import train_model
-from training.config import commands
+from training.config import hydra_commands
 from training.config.schema import Config, ReattackConfig, as_config
 from training.data.load import load
 from training.data.splits import Splits
@@ -57,10 +57,10 @@ def inside(script, *overrides, cwd):
         contextlib.redirect_stderr(err),
     ):
         patch.setattr(sys, "argv", [str(ROOT / "training" / script), *overrides])
-        patch.setattr(commands, "_failed_jobs", [])
+        patch.setattr(hydra_commands, "_failed_jobs", [])
         patch.chdir(cwd)
         try:
-            commands.run(*MAINS[script])
+            hydra_commands.run(*MAINS[script])
         except SystemExit as end:
             status = end.code
             if isinstance(status, str):  # as the interpreter does

@@ -11,8 +11,8 @@ from tests.training.small import configured, inside
 from training import fit
 from training.config.checks import check_overrides
 from training.config.command_line import quote_paths, why_refused
-from training.config.commands import parse
 from training.config.compose import RECIPE_GROUPS, register
+from training.config.plain_commands import parse
 from training.config.recipes import recipe_files, require_recipe
 from training.config.schema import Config
 from training.demoireing import clean

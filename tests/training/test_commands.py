@@ -16,7 +16,7 @@ from tqdm import tqdm
 from tests.training.forked import ROOT
 from tests.training.small import TINY, configured, inside
 from training import calibrate, demoire, fit, frontier, synthesise
-from training.config import commands
+from training.config import hydra_commands, plain_commands
 from training.config.schema import Config
 from training.demoireing import fit as demoireing
 from training.demoireing.fit import DemoireingTask
@@ -112,7 +112,7 @@ def test_only_the_first_process_speaks(monkeypatch, capsys):
 
 def run_fit(argv):
     sys.argv = ["fit.py", *argv]
-    commands.run(fit.main, Config)
+    hydra_commands.run(fit.main, Config)
 
 
 MAINS = {
@@ -188,9 +188,9 @@ def test_a_command_without_a_terminal_works(command, monkeypatch):
         worked.append(sys.stdout.isatty())
 
     if command == "fit":
-        commands.run(work, Config)
+        hydra_commands.run(work, Config)
     else:
-        commands.parse(["photos=p"], calibrate.Config, calibrate.EXAMPLE, None)
+        plain_commands.parse(["photos=p"], calibrate.Config, calibrate.EXAMPLE, None)
         work()
     messages.print_error("error: of nobody's")
     assert worked == [False]

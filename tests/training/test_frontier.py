@@ -12,6 +12,7 @@ from scipy import stats
 from tests.training import frontier_runs
 from tests.training.frontier_runs import put
 from training import frontier as command
+from training.comparison.csv_file import to_csv
 from training.comparison.frame import read
 from training.comparison.plot import draw, figure
 from training.comparison.summaries import estimate_rate, pareto, summarise
@@ -141,12 +142,14 @@ def test_a_csv_that_is_not_there_is_not_to_be_resumed(tmp_path):
 
 
 def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
-    lines = read(root).to_csv().splitlines()
+    lines = to_csv(read(root)).splitlines()
     for text, said in (
         ("", "is no frontier.csv"),
         ("recipe,seed\ngood,0\n", "is no frontier.csv .*lacks baseline, bound, clean"),
         ("\n".join(lines).replace("total_seconds", "seconds_in_all"), "lacks total_seconds"),
-        ("\n".join(lines).replace(",0.9,", ",,"), "clean is nan, but the mean .* 0.9"),
+        ("\n".join(lines).replace(",0.9,", ",,"), r"clean must be at least 0; got \[nan"),
+        ("\n".join(lines).replace(",0.9,", ",x,"), "is no frontier.csv .*'x'"),
+        ("\n".join(lines).replace("good,", ","), "a line names no recipe"),
         ("\n".join(lines).replace(",0.9,", ",0.8,"), "clean is 0.8, but the mean .* 0.9"),
         ("\n".join(lines).replace("1 1 0", "1 0"), "must be 200 numbers between 0 and 1"),
         ("\n".join(lines).replace("1 1 0", "1 9 0"), "must be 200 numbers between 0 and 1"),
@@ -170,7 +173,7 @@ def test_a_seed_given_twice_does_not_narrow_the_intervals(tmp_path):
     for recipe in ("baseline", "good"):
         for seed in range(2):
             put(tmp_path, recipe, seed, worst=(0.3 + 0.1 * seed, 0.1))
-    head, *lines = read(tmp_path).to_csv().splitlines()
+    head, *lines = to_csv(read(tmp_path)).splitlines()
     (tmp_path / "joined.csv").write_text("\n".join([head, *lines, *lines]))
     with pytest.raises(SystemExit, match="has baseline, seed 0, more than once"):
         command.main([str(tmp_path / "joined.csv"), f"out={tmp_path / 'out'}"])

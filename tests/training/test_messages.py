@@ -16,7 +16,7 @@ from tests.training.small import TINY, configured, inside
 from tests.training.strangers import attack, put
 from training import fit
 from training.attack import subject
-from training.config import commands
+from training.config import plain_commands
 from training.recipe import phases
 from training.system import messages
 from training.system.messages import sentence
@@ -100,7 +100,7 @@ def test_a_lack_of_shared_memory_says_what_to_set(error, lacks):
         later.__context__ = error  # as Lightning raises
         assert sentence(later) == sentence(error)
         said = pytest.raises(SystemExit, match="error: the workers ran out of shared memory")
-        with said, commands.report_errors("Interrupted."):
+        with said, plain_commands.report_errors("Interrupted."):
             raise error
 
 

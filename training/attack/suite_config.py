@@ -164,5 +164,12 @@ def callable_of(name: str, device: torch.device) -> ImageTransform:
             f"demoire={name!r} is a {type(defence).__name__}, not a callable on (B, 3, H, W) in "
             "[0, 1]."
         )
-    require_identity(f"demoire={name!r}", defence)
+    try:
+        require_identity(name, defence)
+    except ValueError as error:
+        raise ValueError(
+            f"demoire={name!r} is or holds a function, which nothing tells from another once its "
+            "code has changed, and finished records are used again. Give it a text that you "
+            f"change with its answers: {name.rpartition(':')[2]}.identity = 'first'."
+        ) from error
     return defence.eval().to(device) if isinstance(defence, nn.Module) else defence

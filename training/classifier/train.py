@@ -77,8 +77,7 @@ def train_model(
         shares = {}
         if classifier.original:
             path = run.folder / BEST
-            blend = blend_best(classifier, classifier.original, splits, best, path)
-            shares = blend._asdict() if blend else {}
+            shares = blend_best(classifier, classifier.original, splits, best, path)._asdict()
         # an incomplete last batch is left out of an epoch
         epoch_images = int(trainer.num_training_batches) * cfg.train.batch_size
         images = min(len(splits.train), epoch_images)  # type: ignore[arg-type]
@@ -131,12 +130,11 @@ def blend_best(
     splits: Splits,
     checkpoint: Mapping[str, Any],
     path: Path,
-) -> Blend | None:
+) -> Blend:
     """Move the best weights towards the original's, as `keep_answers`, and write them; return their
-    shares, None where they are not known."""
+    shares."""
     if "new_share" in checkpoint:  # by a command that was interrupted after it
-        is_known = "equal_answers" in checkpoint  # not in earlier versions
-        return Blend(checkpoint["new_share"], checkpoint["equal_answers"]) if is_known else None
+        return Blend(checkpoint["new_share"], checkpoint["equal_answers"])
     kept = classifier.train_cfg.kept
     blend = keep_answers(classifier.model, original, splits.val, kept)
     share, equal = blend

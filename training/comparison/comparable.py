@@ -23,9 +23,11 @@ Attacks = Mapping[Path, SuiteMetrics]
 def require_comparable(trained: Runs, attacked: Attacks) -> None:
     """Refuse runs, seeds of one recipe or re-attacks of different settings."""
     require_shared({folder: run_settings(run) for folder, run in trained.items()}, "runs")
-    for recipe in sorted({run.recipe for run in trained.values()}):
-        seeds = {f: recipe_settings(run) for f, run in trained.items() if run.recipe == recipe}
-        require_shared(seeds, f"seeds of {recipe}")
+    seeds: dict[str, dict[Path, Settings]] = {}
+    for folder, run in trained.items():
+        seeds.setdefault(run.recipe, {})[folder] = recipe_settings(run)
+    for recipe, settings_by_run in sorted(seeds.items()):
+        require_shared(settings_by_run, f"seeds of {recipe}")
     attacks = {}
     for folder, attack in attacked.items():
         columns = {cell["column"] for cell in attack.tables["worst_case"]}
@@ -148,12 +150,13 @@ def _machines(metrics: RunMetrics) -> set[str]:
             settings += f", {name}={value}"
     machines = set()
     for run in (metrics, metrics.start, metrics.baseline):
-        environment = run and run.environment
-        if not environment:
-            continue
-        machine = environment["device"]
-        if machine == "cpu":
-            threads = count_text(environment["threads"], "thread")
-            machine = f"{environment['cpu']}, {threads}"
-        machines.add(machine + settings)
+        if run and run.environment:
+            machines.add(_machine(run.environment) + settings)
     return machines
+
+
+def _machine(environment: Mapping[str, Any]) -> str:
+    """Return the name of a GPU, or of a CPU with its threads."""
+    if environment["device"] != "cpu":
+        return environment["device"]
+    return f"{environment['cpu']}, {count_text(environment['threads'], 'thread')}"

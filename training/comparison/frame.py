@@ -1,7 +1,6 @@
-"""Finished runs and their re-attacks as one frame, a row per run, which is written as CSV and read
-from it; or a sentence that says why there is none."""
+"""Finished runs and their re-attacks as one frame, a row per run; or a sentence that says why there
+is none."""
 
-import math
 import shlex
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,20 +29,27 @@ from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainC
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
-TIME_COLUMNS = ("seconds", "start_seconds", "total_seconds", "plain_seconds")
-COST_COLUMNS = (*TIME_COLUMNS, "passes", "images_per_second", "collapsed")
 # what the runs of a table share
 SHARED_COLUMNS = ("data", "data_seed", "model", "scene", "n", "steps", "bound")
-OUTCOMES = "{}_outcomes"  # name of the column of a CSV with an accuracy's outcomes
-# each accuracy of a run, and the cell of suite `recipes` that it is read from: table, row, column
+
+
+class RateCell(NamedTuple):
+    """An accuracy of a run: its title, and the cell of suite `recipes` that it is read from."""
+
+    title: str
+    table: str
+    row: str
+    column: str
+
+
 RATES = {
-    "clean": ("worst_case", "eps_4", "clean"),
-    "natural": ("unseen", OWN_SCENE_ROW, "moire"),
-    "unseen_mean": ("unseen", MEAN_ROW, "moire"),
-    "unseen_worst": ("unseen", WORST_ROW, "moire"),
-    "worst_4": ("worst_case", "eps_4", "worst"),
-    "worst_8": ("worst_case", "eps_8", "worst"),
-    "pgd_4": ("worst_case", "eps_4", "pgd"),
+    "clean": RateCell("clean", "worst_case", "eps_4", "clean"),
+    "natural": RateCell("photo", "unseen", OWN_SCENE_ROW, "moire"),
+    "unseen_mean": RateCell("unseen, mean", "unseen", MEAN_ROW, "moire"),
+    "unseen_worst": RateCell("unseen, worst", "unseen", WORST_ROW, "moire"),
+    "worst_4": RateCell("worst case 4/255", "worst_case", "eps_4", "worst"),
+    "worst_8": RateCell("worst case 8/255", "worst_case", "eps_8", "worst"),
+    "pgd_4": RateCell("PGD 4/255", "worst_case", "eps_4", "pgd"),
 }
 
 
@@ -70,15 +76,6 @@ class RunTable(NamedTuple):
     commands: list[str]
     warnings: list[str]
 
-    def to_csv(self) -> str:
-        """Return the runs as CSV, each with its accuracies, and last the outcome of each image."""
-        means = {name: self.runs[name].map(np.mean) for name in RATES}
-        outcomes = {
-            OUTCOMES.format(name): [" ".join(f"{one:g}" for one in run) for run in self.runs[name]]
-            for name in RATES
-        }
-        return self.runs.assign(**means, **self.shared, **outcomes).to_csv(index=False)
-
 
 def read(root: Path) -> RunTable:
     """Read every finished run of `root`/<recipe>/seed<k>/ that suite `recipes` has attacked in its
@@ -92,53 +89,6 @@ def read(root: Path) -> RunTable:
             "Train and attack again."
         ) from error
     return table._replace(warnings=[*table.warnings, *warnings])
-
-
-def read_csv(file: Path) -> RunTable:
-    """Read the table that `RunTable.to_csv` wrote."""
-    try:
-        runs = pd.read_csv(file, dtype={OUTCOMES.format(name): str for name in RATES})
-        _require_figures(runs)
-        outcomes = {name: _outcomes_of(runs, name) for name in RATES}
-        shared = {name: runs[name].unique().tolist() for name in SHARED_COLUMNS}
-    except (OSError, ValueError) as error:  # ValueErrors: no UTF-8, no CSV, nothing in it
-        raise ValueError(
-            f"{file} is no frontier.csv ({error}). Pass the folder of the runs instead."
-        ) from error
-    for name, values in shared.items():
-        if len(values) != 1:
-            raise ValueError(f"{file} has runs of different {name}: {values}. Keep those of one.")
-    repeated = runs[runs.duplicated(["recipe", "seed"])]
-    if len(repeated):
-        recipe, seed = repeated[["recipe", "seed"]].iloc[0]
-        raise ValueError(f"{file} has {recipe}, seed {seed}, more than once. Keep one line of it.")
-    values = {name: value for name, (value,) in shared.items()}
-    runs = runs.drop(columns=[OUTCOMES.format(name) for name in RATES]).assign(**outcomes)
-    return RunTable(runs, values, commands=[], warnings=[])
-
-
-def _require_figures(runs: pd.DataFrame) -> None:
-    """Refuse lines of a CSV that lack a figure, or have a cost that no run has."""
-    needed = {"recipe", "seed", "baseline", *RATES, *map(OUTCOMES.format, RATES)}
-    if missing := {*needed, *COST_COLUMNS, *SHARED_COLUMNS} - set(runs.columns):
-        raise ValueError(f"it lacks {', '.join(sorted(missing))}")
-    figures = runs[[*COST_COLUMNS]].astype(float)
-    figures = figures.fillna({"plain_seconds": 1.0})  # which need not be known
-    is_valid = figures.ge(0) & figures.lt(np.inf)
-    for name in figures.columns[~is_valid.all()]:
-        raise ValueError(f"{name} must be at least 0; got {runs[name][~is_valid[name]].tolist()}")
-
-
-def _outcomes_of(runs: pd.DataFrame, name: str) -> list[np.ndarray]:
-    """Return the outcomes (n,) of each line of a CSV."""
-    column = OUTCOMES.format(name)
-    outcomes = [np.array(str(text).split(), float) for text in runs[column]]
-    for one, n, mean in zip(outcomes, runs["n"], runs[name], strict=True):
-        if len(one) != n or not ((one >= 0) & (one <= 1)).all():
-            raise ValueError(f"{column} must be {n} numbers between 0 and 1 in each line")
-        if not math.isclose(one.mean(), mean, abs_tol=1e-9):
-            raise ValueError(f"{name} is {mean}, but the mean of {column} {one.mean():.6g}")
-    return outcomes
 
 
 def _table(root: Path, trained: Runs) -> RunTable:
@@ -190,7 +140,7 @@ def _commands(trained: Runs, attacked: Attacks) -> list[str]:
 def _row(metrics: RunMetrics, attack: SuiteMetrics) -> dict[str, Any]:
     row: dict[str, Any] = {"recipe": metrics.recipe, "seed": metrics.seed, "n": attack.n}
     for name, cell in RATES.items():
-        row[name] = _correct(attack, *cell)
+        row[name] = _correct(attack, cell)
     train = _cost(metrics)
     seconds, start_seconds = train.steady_seconds, _start_seconds(train, metrics)
     plain_seconds = None
@@ -220,18 +170,18 @@ def _cost(metrics: RunMetrics | PlainMetrics | None) -> TrainCost:
     return metrics.train
 
 
-def _correct(attack: SuiteMetrics, table: str, row: str, column: str) -> np.ndarray:
+def _correct(attack: SuiteMetrics, rate: RateCell) -> np.ndarray:
     """Return the outcomes of a cell, one per image; over all scenes but the run's own, their mean
     or those of the worst scene."""
-    of_other_scenes = row in (MEAN_ROW, WORST_ROW)
+    of_other_scenes = rate.row in (MEAN_ROW, WORST_ROW)
     scenes = []
-    for cell in attack.tables[table]:
-        in_row = cell["row"] != OWN_SCENE_ROW if of_other_scenes else cell["row"] == row
-        if in_row and cell["column"] == column:
+    for cell in attack.tables[rate.table]:
+        in_row = cell["row"] != OWN_SCENE_ROW if of_other_scenes else cell["row"] == rate.row
+        if in_row and cell["column"] == rate.column:
             scenes.append(np.array([float(outcome) for outcome in cell["outcomes"]]))
     if not scenes:
-        raise KeyError(f"{table}, {row}, {column}")
-    if row == WORST_ROW:
+        raise KeyError(f"{rate.table}, {rate.row}, {rate.column}")
+    if rate.row == WORST_ROW:
         return min(scenes, key=lambda scene: float(scene.mean()))
     return np.mean(scenes, axis=0).round(6)
 

@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 
-from training.comparison.frame import RunTable
+from training.comparison.frame import RATES, RunTable
 from training.comparison.summaries import RecipeSummary
 from training.report.numbers import percent, points
 from training.report.page import render
@@ -11,25 +11,6 @@ from training.report.terminal import aligned
 
 TERMINAL_WIDTH = 100  # characters
 MAX_NAME_WIDTH = 26  # characters of a recipe's name in the terminal
-RATE_TITLES = {
-    "clean": "clean",
-    "natural": "photo",
-    "unseen_mean": "unseen, mean",
-    "unseen_worst": "unseen, worst",
-    "worst_4": "worst case 4/255",
-    "worst_8": "worst case 8/255",
-    "pgd_4": "PGD 4/255",
-}
-TERMINAL_HEADS = (
-    "clean",
-    "photo",
-    "unseen",
-    "worst 4/255 [95 %]",
-    "gain",
-    "8/255",
-    "PGD",
-    "× plain",
-)
 
 
 def caption(recipes: Sequence[RecipeSummary], table: RunTable) -> str:
@@ -50,7 +31,7 @@ def markdown(recipes: Sequence[RecipeSummary], table: RunTable, against: str) ->
         recipes=recipes,
         gained=[recipe for recipe in recipes if recipe.gains],
         rival=rival_text(against),
-        titles=RATE_TITLES,
+        titles={name: rate.title for name, rate in RATES.items()},
         caption=caption(recipes, table),
         warnings=table.warnings,
         commands=table.commands,
@@ -59,19 +40,8 @@ def markdown(recipes: Sequence[RecipeSummary], table: RunTable, against: str) ->
 
 def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable, against: str) -> list[str]:
     """Return the same for the terminal, in at most 100 columns."""
-    rows = [["", "seeds", *TERMINAL_HEADS]]
-    for recipe in recipes:
-        worst = recipe.rates["worst_4"]
-        row = [name_of(recipe, MAX_NAME_WIDTH), str(len(recipe.seeds))]
-        for name in ("clean", "natural", "unseen_mean"):
-            row.append(percent(recipe.rates[name].value))
-        row.append(f"{percent(worst.value)} [{percent(worst.low)}, {percent(worst.high)}]")
-        row.append(points(recipe.gains["worst_4"].value) if recipe.gains else "")
-        for name in ("worst_8", "pgd_4"):
-            row.append(percent(recipe.rates[name].value))
-        row.append(f"{recipe.relative_time.value:.2f}")
-        rows.append(row)
-    parts = [aligned(rows), ""]
+    rows = [_terminal_row(recipe) for recipe in recipes]
+    parts = [aligned([list(rows[0]), *(list(row.values()) for row in rows)]), ""]
     for text in (caption(recipes, table), *table.warnings):
         parts.append(textwrap.fill(text, TERMINAL_WIDTH))
     if any(recipe.gains for recipe in recipes):
@@ -80,6 +50,24 @@ def terminal_parts(recipes: Sequence[RecipeSummary], table: RunTable, against: s
         parts += ["", "Left out, because they were not attacked yet:"]
         parts += [f"  {command}" for command in table.commands]
     return parts
+
+
+def _terminal_row(recipe: RecipeSummary) -> dict[str, str]:
+    """Return the row of a recipe, by the heads of the columns."""
+    rates = {name: percent(rate.value) for name, rate in recipe.rates.items()}
+    worst = recipe.rates["worst_4"]
+    return {
+        "": name_of(recipe, MAX_NAME_WIDTH),
+        "seeds": str(len(recipe.seeds)),
+        "clean": rates["clean"],
+        "photo": rates["natural"],
+        "unseen": rates["unseen_mean"],
+        "worst 4/255 [95 %]": f"{rates['worst_4']} [{percent(worst.low)}, {percent(worst.high)}]",
+        "gain": points(recipe.gains["worst_4"].value) if recipe.gains else "",
+        "8/255": rates["worst_8"],
+        "PGD": rates["pgd_4"],
+        "× plain": f"{recipe.relative_time.value:.2f}",
+    }
 
 
 def rival_text(against: str) -> str:
@@ -93,6 +81,8 @@ def name_of(recipe: RecipeSummary, width: int | None = None) -> str:
     Args:
         width: width with the marks, in characters, to which the name is cut; None is any.
     """
-    marks = f"{' ●' if recipe.is_on_front else ''}{' †' if recipe.collapsed_count else ''}"
+    marks = " ●" if recipe.is_on_front else ""
+    if recipe.collapsed_count:
+        marks += " †"
     name = recipe.name if width is None else recipe.name[: width - len(marks)]
     return name + marks

@@ -223,7 +223,8 @@ class ReattackConfig(Config):
     )
     demoire: str | None = setting(
         None,
-        "another defence, package.module:callable on images in [0, 1]",
+        "another defence, package.module:callable on images in [0, 1]; a function needs a text, "
+        "its attribute identity",
     )
     lpips: str | None = setting(
         None,

@@ -28,7 +28,7 @@ from moireaug.common.image_files import read_picture
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.synthesis.pictures import Pictures
-from training.config.commands import parse, report_errors
+from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.data.codes import codes_of, picture_of, rounded
 from training.demoireing.tiles import TILE_OVERLAP, TILE_SIDE, tiled

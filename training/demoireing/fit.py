@@ -24,7 +24,7 @@ from moireaug.defenses import demoire
 from moireaug.defenses.demoire.losses import NETWORKS_WITHOUT_FEATURES
 from moireaug.mixtures import as_scene
 from moireaug.synthesis.pairs import check_aligned
-from training.config import commands
+from training.config import hydra_commands
 from training.config.checks import check_run
 from training.config.compose import register
 from training.config.schema import RECIPES, as_config
@@ -152,14 +152,14 @@ def test_and_report(
 @hydra.main(version_base="1.3", config_path=str(RECIPES), config_name="demoire")
 def job(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    with commands.report_job_errors(kept_work="What was validated is kept"):
+    with hydra_commands.report_job_errors(kept_work="What was validated is kept"):
         config: DemoireConfig = as_config(cfg)
         run_job(config.trainer, fit, config)
 
 
 def main(argv: Sequence[str]) -> None:
     """Run the settings at the end of the command line, or their sweep."""
-    commands.run(job, DemoireConfig, argv)
+    hydra_commands.run(job, DemoireConfig, argv)
 
 
 register("demoire", DemoireConfig, (), __doc__)

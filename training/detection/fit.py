@@ -30,7 +30,7 @@ from moireaug.common.files import write_text
 from moireaug.mixtures import scenes_of
 from moireaug.synthesis.pictures import Pictures, Source
 from training.config import scenes
-from training.config.commands import parse, report_errors
+from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.demoireing.pictures import DrawnPictures, split_tenths
 from training.detection.examples import PHOTO_SIDE, Examples

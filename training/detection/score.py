@@ -23,7 +23,7 @@ from tqdm import tqdm
 from moireaug.common.files import write_bytes, write_text
 from moireaug.common.image_files import read_picture
 from moireaug.synthesis.pictures import Pictures
-from training.config.commands import parse, report_errors
+from training.config.plain_commands import parse, report_errors
 from training.config.settings import setting
 from training.detection.fit import score_of
 from training.detection.measures import MISTAKES, measures, roc_plot, sheet

@@ -11,7 +11,7 @@ from moireaug.evaluation.conditions import Condition, Photo
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.tables import Cell, Table
 from training.report.page import title_of
-from training.report.table_notes import pictured_cells
+from training.report.suite_tables import pictured_cells
 
 CHANGE_GAIN = 4  # factor by which an attack's change of the photo is enlarged
 PHOTO = Photo()

@@ -55,14 +55,15 @@ def environment() -> Environment:
 
 
 @cache
-def _titles() -> dict[str, Any]:
-    package = resources.files("training.report")
-    return tomllib.loads(package.joinpath("templates/titles.toml").read_text("utf-8"))
+def read_toml(file: str) -> dict[str, Any]:
+    """Return the content of a TOML file of the templates."""
+    folder = resources.files("training.report").joinpath("templates")
+    return tomllib.loads(folder.joinpath(file).read_text("utf-8"))
 
 
 def title_of(name: str, section: str) -> str:
-    """Return the title of a table, row or column: see titles.toml."""
-    titles = _titles()
+    """Return the title of a row or column: see titles.toml."""
+    titles = read_toml("titles.toml")
     if name in titles[section]:
         return titles[section][name]
     for pattern in titles["patterns"]:

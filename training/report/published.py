@@ -6,9 +6,9 @@ import pandas as pd
 
 from moireaug.evaluation.conditions import in_255ths
 from moireaug.evaluation.frame import CELL_COLUMNS
+from training.report.suite_tables import text_of
 
 PAPER_BOUND = "4"  # in 1/255, of tables that compare at one
-ONE_BOUND_TABLES = ("jpeg", "defences", "demoireing", "transfer", "noise_position")
 
 
 def with_paper(lines: pd.DataFrame, eps: float) -> pd.DataFrame:
@@ -16,7 +16,8 @@ def with_paper(lines: pd.DataFrame, eps: float) -> pd.DataFrame:
     where `eps` is the paper's."""
     published = read_published()
     if in_255ths(eps) != PAPER_BOUND:
-        published = published[~published["table"].isin(ONE_BOUND_TABLES)]
+        one_bound = published["table"].map(lambda table: text_of(table).one_bound)
+        published = published[~one_bound]
     return lines.drop(columns="paper").merge(published, "left", on=CELL_COLUMNS)
 
 

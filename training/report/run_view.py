@@ -1,13 +1,11 @@
 """The view of a run: numbers from its metrics, computed once for the page and the terminal."""
 
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from moireaug.evaluation.frame import MEASURES, MOIRE_MEASURES
 from training.report.numbers import Rate, distinct, moire_text
 from training.report.page import name_of, title_of
-from training.report.plots import Series
 from training.runs.metrics import ORIGINAL, PlainMetrics, RunMetrics
 
 MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
@@ -27,9 +25,7 @@ def run_view(metrics: RunMetrics) -> dict[str, Any]:
     """Return the values for the templates of a run that was attacked by the ladder."""
     baseline = metrics.baseline
     sides: Sides = {"baseline": baseline, "ours": metrics} if baseline else {"ours": metrics}
-    rows = [_row(number, metrics, sides) for number in range(len(metrics.reattack or []))]
-    for above, row in itertools.pairwise(rows):
-        row["first_attack"] = row["attack"] and not above["attack"]
+    rows = _rows(metrics, sides)
     keeps_answers = baseline is not None and baseline.recipe == ORIGINAL
     attack = next((row for row in rows if row["headline"]), rows[-1])
     main = attack
@@ -46,7 +42,6 @@ def run_view(metrics: RunMetrics) -> dict[str, Any]:
         "has_lpips": any(row["lpips"] is not None for row in rows),
         "moire": moire_text(rows),
         "shares": _shares(rows, attack["name"], sides),
-        "visibility": _visibility(sides),
         "unanswered": _unanswered(sides),
         "clean": metrics.clean_accuracy,
         "clean_theirs": baseline.clean_accuracy if baseline else None,
@@ -64,29 +59,27 @@ def _side(kind: str, side: Side) -> dict[str, Any]:
     return {"kind": kind, "name": name_of(side), "counted": counted}
 
 
-def _row(number: int, metrics: RunMetrics, sides: Sides) -> Row:
-    """Return a row of the ladder, with every side's rates and the gain over the baseline."""
-    line = (metrics.reattack or [])[number]
+def _rows(metrics: RunMetrics, sides: Sides) -> list[Row]:
+    """Return the rows of the ladder, with every side's rates and the gain over the baseline."""
+    rows: list[Row] = []
+    for number, line in enumerate(metrics.reattack or []):
+        row = dict.fromkeys((*MEASURES, *MOIRE_MEASURES)) | {"headline": False} | line
+        row["title"] = title_of(line["name"], "ladder")
+        row["sides"] = {k: _rates((side.reattack or [])[number]) for k, side in sides.items()}
+        row["gain"] = None
+        if metrics.baseline:
+            row["gain"] = Rate(metrics.gain[line["name"]], *metrics.gain_interval[line["name"]])
+        row["first_attack"] = bool(rows) and rows[-1]["control"] and not line["control"]
+        rows.append(row)
+    return rows
+
+
+def _rates(line: Row) -> dict[str, Rate]:
+    """Return accuracy and success of a row of the ladder."""
     rates = {}
-    for kind, side in sides.items():
-        figures = (side.reattack or [])[number]
-        rates[kind] = {
-            "accuracy": Rate(figures["accuracy"], *figures["accuracy_interval"]),
-            "success": Rate(figures["success"], *figures["success_interval"]),
-        }
-    gain = None
-    if metrics.baseline:
-        gain = Rate(metrics.gain[line["name"]], *metrics.gain_interval[line["name"]])
-    return {
-        **dict.fromkeys((*MEASURES, *MOIRE_MEASURES)),
-        "headline": False,
-        **line,
-        "title": title_of(line["name"], "ladder"),
-        "sides": rates,
-        "gain": gain,
-        "attack": not line["control"],
-        "first_attack": False,
-    }
+    for name in ("accuracy", "success"):
+        rates[name] = Rate(line[name], *line[f"{name}_interval"])
+    return rates
 
 
 def _change(gain: Rate | None) -> dict[str, Any]:
@@ -105,22 +98,6 @@ def _is_elsewhere(metrics: RunMetrics, baseline: PlainMetrics) -> bool:
     ours, theirs = metrics.environment, baseline.environment or {}
     names = ("device", "cpu", "threads")
     return any(ours[name] != theirs[name] for name in names if name in ours and name in theirs)
-
-
-def _visibility(sides: Sides) -> list[Series]:
-    """Return accuracy by PSNR under the untargeted Moiré Attack and under PGD, this model first."""
-    series = []
-    for number, side in enumerate(reversed(list(sides.values()))):
-        for attack, title in (("ma_", "Moiré Attack"), ("pgd_", "PGD on pixels")):
-            points = []
-            for row in side.reattack or []:
-                is_of_it = row["name"].startswith(attack) and not row["targeted"]
-                if is_of_it and row.get("psnr") is not None:
-                    points.append((row["psnr"], row["accuracy"], *row["accuracy_interval"]))
-            if points:
-                name = f"{name_of(side)}: {title}"
-                series.append(Series(name, points, number, filled=attack == "ma_"))
-    return series
 
 
 def _shares(rows: Sequence[Row], attack: str, sides: Sides) -> list[dict[str, Any]]:

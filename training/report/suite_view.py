@@ -10,11 +10,9 @@ from moireaug.evaluation.conditions import in_255ths
 from moireaug.evaluation.tables import Table
 from training.report.numbers import Rate, distinct, moire_text
 from training.report.page import name_of, render, title_of
-from training.report.table_notes import note_values
+from training.report.suite_tables import note_of, text_of
 from training.runs.metrics import SuiteMetrics
 
-# columns with and without moiré of the tables without an attacker
-MOIRE_COLUMNS = {"threat": ("all", "all_no_moire"), "unseen": ("moire", "no_moire")}
 CONTROL_COLUMNS = ("clean", "rotated", "rotated_dim", "no_moire", "moire", "random")
 Cells = Mapping[tuple[str, str], dict[str, Any]]  # by row and column
 
@@ -67,11 +65,14 @@ def _table_view(table: Table, lines: pd.DataFrame, metrics: SuiteMetrics) -> dic
     for cell in cells.values():
         if cell["psnr"] is not None and cell["judge"] == "model":
             noise.append(cell)
+    text = text_of(table.name)
     return {
         "name": table.name,
+        "title": text.title,
+        "corner": text.corner,
         "columns": table.columns,
         "rows": [_row(table, cells, name) for name in table.rows],
-        "note_values": note_values(table, metrics),
+        "note": note_of(table, metrics),
         "empty": getattr(table, "empty", {}),
         "noise": noise,
         "moire": moire_text(cells.values()),
@@ -129,18 +130,18 @@ def verdict(table: Table, cells: Cells, eps: float) -> dict[str, Any] | None:
 
 def moire_extremes(table: Table, cells: Cells) -> dict[str, Any] | None:
     """Return the rows where the moiré alone adds most and least; None if there is an attacker."""
-    if table.name not in MOIRE_COLUMNS:
+    columns = text_of(table.name).moire
+    if columns is None:
         return None
-    with_moire, without = MOIRE_COLUMNS[table.name]
     rows: list[dict[str, Any]] = []
     for row in table.rows:
-        photo, plain = _success(cells, row, with_moire), _success(cells, row, without)
+        photo, plain = (_success(cells, row, columns[kind]) for kind in ("photo", "plain"))
         if photo is not None and plain is not None:
             rows.append({"row": row, "photo": photo, "plain": plain})
     if not rows:
         return None
     rows.sort(key=lambda one: one["photo"] - one["plain"])
-    return {"table": table.name, "most": rows[-1], "least": rows[0]}
+    return {"lead": columns["lead"], "most": rows[-1], "least": rows[0]}
 
 
 def _unanswered(lines: pd.DataFrame) -> list[dict[str, Any]]:

@@ -25,43 +25,37 @@ def parts_of_run(metrics: RunMetrics, run: Mapping[str, Any]) -> list[str]:
     """Return the ladder of a view of a run as a table: accuracy of the baseline and of this model,
     and the gain; for attacks also how far the noise moves the photo."""
     scene, comma, shrink = metrics.scene_name.partition(", shrink ")
-    names = [short(name, FACT_WIDTH) for name in (metrics.data, metrics.model, scene)]
+    data, model, scene = (short(one, FACT_WIDTH) for one in (metrics.data, metrics.model, scene))
     n = run["main"]["n"]
-    facts = f"{', '.join(names)}{comma}{shrink}, n = {n}, accuracy in %, eps in 1/255"
+    facts = f"{data}, {model}, {scene}{comma}{shrink}, n = {n}, accuracy in %, eps in 1/255"
     sides = [short(side["name"], NAME_WIDTH) for side in run["sides"]]
-    interval = "gain [95 %]" if run["baseline"] else "95 %"
-    rows = [["", "eps", "codes", "dB", *sides, interval]]
-    for row in run["rows"]:
-        rows.append(_line(row))
-    text = render("run_lines.j2", run=run)
-    below = [line for line in text.splitlines() if line.strip()]
-    return [facts, aligned(rows), *below]
+    heads = ["", "eps", "codes", "dB", *sides, "gain [95 %]" if run["baseline"] else "95 %"]
+    rows = [_ladder_row(row) for row in run["rows"]]
+    below = render("run_lines.j2", run=run).splitlines()
+    return [facts, aligned([heads, *rows]), *(line for line in below if line.strip())]
 
 
-def _line(row: Mapping[str, Any]) -> list[str]:
-    """Return the cells of a row of the ladder."""
-    largest = psnr = ""
+def _ladder_row(row: Mapping[str, Any]) -> list[str]:
+    cells = [short(row["title"], TITLE_WIDTH), eps_with_unit(row), "", ""]
     if row["psnr"] is not None:
-        largest, psnr = codes(row["largest"]), number(row["psnr"])
-    accuracies = [side["accuracy"] for side in row["sides"].values()]
-    rates = [percent(accuracy.value) for accuracy in accuracies]
-    interval = f"{percent(accuracies[0].low)} – {percent(accuracies[0].high)}"
+        cells[2:] = codes(row["largest"]), number(row["psnr"])
+    for side in row["sides"].values():
+        cells.append(percent(side["accuracy"].value))
     if gain := row["gain"]:
-        interval = f"{points(gain.value)} [{points(gain.low)}, {points(gain.high)}]"
-    return [short(row["title"], TITLE_WIDTH), eps_with_unit(row), largest, psnr, *rates, interval]
+        cells.append(f"{points(gain.value)} [{points(gain.low)}, {points(gain.high)}]")
+    else:
+        ours = row["sides"]["ours"]["accuracy"]
+        cells.append(f"{percent(ours.low)} – {percent(ours.high)}")
+    return cells
 
 
 def suite_parts(metrics: SuiteMetrics, suite: Mapping[str, Any]) -> list[str]:
     """Return a suite's tables: success in %, one line per row."""
     parts: list[str] = []
     for table in suite["tables"]:
-        rows = [["", *(title_of(column, "columns") for column in table["columns"])]]
-        for row in table["rows"]:
-            rates = [percent(cell and cell["success"]) for cell in row["cells"]]
-            rows.append([title_of(row["name"], "rows"), *rates])
         if parts:
             parts.append("")
-        parts += [f"{title_of(table['name'], 'tables')}: fooled, %", aligned(rows)]
+        parts += [f"{table['title']}: fooled, %", _suite_table(table)]
         if table["moire"]:
             parts.append(f"moiré, photo minus the same without: {table['moire']}")
     if suite["unanswered"]:
@@ -71,3 +65,11 @@ def suite_parts(metrics: SuiteMetrics, suite: Mapping[str, Any]) -> list[str]:
         for check in metrics.trust:
             parts.append(f"  {check['verdict']:8}{check['name']}: {check['says']}")
     return parts
+
+
+def _suite_table(table: Mapping[str, Any]) -> str:
+    rows = [["", *(title_of(column, "columns") for column in table["columns"])]]
+    for row in table["rows"]:
+        rates = [percent(cell and cell["success"]) for cell in row["cells"]]
+        rows.append([title_of(row["name"], "rows"), *rates])
+    return aligned(rows)

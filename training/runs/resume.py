@@ -64,8 +64,7 @@ def origin_difference(run: Run[Any], origin: Origin) -> str | None:
     trained on, as a clause; None where they do not, are not known, or where there is no such run.
     """
     for checkpoint in _checkpoints(run):
-        # demoiréing networks of earlier versions have none
-        if origin.weights and (checkpoint.get("weights") or origin.weights) != origin.weights:
+        if origin.weights and checkpoint.get("weights") != origin.weights:
             return _weights_difference(run)
         classes = stored_class_names(checkpoint.get("classes"))
         if origin.classes and classes not in (None, origin.classes):

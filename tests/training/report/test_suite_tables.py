@@ -18,11 +18,11 @@ from tests.evaluation.haze import cell_of, ran
 from tests.training.report.conftest import suite_metrics
 from training import report
 from training.attack.suite_config import PAPER_TARGETS
-from training.report.page import environment, render
+from training.report.page import render
 from training.report.published import read_published, with_paper
+from training.report.suite_tables import note_of, pictured_cells, table_texts
 from training.report.suite_view import suite_view
-from training.report.table_notes import PICTURES, note_values, pictured_cells
-from training.suites import tables_of
+from training.suites import SUITES, tables_of
 from training.suites.config import PaperConfig
 
 CONFIG = PaperConfig(scene=Scene.preset("screen_photo"), steps=2)
@@ -56,12 +56,18 @@ def test_every_published_figure_has_a_cell():
     assert not set(published[CELL_COLUMNS].itertuples(index=False, name=None)) - cells
 
 
-def test_every_pattern_of_pictures_names_cells_of_its_table():
+def test_every_table_has_a_text_whose_note_and_pictures_are_of_it():
     shown = {}
-    for name in PICTURES:
+    assert table_texts().keys() == SUITES.keys() - {"trust"}
+    for name, text in table_texts().items():
         (table,) = tables_of(name, CONFIG)
-        shown[name] = [cell.place for cell in pictured_cells(table, CONFIG.middle)]
-    assert len(shown["threat"]) == 4 + 8 and all(shown.values())
+        assert text.title and text.corner
+        assert bool(note_of(table, suite_metrics())) == bool(text.note)
+        cells = pictured_cells(table, CONFIG.middle)
+        assert bool(cells) == bool(text.pictures), name
+        shown[name] = [cell.place for cell in cells]
+        assert text.moire is None or {text.moire[k] for k in ("photo", "plain")} <= {*table.columns}
+    assert len(shown["threat"]) == 4 + 8
     assert [row for row, _ in shown["ladder"]] == ["clean", "moire", "ma_4"]
     assert {row for row, _ in shown["success"]} == {"eps_4"}
     assert ("eps_4", "scene") in shown["standard"] and ("eps_4", "worst") not in shown["standard"]
@@ -70,8 +76,7 @@ def test_every_pattern_of_pictures_names_cells_of_its_table():
 @pytest.mark.parametrize(("scene", "turns"), [("screen_photo", True), ("paper_code", False)])
 def test_a_note_says_where_no_attacker_turns_the_camera(scene, turns):
     (table,) = tables_of("standard", PaperConfig(scene=scene))
-    view = {"name": "standard", "empty": {}, "note_values": note_values(table, suite_metrics())}
-    told = environment().get_template("notes.j2").module.note(view)
+    told = note_of(table, suite_metrics())
     assert ("No attacker turns the camera" in told) != turns and "100 queries" in told
 
 

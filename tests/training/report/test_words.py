@@ -11,8 +11,6 @@ from training.report import run_parts
 from training.report.numbers import duration, moire_text, points, tied
 from training.report.page import environment, title_of
 from training.report.run_view import run_view
-from training.suites import SUITES
-from training.suites.config import PaperConfig
 
 
 def headline(metrics):
@@ -111,13 +109,6 @@ def test_titles():
     assert title_of("moire", "columns") == "photo alone"  # by its name
     assert title_of("roll_15", "rows") == "roll 15°"  # by a pattern
     assert title_of("phone_at_laptop", "rows") == "phone_at_laptop"  # by none
-
-
-@pytest.mark.parametrize("suite", sorted(SUITES.keys() - {"trust"}))
-def test_every_table_has_a_title_and_a_corner(suite):
-    (table,) = tables_of(SUITES[suite], PaperConfig(scene="screen_photo"))
-    for section in ("tables", "corners"):
-        assert title_of(table.name, section) != table.name
 
 
 def test_every_attacker_of_the_standard_suite_has_a_title():

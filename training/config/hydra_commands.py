@@ -1,5 +1,5 @@
-"""How every command reads its settings and reports an error: one sentence on its own line; a sweep
-lists its failed jobs."""
+"""Commands that Hydra runs, and sweeps of them: an error is one sentence on a line of its own, and
+a sweep lists its failed jobs."""
 
 import contextlib
 import os
@@ -7,27 +7,16 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
 
 import torch
-import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
-from moireaug.common.argument_checks import one_of
-from training.config.command_line import (
-    HELP_FLAGS,
-    SWEEP_FLAGS,
-    quote_paths,
-    why_refused,
-)
-from training.config.compose import HELP_TEXTS, help_text
+from training.config.command_line import HELP_FLAGS, SWEEP_FLAGS, quote_paths, why_refused
+from training.config.compose import HELP_TEXTS
 from training.config.recipes import require_recipe
-from training.config.schema import Config, RunConfig, as_config
-from training.config.settings import check, field_of, settings_of
+from training.config.schema import Config, RunConfig
 from training.system import machine
 from training.system.files import make_folder
 from training.system.messages import (
@@ -40,7 +29,6 @@ from training.system.messages import (
 )
 from training.system.processes import is_first, print_once
 
-Schema = TypeVar("Schema")
 _failed_jobs: list[str] = []  # jobs of a sweep
 _command_line: list[str] = []  # the command line, whole: Hydra is not shown its first words
 
@@ -67,17 +55,16 @@ def run(
     if schema is Config:
         require_recipe(overrides)
     # to the front: Hydra takes no settings after such a flag
-    overrides = sorted(overrides, key=lambda argument: argument not in SWEEP_FLAGS)
+    overrides.sort(key=lambda argument: argument not in SWEEP_FLAGS)
     _command_line[:] = [script, *words, *overrides]
     sys.argv = [script, *overrides]
     os.environ["HYDRA_FULL_ERROR"] = "1"  # raise errors, do not print them
-    folders = [a.removeprefix("runs=").strip("'\"") for a in overrides if a.startswith("runs=")]
     try:
         if HELP_FLAGS & set(overrides):  # without half a second of Hydra
             print(HELP_TEXTS[schema], flush=True)
             return
         if SWEEP_FLAGS & set(overrides):  # Hydra writes into this folder before any job
-            make_folder(Path(folders[-1] if folders else schema.runs))
+            make_folder(_folder_of_runs(overrides, schema))
         main()
     except HydraException as error:
         raise SystemExit(f"error: {why_refused(error, schema)}") from None
@@ -93,6 +80,15 @@ def run(
         heading = f"error: {len(_failed_jobs)} of the sweep's jobs failed:"
         print_error("\n  ".join([heading, *_failed_jobs]))
         raise SystemExit(1)
+
+
+def _folder_of_runs(overrides: Sequence[str], schema: type[RunConfig]) -> Path:
+    """Return the folder of `runs=`, the last one given, or its default."""
+    folder = schema.runs
+    for override in overrides:
+        if override.startswith("runs="):
+            folder = override.removeprefix("runs=").strip("'\"")
+    return Path(folder)
 
 
 @contextlib.contextmanager
@@ -132,62 +128,3 @@ def _job_of_a_sweep() -> str | None:
     """Return the overrides of this job; None outside of a sweep."""
     hydra = HydraConfig.get()
     return " ".join(hydra.overrides.task) if hydra.mode == RunMode.MULTIRUN else None
-
-
-def parse(
-    argv: Sequence[str], schema: type[Schema], example: str, description: str | None
-) -> Schema:
-    """Return the settings of the command line of a command without recipes, key=value each, with
-    values as they are; --help prints the settings and ends the command.
-
-    Args:
-        example: a valid command, for the error messages.
-    """
-    prepare_output()
-    if HELP_FLAGS & set(argv):
-        print(help_text(description, schema, {}))
-        raise SystemExit(0)
-    cfg, table = OmegaConf.structured(schema), settings_of(schema)
-    try:
-        for argument in argv:
-            key, equals, value = argument.partition("=")
-            one_of("a setting", key, table)
-            if not equals:
-                raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
-            is_any = table[key].type is Any  # of words, numbers and lists
-            parsed = yaml.safe_load(value) if is_any else os.path.expanduser(value)
-            cfg[field_of(key)] = None if value == "null" else parsed
-        missing = [key for key in sorted(table) if OmegaConf.is_missing(cfg, field_of(key))]
-        if missing:
-            raise ValueError(f"{', '.join(missing)} must be given, as in: {example}")
-        key = "the settings"
-        settings: Schema = as_config(cfg)
-    except OmegaConfBaseException as error:
-        raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
-    except yaml.YAMLError as error:
-        raise ValueError(
-            f"{argument} cannot be read: pass {key}={table[key].example}, say."
-        ) from error
-    check(settings)
-    return settings
-
-
-@contextlib.contextmanager
-def report_errors(interruption: str) -> Iterator[None]:
-    """Report an error as one sentence and end the command.
-
-    Args:
-        interruption: message after Ctrl-C, on the work that survives it.
-
-    Raises:
-        SystemExit: 130 after an interruption, 1 after an error.
-    """
-    try:
-        yield
-    except KeyboardInterrupt:
-        print(f"\n{interruption}", file=sys.stderr)
-        raise SystemExit(130) from None
-    except (ValueError, TypeError, OSError, RuntimeError) as error:
-        if not is_expected(error):
-            raise
-        raise SystemExit(f"error: {sentence(error)}") from None
