@@ -10,13 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.base import ModelAttack
-from moireaug.attacks.losses import (
-    has_prediction,
-    is_success,
-    loss_curve,
-    margin,
-    mean_cross_entropy,
-)
+from moireaug.attacks.losses import has_prediction, is_success, loss_curve, margin
 from moireaug.attacks.model import check_differentiable, require_gradient
 from moireaug.attacks.pixel import PixelProblem
 from moireaug.attacks.result import Result
@@ -77,7 +71,6 @@ class CW(ModelAttack):
         photo = pixels.to(images.dtype)
         with torch.no_grad():
             logits = search.logits(photo, labels)
-        search.check(logits)  # without steps, nothing was checked yet
         clean_correct = search.is_right_without_noise()
         correct = search.is_right(photo, logits)
         noise = pixels - base
@@ -114,7 +107,6 @@ class CW(ModelAttack):
             photo = candidate.to(search.problem.images.dtype)
             logits = search.logits(photo, labels)
             if k == 0:
-                search.check(logits)
                 check_differentiable(logits)
                 slopes = torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)
                 require_gradient(self.model, photo, labels, slopes, rejects=search.rejects)
@@ -125,7 +117,7 @@ class CW(ModelAttack):
             (gradient,) = torch.autograd.grad((distance + c * shortfall).sum(), w)
             w.grad = gradient.nan_to_num()
             adam.step()
-            search.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
+            search.losses.append(search.mean_loss(logits))
             is_enough = (lead >= self.confidence) | ~has_prediction(logits)
             success = is_success(logits, labels, targets) & is_enough
             is_nearer = success & (distance < nearest_distance)

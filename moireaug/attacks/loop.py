@@ -4,6 +4,7 @@ best point, from which the result is made."""
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import torch
@@ -16,7 +17,7 @@ from moireaug.attacks.model import check_differentiable, require_gradient
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES, Rule
-from moireaug.attacks.search import Search
+from moireaug.attacks.search import Iterates, Search
 from moireaug.common.argument_checks import check_real, check_whole, one_of
 from moireaug.common.numeric import widen_half
 from moireaug.scene.mixed_shot import MixedShot
@@ -101,7 +102,7 @@ class Attack(ModelAttack):
         image. Arguments as in a call."""
 
         def render_last(search: Search) -> Tensor:
-            point = self.run(search, keeps=False)
+            point = self.last_point(search)
             with torch.no_grad():
                 return search.problem.render(point)
 
@@ -110,32 +111,28 @@ class Attack(ModelAttack):
     def run_restarts(self, search: Search) -> None:
         """Run every restart; the search keeps each image's point of the greatest margin."""
         for restart in range(self.restarts):
-            if search.is_over:
-                break
-            search.losses = []
-            point = self.run(search, restart)
             if not search.is_over:
-                search.keep(point, search.active_logits(point))
+                search.follow(self.iterates(search, restart), until_fooled=self.until_fooled)
 
-    def run(self, search: Search, restart: int = 0, *, keeps: bool = True) -> Point:
-        """Take the steps of a run, and return the point after the last. With `keeps`, the search
-        keeps the best points, and may take fooled images out."""
+    def last_point(self, search: Search) -> Point:
+        """Return the point after the last step of a run, which keeps none."""
+        point, _ = deque(self.iterates(search), maxlen=1).pop()
+        return point
+
+    def iterates(self, search: Search, restart: int = 0) -> Iterates:
+        """Yield the point before each step of a run, and the one after the last; a search that
+        follows may take images out between two."""
         rules = self._rules(search.problem)
         point = self._start(search, restart)
         # where an image is black or white, a random start would have no gradient
         point = point | {name: rule.project(point[name]) for name, rule in rules.items()}
         for k in range(self.steps):
             logits, loss, gradients = self._ascent(search, point, checks=k == 0)
-            if keeps:
-                if k == 0 and self.until_fooled:
-                    search.drop_fooled_if_repeatable(point, logits)
-                search.keep(point, logits)
-            if search.is_over:
-                break
+            yield point, logits
             for name, gradient in gradients.items():
                 if name in rules:
                     point = point | {name: rules[name](point[name], gradient, loss)}
-        return point
+        yield point, None
 
     def _ascent(
         self, search: Search, point: Point, *, checks: bool
@@ -148,7 +145,6 @@ class Attack(ModelAttack):
         labels, targets = search.active_goals(search.loss_targets)
         logits = search.logits(images, labels)
         if checks:
-            search.check(logits)
             check_differentiable(logits)
         loss = LOSSES[self.loss](widen_half(logits), labels, targets)
         # a scene may have ranges that no photo of it depends on
@@ -187,7 +183,7 @@ class Attack(ModelAttack):
             images=images,
             success=is_success(logits, search.labels, search.targets),
             noise=problem.noise_of(point),
-            loss=loss_curve(search.losses[: self.steps]),
+            loss=loss_curve(search.losses),
             eps=self.eps,
             shot=problem.shot_of(point),
             clean_correct=search.is_right_without_noise(),

@@ -7,7 +7,6 @@ import math
 from typing import Protocol
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 # in place of a class; labels and targets are never below 0
@@ -160,11 +159,6 @@ def attack_margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None)
     undecided_margin = math.inf if targets is None else -math.inf
     margins = margin(logits.float(), labels, targets)
     return torch.where(has_prediction(logits), margins, undecided_margin)
-
-
-def mean_cross_entropy(logits: Tensor, labels: Tensor) -> Tensor:
-    """Return the mean cross-entropy of logits (B, K), the loss that a Result reports."""
-    return F.cross_entropy(logits.detach().float(), labels)
 
 
 def loss_curve(losses: list[Tensor]) -> Tensor:

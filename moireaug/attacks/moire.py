@@ -140,7 +140,6 @@ def _at_worst_draw(search: Search, draws: int) -> Search:
     among its own and `draws` - 1 others."""
     worst = problem = cast(CameraProblem, search.problem)
     photos, logits = search.images_and_logits(problem.clean_point())
-    search.check(logits)
     clean_correct = search.is_right(photos, logits)
     margins = attack_margin(logits, search.labels, search.targets)
     for _ in range(draws - 1):

@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.base import NamesForeignArguments
-from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import is_same_answer, likeliest_wrong_classes
 from moireaug.attacks.result import Result
@@ -68,13 +67,10 @@ class MultiTargeted(NamesForeignArguments):
         """Run the attack toward each class in turn, on the images that are still right."""
         point = search.problem.clean_point()
         _, logits = search.images_and_logits(point)
-        check_classes(search.labels, logits)
-        check_answers(logits, search.model, search.problem.images)
         _, second_logits = search.images_and_logits(point)
         repeats = bool(is_same_answer(logits, second_logits).all())
         search.drops_fooled = repeats and self.attack.until_fooled
         search.keep(point, logits.repeat(search.problem.views, 1))
-        search.losses = []  # of a run's steps alone
         values, classes = likeliest_wrong_classes(logits, search.labels, self.targets)
         for value, targets in zip(values.T, classes.T, strict=True):
             search.drop(~value.isfinite())  # minus infinity rules a class out, and those after it

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.attacks.checks import check_answers, check_classes
-from moireaug.attacks.losses import attack_margin, is_same_answer, mean_cross_entropy, predicted
+from moireaug.attacks.losses import attack_margin, is_same_answer, predicted
 from moireaug.attacks.model import attacked_logits
 from moireaug.attacks.problem import Point, Problem
 from moireaug.common.networks import rejects_of
 from moireaug.common.numeric import select_rows
+
+# the points of a run, each with the logits (views * b, K) of the active images there; with the
+# last, None, as no step needs them
+Iterates = Iterator[tuple[Point, Tensor | None]]
 
 
 @dataclass(eq=False)
@@ -37,9 +42,9 @@ class Search:
         best: each image's point of the greatest margin, over steps and restarts.
         margins: (n,) greatest margins.
         rounding: (n,) margins that rounding, which differs between batches, may bring about.
-        losses: mean cross-entropy before each step of the last run.
+        losses: mean cross-entropy before each step of the last run, see `follow`.
         drops_fooled: whether fooled images take no further steps.
-        is_checked: whether logits have been checked, see `check`.
+        is_checked: whether logits have been checked, see `logits`.
         rejects: whether the model rejects images, see `networks.rejects_of`.
     """
 
@@ -89,28 +94,24 @@ class Search:
             return labels, None
         return labels, self.active_rows(targets).repeat(self.active.views)
 
-    def check(self, logits: Tensor) -> None:
-        """Refuse the first logits of the active images where they do not match the classes, or
-        where neither they nor those of the clean images are finite."""
-        labels, targets = self.active_goals(self.loss_targets)
-        check_classes(labels if targets is None else torch.maximum(labels, targets), logits)
-        # in a later run, the images that go on may well be those without an answer
-        if len(self.rows) == len(self.labels):
-            check_answers(logits, self.model, self.problem.images)
-        self.is_checked = True
-
     def logits(self, images: Tensor, labels: Tensor) -> Tensor:
-        """Return the model's logits (N, K) of images (N, 3, H, W), see `attacked_logits`."""
-        return attacked_logits(self.model, images, labels, rejects=self.rejects)
+        """Return the model's logits (N, K) of images (N, 3, H, W), see `attacked_logits`. The first
+        are refused where they do not match the classes, or where neither they nor those of the
+        clean images are finite."""
+        logits = attacked_logits(self.model, images, labels, rejects=self.rejects)
+        if not self.is_checked:
+            check_classes(labels, logits)
+            if self.targets is not None:
+                check_classes(self.targets, logits[: len(self.targets)])
+            check_answers(logits, self.model, self.problem.images)
+            self.is_checked = True
+        return logits
 
     @torch.no_grad()
     def active_logits(self, point: Point) -> Tensor:
         """Return the logits (views * b, K) of the active images at a point."""
         images = self.active.forward_views(self.active_point(point))
-        logits = self.logits(images, self.active_goals(None)[0])
-        if not self.is_checked:
-            self.check(logits)
-        return logits
+        return self.logits(images, self.active_goals(None)[0])
 
     @torch.no_grad()
     def images_and_logits(self, point: Point) -> tuple[Tensor, Tensor]:
@@ -135,11 +136,29 @@ class Search:
             self.clean_correct = self.is_right(*self.images_and_logits(self.problem.clean_point()))
         return self.clean_correct
 
-    def drop_fooled_if_repeatable(self, point: Point, logits: Tensor) -> None:
-        """Take no further steps for fooled images from now on, if the model, asked again, answers
-        every active image as by these logits (views * b, K); one that does is asked so no more."""
-        if not self.drops_fooled:
-            self.drops_fooled = bool(is_same_answer(logits, self.active_logits(point)).all())
+    def mean_loss(self, logits: Tensor) -> Tensor:
+        """Return the mean cross-entropy of the logits (views * b, K) of the active images, which a
+        Result reports."""
+        labels, targets = self.active_goals(self.targets)
+        return F.cross_entropy(logits.detach().float(), labels if targets is None else targets)
+
+    def follow(self, iterates: Iterates, *, until_fooled: bool) -> None:
+        """Keep the best points of a run, until no image takes a further step.
+
+        until_fooled: whether fooled images take none, if the model, asked again at the first point,
+            answers every active image the same; one that does is asked so no more.
+        """
+        self.losses = []
+        for point, logits in iterates:
+            if logits is None:
+                self.keep(point, self.active_logits(point))
+                break
+            if until_fooled and not (self.losses or self.drops_fooled):
+                self.drops_fooled = bool(is_same_answer(logits, self.active_logits(point)).all())
+            self.losses.append(self.mean_loss(logits))
+            self.keep(point, logits)
+            if self.is_over:
+                break
 
     def keep(self, point: Point, logits: Tensor) -> None:
         """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
@@ -148,12 +167,10 @@ class Search:
         labels, targets = self.active_goals(self.targets)
         margins = attack_margin(logits, labels, targets).view(self.active.views, -1).mean(0)
         self._raise_rounding(logits, margins)
-        better = torch.zeros_like(self.margins, dtype=torch.bool)
-        better[self.rows] = margins > self.margins[self.rows]
+        better = self.scatter(margins > self.active_rows(self.margins))
         self.margins = torch.where(better, self.scatter(margins), self.margins)
         best = self.best or point
         self.best = {name: select_rows(better, x, best[name]) for name, x in point.items()}
-        self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
         if self.drops_fooled:
             self.drop_fooled()
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point
-from moireaug.attacks.search import Search
+from moireaug.attacks.search import Iterates, Search
 from moireaug.common.numeric import select_rows, widen_half
 
 FIRST_WINDOW_SHARE = 0.8  # of the planes' area, as in AutoAttack
@@ -59,28 +59,24 @@ class SquareMoire(MoireAttack):
         signs = _signs((n, planes, 1, columns), search.generator).to(point["noise"])
         return {"noise": self.eps * signs.expand(shape)}
 
-    @torch.no_grad()
-    def run(self, search: Search, restart: int = 0, *, keeps: bool = True) -> Point:
+    def iterates(self, search: Search, restart: int = 0) -> Iterates:
+        """Yield the noise of each query, and the best of it."""
         point = best = self._start(search, restart)
         highest = torch.full_like(search.labels, -math.inf, dtype=torch.float64)
         for query in range(self.steps):
-            if search.is_over:
-                break
             logits = search.active_logits(point)
             labels, targets = search.active_goals(search.loss_targets)
             loss = LOSSES[self.loss](widen_half(logits), labels, targets)
             # no loss, of an image without an answer, is below any other
             loss = search.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
-            if keeps:
-                if query == 0 and self.until_fooled:
-                    search.drop_fooled_if_repeatable(point, logits)
-                search.keep(point, logits)
             better = (loss > highest) if query else torch.ones_like(loss, dtype=torch.bool)
             highest = torch.where(better, loss.to(highest), highest)
             best = {"noise": select_rows(better, point["noise"], best["noise"])}
             size = window_side(query, self.steps, search.problem.shape)
-            point = {"noise": _with_square(best["noise"], self.eps, size, search.generator)}
-        return best
+            window = {"noise": _with_square(best["noise"], self.eps, size, search.generator)}
+            yield point, logits
+            point = window
+        yield best, None
 
 
 def window_side(query: int, steps: int, shape: tuple[int, ...]) -> int:

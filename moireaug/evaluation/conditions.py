@@ -29,6 +29,11 @@ from moireaug.synthesis.twins import moire_codes, without_moire
 
 Model = nn.Module | Callable[[Tensor], Tensor]
 ImageTransform = Callable[[Tensor], Tensor]
+# columns of an evaluation's frame, see `frame.images_frame`, but for measures
+CELL_COLUMNS = ["table", "row", "column"]
+CONDITION_COLUMNS = ("condition", "control", "eps", "bound", "steps", "targeted", "judge")
+ANSWER_COLUMNS = ("label", "target", "predicted", "correct", "fooled", "rejected", "undecided")
+FRAME_COLUMNS = (*CELL_COLUMNS, *CONDITION_COLUMNS, *ANSWER_COLUMNS, "image", "counted", "seconds")
 # names of fields that were others when the first records were written
 NAMES_IN_RECORDS = {"known_classifier": "known_judge"}
 
@@ -138,7 +143,8 @@ class Condition(ABC):
         """Return the images that the model is shown, (B, 3, H, W) in [0, 1]."""
 
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
-        """Return further figures to record by name, one value per image."""
+        """Return further figures to record, one value per image, by names that are none of
+        `FRAME_COLUMNS`."""
         return {}
 
     def eps_unit(self, bound: str) -> str:

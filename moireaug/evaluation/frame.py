@@ -10,16 +10,14 @@ import pandas as pd
 
 from moireaug.attacks import REJECTED, UNDECIDED
 from moireaug.evaluation.classifiers import Classifier
-from moireaug.evaluation.conditions import Condition
+from moireaug.evaluation.conditions import CELL_COLUMNS, CONDITION_COLUMNS, Condition
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.tables import Table
 from moireaug.synthesis.twins import SEEN_CODES
 
-CELL_COLUMNS = ["table", "row", "column"]
 MEASURES = ("psnr", "ssim", "ciede2000", "largest", "lpips")
 MOIRE_MEASURES = ("moire", "moire_seen")  # of photos without noise: see `rates`
-CONDITION_COLUMNS = ("condition", "control", "eps", "bound", "steps", "targeted", "judge")
 # without which rates are printed as a plain frame
 PRINTED_COLUMNS = {*CELL_COLUMNS, "eps", "largest", "psnr", "moire", "accuracy", "success", "n"}
 
@@ -38,7 +36,7 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
     `moire`, of photos: their RMS difference from the same photo without moiré, of 255.
     """
     condition_frames: dict[tuple[str, str], pd.DataFrame] = {}
-    cell_frames = []
+    cell_frames: dict[tuple[str, str, str], pd.DataFrame] = {}
     for table in tables:
         for cell in table.cells:
             frames = []
@@ -48,14 +46,12 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
                     frame = _condition_frame(condition, cell.classifier, runner, indices)
                     condition_frames[key] = frame
                 frames.append(condition_frames[key])
-            cell_frame = _worst(frames) if cell.worst else pd.concat(frames, ignore_index=True)
-            cell_frame = cell_frame.assign(table=table.name, row=cell.row, column=cell.column)
-            cell_frames.append(cell_frame)
+            cell_frame = _worst(frames) if cell.worst else pd.concat(frames)
+            cell_frames[table.name, *cell.place] = cell_frame
     if not cell_frames:
         return pd.DataFrame(columns=[*CELL_COLUMNS, *CONDITION_COLUMNS, "image", "correct"])
-    frame = pd.concat(cell_frames, ignore_index=True)
-    other_columns = [name for name in frame.columns if name not in CELL_COLUMNS]
-    return frame[[*CELL_COLUMNS, *other_columns]]
+    frame = pd.concat(cell_frames, names=CELL_COLUMNS)
+    return frame.reset_index(CELL_COLUMNS).reset_index(drop=True)
 
 
 def _condition_frame(

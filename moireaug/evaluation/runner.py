@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ from moireaug.evaluation.batches import (
     restored_generators,
 )
 from moireaug.evaluation.classifiers import UNDEFENDED, Classifier, within_memory
-from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
+from moireaug.evaluation.conditions import FRAME_COLUMNS, Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.identity import identity_of
 from moireaug.evaluation.records import EvalSetup, Record, Records, batch_digest, key_of
 from moireaug.evaluation.tables import Table
@@ -165,15 +165,13 @@ class Runner:
         self, condition: Condition, classifiers: Sequence[Classifier], batch: SeededBatch
     ) -> list[Record]:
         """Show the images of a condition to classifiers; return a record of each."""
-        shot = batch.shot(self.setup.scene_of(condition))
-        generator = batch.generator(CONDITION_STREAM, condition.name)
         whole = EvalBatch(
             model=self.model,
             images=batch.images,
             labels=batch.labels,
             targets=batch.targets,
-            shot=shot,
-            generator=generator,
+            shot=batch.shot(self.setup.scene_of(condition)),
+            generator=batch.generator(CONDITION_STREAM, condition.name),
             lpips=self.setup.lpips,
             bound=self.setup.bound,
         )
@@ -182,7 +180,7 @@ class Runner:
             start = time.perf_counter()
             images = whole.in_scenes(partial(within_memory, partial(_shown, condition)))
             seconds_shown = _seconds_since(start, images.device)
-            measure = partial(within_memory, condition.measure)
+            measure = partial(within_memory, partial(_measured, condition))
             measured = whole.in_scenes(measure, images, join=_by_name)
             records = []
             for classifier in classifiers:
@@ -214,7 +212,7 @@ class Runner:
 def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
     """Return the images (B, 3, H, W) that a condition shows, clipped to [0, 1]. No model is asked
     about what is no image: TypeError, ValueError."""
-    images = condition.show(batch)
+    images = condition.show(replace(batch, images=batch.images.clone()))  # it may work in place
     try:
         images = check_images(images)
     except (TypeError, ValueError) as error:
@@ -225,6 +223,21 @@ def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
             f"{len(batch.images)}; got {len(images)}."
         )
     return images
+
+
+def _measured(condition: Condition, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
+    """Return what a condition measures of its images. A figure that is not of each image, or that
+    would hide one of the evaluation's own, is refused: ValueError."""
+    figures = {}
+    for name, values in condition.measure(batch, images).items():
+        figures[name] = values.tolist() if hasattr(values, "tolist") else list(values)
+        if name in FRAME_COLUMNS or len(figures[name]) != len(images):
+            raise ValueError(
+                f"the condition {condition.name!r} must measure a number of each of the "
+                f"{len(images)} images, by a name that is none of {', '.join(FRAME_COLUMNS)}; got "
+                f"{len(figures[name])} as {name!r}."
+            )
+    return figures
 
 
 def _by_name(

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from moireaug.attacks.checks import check_eps
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import Attacker
@@ -85,18 +87,6 @@ DEFAULT_EPS = (2 / 255, 4 / 255, 8 / 255)  # unless a suite has its own
 RESERVED_NAMES = ("model", "undefended", "attacked", "as_it_is", "restored", "rounded")
 
 
-def check_bounds(bounds: object) -> None:
-    """Refuse the bounds of an evaluation that are neither an `eps` nor a list of one or more:
-    ValueError."""
-    values = bounds if isinstance(bounds, (list, tuple)) else [bounds]
-    if not values:
-        raise ValueError(
-            f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {bounds!r}."
-        )
-    for value in values:
-        check_eps(value)
-
-
 def check_names(names: Sequence[str]) -> None:
     """Refuse names of targets and defences that are reserved, or given twice: ValueError."""
     for name in names:
@@ -121,8 +111,8 @@ class SuiteConfig:
             as a preset's name.
         shrink: images are crops, in every scene of a suite; see `Scene.with_shrink`. None leaves
             the scenes as they are.
-        eps: bounds of the noise, in [0, 1] units. A suite that compares at one bound takes the
-            middle one. None leaves each suite its own.
+        eps: bounds of the noise, in [0, 1] units, or one alone. A suite that compares at one bound
+            takes the middle one. None leaves each suite its own.
         steps: gradient steps of every attack.
         targets: name to model for transfer; None where its weights are missing.
         defences: name to defence: by default the paper's.
@@ -141,10 +131,14 @@ class SuiteConfig:
     def __post_init__(self) -> None:
         object.__setattr__(self, "scene", as_scenes(self.scene, self.shrink))
         if self.eps is not None:
-            check_bounds(self.eps)
-            object.__setattr__(self, "eps", tuple(map(_exact, self.eps)))
-            if len(set(self.eps)) < len(self.eps):
-                raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
+            bounds = np.atleast_1d(self.eps).tolist()
+            for eps in bounds:
+                check_eps(eps)
+            object.__setattr__(self, "eps", tuple(map(_exact, bounds)))
+            if not self.eps or len(set(self.eps)) < len(self.eps):
+                raise ValueError(
+                    f"eps must be one or more different bounds, in [0, 1] units; got {self.eps!r}."
+                )
         check_names([*self.targets, *self.defences])
 
     @property

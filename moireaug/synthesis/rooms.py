@@ -113,8 +113,8 @@ def screen_in_room(
         TypeError, ValueError: pictures or surroundings that `capture` refuses, or of different
             numbers; a scene of a full reading; a room that is none.
     """
-    dtype = pictures.dtype
-    pictures, surroundings = (widen_half(check_images(x)) for x in (pictures, surroundings))
+    pictures, surroundings = check_images(pictures), check_images(surroundings)
+    dtype, pictures, surroundings = pictures.dtype, widen_half(pictures), widen_half(surroundings)
     if len(pictures) != len(surroundings):
         raise ValueError(
             "a photo needs a picture and its surroundings; got "

@@ -44,23 +44,13 @@ def attack_pictures(
 
     taken, labels = as_model_takes(rgb, model), torch.full((len(rgb),), label, device="cpu")
     shots = shot_of_frames(shot.repeat(len(counts)), counts)
-    rows = iter(last_noise(attack, taken, labels, shots, generator).tolist())
+
+    def last_noise(search: Search) -> torch.Tensor:
+        return search.problem.noise_of(attack.last_point(search))
+
+    noise = attack.in_scenes(last_noise, taken, labels, None, shots, generator)
+    rows = iter(noise.tolist())
     return {target: list(itertools.islice(rows, len(pictures[target]))) for target in pictures}
-
-
-def last_noise(
-    attack: MoireAttack,
-    images: torch.Tensor,
-    labels: torch.Tensor,
-    shot: Shot,
-    generator: torch.Generator,
-) -> torch.Tensor:
-    """Return the noise (B, ...) of the images of `Attack.last`; arguments as there."""
-
-    def noise_after_last(search: Search) -> torch.Tensor:
-        return search.problem.noise_of(attack.run(search, keeps=False))
-
-    return attack.in_scenes(noise_after_last, images, labels, None, shot, generator)
 
 
 def noise_of(

@@ -61,7 +61,7 @@ REFUSED = [
     ({"eps": 0.1, "suite": "unseen"}, "eps= is for suite=ladder.*suite=unseen has no use"),
     ({"eps": 0.1, "suite": "recipes"}, "suite=recipes has no use for it"),
     ({"lpips": "alexnet.pth", "suite": "unseen"}, "lpips= is for .*suite=unseen has no use"),
-    ({"eps": ()}, "eps must be a number >= 0 in .0, 1. units, or a list of them; got"),
+    ({"eps": ()}, "eps must be one or more different bounds, in .0, 1. units; got"),
     ({"eps": (4 / 255, 4 / 255)}, "eps must be one or more different bounds"),
     ({"eps": (8,)}, "eps is in .0, 1. units, where 1 is full scale; got 8"),
     ({"eps": "a"}, "eps must be a number >= 0"),

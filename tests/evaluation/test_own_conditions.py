@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from moireaug.evaluation.conditions import Condition, Photo
+from moireaug.evaluation.classifiers import UNDEFENDED
+from moireaug.evaluation.conditions import FRAME_COLUMNS, Condition, Photo
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import jobs_of
-from tests.evaluation.haze import ran, table_of
+from tests.evaluation.haze import frame_of, ran, table_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,3 +75,47 @@ def test_an_image_a_little_outside_is_clipped(known):
     brighter = {"kind": "brighter", "show": lambda self, batch: batch.images + 0.05}
     pictures = ran(known, table_of(type("Brighter", (Condition,), brighter)())).records.pictures
     assert max(float(shown.max()) for shown in pictures.values()) == 1.0
+
+
+def own_condition(kind, **methods):
+    """A condition of that kind, which shows the image unless it is told otherwise."""
+    return type(
+        kind, (Condition,), {"show": lambda self, batch: batch.images, "kind": kind} | methods
+    )()
+
+
+def test_a_condition_may_work_in_place(known):
+    """The image that the next one is shown, and the caller's own, stay."""
+    model, batches = known
+    copies = [(images.clone(), labels) for images, labels in batches]
+    covered = own_condition("covered", show=lambda self, batch: batch.images.mul_(0))
+    beside = ran((model, copies), table_of(covered, Photo()))
+    alone = ran(known, table_of(Photo()))
+    for index, (images, _) in enumerate(batches):
+        assert torch.equal(copies[index][0], images)
+        predicted = [one.record(Photo(), UNDEFENDED, index)["predicted"] for one in (beside, alone)]
+        assert predicted[0] == predicted[1]
+
+
+@pytest.mark.parametrize("figures", [{"predicted": [0] * 8}, {"haze": [0.5]}], ids=str)
+def test_a_measure_that_would_hide_an_answer_is_refused(figures, known):
+    measuring = own_condition("measuring", measure=lambda self, batch, images: figures)
+    with pytest.raises(
+        ValueError, match=r"'measuring' must measure .*none of table, .*got [18] as"
+    ):
+        ran(known, table_of(measuring))
+
+
+def test_a_measure_may_be_a_tensor(known, tmp_path):
+    means = own_condition(
+        "mean", measure=lambda self, batch, x: {"level": x.double().mean((1, 2, 3))}
+    )
+    record = ran(known, table_of(means), records=RecordFolder(tmp_path)).record(
+        means, UNDEFENDED, 0
+    )
+    assert record["measured"]["level"] == known[1][0][0].double().mean((1, 2, 3)).tolist()
+
+
+def test_no_measure_hides_a_column(known):
+    """`FRAME_COLUMNS` are those of every frame."""
+    assert {*frame_of(known, table_of(own_condition("plain")))} == {*FRAME_COLUMNS}

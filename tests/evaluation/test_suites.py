@@ -29,7 +29,7 @@ from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import cross
 from moireaug.mixtures import scenes_of
 from moireaug.scene.presets import PRESETS
-from tests.evaluation.haze import cell_of, ran, table_of
+from tests.evaluation.haze import EPS, cell_of, ran, table_of
 from tests.evaluation.suite_checks import (
     ROUNDED_EPS,
     check_names,
@@ -261,6 +261,11 @@ def test_passes_of_an_image_that_nothing_fools(suite, passes):
 
 def test_a_config_takes_the_name_of_a_scene():
     assert SuiteConfig(scene="screen_photo").scene == SCENE
+
+
+def test_a_config_takes_the_bounds_that_evaluate_takes():
+    for eps in (EPS, [EPS], np.array([EPS]), torch.tensor(EPS)):
+        assert SuiteConfig(scene=SCENE, eps=eps).eps == (EPS,)
 
 
 def test_a_condition_is_called_like_its_row():

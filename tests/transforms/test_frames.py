@@ -8,11 +8,12 @@ import torch
 from torchvision import tv_tensors
 
 from moireaug import Shot
+from moireaug.attacks import MoireAttack
 from moireaug.capture import capture
 from moireaug.scene.by_name import with_values
 from moireaug.scene.track import DEFAULT_HAND, TRIPOD, track_of
-from moireaug.transforms import _noise, torchvision
 from moireaug.transforms import albumentations as moire
+from moireaug.transforms import torchvision
 from moireaug.transforms._convert import shot_of_frames
 from tests.transforms.common import CAMERA, FRAMES, REGISTERED
 
@@ -79,14 +80,14 @@ def test_the_masks_of_a_volume_move_alike(repeated):
 def test_the_photos_are_those_that_the_attack_found(targets, repeated, monkeypatch):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
     adversarial = moire.AdversarialMoire(model, REGISTERED, eps=0.1, steps=2, p=1)
-    found, last_noise = [], _noise.last_noise
+    found, in_scenes = [], MoireAttack.in_scenes
 
-    def recorded(attack, images, labels, shot, generator):
-        noise = last_noise(attack, images, labels, shot, generator)
+    def recorded(attack, run, images, labels, targets, shot, generator):
+        noise = in_scenes(attack, run, images, labels, targets, shot, generator)
         found.append(capture(images, shot, noise))
         return noise
 
-    monkeypatch.setattr(_noise, "last_noise", recorded)
+    monkeypatch.setattr(MoireAttack, "in_scenes", recorded)
     steps = A.Compose([adversarial], is_check_shapes=False, seed=0)
     out = steps(**{target: of_target(target, repeated) for target in targets}, label=1)
     photos = np.concatenate([out[target].reshape(-1, *SHAPE) for target in targets])
