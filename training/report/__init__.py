@@ -55,6 +55,7 @@ def write_run(path: Path, metrics: RunMetrics, examples: Examples) -> list[str]:
         facts=facts | {"scene": metrics.scene_name},
         examples=examples,
         curves=_curves(metrics),
+        tradeoff=plots.scatter(run["visibility"], "PSNR of the noise, dB", "accuracy, %"),
     )
     write_text(path, text)
     return parts_of_run(metrics, run)

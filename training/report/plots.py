@@ -1,4 +1,5 @@
-"""The plots of a training, as SVG. Rates are drawn by the page itself, in its tables.
+"""The plots of a run, as SVG: its training, and how visible noise is. Other rates are drawn by the
+page itself, in its tables.
 
 The colours are Okabe and Ito's (2008), told apart by every common kind of colour vision; in print
 the markers' shapes say the same. The background is transparent: in dark mode the page inverts the
@@ -9,6 +10,7 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -51,6 +53,44 @@ class Quantity(NamedTuple):
     series: Mapping[str, str]
     scale: float = 1.0
     limits: tuple[float | None, float | None] = (None, None)
+
+
+class Series(NamedTuple):
+    """Points of a plot that belong together.
+
+    Args:
+        points: x, y, and the low and high end of an interval of y, each.
+        model: index of the model, 0 for this one and 1 for its baseline, which gives the colour.
+        filled: whether its markers are filled, and its points joined by a line.
+    """
+
+    name: str
+    points: Sequence[tuple[float, float, float, float]]
+    model: int
+    filled: bool
+
+
+def scatter(series: Sequence[Series], x: str, y: str) -> dict[str, str] | None:
+    """Draw points with their intervals along y, rates in [0, 1] drawn in percent; return the plot
+    with its alternative text, None without points."""
+    if not series:
+        return None
+    figure = Figure(FIGURE_INCHES, layout="constrained")
+    ax = figure.subplots()
+    for one in series:
+        colour, marker = MARKERS[one.model]
+        style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 6, "capsize": 2}
+        style |= {"linestyle": "-" if one.filled else "none", "label": one.name}
+        style |= {"markerfacecolor": colour if one.filled else "white", "clip_on": False}
+        xs, rates, low, high = np.array(sorted(one.points)).T
+        below, above = np.abs(rates - low), np.abs(high - rates)
+        ax.errorbar(xs, 100 * rates, yerr=100 * np.stack([below, above]), **style)
+    ax.set_ylim(0, 100)
+    style_axes(ax, x, y)
+    alt = f"{y} against {x}: {', '.join(one.name for one in series)}"
+    _add_legend(ax)
+    data = uri(svg(figure).encode(), "image/svg+xml")
+    return {"uri": data, "alt": alt}
 
 
 def curves(

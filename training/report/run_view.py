@@ -6,6 +6,7 @@ from typing import Any
 from moireaug.evaluation.frame import MEASURES, MOIRE_MEASURES
 from training.report.numbers import Rate, distinct, moire_text
 from training.report.page import name_of, title_of
+from training.report.plots import Series
 from training.runs.metrics import ORIGINAL, PlainMetrics, RunMetrics
 
 MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
@@ -42,6 +43,7 @@ def run_view(metrics: RunMetrics) -> dict[str, Any]:
         "has_lpips": any(row["lpips"] is not None for row in rows),
         "moire": moire_text(rows),
         "shares": _shares(rows, attack["name"], sides),
+        "visibility": _visibility(sides),
         "unanswered": _unanswered(sides),
         "clean": metrics.clean_accuracy,
         "clean_theirs": baseline.clean_accuracy if baseline else None,
@@ -98,6 +100,22 @@ def _is_elsewhere(metrics: RunMetrics, baseline: PlainMetrics) -> bool:
     ours, theirs = metrics.environment, baseline.environment or {}
     names = ("device", "cpu", "threads")
     return any(ours[name] != theirs[name] for name in names if name in ours and name in theirs)
+
+
+def _visibility(sides: Sides) -> list[Series]:
+    """Return accuracy by PSNR under the untargeted Moiré Attack and under PGD, this model first."""
+    series = []
+    for number, side in enumerate(reversed(list(sides.values()))):
+        for attack, title in (("ma_", "Moiré Attack"), ("pgd_", "PGD on pixels")):
+            points = []
+            for row in side.reattack or []:
+                is_of_it = row["name"].startswith(attack) and not row["targeted"]
+                if is_of_it and row.get("psnr") is not None:
+                    points.append((row["psnr"], row["accuracy"], *row["accuracy_interval"]))
+            if points:
+                name = f"{name_of(side)}: {title}"
+                series.append(Series(name, points, number, filled=attack == "ma_"))
+    return series
 
 
 def _shares(rows: Sequence[Row], attack: str, sides: Sides) -> list[dict[str, Any]]:

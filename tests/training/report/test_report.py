@@ -32,9 +32,20 @@ def raw(tmp_path_factory):
     return path.read_text("utf-8")
 
 
+def test_accuracy_is_drawn_against_the_visibility_of_noise():
+    """A line of the Moiré Attack's bounds, targets left out, and PGD, of both networks."""
+    series = report.run_view(run_metrics())["visibility"]
+    names = ["moire_at: Moiré Attack", "moire_at: PGD on pixels"]
+    names += ["baseline: Moiré Attack", "baseline: PGD on pixels"]
+    assert [one.name for one in series] == names
+    assert [len(one.points) for one in series] == [3, 1, 3, 1]
+    assert [point[:2] for point in series[0].points] == [(38.2, 0.8), (38.2, 0.76), (38.2, 0.5)]
+    assert series[3].points[0][1] == 0 and [one.model for one in series] == [0, 0, 1, 1]
+
+
 def test_plots_are_whole_svg_that_ask_for_nothing(raw):
     plots = [image["src"] for image in Elements(raw).of("img")]
-    assert len(plots) == 2  # loss and accuracy by epoch
+    assert len(plots) == 3  # accuracy by PSNR, loss and accuracy by epoch
     for uri in plots:
         used = []
         for element in ElementTree.fromstring(base64.b64decode(uri.split("base64,")[1])).iter():
