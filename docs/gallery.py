@@ -39,8 +39,7 @@ INTRODUCTION = f"""# Gallery
 A picture of {SIDE} px in every preset. First row: whole photos, the strongest, middle and weakest
 moiré of {CANDIDATES} samples. Second row:
 [crops](how_to_choose.md#is-my-image-a-whole-photo-or-a-crop) at the camera's resolution
-(`shrink={CROP:g}`), if the scene has both. Last, the middle of the first photo, magnified, and its
-moiré's spectrum.
+(`shrink={CROP:g}`). Last, the middle of the first photo, magnified, and its moiré's spectrum.
 
 Moiré is the median RMS difference of 8-bit values from the photo without it; milliseconds are CPU
 time per photo of 224 px, in batches of {TIMED_BATCH}, on one thread of {{machine}}
