@@ -13,7 +13,7 @@ scene's ranges so that the two agree, and writes scene.yaml, which every command
 scene=FILE: the fitted scene if it is better in unseen shots of the same pictures; otherwise an
 earlier fit is kept, or the scene is written unchanged.
 
-Writes report.html, statistics.csv, crops.csv (one line per crop) and statistics.png into
+Writes report.html, statistics.csv and statistics.png into
 runs/calibrate/<pairs or photos>-<scene>-<hash>/, or where out=DIR says.
 """
 
@@ -44,7 +44,7 @@ from training.calibration.compare import (
     photograph_crops,
     terminal_parts,
 )
-from training.calibration.page import crop_table, draw, example_blocks, page
+from training.calibration.page import draw, example_blocks, page
 from training.config import scenes
 from training.config.data_sets import MAX_SEED
 from training.config.plain_commands import parse, report_errors
@@ -111,7 +111,6 @@ def calibrate(cfg: Config) -> list[StatisticRow]:
     write_bytes(out / "statistics.png", plot)
     rows = pd.DataFrame([row.to_dict() for row in table])
     write_text(out / "statistics.csv", rows.to_csv(index=False))
-    write_text(out / "crops.csv", crop_table(crops, real, theirs).to_csv(index=False))
     examples = example_blocks(crops, simulated, name)
     write_text(out / "report.html", page(table, crops, scene, name, plot, examples, fitted))
     print(*terminal_parts(table, name), sep="\n")

@@ -31,10 +31,10 @@ def test_the_figures_of_the_table(root):
     # the mean of those that know it: 20 after a start of 10, 11 and 12, alone, and after one of 10
     plain = (30 + 31 + 32 + 3 * 20 + 30) / 7
     assert recipes["clean"].relative_time.value == pytest.approx(11 / plain)
-    assert recipes["clean"].start_seconds == 0
-    assert good.relative_time == pytest.approx((1, 1, 1)) and good.start_seconds == 11
+    assert recipes["clean"].costs["start_seconds"] == 0
+    assert good.relative_time == pytest.approx((1, 1, 1)) and good.costs["start_seconds"] == 11
     assert slow.relative_time.value == pytest.approx(60 / 20)
-    assert slow.start_seconds == 0  # it began with random weights
+    assert slow.costs["start_seconds"] == 0  # it began with random weights
     assert [r.name for r in recipes.values() if r.is_on_front] == ["clean", "good", "lone"]
     value, low, high = lone.relative_time
     assert lone.collapsed_count == 1 and low == high == value
@@ -160,6 +160,11 @@ def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
             "\n".join([*lines[:4], lines[4].replace(",signs,0", ",signs,1")]),
             "of different data_seed",
         ),
+        (
+            "\n".join([*lines[:4], lines[4].replace(",codes,1234", ",codes,7")]),
+            "of different reattack_seed",
+        ),
+        ("\n".join(lines).replace(",30.0,2.5", ",0.0,2.5"), "plain_seconds must be above 0"),
     ):
         (tmp_path / "table.csv").write_text(text)
         with pytest.raises(SystemExit, match=f"error: .*{said}"):

@@ -143,7 +143,7 @@ MISTAKES = [
     (["suite=transfer", "targets={resnet18: FILE}"], "no weights file 'FILE'"),
     (["suite=defences", "demoire=nothing:there"], "='nothing:there' could not be imported"),
     (["suite=defences", "demoire=math:pi"], "is a float, not a callable"),
-    (["suite=defences", "demoire=os:getcwd"], "with its answers: getcwd.identity = 'first'.$"),
+    (["suite=defences", "demoire=os:getcwd"], "with the code: getcwd.identity = 'first'.$"),
     (["suite=demoireing"], "suite=demoireing needs demoiréing networks: pass networks=DIR"),
     (["suite=demoireing", "networks=nowhere"], "networks='nowhere' has no weights"),
     (["suite=demoireing", "networks={amnet: none.pt}"], "no weights file 'none.pt'"),

@@ -168,8 +168,9 @@ def callable_of(name: str, device: torch.device) -> ImageTransform:
         require_identity(name, defence)
     except ValueError as error:
         raise ValueError(
-            f"demoire={name!r} is or holds a function, which nothing tells from another once its "
-            "code has changed, and finished records are used again. Give it a text that you "
-            f"change with its answers: {name.rpartition(':')[2]}.identity = 'first'."
+            f"demoire={name!r} is or holds a function. Changes of its code are not seen, and "
+            "results of the old code would be reused. State its version, and change it with the "
+            "code: "
+            f"{name.rpartition(':')[2]}.identity = 'first'."
         ) from error
     return defence.eval().to(device) if isinstance(defence, nn.Module) else defence

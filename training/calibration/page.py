@@ -1,10 +1,9 @@
-"""The report of a calibration: a page, a table of its crops, and a plot of medians and spans."""
+"""The report of a calibration: a page, and a plot of medians and spans."""
 
 import math
 from collections.abc import Sequence
 from typing import Any
 
-import pandas as pd
 import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -29,20 +28,6 @@ MAIN_UNIT = "codes RMS"  # of most statistics, on the left
 MARK_SHIFT = 0.17  # of the two marks of a row, in rows
 MIN_CODES = 0.05  # on the logarithmic axis
 REAL, SIMULATED = (MODEL_COLOUR, "o"), (BASELINE_COLOUR, "D")  # colour and marker
-
-
-def crop_table(
-    crops: Crops, real: list[dict[str, float]], simulated: list[dict[str, float]] | None
-) -> pd.DataFrame:
-    """Return one row per crop, real ones first."""
-    tables = []
-    for kind, rows in (("real", real), ("simulated", simulated)):
-        if rows is not None:
-            table = pd.DataFrame(rows)
-            table.insert(0, "picture", [crops.names[int(i)] for i in crops.picture])
-            table.insert(0, "photos", kind)
-            tables.append(table)
-    return pd.concat(tables)
 
 
 def example_blocks(crops: Crops, simulated: torch.Tensor | None, name: str) -> list[dict[str, Any]]:

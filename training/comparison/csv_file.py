@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from training.comparison.costs import COSTS
 from training.comparison.frame import RATES, SHARED_COLUMNS, RunTable
 
-TIME_COLUMNS = ("seconds", "start_seconds", "total_seconds", "plain_seconds")
-COST_COLUMNS = (*TIME_COLUMNS, "passes", "images_per_second", "collapsed")
 OUTCOMES = "{}_outcomes"  # name of the column of a CSV with an accuracy's outcomes
 
 
@@ -49,16 +48,19 @@ def read_csv(file: Path) -> RunTable:
 
 def _require_figures(runs: pd.DataFrame) -> None:
     """Refuse lines of a CSV that lack a name or a figure, or have one that no run has."""
-    needed = {"recipe", "seed", "baseline", *RATES, *map(OUTCOMES.format, RATES)}
-    if missing := {*needed, *COST_COLUMNS, *SHARED_COLUMNS} - set(runs.columns):
+    needed = {"recipe", "seed", "baseline", "collapsed", *RATES, *map(OUTCOMES.format, RATES)}
+    if missing := {*needed, *COSTS, *SHARED_COLUMNS} - set(runs.columns):
         raise ValueError(f"it lacks {', '.join(sorted(missing))}")
     if runs["recipe"].isna().any():
         raise ValueError("a line names no recipe")
-    figures = runs[["seed", *RATES, *COST_COLUMNS]].astype(float)
+    figures = runs[["seed", *RATES, *COSTS, "collapsed"]].astype(float)
     figures = figures.fillna({"plain_seconds": 1.0})  # which need not be known
-    is_valid = figures.ge(0) & figures.lt(np.inf)
-    for name in figures.columns[~is_valid.all()]:
-        raise ValueError(f"{name} must be at least 0; got {runs[name][~is_valid[name]].tolist()}")
+    for name in figures:
+        is_time_of_ratio = name in ("total_seconds", "plain_seconds")
+        is_valid = figures[name].gt(0) if is_time_of_ratio else figures[name].ge(0)
+        if not (is_valid & figures[name].lt(np.inf)).all():
+            bound = "above 0" if is_time_of_ratio else "at least 0"
+            raise ValueError(f"{name} must be {bound}; got {runs[name][~is_valid].tolist()}")
 
 
 def _outcomes_of(runs: pd.DataFrame, name: str) -> list[np.ndarray]:

@@ -19,18 +19,28 @@ from training.comparison.comparable import (
     protocol_settings,
     require_comparable,
 )
+from training.comparison.costs import COSTS, own_cost
 from training.config.checks import LADDER_SETTINGS
 from training.config.schema import Reattack
 from training.config.settings import as_argument
 from training.runs.layout import METRICS, finished_runs, read_metrics
-from training.runs.metrics import PlainMetrics, RunMetrics, SuiteMetrics, TrainCost
+from training.runs.metrics import RunMetrics, SuiteMetrics
 
 # of the re-attack that is suggested for a run without one
 SUGGESTED_PROTOCOL = {"reattack.steps": 50, "reattack.n": 480}
 
 MEAN_ROW, WORST_ROW = "mean of the others", "worst of the others"  # of all scenes but the own
 # what the runs of a table share
-SHARED_COLUMNS = ("data", "data_seed", "model", "scene", "n", "steps", "bound")
+SHARED_COLUMNS = (
+    "data",
+    "data_seed",
+    "model",
+    "scene",
+    "n",
+    "steps",
+    "bound",
+    "reattack_seed",
+)
 
 
 class RateCell(NamedTuple):
@@ -59,13 +69,9 @@ class RunTable(NamedTuple):
     Args:
         runs: a row per attacked run. Columns: `recipe`, `seed`; `n`, number of images; outcomes
             (n,) by the names of `RATES`, 1 where the run is right, 0 where it is wrong, the mean
-            over scenes in between, to six digits; `seconds` of its own training,
-            by its median epoch, `start_seconds` of that of its first weights, 0 for random ones,
-            `total_seconds` of both, `plain_seconds` of plain training with the same seed and
-            settings, its start included, missing where it is not known; `passes` forward and
-            backward per image of its own training; `images_per_second`; `collapsed`, whether its
-            training ended in catastrophic overfitting once; `baseline`, recipe that it is compared
-            with.
+            over scenes in between, to six digits; costs by the names of `COSTS`; `collapsed`,
+            whether its training ended in catastrophic overfitting once; `baseline`, recipe that it
+            is compared with.
         shared: values of `SHARED_COLUMNS`.
         commands: commands that attack the other runs.
         warnings: sentences for the reader.
@@ -112,6 +118,7 @@ def _table(root: Path, trained: Runs) -> RunTable:
     shared["data_seed"] = attack.config["data"]["seed"]
     shared |= {"model": trained[folder].model, "scene": trained[folder].scene_name}
     shared |= {name: getattr(attack, name) for name in ("n", "steps", "bound")}
+    shared["reattack_seed"] = attack.config["reattack"]["seed"]
     return RunTable(runs, shared, commands, caveats(runs, trained, attacked))
 
 
@@ -141,33 +148,8 @@ def _row(metrics: RunMetrics, attack: SuiteMetrics) -> dict[str, Any]:
     row: dict[str, Any] = {"recipe": metrics.recipe, "seed": metrics.seed, "n": attack.n}
     for name, cell in RATES.items():
         row[name] = _correct(attack, cell)
-    train = _cost(metrics)
-    seconds, start_seconds = train.steady_seconds, _start_seconds(train, metrics)
-    plain_seconds = None
-    plain = metrics if metrics.recipe == "baseline" else metrics.baseline
-    if plain:
-        cost = _cost(plain)
-        plain_seconds = cost.steady_seconds + _start_seconds(cost, metrics)
-    return row | {
-        "seconds": seconds,
-        "start_seconds": start_seconds,
-        "total_seconds": seconds + start_seconds,
-        "plain_seconds": plain_seconds,
-        "passes": train.passes,
-        "images_per_second": train.images_per_second * train.seconds / seconds,
-        "collapsed": train.collapsed_at is not None,
-    }
-
-
-def _start_seconds(train: TrainCost, metrics: RunMetrics) -> float:
-    """Return the time of the training of the weights that a run, or its baseline, began with."""
-    return _cost(metrics.start).steady_seconds if train.init == "clean" else 0.0
-
-
-def _cost(metrics: RunMetrics | PlainMetrics | None) -> TrainCost:
-    if metrics is None or metrics.train is None:
-        raise KeyError("start" if metrics is None else "train")
-    return metrics.train
+    row |= {name: cost.of_run(metrics) for name, cost in COSTS.items()}
+    return row | {"collapsed": own_cost(metrics).collapsed_at is not None}
 
 
 def _correct(attack: SuiteMetrics, rate: RateCell) -> np.ndarray:

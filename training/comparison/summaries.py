@@ -9,10 +9,9 @@ import numpy as np
 import pandas as pd
 
 from moireaug.common.argument_checks import one_of
+from training.comparison.costs import TABLE_COSTS
 from training.comparison.frame import RATES
 from training.comparison.intervals import difference_interval, rate_interval, t_interval
-
-COSTS = ["seconds", "start_seconds", "passes", "images_per_second"]
 
 
 class Estimate(NamedTuple):
@@ -31,8 +30,7 @@ class RecipeSummary:
         rates: accuracies in [0, 1], by the names of `RATES`.
         gains: their gains over another recipe with the same seeds; empty where that was not
             attacked.
-        seconds, start_seconds, passes, images_per_second: means over seeds of the columns of
-            `RunTable`.
+        costs: means over seeds, by the names of `TABLE_COSTS`.
         relative_time: mean of `relative_times`.
         collapsed_count: number of seeds whose training collapsed.
         is_on_front: whether no other recipe is as robust at 4/255 in less time, or more robust in
@@ -43,10 +41,7 @@ class RecipeSummary:
     seeds: tuple[int, ...]
     rates: dict[str, Estimate]
     gains: dict[str, Estimate]
-    seconds: float
-    start_seconds: float
-    passes: float
-    images_per_second: float
+    costs: dict[str, float]
     relative_time: Estimate
     collapsed_count: int
     is_on_front: bool = False
@@ -73,9 +68,9 @@ def summarise(runs: pd.DataFrame, against: str = "baseline") -> list[RecipeSumma
             seeds=tuple(sorted(seeds["seed"])),
             rates={rate: estimate_rate(seeds[rate]) for rate in RATES},
             gains=estimate_gains(seeds, rivals) if has_gains and name != against else {},
+            costs=seeds[list(TABLE_COSTS)].mean().to_dict(),
             relative_time=estimate_cost(seeds["relative_time"].tolist()),
             collapsed_count=int(seeds["collapsed"].sum()),
-            **seeds[COSTS].mean(),
         )
         summaries.append(summary)
         places.append((summary.relative_time.value, summary.rates["worst_4"].value))

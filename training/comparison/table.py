@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 
+from training.comparison.costs import TABLE_COSTS
 from training.comparison.frame import RATES, RunTable
 from training.comparison.summaries import RecipeSummary
 from training.report.numbers import percent, points
@@ -32,6 +33,7 @@ def markdown(recipes: Sequence[RecipeSummary], table: RunTable, against: str) ->
         gained=[recipe for recipe in recipes if recipe.gains],
         rival=rival_text(against),
         titles={name: rate.title for name, rate in RATES.items()},
+        costs=TABLE_COSTS,
         caption=caption(recipes, table),
         warnings=table.warnings,
         commands=table.commands,

@@ -223,8 +223,8 @@ class ReattackConfig(Config):
     )
     demoire: str | None = setting(
         None,
-        "another defence, package.module:callable on images in [0, 1]; a function needs a text, "
-        "its attribute identity",
+        "your defence, package.module:callable on images in [0, 1]; a function needs an attribute "
+        "identity, a text that changes with its code",
     )
     lpips: str | None = setting(
         None,
