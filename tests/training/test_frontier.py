@@ -150,6 +150,7 @@ def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
         ("\n".join(lines).replace(",0.9,", ",,"), r"clean must be at least 0; got \[nan"),
         ("\n".join(lines).replace(",0.9,", ",x,"), "is no frontier.csv .*'x'"),
         ("\n".join(lines).replace("good,", ","), "a line names no recipe"),
+        ("\n".join([*lines, lines[0]]), "the head of another table is among its lines"),
         ("\n".join(lines).replace(",0.9,", ",0.8,"), "clean is 0.8, but the mean .* 0.9"),
         ("\n".join(lines).replace("1 1 0", "1 0"), "must be 200 numbers between 0 and 1"),
         ("\n".join(lines).replace("1 1 0", "1 9 0"), "must be 200 numbers between 0 and 1"),

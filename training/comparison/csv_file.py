@@ -53,6 +53,8 @@ def _require_figures(runs: pd.DataFrame) -> None:
         raise ValueError(f"it lacks {', '.join(sorted(missing))}")
     if runs["recipe"].isna().any():
         raise ValueError("a line names no recipe")
+    if runs["recipe"].eq("recipe").any():
+        raise ValueError("the head of another table is among its lines: delete it")
     figures = runs[["seed", *RATES, *COSTS, "collapsed"]].astype(float)
     figures = figures.fillna({"plain_seconds": 1.0})  # which need not be known
     for name in figures:
