@@ -91,7 +91,7 @@ def test_a_collapsed_model_returns_to_its_best_epoch(tmp_path, monkeypatch, caps
 def test_a_collapse_in_the_last_epoch_is_recorded_alone(tmp_path, monkeypatch, capsys):
     model, seen, best = trained(tmp_path, monkeypatch, LATE_COLLAPSE)
     assert best["epoch"] == 1 and model.collapsed_at == 2 and seen.steps[2] == 1
-    assert "It was the last epoch: an earlier one is kept" in capsys.readouterr().out
+    assert "It was the last epoch: epoch 2 is kept" in capsys.readouterr().out
 
 
 def test_multi_step_training_is_left_alone(tmp_path, monkeypatch):

@@ -39,7 +39,8 @@ class CollapseGuard(L.Callback):
     ) -> None:
         if module.collapses(module.history):
             module.collapsed_at = int(module.history[-1]["epoch"])
-            _report(module, "It was the last epoch: an earlier one is kept.")
+            kept = read_checkpoint(self.best)["epoch"] + 1  # the only epoch, if it was the first
+            _report(module, f"It was the last epoch: epoch {kept} is kept.")
 
 
 def _report(module: Classifier, consequence: str) -> None:
