@@ -21,33 +21,21 @@ def own_cost(metrics: RunMetrics | PlainMetrics | None) -> TrainCost:
     return metrics.train
 
 
-def own_seconds(metrics: RunMetrics) -> float:
-    """Return the time of a run's own training, by its median epoch."""
-    return own_cost(metrics).steady_seconds
+def start_seconds(train: TrainCost, metrics: RunMetrics) -> float:
+    """Return the time of the training of the weights that a run, or its baseline, began with, 0 for
+    random ones."""
+    return own_cost(metrics.start).steady_seconds if train.init == "clean" else 0.0
 
 
-def start_seconds(metrics: RunMetrics) -> float:
-    """Return the time of the training of a run's first weights, 0 for random ones."""
-    return _start_seconds(own_cost(metrics), metrics)
-
-
-def total_seconds(metrics: RunMetrics) -> float:
-    """Return the time of both."""
-    return own_seconds(metrics) + start_seconds(metrics)
+def total_seconds(train: TrainCost, metrics: RunMetrics) -> float:
+    """Return the time of a training and of that of its first weights, by the median epoch."""
+    return train.steady_seconds + start_seconds(train, metrics)
 
 
 def plain_seconds(metrics: RunMetrics) -> float | None:
     """Return the time of plain training with the same seed and settings, its start included."""
     plain = metrics if metrics.recipe == "baseline" else metrics.baseline
-    if plain is None:
-        return None
-    cost = own_cost(plain)
-    return cost.steady_seconds + _start_seconds(cost, metrics)
-
-
-def passes(metrics: RunMetrics) -> float:
-    """Return the passes forward and backward per image of a run's own training."""
-    return own_cost(metrics).passes
+    return total_seconds(own_cost(plain), metrics) if plain else None
 
 
 def images_per_second(metrics: RunMetrics) -> float:
@@ -56,17 +44,12 @@ def images_per_second(metrics: RunMetrics) -> float:
     return train.images_per_second * train.seconds / train.steady_seconds
 
 
-def _start_seconds(train: TrainCost, metrics: RunMetrics) -> float:
-    """Return the time of the training of the weights that a run, or its baseline, began with."""
-    return own_cost(metrics.start).steady_seconds if train.init == "clean" else 0.0
-
-
 COSTS = {
-    "seconds": Cost(own_seconds, "training, s"),
-    "start_seconds": Cost(start_seconds, "its start, s"),
-    "total_seconds": Cost(total_seconds),
+    "seconds": Cost(lambda run: own_cost(run).steady_seconds, "training, s"),
+    "start_seconds": Cost(lambda run: start_seconds(own_cost(run), run), "its start, s"),
+    "total_seconds": Cost(lambda run: total_seconds(own_cost(run), run)),
     "plain_seconds": Cost(plain_seconds),
-    "passes": Cost(passes, "passes", digits=2),
+    "passes": Cost(lambda run: own_cost(run).passes, "passes", digits=2),
     "images_per_second": Cost(images_per_second, "images/s", digits=0),
 }
 TABLE_COSTS = {name: cost for name, cost in COSTS.items() if cost.title}
