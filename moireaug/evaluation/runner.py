@@ -212,7 +212,7 @@ class Runner:
 def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
     """Return the images (B, 3, H, W) that a condition shows, clipped to [0, 1]. No model is asked
     about what is no image: TypeError, ValueError."""
-    images = condition.show(replace(batch, images=batch.images.clone()))  # it may work in place
+    images = condition.show(_copy_of(batch))
     try:
         images = check_images(images)
     except (TypeError, ValueError) as error:
@@ -229,15 +229,25 @@ def _measured(condition: Condition, batch: EvalBatch, images: Tensor) -> dict[st
     """Return what a condition measures of its images. A figure that is not of each image, or that
     would hide one of the evaluation's own, is refused: ValueError."""
     figures = {}
-    for name, values in condition.measure(batch, images).items():
-        figures[name] = values.tolist() if hasattr(values, "tolist") else list(values)
+    for name, values in condition.measure(_copy_of(batch), images.clone()).items():
+        try:
+            values = values.tolist() if hasattr(values, "tolist") else values
+            figures[name] = [float(value) for value in values]  # JSON has no other numbers
+        except (TypeError, ValueError, RuntimeError):
+            figures[name] = []
         if name in FRAME_COLUMNS or len(figures[name]) != len(images):
             raise ValueError(
                 f"the condition {condition.name!r} must measure a number of each of the "
                 f"{len(images)} images, by a name that is none of {', '.join(FRAME_COLUMNS)}; got "
-                f"{len(figures[name])} as {name!r}."
+                f"{len(figures[name])} numbers as {name!r}."
             )
     return figures
+
+
+def _copy_of(batch: EvalBatch) -> EvalBatch:
+    """Return a batch for a condition, which may work in place."""
+    images, labels, targets = batch.images.clone(), batch.labels.clone(), batch.targets.clone()
+    return replace(batch, images=images, labels=labels, targets=targets)
 
 
 def _by_name(
