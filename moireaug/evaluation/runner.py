@@ -16,7 +16,7 @@ from torch import Tensor
 from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
 from moireaug.common.image_checks import check_images
-from moireaug.common.networks import device_of
+from moireaug.common.networks import device_of, in_evaluation_mode
 from moireaug.common.progress import progress_bar
 from moireaug.evaluation.batches import (
     ANSWER_STREAM,
@@ -178,10 +178,11 @@ class Runner:
         with restored_generators(), torch.no_grad():
             torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
-            images = whole.in_scenes(partial(within_memory, partial(_shown, condition)))
-            seconds_shown = _seconds_since(start, images.device)
-            measure = partial(within_memory, partial(_measured, condition))
-            measured = whole.in_scenes(measure, images, join=_by_name)
+            with in_evaluation_mode(self.model):  # a condition of one's own may ask it
+                images = whole.in_scenes(partial(within_memory, partial(_shown, condition)))
+                seconds_shown = _seconds_since(start, images.device)
+                measure = partial(within_memory, partial(_measured, condition))
+                measured = whole.in_scenes(measure, images, join=_by_name)
             records = []
             for classifier in classifiers:
                 torch.manual_seed(batch.seed_of(ANSWER_STREAM, condition.name, classifier.name))

@@ -132,6 +132,17 @@ def test_a_condition_may_work_in_place(methods, known):
             assert answers[0] == answers[1]
 
 
+def test_a_condition_may_ask_the_model(known):
+    """It answers in evaluation mode, and keeps its own statistics and mode."""
+    model = torch.nn.Sequential(torch.nn.BatchNorm2d(3), known[0]).train()
+    asking = own_condition(
+        "asking", show=lambda self, batch: (batch.images, model(batch.images))[0]
+    )
+    ran((model, known[1]), table_of(asking))
+    assert model.training
+    assert not model[0].num_batches_tracked
+
+
 NO_MEASURES = [{"predicted": [0] * 8}, {"haze": [0.5]}, {"haze": 0.5}, {"haze": ["a"] * 8}]
 
 
