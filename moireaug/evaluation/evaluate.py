@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from moireaug.common.argument_checks import check_callable, check_whole, one_of
 from moireaug.common.networks import device_of
 from moireaug.defenses import Defence
 from moireaug.evaluation.batches import Batch, collect_batches, restored_generators
-from moireaug.evaluation.classifiers import UNDEFENDED
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import ImageTransform, Model
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import identity_of, require_identity
@@ -79,9 +81,10 @@ def evaluate(
         defences: name to defence, in addition to the paper's, or replacing the one of that name:
             adaptive has a row for every new name, but not for each of the paper's.
         folder: where results are saved incrementally; the same call resumes. None keeps them in
-            memory. They are identified by pixels, weights and settings: model, targets and defences
-            must be Modules or defences of `defenses`; any other callable needs an attribute
-            `identity`, a text to change whenever its answers change.
+            memory. They are identified by pixels, weights and settings: model, targets, defences,
+            and what your own conditions hold, must be Modules, defences of `defenses` or plain; any
+            other callable needs an attribute `identity`, a text to change whenever its answers
+            change.
         identity: such a text for the model, in addition to its weights.
         lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16, with
             which the LPIPS of every attack is measured; None does not measure it.
@@ -123,7 +126,7 @@ def evaluate(
             check_used(suite, option, OPTION_SUITES[option])
     _check_defence_names(suite_name(suite), tables, config, defences or {})
     if folder is not None:
-        _require_identities(model, identity, config)
+        _require_identities(model, identity, tables)
     lpips_network = None if lpips is None else LPIPS(lpips)
     batches = collect_batches(loader, n)  # which may take long, so after all settings
     if lpips_network is not None:
@@ -203,11 +206,28 @@ def _check_defence_names(
             )
 
 
-def _require_identities(model: Model, stated: str | bytes | None, config: SuiteConfig) -> None:
+def _require_identities(model: Model, stated: str | bytes | None, tables: Sequence[Table]) -> None:
     """Refuse parts of an evaluation that a later one could not identify."""
     if stated is None:
         require_identity("the model", model)
     elif not isinstance(stated, (str, bytes)) or not stated:
         raise TypeError(f"identity must be a text that identifies the model; got {stated!r}.")
-    for name, part in {**config.targets, **config.defences}.items():
+    parts = {id(part): (name, part) for name, part in _parts_of(tables)}
+    for name, part in parts.values():  # each once: weights take long
         require_identity(name, part)
+
+
+def _parts_of(tables: Sequence[Table]) -> Iterator[tuple[str, object]]:
+    """Yield what classifiers and conditions hold, each with a name."""
+    for cell in itertools.chain.from_iterable(table.cells for table in tables):
+        classifiers = [cell.classifier]
+        for condition in cell.conditions:
+            for field in dataclasses.fields(condition):
+                value = getattr(condition, field.name)
+                if isinstance(value, Classifier):
+                    classifiers.append(value)
+                elif field.name != "scene":
+                    yield f"{field.name} of {condition.name}", value
+        for classifier in classifiers:
+            yield classifier.name, classifier.defence
+            yield classifier.name, classifier.model

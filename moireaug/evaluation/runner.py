@@ -16,7 +16,7 @@ from torch import Tensor
 from moireaug.attacks.checks import check_labels
 from moireaug.attacks.model import class_count
 from moireaug.common.image_checks import check_images
-from moireaug.common.networks import device_of
+from moireaug.common.networks import device_of, in_evaluation_mode
 from moireaug.common.progress import progress_bar
 from moireaug.evaluation.batches import (
     ANSWER_STREAM,
@@ -178,10 +178,11 @@ class Runner:
         with restored_generators(), torch.no_grad():
             torch.manual_seed(batch.seed_of(SHOW_STREAM, condition.name))
             start = time.perf_counter()
-            images = whole.in_scenes(partial(within_memory, partial(_shown, condition)))
-            seconds_shown = _seconds_since(start, images.device)
-            measure = partial(within_memory, partial(_measured, condition))
-            measured = whole.in_scenes(measure, images, join=_by_name)
+            with in_evaluation_mode(self.model):  # a condition of one's own may ask it
+                images = whole.in_scenes(partial(within_memory, partial(_shown, condition)))
+                seconds_shown = _seconds_since(start, images.device)
+                measure = partial(within_memory, partial(_measured, condition))
+                measured = whole.in_scenes(measure, images, join=_by_name)
             records = []
             for classifier in classifiers:
                 torch.manual_seed(batch.seed_of(ANSWER_STREAM, condition.name, classifier.name))
@@ -212,7 +213,7 @@ class Runner:
 def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
     """Return the images (B, 3, H, W) that a condition shows, clipped to [0, 1]. No model is asked
     about what is no image: TypeError, ValueError."""
-    images = condition.show(replace(batch, images=batch.images.clone()))  # it may work in place
+    images = condition.show(_copy_of(batch))
     try:
         images = check_images(images)
     except (TypeError, ValueError) as error:
@@ -229,15 +230,25 @@ def _measured(condition: Condition, batch: EvalBatch, images: Tensor) -> dict[st
     """Return what a condition measures of its images. A figure that is not of each image, or that
     would hide one of the evaluation's own, is refused: ValueError."""
     figures = {}
-    for name, values in condition.measure(batch, images).items():
-        figures[name] = values.tolist() if hasattr(values, "tolist") else list(values)
+    for name, values in condition.measure(_copy_of(batch), images.clone()).items():
+        try:
+            values = values.tolist() if hasattr(values, "tolist") else values
+            figures[name] = [float(value) for value in values]  # JSON has no other numbers
+        except (TypeError, ValueError, RuntimeError):
+            figures[name] = []
         if name in FRAME_COLUMNS or len(figures[name]) != len(images):
             raise ValueError(
                 f"the condition {condition.name!r} must measure a number of each of the "
                 f"{len(images)} images, by a name that is none of {', '.join(FRAME_COLUMNS)}; got "
-                f"{len(figures[name])} as {name!r}."
+                f"{len(figures[name])} numbers as {name!r}."
             )
     return figures
+
+
+def _copy_of(batch: EvalBatch) -> EvalBatch:
+    """Return a batch for a condition, which may work in place."""
+    images, labels, targets = batch.images.clone(), batch.labels.clone(), batch.targets.clone()
+    return replace(batch, images=images, labels=labels, targets=targets)
 
 
 def _by_name(

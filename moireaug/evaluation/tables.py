@@ -36,6 +36,11 @@ class Cell:
                 f"the cell {self.place} takes a tuple of one or more conditions, as in (Photo(),); "
                 f"got {given!r}."
             )
+        if not isinstance(self.classifier, Classifier):
+            raise TypeError(
+                f"the cell {self.place} takes a Classifier, as in Classifier('other', model=...); "
+                f"got {type(self.classifier).__name__}."
+            )
 
     @property
     def place(self) -> tuple[str, str]:

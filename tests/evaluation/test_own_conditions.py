@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from moireaug.evaluation.classifiers import UNDEFENDED
+from moireaug.evaluation import evaluate
+from moireaug.evaluation.classifiers import UNDEFENDED, Classifier
 from moireaug.evaluation.conditions import FRAME_COLUMNS, Condition, Photo
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import jobs_of
@@ -48,6 +49,19 @@ def test_a_condition_of_ones_own_may_hold_anything(make, known, tmp_path):
         jobs_of([table_of(again), table_of(Stamped(stamp=make(0.2)))])
 
 
+UNIDENTIFIED = {
+    "stamp of stamped": table_of(Stamped(stamp=lambda images: images)),
+    "hazy": table_of(Photo(), classifier=Classifier("hazy", defence=lambda images: images)),
+}
+
+
+@pytest.mark.parametrize(("name", "table"), UNIDENTIFIED.items(), ids=UNIDENTIFIED.keys())
+def test_a_folder_takes_no_part_without_an_identity(name, table, known, tmp_path):
+    """Python gives the address of one function to the next: its records would be the other's."""
+    with pytest.raises(ValueError, match=f"nothing tells {name}, a function"):
+        evaluate(*known, lambda config: table, folder=tmp_path)
+
+
 def test_a_condition_is_no_other_with_the_same_settings():
     with pytest.raises(TypeError, match=r"Brighter needs a kind of its own.*'moire'.*of Photo"):
         type("Brighter", (Photo,), {"show": lambda self, batch: batch.images})
@@ -84,36 +98,71 @@ def own_condition(kind, **methods):
     )()
 
 
-def test_a_condition_may_work_in_place(known):
-    """The image that the next one is shown, and the caller's own, stay."""
+IN_PLACE = {
+    "shown images": {"show": lambda self, batch: batch.images.mul_(0)},
+    "shown labels": {"show": lambda self, batch: batch.images + 0 * batch.labels.zero_().sum()},
+    "measured": {"measure": lambda self, batch, images: {"level": _mean_of(batch.images.mul_(0))}},
+    "answered": {"measure": lambda self, batch, images: {"level": _mean_of(images.mul_(0))}},
+}
+
+
+def _mean_of(images):
+    return images.mean((1, 2, 3))
+
+
+@pytest.mark.parametrize("methods", IN_PLACE.values(), ids=IN_PLACE.keys())
+def test_a_condition_may_work_in_place(methods, known):
+    """The images that it is judged by and the next one is shown, and the caller's own, stay."""
     model, batches = known
-    copies = [(images.clone(), labels) for images, labels in batches]
-    covered = own_condition("covered", show=lambda self, batch: batch.images.mul_(0))
+    copies = [(images.clone(), labels.clone()) for images, labels in batches]
+    covered, plain = own_condition("covered", **methods), own_condition("plain")
     beside = ran((model, copies), table_of(covered, Photo()))
-    alone = ran(known, table_of(Photo()))
-    for index, (images, _) in enumerate(batches):
+    alone = ran(known, table_of(plain, Photo()))
+    for index, (images, labels) in enumerate(batches):
         assert torch.equal(copies[index][0], images)
-        predicted = [one.record(Photo(), UNDEFENDED, index)["predicted"] for one in (beside, alone)]
-        assert predicted[0] == predicted[1]
+        assert torch.equal(copies[index][1], labels)
+        records = [one.record(Photo(), UNDEFENDED, index) for one in (beside, alone)]
+        for name in ("predicted", "labels"):
+            assert records[0][name] == records[1][name]
+        if "measure" in methods:
+            answers = [
+                beside.record(covered, UNDEFENDED, index)["predicted"],
+                alone.record(plain, UNDEFENDED, index)["predicted"],
+            ]
+            assert answers[0] == answers[1]
 
 
-@pytest.mark.parametrize("figures", [{"predicted": [0] * 8}, {"haze": [0.5]}], ids=str)
+def test_a_condition_may_ask_the_model(known):
+    """It answers in evaluation mode, and keeps its own statistics and mode."""
+    model = torch.nn.Sequential(torch.nn.BatchNorm2d(3), known[0]).train()
+    asking = own_condition(
+        "asking", show=lambda self, batch: (batch.images, model(batch.images))[0]
+    )
+    ran((model, known[1]), table_of(asking))
+    assert model.training
+    assert not model[0].num_batches_tracked
+
+
+NO_MEASURES = [{"predicted": [0] * 8}, {"haze": [0.5]}, {"haze": 0.5}, {"haze": ["a"] * 8}]
+
+
+@pytest.mark.parametrize("figures", [*NO_MEASURES, {"haze": [[0.5, 1.0]] * 8}], ids=str)
 def test_a_measure_that_would_hide_an_answer_is_refused(figures, known):
     measuring = own_condition("measuring", measure=lambda self, batch, images: figures)
     with pytest.raises(
-        ValueError, match=r"'measuring' must measure .*none of table, .*got [18] as"
+        ValueError, match=r"'measuring' must measure .*none of table, .*got [018] numbers as"
     ):
         ran(known, table_of(measuring))
 
 
-def test_a_measure_may_be_a_tensor(known, tmp_path):
-    means = own_condition(
-        "mean", measure=lambda self, batch, x: {"level": x.double().mean((1, 2, 3))}
-    )
+@pytest.mark.parametrize("kind", [lambda x: x, list, lambda x: list(x.numpy())])
+def test_a_measure_may_be_of_any_numbers(kind, known, tmp_path):
+    """A record holds them, which only knows Python's."""
+    means = own_condition("mean", measure=lambda self, batch, x: {"level": kind(x.mean((1, 2, 3)))})
     record = ran(known, table_of(means), records=RecordFolder(tmp_path)).record(
         means, UNDEFENDED, 0
     )
-    assert record["measured"]["level"] == known[1][0][0].double().mean((1, 2, 3)).tolist()
+    assert record["measured"]["level"] == _mean_of(known[1][0][0]).tolist()
 
 
 def test_no_measure_hides_a_column(known):

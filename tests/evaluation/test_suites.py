@@ -109,6 +109,10 @@ WRONG_SUITES = {  # a function of a user's, and what it is told
     ),
     "no condition": (lambda: Cell("row", "column", ()), "'row'.*one or more conditions.*got ()"),
     "no tuple": (lambda: Cell("row", "column", Photo()), r"as in \(Photo\(\),\); got Photo"),
+    "a model": (
+        lambda: Cell("a", "b", (Photo(),), nn.Identity()),
+        "takes a Classifier.*got Identity",
+    ),
     "one place": (lambda: Table("t", 2 * (Cell("a", "b", (Photo(),)),)), "two cells of .*'a', 'b'"),
     "one classifier": (
         lambda: jobs_of([Table("t", tuple(cross({"a": by_jpeg(20), "b": by_jpeg(60)}, PHOTO)))]),
