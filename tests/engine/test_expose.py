@@ -179,6 +179,15 @@ def test_beats_that_are_very_many_are_read_alike_at_nodes():
     assert difference.square().mean().sqrt() < 2 * RMS
 
 
+def test_motion_may_pass_waves_along_a_narrow_strip_of_a_steep_view():
+    scene = Scene(
+        panel=Panel(layout="led", lit=0.5), view=View(yaw=60.0, pitch=10.0, roll=7.0),
+        lens=Lens(blur=0.3, motion_x=8.0), develop=Develop(linear_light=True),
+        sensor=Sensor(pitch=6.0, shrink=3.0, pixels=400.0, crop_x=0.3, crop_y=0.5),
+    )  # fmt: skip
+    assert_equal(*readings(scene, (48, 48), n=1))
+
+
 def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():
     shot = SCENES["black level, prefilter that varies"].sample(2, (20, 24))
     assert shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE
