@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from training.calibration.compare import Crops
-from training.comparison.summaries import t_interval
+from training.comparison.intervals import t_interval
 
 DETAIL_SIGMAS = (3,)  # sigmas, pixels
 

@@ -9,7 +9,7 @@ from torch import nn
 
 from tests.training.small import TINY, configured
 from training.classifier import guard
-from training.classifier.module import Classifier, has_collapsed
+from training.classifier.module import Classifier, has_fallen
 from training.classifier.train import classifier_of
 from training.config.schema import Config
 from training.data.batches import Batches
@@ -20,9 +20,9 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 
 def test_what_counts_as_a_collapse():
-    assert has_collapsed([0.5, 0.45, 0.1])
+    assert has_fallen([0.5, 0.45, 0.1])
     for steady in ([0.5], [0.5, 0.45], [0.15, 0.01], [0.6, 0.2, 0.5]):
-        assert not has_collapsed(steady), steady
+        assert not has_fallen(steady), steady
 
 
 class Steps(L.Callback):
@@ -39,6 +39,7 @@ class Steps(L.Callback):
 STEADY = [(0.5, 0.3), (0.5, 0.3), (0.5, 0.3)]  # accuracy on clean and attacked images, by epoch
 # better in the mean of both
 COLLAPSE = [(0.5, 0.3), (0.9, 0.1), (0.4, 0.3)]
+MASKED = [(0.5, 0.3), (0.7, 0.9), (0.4, 0.3)]  # no attack makes images easier
 LATE_COLLAPSE = [(0.4, 0.3), (0.5, 0.3), (0.9, 0.1)]
 ONE_STEP = ["adversary.steps=1"]
 
@@ -76,7 +77,7 @@ def test_a_collapsed_model_returns_to_its_best_epoch(tmp_path, monkeypatch, caps
     model, seen, best = trained(tmp_path, monkeypatch, COLLAPSE)
     assert best["epoch"] == 0
     assert model.collapsed_at == 1 and seen.steps == {0: 1, 1: 1, 2: 3}
-    assert "Back to epoch 1, and training continues with three steps" in capsys.readouterr().out
+    assert "Back to epoch 1, and training continues with 3 steps" in capsys.readouterr().out
     again, before = seen.weights[2], best["current_model_state"]
     assert all(torch.equal(again[k], before[k]) for k in before)
     # the collapse outlives the process
@@ -96,6 +97,29 @@ def test_a_collapse_in_the_last_epoch_is_recorded_alone(tmp_path, monkeypatch, c
 def test_multi_step_training_is_left_alone(tmp_path, monkeypatch):
     model, seen, best = trained(tmp_path, monkeypatch, COLLAPSE, "adversary.steps=3")
     assert model.collapsed_at is None and seen.steps[2] == 3 and best["epoch"] == 1
+
+
+@pytest.mark.parametrize(("steps", "more"), [(1, 3), (2, 3), (3, 6)])
+def test_an_attack_that_shows_the_label_is_given_more_steps(
+    steps, more, tmp_path, monkeypatch, capsys
+):
+    """Its epoch would be kept: it has by far the best score."""
+    model, seen, best = trained(tmp_path, monkeypatch, MASKED, f"adversary.steps={steps}")
+    assert model.collapsed_at == 1 and seen.steps == {0: steps, 1: steps, 2: more}
+    assert best["epoch"] == 0
+    said = "90% of attacked images are right, and of clean ones only 70%. Back to epoch 1"
+    assert said in capsys.readouterr().out
+
+
+def test_a_model_masked_to_the_end_keeps_an_earlier_epoch(tmp_path, monkeypatch):
+    """Also where more steps did not help."""
+    _, _, best = trained(tmp_path, monkeypatch, [MASKED[0], MASKED[1], MASKED[1]])
+    assert best["epoch"] == 0
+
+
+def test_photos_without_an_attack_may_be_easier_than_clean_images(tmp_path, monkeypatch):
+    model, _, best = trained(tmp_path, monkeypatch, MASKED, "recipe=moire_aug")
+    assert model.collapsed_at is None and best["epoch"] == 1
 
 
 @pytest.mark.parametrize("moves", [False, True])

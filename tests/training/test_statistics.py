@@ -4,48 +4,91 @@ import numpy as np
 import pytest
 
 from moireaug.evaluation import wilson
-from training.comparison.summaries import bootstrap
+from training.comparison.intervals import difference_interval, rate_interval, t_interval
+
+TABLES = 400
 
 
-def two_way(rng, seeds, images, between):
+def two_way(rng, seeds, images, between, level=0.3):
     """Outcomes with scatter of seeds and of images, and the accuracy that they are draws of."""
     difficulty = rng.normal(0, 1, images)
-    skill = 0.3 + between * rng.normal(0, 1, seeds)
+    skill = level + between * rng.normal(0, 1, seeds)
     return (skill[:, None] + difficulty + rng.normal(0, 1, (seeds, images)) > 0).astype(float)
 
 
-@pytest.mark.parametrize("between", [0.0, 0.3, 0.6])
-def test_the_bootstrap_holds_seeds_and_images(between):
-    """Simulated tables of three seeds: the interval holds the truth as often as it says."""
+def paired(rng, seeds, images, between, lead):
+    """Differences of two recipes that find the same images difficult."""
+    difficulty = rng.normal(0, 1, images)
+    skills = between * rng.normal(0, 1, (2, seeds, 1)) + np.array([lead, 0.0])[:, None, None]
+    ours, theirs = skills + difficulty + rng.normal(0, 1, (2, seeds, images)) > 0
+    return ours.astype(float) - theirs
+
+
+def coverage(interval, table, truth):
+    """Return the share of simulated tables whose interval holds the truth, and the median width."""
+    bounds = np.array([interval(table()) for _ in range(TABLES)])
+    low, high = bounds.T
+    return np.mean((low <= truth) & (truth <= high)), np.median(high - low)
+
+
+@pytest.mark.parametrize("seeds", [2, 3, 5])
+@pytest.mark.parametrize(("level", "between"), [(0.3, 0.0), (0.3, 0.3), (3.0, 0.2)])
+def test_the_interval_of_a_rate_holds_the_truth(seeds, level, between):
     rng = np.random.default_rng(0)
-    truth = np.mean([two_way(rng, 1, 2000, between).mean() for _ in range(2000)])
-    covered = 0
-    widths = []
-    for _ in range(200):
-        outcomes = two_way(rng, 3, 200, between)
-        low, high = bootstrap(outcomes, draws=400)
-        covered += low <= truth <= high
-        widths.append(high - low)
-        assert low <= outcomes.mean() <= high
-    assert covered / 200 >= 0.935
-    alone = wilson(0.58 * 200, 200)
-    assert np.median(widths) > alone[1] - alone[0]  # three seeds are not six hundred images
-    assert np.median(widths) < (3 + 20 * between) * (alone[1] - alone[0])  # and it says something
+    truth = np.mean([two_way(rng, 1, 2000, between, level).mean() for _ in range(2000)])
+    held, width = coverage(rate_interval, lambda: two_way(rng, seeds, 200, between, level), truth)
+    assert held >= 0.93
+    low, high = wilson(truth * seeds * 200, seeds * 200)
+    assert width > 0.9 * (high - low)  # no narrower than of as many images as outcomes
 
 
-def test_the_bootstrap_of_one_seed_is_that_of_its_images():
+@pytest.mark.parametrize("seeds", [2, 3, 5])
+@pytest.mark.parametrize(("lead", "between"), [(0.0, 0.0), (0.2, 0.1), (0.2, 0.4)])
+def test_the_interval_of_a_difference_holds_the_truth(seeds, lead, between):
+    rng = np.random.default_rng(1)
+    truth = np.mean([paired(rng, 1, 2000, between, lead).mean() for _ in range(2000)])
+    held, _ = coverage(difference_interval, lambda: paired(rng, seeds, 200, between, lead), truth)
+    assert held >= 0.93
+
+
+def test_intervals_of_three_seeds_can_tell_a_difference():
+    rng = np.random.default_rng(2)
+    lows = [difference_interval(paired(rng, 3, 200, 0.05, 0.6))[0] for _ in range(TABLES)]
+    assert np.mean(np.array(lows) > 0) > 0.8
+
+
+def test_seeds_that_differ_widen_an_interval_as_student_does():
+    """Where images agree, seeds are all that varies."""
+    values = np.repeat([[0.1], [0.4], [0.2]], 50, axis=1)
+    assert difference_interval(values) == pytest.approx(t_interval([0.1, 0.4, 0.2]), abs=1e-12)
+
+
+def test_a_single_seed_has_the_interval_of_its_images():
     rng = np.random.default_rng(1)
     outcomes = (rng.random((1, 400)) < 0.3).astype(float)
-    low, high = bootstrap(outcomes)
-    expected = wilson(outcomes.sum(), 400)
-    assert (low, high) == pytest.approx(expected, abs=0.01)
+    assert rate_interval(outcomes) == pytest.approx(wilson(outcomes.sum(), 400))
+    half = 1.959964 * outcomes.std(ddof=1) / 20
+    expected = (outcomes.mean() - half, outcomes.mean() + half)
+    assert difference_interval(outcomes) == pytest.approx(expected)
 
 
-def test_the_bootstrap_of_what_is_all_the_same_keeps_its_width():
+def test_what_is_all_the_same_keeps_its_width():
     """Both of a rate at 0 and of a difference that is 0 on every image."""
     width = wilson(0, 100)[1]
-    assert bootstrap(np.zeros((3, 100))) == pytest.approx((-width, width))
-    assert bootstrap(np.ones((3, 100))) == pytest.approx((1 - width, 1))
-    assert bootstrap(-np.ones((3, 100))) == pytest.approx((-1, width - 1))
+    assert difference_interval(np.zeros((3, 100))) == pytest.approx((-width, width))
+    assert difference_interval(-np.ones((3, 100))) == pytest.approx((-1, width - 1))
+    assert rate_interval(np.zeros((3, 100))) == pytest.approx((0, width))
+    assert rate_interval(np.ones((3, 100))) == pytest.approx((1 - width, 1))
     # means over scenes, whose deviation is not exactly 0
-    assert bootstrap(np.full((3, 100), 0.9)) == pytest.approx((0.9 - width, 0.9 + width))
+    assert rate_interval(np.full((3, 100), 0.9)) == pytest.approx(wilson(90, 100))
+
+
+def test_intervals_stay_in_range():
+    """Of one image, of all but one outcome the same, and of differences at their bounds."""
+    assert 0 <= rate_interval(np.array([[1.0], [0.0]]))[0] <= 1
+    nearly = np.ones((3, 50))
+    nearly[0, 0] = 0
+    low, high = rate_interval(nearly)
+    assert 0.8 < low < nearly.mean() < high <= 1
+    low, high = difference_interval(np.where(nearly == 0, -1.0, 1.0))
+    assert low < nearly.mean() < high == 1

@@ -12,10 +12,11 @@ from training.system.processes import print_once
 
 
 class CollapseGuard(L.Callback):
-    """Restores the best epoch of a collapsed model, and continues with three steps.
+    """Restores the best epoch of a collapsed model, and continues with more steps.
 
-    A model that learns against one step may learn to defeat that step alone (catastrophic
-    overfitting, Wong et al., 2020): within an epoch its accuracy under more steps falls to nothing.
+    A model that learns against a few steps may learn to defeat these alone (catastrophic
+    overfitting, Wong et al., 2020): within an epoch its accuracy under more steps falls to nothing,
+    or attacked images become easier than clean ones.
     The event is printed and kept in the run's history; the schedule of the learning rate continues.
     """
 
@@ -30,8 +31,8 @@ class CollapseGuard(L.Callback):
         best = read_checkpoint(self.best)
         restore(trainer, module, best)
         module.harden(int(module.history[-1]["epoch"]))
-        epoch = best["epoch"] + 1
-        _report(module, f"Back to epoch {epoch}, and training continues with three steps.")
+        epoch, steps = best["epoch"] + 1, module.adversary.cfg.steps
+        _report(module, f"Back to epoch {epoch}, and training continues with {steps} steps.")
 
     def on_train_end(  # type: ignore[override]
         self, trainer: L.Trainer, module: Classifier
@@ -42,12 +43,15 @@ class CollapseGuard(L.Callback):
 
 
 def _report(module: Classifier, consequence: str) -> None:
-    *earlier, last = [row["perturbed"] for row in module.history]
+    last = module.history[-1]
+    attacked = f"{last['perturbed']:.0%} of attacked images are right"
+    if module.is_masked(last):
+        sign = f"{attacked}, and of clean ones only {last['clean']:.0%}"
+    else:
+        best = max(row["perturbed"] for row in module.history)
+        sign = f"{attacked}, after {best:.0%}"
     epoch = int(module.collapsed_at or 0) + 1
-    print_once(
-        f"\nCatastrophic overfitting in epoch {epoch}: accuracy under three steps fell to "
-        f"{last:.0%} from {max(earlier):.0%}. {consequence}"
-    )
+    print_once(f"\nCatastrophic overfitting in epoch {epoch}: {sign}. {consequence}")
 
 
 def restore(trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -27,9 +28,10 @@ from training.trainer.module import RecordedModule
 
 MIN_COLLAPSE_ACCURACY = 0.2  # of the best epoch: below it a model has nothing to lose yet
 COLLAPSE_FRACTION = 0.5  # share of the best accuracy that counts as a collapse
+MASKED_MARGIN = 0.15  # by which an attack that finds no way up leaves images easier than clean ones
 
 
-def has_collapsed(perturbed: list[float]) -> bool:
+def has_fallen(perturbed: list[float]) -> bool:
     """Return whether accuracy in the last epoch has fallen below half of the best before it.
 
     Args:
@@ -114,9 +116,12 @@ class Classifier(RecordedModule):
         return self.collapsed_at is not None
 
     def harden(self, epoch: int) -> None:
-        """Attack in three steps from now on: the model has collapsed in `epoch`."""
+        """Attack in three steps from now on, or in twice as many as before: the model has collapsed
+        in `epoch`."""
         self.collapsed_at = epoch
-        self.adversary = TrainingAdversary(self.model, self.scene, strengthen(self.adversary_cfg))
+        cfg = self.adversary_cfg
+        stronger = strengthen(cfg) if self.has_few_steps else replace(cfg, steps=2 * cfg.steps)
+        self.adversary = TrainingAdversary(self.model, self.scene, stronger)
 
     def on_train_epoch_start(self) -> None:
         super().on_train_epoch_start()
@@ -186,13 +191,22 @@ class Classifier(RecordedModule):
     def score(self, means: Mapping[str, Tensor]) -> dict[str, Tensor]:
         mean = torch.stack(list(means.values())).mean()
         # a collapsed epoch is never the best
-        return {"score": 0 * mean if self.collapses([*self.history, means]) else mean}
+        collapsed = self.is_masked(means) or self.collapses([*self.history, means])
+        return {"score": 0 * mean if collapsed else mean}
+
+    def is_masked(self, means: Mapping[str, Any]) -> bool:
+        """Return whether attacked images are easier than clean ones: the model's gradients mislead
+        its adversary, and the noise shows the label (label leaking, Kurakin et al., 2017)."""
+        if self.adversary_cfg.kind == "none":
+            return False
+        return float(means["perturbed"]) > float(means["clean"]) + MASKED_MARGIN
 
     def collapses(self, history: Sequence[Mapping[str, Any]]) -> bool:
         """Return whether the last of these epochs ends in catastrophic overfitting."""
-        if not history or not self.has_few_steps or self.is_hardened:
+        if not history or self.is_hardened:
             return False
-        return has_collapsed([float(row["perturbed"]) for row in history])
+        fallen = self.has_few_steps and has_fallen([float(row["perturbed"]) for row in history])
+        return fallen or self.is_masked(history[-1])
 
     def configure_optimizers(self) -> Any:
         momentum = self.train_cfg.momentum

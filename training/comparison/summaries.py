@@ -1,22 +1,18 @@
 """Recipes summarised over their seeds: means, confidence intervals and the Pareto front."""
 
-import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from statistics import fmean, stdev
+from statistics import fmean
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.special import stdtrit
 
 from moireaug.common.argument_checks import one_of
-from moireaug.evaluation.statistics import Z95, wilson
 from training.comparison.frame import RATES
+from training.comparison.intervals import difference_interval, rate_interval, t_interval
 
 COSTS = ["seconds", "start_seconds", "passes", "images_per_second"]
-ROUNDING_ERROR = 1e-12  # of equal outcomes
 
 
 class Estimate(NamedTuple):
@@ -104,18 +100,13 @@ def relative_times(runs: pd.DataFrame) -> pd.Series:
 
 
 def estimate_rate(correct: pd.Series) -> Estimate:
-    """Return a mean accuracy with an interval over seeds and images; for a single seed, over its
-    images alone (Wilson).
+    """Return a mean accuracy with its interval.
 
     Args:
         correct: (seeds,) of (n,) whether each image is right.
     """
     values = np.stack(correct.tolist())
-    mean = float(values.mean())
-    if len(values) == 1:
-        return Estimate(mean, *wilson(mean * values.size, values.size))
-    low, high = bootstrap(values)
-    return Estimate(mean, max(0.0, low), min(1.0, high))
+    return Estimate(float(values.mean()), *rate_interval(values))
 
 
 def estimate_gains(seeds: pd.DataFrame, rivals: pd.DataFrame) -> dict[str, Estimate]:
@@ -127,7 +118,7 @@ def estimate_gains(seeds: pd.DataFrame, rivals: pd.DataFrame) -> dict[str, Estim
         differences = np.stack((pairs[rate] - pairs[f"{rate}_rival"]).tolist())
         if differences.size < 2:
             return {}
-        gains[rate] = Estimate(float(differences.mean()), *bootstrap(differences))
+        gains[rate] = Estimate(float(differences.mean()), *difference_interval(differences))
     return gains
 
 
@@ -146,50 +137,3 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
         no_worse = [(c, g) for c, g in points if c <= cost and g >= gain]
         on_front.append(all(point == (cost, gain) for point in no_worse))
     return on_front
-
-
-def t_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the 95 % interval of the mean of two or more measurements, such as seeds (Student,
-    1908)."""
-    half = float(stdtrit(len(values) - 1, 0.975)) * stdev(values) / math.sqrt(len(values))
-    return fmean(values) - half, fmean(values) + half
-
-
-def bootstrap(values: np.ndarray, draws: int = 4000) -> tuple[float, float]:
-    """Return the 95 % interval of a mean over seeds and images, for the choice of both.
-
-    Args:
-        values: (seeds, images), numbers in [-1, 1], the same images in every row.
-
-    Seeds and images are drawn again with replacement, independently (Owen's pigeonhole bootstrap,
-    2007), by a generator of fixed seed. Few seeds scatter less when resampled than in truth: their
-    part is widened by sqrt(S / (S - 1)), and by as much as Student's t is wider than a normal
-    distribution. On simulated tables of three seeds and 200 images, 97 to 100 % of these intervals
-    hold the truth, and 86 to 95 % of those by Student's t over the seeds alone. Where all outcomes
-    are the same, the interval is as wide as Wilson's of no hit among so many images.
-    """
-    seeds, images = values.shape
-    mean = float(values.mean())
-    if np.ptp(values) < ROUNDING_ERROR:
-        _, width = wilson(0, images)
-        low, high = mean - width, mean + width
-        return max(-1.0, low), min(1.0, high)
-    image_shares, seed_rows = _resample(seeds, images, draws)
-    rows = image_shares @ values.T  # (draws, seeds): each seed's mean on the drawn images
-    centre = rows.mean(1, keepdims=True)
-    widening = 1.0
-    if seeds > 1:
-        student = float(stdtrit(seeds - 1, 0.975)) / Z95
-        widening = student * math.sqrt(seeds / (seeds - 1))
-    means = np.take_along_axis(rows - centre, seed_rows, 1).mean(1) * widening + centre[:, 0]
-    low, high = np.quantile(means, [0.025, 0.975])
-    return max(-1.0, float(low)), min(1.0, float(high))
-
-
-@functools.lru_cache(maxsize=1)  # a table has many figures of one shape, and drawing takes longest
-def _resample(seeds: int, images: int, draws: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the share of each image in each draw (draws, images), and the drawn seeds (draws,
-    seeds)."""
-    rng = np.random.default_rng(0)
-    image_shares = rng.multinomial(images, np.full(images, 1 / images), draws) / images
-    return image_shares, rng.integers(0, seeds, (draws, seeds))

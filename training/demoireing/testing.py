@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.evaluation.visibility import psnr, ssim
-from training.comparison.summaries import t_interval
+from training.comparison.intervals import t_interval
 from training.data.real_pairs import find_pairs, read_pairs
 from training.demoireing.clean import clean_codes
 from training.demoireing.pairs import test_pairs
