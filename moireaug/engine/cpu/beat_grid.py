@@ -88,7 +88,8 @@ def transfer_of(grid, camera):
         for c in range(cols):
             for h in range(n):
                 most = max(most, abs(frequency[r, c, h, 0]), abs(frequency[r, c, h, 1]))
-    most *= 1.25
+    # of views near the horizon no more, or a step would span many cycles
+    most = min(1.25 * most, optics.MAX_TRANSFER_STEPS / optics.TRANSFER_STEPS_PER_CYCLE)
     steps = optics.transfer_steps(most)
     return optics.transfer_table(camera, most, steps), steps / most
 
