@@ -167,6 +167,22 @@ def test_a_crop_may_see_the_panel_much_larger_than_the_photos_middle_does():
     np.testing.assert_allclose(terms.lost_pattern_variance, expected, rtol=1e-3)
 
 
+def test_a_part_near_the_horizon_leaves_the_middles_transfer_as_it_is():
+    scene = Scene(
+        panel=Panel(lit=0.506, lit_x=0.551, lit_y=0.514, width=1440.404),
+        view=View(yaw=-43.895, pitch=15.604, roll=71.598, shift_x=0.602, shift_y=0.786),
+        lens=Lens(k1=0.171, k2=0.069, blur=0.087), develop=Develop(resize="antialias"),
+        sensor=Sensor(
+            fill=0.861, gain=6.135, shrink=5.931, focal=0.708, pixels=400.0, crop_x=0.287,
+            crop_y=0.773,
+        ),
+    )  # fmt: skip
+    shot = scene.sample(1, (96, 40))
+    terms = expose_kernels.binned_setup_kernel(*lower_exposure(shot, decoded=False), 0).terms
+    expected = lost_variances(shot)[2][0].float().numpy()
+    np.testing.assert_allclose(terms.lost_pattern_variance, expected, atol=1e-4)
+
+
 def test_beats_that_are_very_many_are_read_alike_at_nodes():
     scene = Scene.preset("dashcam_at_led_sign")
     scene = with_values(scene, {"sensor.read_noise": 0.0, "sensor.shot_noise": 0.0})
@@ -177,6 +193,15 @@ def test_beats_that_are_very_many_are_read_alike_at_nodes():
     difference = expose(even, shot)[..., 480:512] - pipeline.expose(even[..., :32].double(), part)
     # what each beat that is left out adds to the error
     assert difference.square().mean().sqrt() < 2 * RMS
+
+
+def test_motion_may_pass_waves_along_a_narrow_strip_of_a_steep_view():
+    scene = Scene(
+        panel=Panel(layout="led", lit=0.5), view=View(yaw=60.0, pitch=10.0, roll=7.0),
+        lens=Lens(blur=0.3, motion_x=8.0), develop=Develop(linear_light=True),
+        sensor=Sensor(pitch=6.0, shrink=3.0, pixels=400.0, crop_x=0.3, crop_y=0.5),
+    )  # fmt: skip
+    assert_equal(*readings(scene, (48, 48), n=1))
 
 
 def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():

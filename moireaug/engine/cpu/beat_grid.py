@@ -14,6 +14,7 @@ from moireaug.engine.cpu.physics import bins
 from moireaug.engine.cpu.view import jacobian
 from moireaug.engine.lower.budget import REFERENCE_AMPLITUDE
 
+MOTION_SIDE = 12**0.5  # side of a bin that blurs as much as motion with a standard deviation of 1
 MAX_BEAT_NODES = 192  # along each axis of the photo; the reference exposes what needs more
 
 
@@ -87,15 +88,17 @@ def transfer_of(grid, camera):
         for c in range(cols):
             for h in range(n):
                 most = max(most, abs(frequency[r, c, h, 0]), abs(frequency[r, c, h, 1]))
-    most *= 1.25
+    # of views near the horizon no more, or a step would span many cycles
+    most = min(1.25 * most, optics.MAX_TRANSFER_STEPS / optics.TRANSFER_STEPS_PER_CYCLE)
     steps = optics.transfer_steps(most)
     return optics.transfer_table(camera, most, steps), steps / most
 
 
 @jit_in_place
-def _fastest_change(grid, amplitude, axis, least):
+def _fastest_change(grid, amplitude, axis, camera, least):
     """Return how much the beats' frequency would change along u (0) or v (1), in cycles per photo
-    pixel, if it did over the whole photo as it does where it changes fastest.
+    pixel, or per motion that blurs as much if that is more, if it did over the whole photo as it
+    does where it changes fastest.
 
     amplitude: (K,), of harmonics in a reading; those below `least` are left out. The error
     of a cubic grows with the fourth power of the step: fainter ones need fewer nodes.
@@ -112,7 +115,8 @@ def _fastest_change(grid, amplitude, axis, least):
                     here, there, side = frequency[j, i, h], frequency[j + 1, i, h], grid.sides[j, i]
                 u, v = there[0] - here[0], there[1] - here[1]
                 change = max(abs(u * side[0] + v * side[1]), abs(u * side[2] + v * side[3]))
-                most = max(most, weight * max(change, max(abs(u), abs(v))))
+                moved = MOTION_SIDE * abs(u * camera.motion_x + v * camera.motion_y)
+                most = max(most, weight * max(change, abs(u), abs(v), moved))
     return most * (VIEW_SAMPLES - 1)
 
 
@@ -130,7 +134,7 @@ def node_counts(grid, amplitude, sites, camera, budget):
     """Return how many nodes the amplitudes need along u and v; grid: from `sampled_grid`,
     amplitude: from `beat_terms.max_amplitudes`, budget: an `ErrorBudget`."""
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
-    across = _fastest_change(grid, amplitude, 0, budget.beat_amplitude) / budget.beat_cycles
-    down = _fastest_change(grid, amplitude, 1, budget.beat_amplitude) / budget.beat_cycles
+    across = _fastest_change(grid, amplitude, 0, camera, budget.beat_amplitude) / budget.beat_cycles
+    down = _fastest_change(grid, amplitude, 1, camera, budget.beat_amplitude) / budget.beat_cycles
     n_u = _node_count(across, fewest, len(sites.cols))
     return n_u, _node_count(down, fewest, len(sites.rows))

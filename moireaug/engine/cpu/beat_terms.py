@@ -16,7 +16,7 @@ from moireaug.engine.cpu.beat_grid import MAX_BEAT_NODES, node_counts, sampled_g
 from moireaug.engine.cpu.coarse_grid import VIEW_SAMPLES
 from moireaug.engine.cpu.compiling import jit, jit_in_place
 from moireaug.engine.cpu.physics import OPERATIONS
-from moireaug.engine.lower.budget import TRANSFER_MARGIN
+from moireaug.engine.lower.budget import MAX_MOTION_RANGE, TRANSFER_MARGIN
 
 # limits; the reference exposes what is beyond them
 MAX_BEAT_TERMS = 32768
@@ -48,11 +48,17 @@ def max_amplitudes(grid, strength, table, steps_per_cycle, camera):
     pass what they pass at every fourth sample, and a little more."""
     out, frequency = np.empty(len(strength), np.float64), grid.frequency
     for h in range(len(strength)):
-        most = 0.0
+        most, most_still, low, high = 0.0, 0.0, math.inf, -math.inf
         for i in range(0, VIEW_SAMPLES, 4):
             for j in range(0, VIEW_SAMPLES, 4):
                 fu, fv = frequency[i, j, h, 0], frequency[i, j, h, 1]
                 most = max(most, abs(optics.transfer_at(fu, fv, table, steps_per_cycle, camera)))
+                still = abs(optics.still_transfer_at(fu, fv, table, steps_per_cycle))
+                along = fu * camera.motion_x + fv * camera.motion_y
+                most_still, low, high = max(most_still, still), min(low, along), max(high, along)
+        # motion passes waves along which it runs, which may be between the samples
+        if low < 0 < high and high - low > MAX_MOTION_RANGE:
+            most = most_still
         out[h] = strength[h] * min(TRANSFER_MARGIN * most, 1.0) * max(camera.gain, 1.0)
     return out
 

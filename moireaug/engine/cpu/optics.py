@@ -54,13 +54,19 @@ def look_up(table, f):
 
 
 @jit_in_place
-def transfer_at(fu, fv, table, steps_per_cycle, camera):
-    """Return the transfer of aperture and lens at a frequency in cycles per sensor pixel along u
-    and v.
+def still_transfer_at(fu, fv, table, steps_per_cycle):
+    """Return the transfer of aperture and lens, without motion, at a frequency in cycles per sensor
+    pixel along u and v.
 
     table: from `transfer_table`. steps_per_cycle: its steps per cycle per sensor pixel.
     """
-    passed = look_up(table, abs(fu) * steps_per_cycle) * look_up(table, abs(fv) * steps_per_cycle)
+    return look_up(table, abs(fu) * steps_per_cycle) * look_up(table, abs(fv) * steps_per_cycle)
+
+
+@jit_in_place
+def transfer_at(fu, fv, table, steps_per_cycle, camera):
+    """Return the transfer of aperture, lens and motion; arguments as in `still_transfer_at`."""
+    passed = still_transfer_at(fu, fv, table, steps_per_cycle)
     if camera.motion_x != 0 or camera.motion_y != 0:
         along = fu * camera.motion_x + fv * camera.motion_y
         passed *= math.exp(-2 * math.pi * math.pi * along * along)

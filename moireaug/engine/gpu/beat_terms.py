@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from moireaug.common.physics import aliases, bins, lens, optics
-from moireaug.engine.lower.budget import TRANSFER_MARGIN
+from moireaug.engine.lower.budget import MAX_MOTION_RANGE, TRANSFER_MARGIN
 from moireaug.engine.lower.exposure_records import Beats, Camera, Exposure
 from moireaug.scene.geometry.distortion import inverse_radial_factor
 
@@ -130,6 +130,12 @@ def _max_strength(step: Arrays, c: Any, beats: Beats) -> np.ndarray:
     k, l = (beats.orders / beats.period).T[:, :, None]
     fu, fv = k * xu + l * yu, k * xv + l * yv  # (B, K, samples)
     passed = optics.transfer(fu, fv, (c.fill, c.blur, c.olpf, c.motion_x, c.motion_y))
+    # motion passes waves along which it runs, which may be between the samples
+    along = fu * c.motion_x + fv * c.motion_y
+    low, high = along.min(2, keepdims=True), along.max(2, keepdims=True)
+    is_between = (low < 0) & (high > 0) & (high - low > MAX_MOTION_RANGE)
+    still = optics.transfer(fu, fv, (c.fill, c.blur, c.olpf, 0.0, 0.0))
+    passed = np.where(is_between, still, passed)
     most = np.minimum(TRANSFER_MARGIN * np.abs(passed).max(2, initial=0), 1)
     return beats.strength * most * np.maximum(c.gain[:, :, 0], 1)
 

@@ -10,6 +10,7 @@ from moireaug.scene.record import SceneRecord
 # depends on the grids of nodes hardly gets faster
 MIN_TOLERANCE, MAX_TOLERANCE = SceneRecord.tolerance / 64, SceneRecord.tolerance * 8
 TRANSFER_MARGIN = 1.2  # by how much a transfer may be higher between samples of it
+MAX_MOTION_RANGE = 0.4  # of a wave's cycles per motion, over samples that allow for no more
 REFERENCE_AMPLITUDE = 0.3  # of a beat's harmonic, for which `ErrorBudget` states `beat_cycles`
 
 
