@@ -31,12 +31,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, 
 from training.data import signs
 
 preset = Scene.preset("phone_at_monitor")
-SCENE = replace(
-    preset,
-    view=View(yaw=(-20, 20), roll=(-10, 10), zoom=(0.5, 0.9)),
-    # photos stay in the camera's frame, and are shrunk without averaging, or little moiré is left
-    develop=replace(preset.develop, registered=False, resize="point"),
-)
+# photos stay in the camera's frame, and are shrunk without averaging, or little moiré is left
+develop = replace(preset.develop, registered=False, resize="point")
+view = View(yaw=(-20, 20), roll=(-10, 10), zoom=(0.5, 0.9))
+SCENE = replace(preset, view=view, develop=develop)
 
 
 class Screens(Dataset):
