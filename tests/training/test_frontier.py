@@ -239,11 +239,11 @@ def test_a_collapse_costs_the_epochs_of_more_steps():
     assert replace(train, collapsed_at=4).steady_seconds == 15.0
 
 
-@pytest.mark.parametrize("name", ["signs", "gtsrb"])
+@pytest.mark.parametrize("name", ["signs", "gtsrb", "cifar10"])
 def test_published_intervals_follow_from_the_published_rows(name, tmp_path):
     published = Path(__file__).parents[2] / f"benchmarks/results/frontier-{name}.csv"
     recipes = command.frontier(published, tmp_path, "pgd_at")
-    page = {"signs": "frontier_signs", "gtsrb": "other_data"}[name]
+    page = "frontier_signs" if name == "signs" else "other_data"
     text = (published.parents[2] / f"docs/appendix/{page}.md").read_text()
     for recipe in recipes:
         value, low, high = (100 * x for x in recipe.rates["worst_4"])
