@@ -170,7 +170,6 @@ def callable_of(name: str, device: torch.device) -> ImageTransform:
         raise ValueError(
             f"demoire={name!r} is or holds a function. Changes of its code are not seen, and "
             "results of the old code would be reused. State its version, and change it with the "
-            "code: "
-            f"{name.rpartition(':')[2]}.identity = 'first'."
+            f"code: {name.rpartition(':')[2]}.identity = 'first'."
         ) from error
     return defence.eval().to(device) if isinstance(defence, nn.Module) else defence
