@@ -112,8 +112,8 @@ def test_an_attack_that_shows_the_label_is_given_more_steps(
 
 
 def test_a_model_masked_to_the_end_keeps_an_earlier_epoch(tmp_path, monkeypatch):
-    """Also where more steps did not help."""
-    _, _, best = trained(tmp_path, monkeypatch, [MASKED[0], MASKED[1], MASKED[1]])
+    """Also where more steps did not help. The first such epoch, as measured, looks merely good."""
+    _, _, best = trained(tmp_path, monkeypatch, [MASKED[0], (0.66, 0.73), MASKED[1]])
     assert best["epoch"] == 0
 
 

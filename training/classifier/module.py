@@ -28,7 +28,7 @@ from training.trainer.module import RecordedModule
 
 MIN_COLLAPSE_ACCURACY = 0.2  # of the best epoch: below it a model has nothing to lose yet
 COLLAPSE_FRACTION = 0.5  # share of the best accuracy that counts as a collapse
-MASKED_MARGIN = 0.15  # by which an attack that finds no way up leaves images easier than clean ones
+MASKED_MARGIN = 0.05  # by which an attack that finds no way up leaves images easier than clean ones
 
 
 def has_fallen(perturbed: list[float]) -> bool:
