@@ -66,6 +66,7 @@ COSTS = [
     (Adversary(natural=0.5), 1.0),
     (Adversary(kind="moire_attack", share=0.5, eps=0.02, steps=3), 2.5),
     (Adversary(kind="pgd", share=1.0, eps=0.02, steps=2), 3.0),
+    (Adversary(kind="photographed_pgd", share=1.0, eps=0.02, steps=2), 3.0),
     (Adversary(kind="moire_attack", share=0.5, natural=0.25, eps=0.02, steps=2), 2.0),
     (Adversary(kind="moire_attack", share=0.5, eps=0.02, steps=2, optimise=["view"], draws=3), 2.5),
 ]
@@ -80,6 +81,19 @@ def test_passes_are_what_the_network_is_asked_for(cfg, cost):
     TrainingAdversary(model, SCENE, cfg)(images[:n], labels[:n])
     counted = (model.forwards / 3 + model.backwards * 2 / 3) / 8
     assert 1 + counted == pytest.approx(cost)
+
+
+def test_photographed_pgd_photographs_what_pgd_attacked():
+    model = Counting()
+    images, labels = batch()
+    cfg = Adversary(kind="photographed_pgd", share=1.0, eps=0.02, steps=2)
+    adversary = TrainingAdversary(model, SCENE, cfg)
+    torch.manual_seed(0)
+    shown = adversary(images, labels)
+    torch.manual_seed(0)
+    attacked = ATTACK_OF_KIND["pgd"](model, SCENE, cfg).last(images, labels)
+    assert (attacked - images).abs().max() == pytest.approx(0.02)
+    assert torch.equal(shown, adversary.photograph(attacked))
 
 
 def test_eps_rises_linearly(monkeypatch):
@@ -140,7 +154,7 @@ def test_a_batch_too_small_for_its_parts_is_not_left_unattacked(tmp_path):
 def test_adversaries_that_cannot_be_get_a_sentence():
     pgd = {"kind": "pgd", "steps": 2, "eps": 0.02}
     for settings, sentence in (
-        ({"share": 0.5}, "the kind none attacks none: use moire_attack or pgd"),
+        ({"share": 0.5}, "the kind none attacks none: use moire_attack, pgd, photo"),
         (pgd | {"share": 0.75, "natural": 0.5}, "must not add up to"),
         (pgd, "needs a share, steps and eps above 0; got 0.0, 2"),
     ):
@@ -152,13 +166,15 @@ NO_EFFECT = {
     "recipe=pgd_at adversary.bound=light": "on adversary.kind=pgd: leave it out; it is for moire_",
     "recipe=pgd_at adversary.draws=3": "on adversary.kind=pgd",
     "recipe=pgd_at adversary.optimise=[view]": "on adversary.kind=pgd",
-    "recipe=pgd_at adversary.moire=false adversary.natural=0": "on adversary.kind=pgd",
+    "recipe=pgd_at adversary.natural=0 adversary.moire=false": "on adversary.kind=pgd",
+    "recipe=pgd_at adversary.kind=photographed_pgd adversary.draws=3": "kind=photographed_pgd",
     "recipe=moire_aug adversary.eps=0.1": "on adversary.kind=none",
     "recipe=moire_aug adversary.steps=2": "on adversary.kind=none",
     "recipe=moire_aug adversary.warmup=0.5": "on adversary.kind=none",
     "recipe=moire_at train.kept=0.5": "on train.target=labels",
 }
 AN_EFFECT = (
+    "recipe=pgd_at adversary.kind=photographed_pgd adversary.natural=0 adversary.moire=false",
     "recipe=pgd_at adversary.moire=false",
     "recipe=moire_aug adversary.moire=false",
     "recipe=moire_at adversary.natural=0 adversary.moire=false adversary.bound=light",
@@ -167,7 +183,7 @@ AN_EFFECT = (
 
 def test_settings_that_a_training_would_not_use_are_refused():
     for given, sentence in NO_EFFECT.items():
-        with pytest.raises(ValueError, match=f"{given.split()[1].partition('=')[0]}=.*{sentence}"):
+        with pytest.raises(ValueError, match=f"{given.split()[-1].partition('=')[0]}=.*{sentence}"):
             ClassificationTask().check(configured(*given.split()))
     for given in AN_EFFECT:
         ClassificationTask().check(configured(*given.split()))

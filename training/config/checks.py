@@ -15,7 +15,15 @@ from moireaug.evaluation.suites import check_used
 from moireaug.evaluation.tables import SuiteConfig
 from training.config.data_sets import DATA, Data, data_sets_with
 from training.config.scenes import scene_of
-from training.config.schema import Adversary, Config, ReattackConfig, RunConfig, Train, Trainer
+from training.config.schema import (
+    ATTACKS,
+    Adversary,
+    Config,
+    ReattackConfig,
+    RunConfig,
+    Train,
+    Trainer,
+)
 from training.config.settings import as_argument, check, settings_of, value_of, with_values
 from training.suites import OPTION_SUITES
 from training.system.files import has_parts
@@ -108,7 +116,7 @@ def check_adversary(cfg: Adversary) -> None:
     if cfg.kind == "none" and cfg.share:
         raise ValueError(
             f"adversary.share={cfg.share} is the share of images that are attacked, and the kind "
-            "none attacks none: use moire_attack or pgd, or adversary.natural for photos without "
+            f"none attacks none: use {', '.join(ATTACKS)}, or adversary.natural for photos without "
             "an attack."
         )
     if cfg.kind != "none" and not (cfg.share and cfg.steps and cfg.eps):

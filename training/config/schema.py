@@ -13,7 +13,7 @@ from moireaug.attacks.bounds import BOUNDS
 from training.config.data_sets import EPOCHS_HELP, MAX_SEED, Data
 from training.config.settings import require_declared, section, setting
 
-ATTACKS = ("moire_attack", "pgd")  # of training
+ATTACKS = ("moire_attack", "pgd", "photographed_pgd")  # of training
 TARGETS = ("labels", "answers")
 RECIPES = Path(__file__).resolve().parents[2] / "recipes"
 # weights are float32 in all of them: the average, the attack and every re-attack need that
@@ -32,7 +32,8 @@ class Adversary:
 
     kind: str = setting(
         "none",
-        "noise on the raw image (moire_attack), on pixels (pgd), or none",
+        "noise on the raw image (moire_attack), on pixels (pgd), also of images photographed then "
+        "(photographed_pgd), or none",
         choices=("none", *ATTACKS),
     )
     share: float = setting(0.0, "share of each batch that is attacked", bounds=(0, 1))
@@ -63,7 +64,9 @@ class Adversary:
         0.0, "share of training over which eps rises from 0", bounds=(0, 1), only_for=ATTACKS
     )
     moire: bool = setting(
-        True, "false: photos without moiré, as a control", only_for=("moire_attack", "natural")
+        True,
+        "false: photos without moiré, as a control",
+        only_for=("moire_attack", "photographed_pgd", "natural"),
     )
 
 
