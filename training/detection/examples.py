@@ -20,7 +20,7 @@ from moireaug.synthesis.pictures import Source
 from moireaug.synthesis.twins import moire_codes
 from training.data import drawn_pictures
 from training.data.codes import codes_of, picture_of, rounded, through_jpeg
-from training.detection.network import CROP_SIDE, WHOLE_SIDE
+from training.detection.network import CROP_SIDE, WHOLE_SIDE, shrunk
 
 CUT_SIDES = (256, 352)  # of crops before they are shrunk, as photos are when they are shared
 PHOTO_SIDE = 512  # longer side of a simulated whole photo, pixels
@@ -88,7 +88,7 @@ class Examples(Dataset):
         else:
             found.append(("photo without moiré", photo, True))
         shown = self.shown(rng, PHOTO_SIDE)
-        around = _as_batch(part_of(rng, self.pictures.draw(rng)[1], size))
+        around = _as_batch(part_of(rng, self.ordinary(rng), size))
         part = screen(rng, shown, around, self.near, NEAR)
         if part.shares.item() > MIN_SHARE:
             found.append(("part of a screen", part.photos, True))
@@ -101,7 +101,7 @@ class Examples(Dataset):
         those of screens."""
         size = (PHOTO_SIDE, int(PHOTO_SIDE * rng.choice([0.75, 0.75, 9 / 16])))
         size = size if rng.random() < 0.5 else size[::-1]
-        shown, around = self.shown(rng, PHOTO_SIDE), self.pictures.draw(rng)[1]
+        shown, around = self.shown(rng, PHOTO_SIDE), self.ordinary(rng)
         picture, room = _as_batch(_cover(shown, size)), _as_batch(part_of(rng, around, size))
         shot = sample_one(self.far, size, _generator(rng))
         photo, twin = capture(picture, shot), capture(picture, without_moire(shot))
@@ -116,10 +116,14 @@ class Examples(Dataset):
             found.append(("screen", photo, True))
         return _as_examples(rng, found, "whole", WHOLE_SIDE)
 
+    def ordinary(self, rng: np.random.Generator) -> Image.Image:
+        """Draw a picture, as large as a detector looks at it."""
+        return shrunk(self.pictures.draw(rng)[1])
+
     def shown(self, rng: np.random.Generator, side: int) -> Image.Image:
         """Draw a picture that a screen or a page shows."""
         if rng.random() >= self.drawn:
-            return self.pictures.draw(rng)[1]
+            return self.ordinary(rng)
         draw = (drawn_pictures.page, drawn_pictures.interface)[int(rng.integers(2))]
         return draw(rng, side)
 
