@@ -35,7 +35,7 @@ class Room(Part):
 
     Args:
         extent: size of the screen before it is turned, as a share of the largest of its shape that
-            fits into the photo; a larger one than 1 reaches out of it.
+            fits into the photo; above 1, it extends beyond it.
         place_x, place_y: where the screen lies in the photo: 0 at the left or upper edge, 1 at the
             right or lower one.
         bezel: width of the bezel, as a share of the screen's shorter side.
@@ -111,7 +111,7 @@ def screen_in_room(
 
     Raises:
         TypeError, ValueError: pictures or surroundings that `capture` refuses, or of different
-            numbers; a scene of a full reading; a room that is none.
+            numbers; a scene of a full reading; a room that is no `Room`.
     """
     pictures, surroundings = check_images(pictures), check_images(surroundings)
     dtype, pictures, surroundings = pictures.dtype, widen_half(pictures), widen_half(surroundings)
