@@ -32,7 +32,7 @@ class Adversary:
 
     kind: str = setting(
         "none",
-        "noise on the raw image (moire_attack), on pixels (pgd), also of images photographed then "
+        "noise on the raw image (moire_attack), on pixels (pgd), on pixels before the photo "
         "(photographed_pgd), or none",
         choices=("none", *ATTACKS),
     )
