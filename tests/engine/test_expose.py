@@ -204,6 +204,36 @@ def test_motion_may_pass_waves_along_a_narrow_strip_of_a_steep_view():
     assert_equal(*readings(scene, (48, 48), n=1))
 
 
+def test_kernels_follow_a_steep_view_at_a_tight_tolerance():
+    scene = Scene(
+        view=View(yaw=40.0, pitch=-30.0, roll=12.0, fov=60.0), lens=Lens(blur=0.3),
+        sensor=Sensor(pitch=1.5, shrink=3.0), develop=Develop(registered=False),
+        tolerance=Scene.tolerance / 16,
+    )  # fmt: skip
+    call = execution.call_of(scene.sample(1, (40, 52)), None, torch.zeros(1, 3, 40, 52))
+    assert isinstance(stages.exposing(call), stages.Exposing)  # not the reference, with a warning
+    assert_equal(*readings(scene, (40, 52)))
+
+
+def test_kernels_follow_a_whole_photo_of_a_tilted_screen_at_a_tight_tolerance():
+    """As of screens in rooms; tap weights need 25 x 91 nodes."""
+    scene = Scene(
+        panel=Panel(layout="chevron", lit_x=0.7, lit_y=0.47),
+        view=View(yaw=7.16, pitch=18.2, roll=-1.5), lens=Lens(blur=0.56, k1=0.011),
+        sensor=Sensor(
+            pitch=1.415, shrink=7.045, pixels=4032.0, focal=0.75, crop_x=0.483, crop_y=0.637,
+            read_noise=0.0, shot_noise=0.0,
+        ),
+        develop=Develop(registered=False), tolerance=3e-4,
+    )  # fmt: skip
+    shot, even = scene.sample(1, (512, 288)), torch.full((1, 3, 512, 288), 0.7)
+    stage = stages.exposing(execution.call_of(shot, None, even))
+    assert isinstance(stage, stages.Exposing)  # not the reference, with a warning
+    part = shot.crop(480, 200, 24, 32)
+    expected = pipeline.expose(even[..., :24, :32].double(), part)
+    assert_equal(expose(even, shot)[..., 480:504, 200:232].double(), expected)
+
+
 def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():
     shot = SCENES["black level, prefilter that varies"].sample(2, (20, 24))
     assert shot.plan.prefilter_variance > MAX_NEIGHBOUR_VARIANCE

@@ -22,7 +22,9 @@ from moireaug.engine.cpu.view import (
 VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
 BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken
 # limits of views; the reference exposes what is beyond them
-MAX_NODES = 65  # of amplitudes and tap weights, along each axis of the photo
+MAX_NODES = 65  # of amplitudes, along each axis of the photo
+MAX_WEIGHT_NODES = 257  # of tap weights, along each axis
+MAX_WEIGHT_TABLES = 2**14  # nodes of tap weights in all, which may take 100 MB
 MAX_STEP = 1e4  # panel pixels from one pixel to the next: a crop may lie beyond the horizon
 PASSED_CYCLES_PER_BLUR = 0.8  # above this frequency a Gaussian blur passes less than 1e-5
 PIXEL, BLUR = range(2)  # of the Jacobians at a sample: of the pixels, and of what blurs them
@@ -127,17 +129,17 @@ def _motion_change(jacobians, camera, blur_camera, axis_of_photo):
 
 
 @jit_in_place
-def _count(steps, fewest):
-    """Return how many nodes a change of so many steps needs: at least `fewest`, and at most
-    MAX_NODES + 1."""
-    return int(min(max(steps + 2, fewest), MAX_NODES + 1))
+def _count(steps, fewest, most):
+    """Return how many nodes a change of so many steps needs: at least `fewest`, and `most` + 1 if
+    it needs more than `most`."""
+    return int(min(max(steps + 2, fewest), most + 1))
 
 
 @jit
 def counts(sites, view, budget):
     """Return how many nodes the amplitudes and the tap weights (first axis) of a PixelView need
-    along u and v (second axis): (2, 2) int64, at most MAX_NODES + 1, and all 0 for a view near the
-    horizon; budget: an `ErrorBudget`."""
+    along u and v (second axis): (2, 2) int64, one more than the most where they need more, and all
+    0 for a view near the horizon; budget: an `ErrorBudget`."""
     camera, blur_camera, out = view.camera, view.blur_camera, np.zeros((2, 2), np.int64)
     jacobians = np.empty((VIEW_SAMPLES, VIEW_SAMPLES, 2, 4))
     _fill_jacobians(jacobians, sites, view)
@@ -157,9 +159,10 @@ def counts(sites, view, budget):
             out[0, k], out[1, k] = 4, 2
             continue
         steps = max(cycles[k] / budget.amplitude_cycles, change[k] / budget.amplitude_log_scale)
-        out[0, k] = _count(steps, fewest)
+        out[0, k] = _count(steps, fewest, MAX_NODES)
         motion_steps = _motion_change(jacobians, camera, blur_camera, k) / budget.weight_motion
-        out[1, k] = _count(max(change[k] / budget.weight_log_scale, motion_steps), 5)
+        steps = max(change[k] / budget.weight_log_scale, motion_steps)
+        out[1, k] = _count(steps, 5, MAX_WEIGHT_NODES)
     return out
 
 
@@ -181,10 +184,11 @@ def can_follow_view(view, sites, dark_around, budget):
     """Return whether the kernels can follow a PixelView: not one near the horizon, nor, if
     `dark_around`, one from so far away that a pixel sees more cells than its taps. Arguments as in
     `coarse_grid_of` and `panel.fill_panel`."""
-    count, most = counts(sites, view, budget), 0
-    for k in range(2):
-        most = max(most, count[0, k], count[1, k])
-    return 0 < most <= MAX_NODES and not (dark_around and _narrowed(sites, view))
+    count = counts(sites, view, budget)
+    amplitudes, weights = max(count[0, 0], count[0, 1]), max(count[1, 0], count[1, 1])
+    few = 0 < amplitudes <= MAX_NODES and weights <= MAX_WEIGHT_NODES
+    few = few and count[1, 0] * count[1, 1] <= MAX_WEIGHT_TABLES
+    return few and not (dark_around and _narrowed(sites, view))
 
 
 @jit_inlined
