@@ -172,6 +172,12 @@ def test_what_a_crop_cannot_be_is_said(build, message):
         build()
 
 
+def test_a_sign_is_planned_however_far_a_pitch_that_nobody_states_spreads():
+    # ranges of shrink and zoom multiply in the pitch that follows from Panel.width
+    sign = Scene(panel=LEDS, view=View(zoom=(0.3, 2.0)), sensor=Sensor(shrink=(0.1, 10.0)))
+    assert sign.plan((1024, 1024)).exposure == "spectral"
+
+
 def test_parts_of_parts_and_records_of_them():
     shot = SCENES["crop"].sample(2, (40, 50), torch.Generator().manual_seed(0))
     nested = shot.crop(4, 6, 30, 30).crop(2, 3, 20, 24)

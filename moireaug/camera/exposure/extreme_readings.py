@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -30,7 +31,6 @@ from moireaug.camera.exposure.extremes import (
 )
 from moireaug.camera.exposure.footprint import Footprint, Optics, blur_variance
 from moireaug.camera.panel import coefficient, own_orders
-from moireaug.scene.by_name import with_values
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
@@ -122,7 +122,7 @@ def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     the cosine of a low-pass filter.
     """
     if scene.sensor.pitch and scene.panel.scale != 1:  # the same however large the picture is shown
-        return harmonics(with_values(scene, {"panel.scale": 1.0}))
+        return harmonics(scene.with_parts(panel=replace(scene.panel, scale=1.0)))
     px, py = scene.panel.cell.period
     k, l = _orders(px, py)
     amplitude = 2 * bounds(scene.sensor.gain)[1] * _strongest(scene, k, l)
