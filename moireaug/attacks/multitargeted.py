@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import torch
@@ -23,7 +24,8 @@ class MultiTargeted(NamesForeignArguments):
     (Gowal et al., 2019).
 
     Any wrong class is a success, and ends the attack on an image, unless the model is random. For
-    the other images the greatest margin is kept. With the rule "apgd" and the loss "dlr" it is
+    the other images the greatest margin is kept; with `eot`, of an expectation, for all that are
+    right without noise, as no step sees the shot. With the rule "apgd" and the loss "dlr" it is
     APGD-T, the second attack of AutoAttack (Croce & Hein, 2020, section 5):
     `MultiTargeted(MoireAttack(model, rule="apgd", loss="dlr", steps=100))`.
 
@@ -71,13 +73,18 @@ class MultiTargeted(NamesForeignArguments):
         repeats = bool(is_same_answer(logits, second_logits).all())
         search.drops_fooled = repeats and self.attack.until_fooled
         search.keep(point, logits.repeat(search.problem.views, 1))
+        if repeats:
+            search.drop_fooled()
+        is_expectation = search.problem.views > 1
+        if is_expectation:  # the margin on this shot is none of its other draws'
+            search.margins[search.rows] = -math.inf
         values, classes = likeliest_wrong_classes(logits, search.labels, self.targets)
         for value, targets in zip(values.T, classes.T, strict=True):
             search.drop(~value.isfinite())  # minus infinity rules a class out, and those after it
-            if repeats:
-                search.drop_fooled()
             if not len(search.rows):
                 break
             search.loss_targets = targets
             self.attack.run_restarts(search)
+            if repeats and not is_expectation:
+                search.drop_fooled()
         return self.attack.result(search)

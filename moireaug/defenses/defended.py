@@ -128,7 +128,10 @@ class Defended(nn.Module):
             n = min(together, self.draws - first)
             logits = self._logits(images.repeat(n, 1, 1, 1))
             log_probabilities.append(logits.log_softmax(1).unflatten(0, (n, len(images))))
-        return torch.cat(log_probabilities).logsumexp(0) - math.log(self.draws)
+        drawn = torch.cat(log_probabilities)
+        ruled_out = drawn.isneginf().all(0)  # classes, whose slope of NaN would hide all others
+        total = drawn.masked_fill(ruled_out, 0).logsumexp(0).masked_fill(ruled_out, -math.inf)
+        return total - math.log(self.draws)
 
     def _logits(self, images: Tensor) -> Tensor:
         return self.model(self.defence(images).clone())  # the model may work in place

@@ -8,6 +8,7 @@ import torch
 
 from moireaug import Scene, Sensor, attacks, capture
 from moireaug.attacks import LOSSES, PGD, MoireAttack, MultiTargeted, Photographed, SquareMoire
+from moireaug.scene.by_name import with_values
 from tests.attacks.common import EPS, SCENE, counting, predicted, quietly
 
 N = 48
@@ -210,3 +211,20 @@ def test_images_that_are_all_wrong_have_no_losses_as_no_step_was_taken(learnt):
     )
     assert len(result.loss) == 0 and "step" not in repr(result)
     assert torch.equal(result.images, capture(images[:8], shot[:8]))
+
+
+def test_an_expectation_goes_on_though_the_shot_is_nearer_than_other_draws():
+    """The shot is brighter than any other draw, and so its margin without noise is out of their
+    reach: noise that fools the shot must not be given up for none."""
+    scene = Scene(sensor=Sensor(cfa="none", exposure="mean", gain=(0.9, 0.901)))
+    images, labels = torch.full((2, 3, 8, 8), 0.8), torch.zeros(2, dtype=torch.int64)
+    shot = with_values(scene.sample(2, (8, 8)), {"sensor.gain": torch.ones(2, dtype=torch.float64)})
+    limit = capture(images, shot).mean() + EPS / 2
+
+    def model(photos):
+        brightness = photos.mean((1, 2, 3))
+        return torch.stack([limit - brightness, brightness - limit], 1)
+
+    attack = MoireAttack(model, scene=scene, eps=EPS, steps=3, eot=2)
+    assert attack(images, labels, shot=shot).success.all()
+    assert MultiTargeted(attack)(images, labels, shot=shot).success.all()

@@ -1,6 +1,7 @@
 """Defences in a row, and a model behind one."""
 
 import copy
+import math
 
 import pytest
 import torch
@@ -53,6 +54,23 @@ def test_draws_are_averaged_as_probabilities(photos):
     assert torch.allclose(out.exp(), sum(each) / 3, atol=1e-6)
     assert not torch.allclose(out.exp(), each[0], atol=1e-5)
     assert torch.allclose(out.exp().sum(1), torch.ones(2))
+
+
+def test_draws_of_a_model_that_rules_a_class_out_have_its_gradient(photos):
+    images, labels = photos().requires_grad_(), torch.zeros(2, dtype=torch.int64)
+    ruled_out = torch.tensor([False, False, True])
+
+    def model(images):
+        return Mean().eval()(images).masked_fill(ruled_out, -math.inf)
+
+    model.randomised = True
+    slopes = []
+    for draws in (1, 5):
+        logits = Defended(model, Compose(()), draws)(images)
+        assert logits.isneginf().tolist() == [[False, False, True]] * 2
+        loss = attacks.LOSSES["ce"](logits, labels).sum()
+        slopes += torch.autograd.grad(loss, images)
+    assert slopes[0].abs().max() > 0 and torch.allclose(*slopes)
 
 
 def test_a_random_model_is_drawn_again_and_no_draws_of_nothing_are_taken(photos):
