@@ -69,6 +69,9 @@ def test_a_trained_detector_scores_a_folder(trained, capsys):
     with Image.open(out / "roc.png") as plot:
         assert plot.width > 300
     assert (out / "mistakes.png").exists()
+    unlabelled = photos / "one" / "screens"  # no figures of the earlier photos stay beside theirs
+    detect.main(["score", f"in={unlabelled}", f"detector={detector}", f"out={out}"])
+    assert [file.name for file in out.iterdir()] == ["scores.csv"]
 
 
 @pytest.mark.parametrize(
