@@ -207,3 +207,9 @@ def test_ordinary_pictures_set_the_threshold(trained):
     left_out = fit.sources(fit.Config(images=str(trained / "pictures"), weights=None))[1]
     scores = [fit.score_of(detector, picture) for picture in left_out]
     assert detector.threshold.item() == pytest.approx(np.quantile(scores, 0.9), abs=1e-3)
+
+
+def test_where_ordinary_photos_are_named_no_others_are_drawn(tmp_path, monkeypatch):
+    put(tmp_path, sizes=[(400, 300), (300, 420)])
+    monkeypatch.setattr(fit.DrawnPictures, "draw", lambda *_: pytest.fail("drawn in vain"))
+    assert len(fit.sources(fit.Config(ordinary=str(tmp_path), weights=None))[1]) == 2
