@@ -78,6 +78,9 @@ def test_a_trained_detector_scores_a_folder(trained, capsys):
     with Image.open(out / "roc.png") as plot:
         assert plot.width > 300
     assert (out / "mistakes.png").exists()
+    unlabelled = photos / "one" / "screens"  # no figures of the earlier photos stay beside theirs
+    detect.main(["score", f"in={unlabelled}", f"detector={detector}", f"out={out}"])
+    assert [file.name for file in out.iterdir()] == ["scores.csv"]
 
 
 @pytest.mark.parametrize(
@@ -213,3 +216,9 @@ def test_ordinary_pictures_set_the_threshold(trained):
     left_out = fit.sources(fit.Config(images=str(trained / "pictures"), weights=None))[1]
     scores = [fit.score_of(detector, picture) for picture in left_out]
     assert detector.threshold.item() == pytest.approx(np.quantile(scores, 0.9), abs=1e-3)
+
+
+def test_where_ordinary_photos_are_named_no_others_are_drawn(tmp_path, monkeypatch):
+    put(tmp_path, sizes=[(400, 300), (300, 420)])
+    monkeypatch.setattr(fit.DrawnPictures, "draw", lambda *_: pytest.fail("drawn in vain"))
+    assert len(fit.sources(fit.Config(ordinary=str(tmp_path), weights=None))[1]) == 2

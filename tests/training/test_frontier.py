@@ -148,6 +148,7 @@ def test_a_csv_that_is_no_table_gets_a_sentence(root, tmp_path):
         ("recipe,seed\ngood,0\n", "is no frontier.csv .*lacks baseline, bound, clean"),
         ("\n".join(lines).replace("total_seconds", "seconds_in_all"), "lacks total_seconds"),
         ("\n".join(lines).replace(",0.9,", ",,"), r"clean must be at least 0; got \[nan"),
+        ("\n".join(lines).replace(",0.9,", ",inf,"), r"clean must be at least 0; got \[inf"),
         ("\n".join(lines).replace(",0.9,", ",x,"), "is no frontier.csv .*'x'"),
         ("\n".join(lines).replace("good,", ","), "a line names no recipe"),
         ("\n".join([*lines, lines[0]]), "the head of another table is among its lines"),

@@ -46,6 +46,7 @@ REFUSED = [
     (["reattack.eps=[0.01]", "suite=worst_case"], "suite=worst_case has no use for it"),
     (["networks=DIR", "suite=jpeg"], "networks= is for suite=demoireing or paper; suite=jpeg"),
     (["trainer.devices=2"], "trainer.devices= has no effect here"),
+    (["data.workers=2"], "data.workers= says how a model is trained"),
     (["reattack.steps=-1"], r"reattack.steps must be in \[0, 100000\]; got -1"),
 ]
 

@@ -58,10 +58,11 @@ def _require_figures(runs: pd.DataFrame) -> None:
     figures = runs[["seed", *RATES, *COSTS, "collapsed"]].astype(float)
     figures = figures.fillna({"plain_seconds": 1.0})  # which need not be known
     for name in figures:
-        is_time_of_ratio = name in ("total_seconds", "plain_seconds")
-        is_valid = figures[name].gt(0) if is_time_of_ratio else figures[name].ge(0)
-        if not (is_valid & figures[name].lt(np.inf)).all():
-            bound = "above 0" if is_time_of_ratio else "at least 0"
+        bound, ends = "at least 0", "left"
+        if name in ("total_seconds", "plain_seconds"):  # of the ratio
+            bound, ends = "above 0", "neither"
+        is_valid = figures[name].between(0, np.inf, inclusive=ends)
+        if not is_valid.all():
             raise ValueError(f"{name} must be {bound}; got {runs[name][~is_valid].tolist()}")
 
 

@@ -132,7 +132,9 @@ class Data:
         choices=AUGMENTATIONS,
         trains=True,
     )
-    workers: int = setting(0, "processes that read images", bounds=(0, 1024), changes_result=False)
+    workers: int = setting(
+        0, "processes that read images", bounds=(0, 1024), changes_result=False, trains=True
+    )
     download: bool = setting(
         False,
         "fetch a published data set",

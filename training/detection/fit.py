@@ -145,16 +145,16 @@ def fit_look(head: nn.Module, seen: Sequence[SeenExample], cfg: Config) -> float
 
 def sources(cfg: Config) -> tuple[Source, list[Any]]:
     """Return the pictures that train, and the ordinary photos that set the threshold."""
-    rng = np.random.default_rng((cfg.seed, 1))
     pictures: Source = DrawnPictures(PHOTO_SIDE)
-    if cfg.images is None:
-        others = [pictures.draw(rng)[1] for _ in range(DRAWN_ORDINARY)]
-    else:
-        pictures, held_out = split_tenths(Pictures(cfg.images, MIN_SIDE), 2)
-        others = readable(held_out)
+    ordinary = None
+    if cfg.images is not None:
+        pictures, ordinary = split_tenths(Pictures(cfg.images, MIN_SIDE), 2)
     if cfg.ordinary is not None:
-        others = readable(Pictures(cfg.ordinary, 1))
-    return pictures, others
+        ordinary = Pictures(cfg.ordinary, 1)
+    if ordinary is not None:
+        return pictures, readable(ordinary)
+    rng = np.random.default_rng((cfg.seed, 1))
+    return pictures, [pictures.draw(rng)[1] for _ in range(DRAWN_ORDINARY)]
 
 
 def readable(pictures: Pictures) -> list[Any]:

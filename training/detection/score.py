@@ -103,6 +103,8 @@ def score(cfg: Config) -> pd.DataFrame:
         )
     table = pd.DataFrame(rows)
     require_judgeable(table.photo)
+    for earlier in ("measures.json", "roc.png", "mistakes.png"):  # of other photos
+        (out / earlier).unlink(missing_ok=True)
     write_text(out / "scores.csv", table.to_csv(index=False))
     print(
         f"Screens: {int(table.screen.sum())} of {len(table)} photos. Written: {out / 'scores.csv'}"
